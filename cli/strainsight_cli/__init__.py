@@ -1,0 +1,1 @@
+"""The strainsight command line: parses, renders, exits; no numerics."""

@@ -1,0 +1,68 @@
+"""Every error says what happened, where, the measured value, and the remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class StrainsightError(Exception):
+    """A failure with its place and its remedy; `exit_code` is what the command line returns.
+
+    what    one sentence with the measured value
+    where   "file:line:column" or "file:line", when known
+    key     dotted config key the request came from ("place.keep"); the command line turns it into a place
+    remedy  what the user can do about it
+    """
+
+    exit_code = 1
+
+    def __init__(self, what: str, *, where: str | None = None, key: str | None = None, remedy: str | None = None):
+        super().__init__(what)
+        self.what = what
+        self.where = where
+        self.key = key
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        head = "  ".join(part for part in (self.where, self.key and f"{self.key}: {self.what}") if part)
+        if not self.key:
+            head = f"{self.where}  {self.what}" if self.where else self.what
+        return f"{head}\n    {self.remedy}" if self.remedy else head
+
+
+class UserError(StrainsightError):
+    """Something the user can mend: a config, a deck, an infeasible request."""
+
+    exit_code = 2
+
+
+class ConfigError(UserError):
+    """A config file or an override that cannot be accepted."""
+
+
+class DeckError(UserError):
+    """A mesh file that cannot be taken over as it stands."""
+
+
+class InfeasibleError(UserError):
+    """A request that no layout or estimate can satisfy."""
+
+
+class ArtefactError(UserError):
+    """A results file that is missing, damaged or of another format version."""
+
+
+class NumericalError(StrainsightError):
+    """A computation that did not reach its accuracy."""
+
+
+@contextmanager
+def blame(key: str) -> Iterator[None]:
+    """Name the config key that a kernel's error came from, where the kernel could not know it."""
+    try:
+        yield
+    except StrainsightError as error:
+        if error.key is None:
+            error.key = key
+        raise
