@@ -1,0 +1,1 @@
+"""Augmented systems: unknown inputs and parameters as states, their noise, what they can be observed from."""

@@ -1,0 +1,1 @@
+"""From measured strains to loads, parameters and strain field: augmented Kalman filter, smoother, consistency."""

@@ -1,0 +1,63 @@
+"""Is the claimed standard deviation the real one? NEES, NIS, whiteness, and the starts that must agree."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+
+def nees(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Normalised estimation error squared over its dimension, ε = eᵀP⁻¹e / d: 1 on average if P is honest.
+
+    error e (..., d), estimate less truth; covariance P (..., d, d) of a block without exact zeros, such as
+    `FilterRun.unknown_covariance`, scaled to diag P = 1 before it is solved. Returns (...).
+    Source: Bar-Shalom, Li and Kirubarajan, Estimation (2001), section 5.4.
+    """
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    correlation = covariance / (std[..., :, None] * std[..., None, :])
+    scaled = error / std
+    return np.sum(scaled * np.linalg.solve(correlation, scaled[..., None])[..., 0], axis=-1) / error.shape[-1]
+
+
+def nis(whitened: np.ndarray) -> np.ndarray:
+    """Normalised innovation squared over the number of gauges that measured, νᵀS⁻¹ν / m, NaN where none did.
+
+    whitened (..., m) from `FilterRun.whitened`. Returns (...).
+    """
+    count = np.sum(np.isfinite(whitened), axis=-1)
+    return np.where(count > 0, np.nansum(whitened**2, axis=-1) / np.maximum(count, 1), np.nan)
+
+
+def chi_square_band(dimension: int, samples: int = 1, level: float = 0.95) -> tuple[float, float]:
+    """Two-sided band of the mean of `samples` independent NEES or NIS, each over its dimension d: χ²(d N)/(d N).
+
+    Runs with other seeds are independent samples; so are the instants for NIS, but not for NEES.
+    """
+    freedom = dimension * samples
+    low, high = chi2.ppf([0.5 * (1 - level), 0.5 * (1 + level)], freedom) / freedom
+    return float(low), float(high)
+
+
+def whiteness(whitened: np.ndarray) -> np.ndarray:
+    """Lag-one autocorrelation of the whitened innovations, ρ₁ = Σₖ ν̃ₖ₊₁·ν̃ₖ / Σₖ |ν̃ₖ|²: about 0 if the model is true.
+
+    whitened (T, ..., m), missing entries (NaN) left out. Returns (...); compare with `whiteness_band`.
+    """
+    known = np.nan_to_num(whitened)
+    power = np.sum(known**2, axis=(0, -1))
+    return np.sum(known[1:] * known[:-1], axis=(0, -1)) / np.where(power > 0, power, np.nan)
+
+
+def whiteness_band(steps: int, gauges: int, level: float = 0.95) -> float:
+    """Largest |ρ₁| to be expected of white innovations: z/√(T m), by Bartlett's formula."""
+    return float(norm.ppf(0.5 * (1 + level)) / np.sqrt(steps * gauges))
+
+
+def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float = 3.0) -> np.ndarray:
+    """Where the starts disagree by more than they may: (max − min over the starts) > factor · (mean σ).
+
+    estimate, std (starts, ...): one quantity from the same measurements and other starting values; a lost start is NaN
+    and counts as disagreement. Returns (...) of bool. Different measurements differ by chance: do not mix them.
+    """
+    spread = np.max(estimate, axis=0) - np.min(estimate, axis=0)
+    return ~(spread <= factor * np.mean(std, axis=0))

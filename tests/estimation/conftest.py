@@ -1,0 +1,119 @@
+"""A cantilever of Hermite beam elements in modal coordinates, and filters on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from strainsight.augmentation.linearisation import Unknowns
+from strainsight.estimation.model import FilterModel
+from strainsight.fem.affine import AffineOperator
+from strainsight.rom.model import Damping, ReducedModel
+
+LENGTH, WIDTH, HEIGHT, E, RHO = 2.0, 0.2, 0.195, 2.1e11, 7850.0
+ELEMENTS = 16
+
+
+@dataclass(frozen=True)
+class Beam:
+    """The model, with the strain of its upper face and the load it is built for."""
+
+    model: ReducedModel
+    shapes: np.ndarray
+
+    def rows(self, *positions: float) -> np.ndarray:
+        """Strain rows (m, n) at distances from the root [m]: ε = −(HEIGHT/2) w''."""
+        length = LENGTH / ELEMENTS
+        rows = np.zeros((len(positions), 2 * ELEMENTS + 2))
+        for row, x in zip(rows, positions, strict=True):
+            e = min(int(x / length), ELEMENTS - 1)
+            s = x / length - e
+            curvature = [(12 * s - 6) / length**2, (6 * s - 4) / length, (6 - 12 * s) / length**2, (6 * s - 2) / length]
+            row[2 * e : 2 * e + 4] = -0.5 * HEIGHT * np.array(curvature)
+        return rows[:, 2:] @ self.shapes
+
+
+def build_beam(
+    modes: int = 10, ratio: float = 0.01, graded: bool = False, load_nodes: tuple[int, ...] = (ELEMENTS,)
+) -> Beam:
+    """E and rho belong to the whole beam, or (graded) to its root half, so that they change the mode shapes."""
+    length = LENGTH / ELEMENTS
+    area, inertia = WIDTH * HEIGHT, WIDTH * HEIGHT**3 / 12
+    l, l2 = length, length**2
+    k = inertia / l**3 * np.array([[12, 6 * l, -12, 6 * l], [6 * l, 4 * l2, -6 * l, 2 * l2],
+                                   [-12, -6 * l, 12, -6 * l], [6 * l, 2 * l2, -6 * l, 4 * l2]])  # fmt: skip
+    m = area * l / 420 * np.array([[156, 22 * l, 54, -13 * l], [22 * l, 4 * l2, 13 * l, -3 * l2],
+                                   [54, 13 * l, 156, -22 * l], [-13 * l, -3 * l2, -22 * l, 4 * l2]])  # fmt: skip
+    full = 2 * ELEMENTS + 2
+    K, M = np.zeros((2, full, full)), np.zeros((2, full, full))
+    for e in range(ELEMENTS):
+        region = int(graded and e >= ELEMENTS // 2)
+        where = np.ix_(range(2 * e, 2 * e + 4), range(2 * e, 2 * e + 4))
+        K[region][where] += k
+        M[region][where] += m
+    K, M = K[:, 2:, 2:], M[:, 2:, 2:]
+    shapes = eigh(E * K.sum(axis=0), RHO * M.sum(axis=0), subset_by_index=(0, modes - 1))[1]
+    S = np.zeros((full, len(load_nodes)))
+    for column, node in enumerate(load_nodes):
+        S[2 * node, column] = 1.0
+    model = ReducedModel(
+        mass=AffineOperator(RHO * M[1], {"rho": M[0]}).project(shapes),
+        stiffness=AffineOperator(E * K[1], {"E": K[0]}).project(shapes),
+        input_shape=shapes.T @ S[2:],
+        inputs=("tip", "middle")[: len(load_nodes)],
+        reference={"E": E, "rho": RHO},
+        damping=Damping(ratio=ratio),
+    )
+    return Beam(model, shapes)
+
+
+def build_filter(
+    beam: Beam,
+    inputs: tuple[str, ...] = (),
+    parameters: tuple[str, ...] = (),
+    known: tuple[str, ...] = (),
+    h: float = 5e-4,
+    strain_noise: float = 1e-6,
+    noise_step: float = 5e-4,
+    q_input: float = 0.1 * 2 * np.pi * 20,
+    q_parameter: float = 0.05**2,
+    q_velocity: float = 0.0,
+    gauges: tuple[float, ...] = (0.05, 0.3, 0.9, 1.5),
+    fixed: dict[str, float] | None = None,
+) -> FilterModel:
+    unknowns = Unknowns(inputs, parameters, dict.fromkeys(inputs, 1e4), {"E": E, "rho": RHO})
+    n = beam.model.size
+    q = np.concatenate(
+        [np.zeros(n), np.full(n, q_velocity), np.full(len(inputs), q_input), np.full(len(parameters), q_parameter)]
+    )
+    rows = beam.rows(*gauges)
+    H = np.hstack([rows, np.zeros((len(rows), len(q) - n))])
+    return FilterModel(
+        beam.model, unknowns, known, fixed or {"E": E, "rho": RHO}, H, np.diag(q),
+        np.full(len(rows), strain_noise**2 * noise_step), h,
+    )  # fmt: skip
+
+
+def sine_hold(t: np.ndarray, h: float, amplitude: float, hertz: float) -> np.ndarray:
+    """Quadratic hold coefficients (T, 3, 1) of a sine through the ends and the middle of every step."""
+    start, middle, end = (amplitude * np.sin(2 * np.pi * hertz * (t + shift)) for shift in (0, h / 2, h))
+    return np.stack([start, 4 * middle - 3 * start - end, 2 * start + 2 * end - 4 * middle], axis=1)[..., None]
+
+
+@pytest.fixture(scope="session")
+def make_beam() -> Callable[..., Beam]:
+    return build_beam
+
+
+@pytest.fixture(scope="session")
+def make_filter() -> Callable[..., FilterModel]:
+    return build_filter
+
+
+@pytest.fixture(scope="session")
+def sine() -> Callable[..., np.ndarray]:
+    return sine_hold

@@ -1,0 +1,263 @@
+"""The batched filter against a plain loop, Riccati equations, invariances and hard cases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_are, solve_discrete_are
+
+from strainsight.augmentation.linearisation import linearise
+from strainsight.errors import NumericalError
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import covariance_recursion, predict, run_filter, update
+from strainsight.estimation.metrics import input_error, parameter_error
+from strainsight.estimation.model import physical, step
+from strainsight.estimation.smoother import smooth
+from strainsight.rom.modal_step import simulate
+
+CASES = [(("tip",), ()), ((), ("E",)), (("tip",), ("E",))]
+
+
+def prior(model, std=0.1):
+    P = np.zeros((model.size, model.size))
+    unknown = range(2 * model.model.size, model.size)
+    P[unknown, unknown] = std**2
+    return P
+
+
+def drawn(make_filter, beam, sine, inputs, parameters, steps=60, runs=3, **options):
+    """A model with its prior, known load and measurements of its own."""
+    known = () if inputs else ("tip",)
+    model = make_filter(beam, inputs=inputs, parameters=parameters, known=known, **options)
+    u = sine(model.h * np.arange(steps), model.h, 1e4, 20.0)[:, :, : len(known)]
+    mean, P = np.zeros(model.size), prior(model)
+    truth, y = draw_truth(model, mean, P, u, range(runs))
+    return model, mean, P, u, truth, y
+
+
+def modal_scale(model):
+    """Energy coordinates: q in 1/ω, the rest of order one."""
+    n = model.model.size
+    omega = np.sqrt(np.diag(model.model.stiffness.at(model.model.reference)))
+    return np.concatenate([1 / omega, np.ones(model.size - n)])
+
+
+@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+def test_equals_a_plain_loop_of_the_textbook(make_beam, make_filter, sine, inputs, parameters):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, inputs, parameters)
+    run = run_filter(model, mean, P0, u, y, keep="all")
+    Q, R, H = model.Q * model.h, np.diag(model.r / model.h), model.H
+    for b in range(y.shape[1]):
+        x, P = mean, P0
+        for k in range(len(y)):
+            after, A = step(model, x[None], u[k])
+            x, A = after[0], A[0]
+            P = A @ P @ A.T + Q
+            S = H @ P @ H.T + R
+            K = P @ H.T @ np.linalg.inv(S)
+            nu = y[k, b] - H @ x
+            x = x + K @ nu
+            P = P - K @ S @ K.T
+            assert run.nis[k, b] == pytest.approx(nu @ np.linalg.inv(S) @ nu, rel=1e-6)
+        scale = np.sqrt(np.diag(P))
+        np.testing.assert_allclose(run.mean[-1, b] / scale, x / scale, atol=1e-6)
+        np.testing.assert_allclose(run.covariance[-1, b % run.covariance.shape[1]] / np.outer(scale, scale),
+                                   P / np.outer(scale, scale), atol=1e-6)  # fmt: skip
+        np.testing.assert_allclose(run.gauge_mean[-1, b], H @ x, rtol=1e-6)
+        np.testing.assert_allclose(run.gauge_std[-1, b], np.sqrt(np.diag(H @ P @ H.T)), rtol=1e-5)
+
+
+def test_steady_covariance_solves_the_discrete_riccati_equation(make_beam, make_filter):
+    model = make_filter(make_beam(modes=3, ratio=0.05), inputs=("tip",), q_velocity=1e-2)
+    nothing = np.zeros((1500, 3, 0))
+    run = run_filter(model, np.zeros(model.size), prior(model), nothing, np.zeros((1500, 4)), keep="all")
+    scale = modal_scale(model)
+    A = run.jacobian[0, 0] * scale / scale[:, None]
+    H, R, Q = model.H * scale, np.diag(model.r / model.h), model.Q * model.h / np.outer(scale, scale)
+    ahead = solve_discrete_are(A.T, H.T, Q, R)
+    expected = ahead - ahead @ H.T @ np.linalg.solve(H @ ahead @ H.T + R, H @ ahead)
+    d = np.sqrt(np.diag(expected))
+    found = run.covariance[-1, 0] / np.outer(scale, scale)
+    np.testing.assert_allclose(found / np.outer(d, d), expected / np.outer(d, d), atol=1e-7)
+
+
+@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam, make_filter, inputs, parameters):
+    """Fixed intensities, one frozen linearisation: CARE (5.14) is the limit of the discrete filter for h → 0."""
+    beam = make_beam(modes=3)
+    n, load = 3, np.array([1e4])
+    q = np.linalg.solve(beam.model.stiffness.at(beam.model.reference), beam.model.input_shape @ load)
+    differences = []
+    for h in 2.0 ** np.array([-17, -18, -19, -20, -21]):
+        model = make_filter(beam, inputs=inputs, parameters=parameters, known=() if inputs else ("tip",), h=h)
+        scale = modal_scale(model)
+        x = np.zeros(model.size)
+        x[:n], x[n : 2 * n], x[model.input_states] = 0.8 * q, 40.0 * q, 1.0
+        known = np.zeros((3, len(model.known_inputs)))
+        known[0] = load
+        A = step(model, x[None], known)[1]
+        F = linearise(beam.model, model.unknowns, model.fixed, x[None, : 2 * n], load[None])[0]
+        whitened, Q = model.H * scale / np.sqrt(model.r)[:, None], model.Q / np.outer(scale, scale)
+        limit = solve_continuous_are((F * scale / scale[:, None]).T, whitened.T, Q, np.eye(4))
+        ahead = solve_discrete_are((A[0] * scale / scale[:, None]).T, whitened.T, Q * h, np.eye(4) / h)
+        gain = ahead @ whitened.T @ np.linalg.inv(whitened @ ahead @ whitened.T + np.eye(4) / h)
+        steady = (ahead - gain @ whitened @ ahead) * np.outer(scale, scale)
+        again = predict(steady[None], A, model.Q * h)
+        _, again, _ = update(x[None], again, model.H, model.r[None] / h, np.zeros((1, 4)))
+        d = np.sqrt(np.diag(limit)) * scale
+        np.testing.assert_allclose(again[0] / np.outer(d, d), steady / np.outer(d, d), atol=1e-7)
+        differences.append(np.abs(steady / np.outer(d, d) - limit * np.outer(scale, scale) / np.outer(d, d)).max())
+    rate = np.array(differences[:-1]) / differences[1:]
+    assert differences[-1] < 1e-3
+    np.testing.assert_allclose(rate[-2:], 2.0, atol=0.15)
+
+
+def test_a_batch_is_its_runs_one_by_one(make_beam, make_filter, sine):
+    beam = make_beam(modes=4, graded=True)
+    single, mean, P0, u, _, y = drawn(make_filter, beam, sine, (), ("E",))
+    places = [(0.05, 0.3, 0.9, 1.5), (0.1, 0.2, 0.3, 0.4), (0.0, 0.7, 1.1, 1.9)]
+    H = np.stack([np.hstack([beam.rows(*p), np.zeros((4, 5))]) for p in places])
+    r = single.r * np.array([[1.0], [2.0], [0.5]])
+    means = mean + np.array([[0.0], [0.05], [-0.05]]) * (np.arange(9) == 8)
+    P = P0 * np.array([1.0, 2.0, 3.0])[:, None, None]
+    batch = run_filter(replace(single, H=H, r=r), means, P, u, y, keep="all")
+    for b in range(3):
+        alone = run_filter(replace(single, H=H[b], r=r[b]), means[b], P[b], u, y[:, b], keep="all")
+        for name in ("mean", "std", "gauge_mean", "gauge_std", "whitened", "covariance", "jacobian"):
+            one = getattr(alone, name)[:, 0]
+            scale = np.maximum(np.abs(one).max(axis=0), 1e-300)
+            np.testing.assert_allclose(getattr(batch, name)[:, b] / scale, one / scale, atol=1e-8)
+
+
+def test_a_covariance_that_no_run_changes_is_computed_once(make_beam, make_filter, sine):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=3)
+    shared = run_filter(model, mean, P0, u, y, keep="all")
+    apart = run_filter(replace(model, H=np.stack([model.H] * 3)), mean, P0, u, y, keep="all")
+    assert shared.covariance.shape[1] == 1
+    assert apart.covariance.shape[1] == 3
+    np.testing.assert_allclose(shared.mean, apart.mean, rtol=1e-9, atol=1e-12 * np.abs(apart.mean).max())
+    np.testing.assert_allclose(shared.std, apart.std, rtol=1e-9, atol=1e-30)
+
+
+@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+def test_the_unit_of_strain_changes_no_bit(make_beam, make_filter, sine, inputs, parameters):
+    """No hidden tolerance or scale: with a power of two as unit even the rounding is the same."""
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, inputs, parameters)
+    unit = 2.0**40
+    other = run_filter(replace(model, H=model.H * unit, r=model.r * unit**2), mean, P0, u, y * unit)
+    run = run_filter(model, mean, P0, u, y)
+    np.testing.assert_array_equal(other.mean, run.mean)
+    np.testing.assert_array_equal(other.std, run.std)
+
+
+@pytest.mark.parametrize("noise", [1e-12, 1e-9, 1e-3])
+def test_covariance_stays_positive_semidefinite_at_any_noise(make_beam, make_filter, sine, noise):
+    """To the rounding of the covariance before the update, which is what an update has to subtract from."""
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(), sine, ("tip",), ("E",), 400, 2, strain_noise=noise)
+    run = run_filter(model, mean, P0, u, y, keep="all")
+    for k in range(0, 400, 20):
+        before = predict(run.covariance[k], run.jacobian[k], model.Q * model.h)
+        std = np.sqrt(np.diagonal(before, axis1=-2, axis2=-1))
+        relative = run.covariance[k + 1] / (std[..., :, None] * std[..., None, :])
+        assert np.linalg.eigvalsh(relative).min() > -1e-12
+    assert run.std[1:].min() > 0
+
+
+def test_the_claim_along_a_motion_is_what_a_filter_on_that_motion_claims(make_beam, make_filter, sine):
+    """Fed with strains free of noise and started at the truth, the filter stays on the motion: the two σ are one."""
+    beam, h, steps = make_beam(graded=True), 5e-4, 300
+    u = sine(h * np.arange(steps), h, 1e4, 20.0)
+    x = simulate(beam.model, beam.model.reference, u, h)
+    places = [(0.05, 0.3, 0.9, 1.5), (0.1, 0.2, 0.3, 0.4)]
+    for parameters in (("E",), ("rho", "E")):
+        model = make_filter(beam, parameters=parameters, known=("tip",), h=h)
+        H = np.stack([np.hstack([beam.rows(*p), np.zeros((4, model.size - 10))]) for p in places])
+        model = replace(model, H=H)
+        y = np.einsum("bmi,ki->kbm", H[..., :10], x[1:, :10])
+        run = run_filter(model, np.zeros(model.size), prior(model), u, y)
+        std = covariance_recursion(model, x, u, prior(model))
+        np.testing.assert_allclose(std[..., 20:], run.std[..., 20:], rtol=1e-5)
+
+
+def test_the_claim_for_inputs_needs_no_motion(make_beam, make_filter, sine):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(), sine, ("tip",), ())
+    std = covariance_recursion(model, np.zeros((61, 20)), np.zeros((60, 3, 1)), P0)
+    np.testing.assert_allclose(std, run_filter(model, mean, P0, u, y).std[:, :1], rtol=1e-9, atol=1e-30)
+
+
+def test_a_missing_gauge_is_one_of_endless_noise(make_beam, make_filter, sine):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
+    broken = y.copy()
+    broken[:, 1, 2] = np.nan
+    broken[20:30, 0] = np.nan
+    run = run_filter(model, mean, P0, u, broken)
+    rest = replace(model, H=model.H[[0, 1, 3]], r=model.r[[0, 1, 3]])
+    without = run_filter(rest, mean, P0, u, y[:, 1][:, [0, 1, 3]])
+    np.testing.assert_allclose(run.mean[:, 1], without.mean[:, 0], rtol=1e-8, atol=1e-10 * np.abs(without.mean).max())
+    np.testing.assert_allclose(run.nis[:, 1], without.nis[:, 0], rtol=1e-8)
+    assert np.all(np.isnan(run.innovation[:, 1, 2]))
+    assert np.all(run.nis[20:30, 0] == 0)
+    assert np.all(np.diff(run.std[20:31, 0, 8]) > 0)
+
+
+def test_a_lost_run_is_said_and_leaves_the_others_alone(make_beam, make_filter, sine):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, (), ("E",), runs=2)
+    wild = y.copy()
+    wild[30:, 1] = 1e3
+    run = run_filter(model, mean, P0, u, wild)
+    assert run.lost[0] == -1
+    assert run.lost[1] > 30
+    assert np.all(np.isnan(run.mean[run.lost[1] :, 1]))
+    assert np.all(np.isfinite(run.mean[: run.lost[1], 1]))
+    alone = run_filter(model, mean, P0, u, y[:, 0])
+    np.testing.assert_allclose(run.mean[:, 0], alone.mean[:, 0], rtol=1e-8, atol=1e-10 * np.abs(alone.mean).max())
+    with pytest.raises(NumericalError, match="E left the guess"):
+        run_filter(model, mean, P0, u, wild[:, 1])
+
+
+def test_two_equal_gauges_without_noise_are_refused(make_beam, make_filter, sine):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), gauges=(0.1, 0.1))
+    with pytest.raises(NumericalError, match="not positive definite"):
+        run_filter(replace(model, r=0 * model.r), mean, P0, u, y)
+
+
+@pytest.mark.parametrize(("name", "truth", "hertz"), [("E", 2.1e11, 20.0), ("rho", 7850.0, 35.0)])
+@pytest.mark.parametrize("start", [-0.1, 0.1])
+def test_a_parameter_is_found_from_a_guess_ten_percent_off(make_beam, make_filter, sine, name, truth, hertz, start):
+    """Truth of 20 modes, filter of 10, noise of 1 %, the load known: within 0.2 % from either side."""
+    beam, rich, h, steps, gauges = make_beam(), make_beam(modes=20), 5e-4, 1500, (0.01, 0.05, 0.1, 0.3)
+    u = sine(h * np.arange(steps), h, 1e4, hertz)
+    clean = simulate(rich.model, rich.model.reference, u, h)[1:, :20] @ rich.rows(*gauges).T
+    noise = 0.01 * np.sqrt(np.mean(clean**2, axis=0)).max()
+    y = clean + noise * np.random.default_rng(5).standard_normal(clean.shape)
+    model = make_filter(
+        beam, parameters=(name,), known=("tip",), h=h, strain_noise=noise, noise_step=h, gauges=gauges, q_parameter=1e-4
+    )
+    mean = np.zeros(21)
+    mean[20] = start
+    run = run_filter(model, mean, prior(model), u, y)
+    assert parameter_error(physical(model, run.mean, run.std)[name][0][:, 0], truth) < 2e-3
+
+
+def test_sine_load_is_followed_as_well_as_claimed_and_better_when_smoothed(make_beam, make_filter, sine):
+    """A 20 Hz sine of 1e4 N is no random walk, so the filter's own σ holds only within 0.7-1.3; noise 1 %, κ = 0.1."""
+    beam, h, gauges = make_beam(), 2.5e-4, (0.3, 0.4, 0.5, 0.6)
+    steps = 4000
+    u = sine(h * np.arange(steps), h, 1e4, 20.0)
+    x = simulate(beam.model, beam.model.reference, u, h)
+    clean = x[1:, :10] @ beam.rows(*gauges).T
+    noise = 0.01 * np.sqrt(np.mean(clean**2, axis=0)).max()
+    model = make_filter(beam, inputs=("tip",), h=h, strain_noise=noise, noise_step=h, gauges=gauges)
+    y = clean + noise * np.random.default_rng(1).standard_normal(clean.shape)
+    nothing = np.zeros((steps, 3, 0))
+    run = run_filter(model, np.zeros(model.size), prior(model, 1.0), nothing, y, keep="all")
+    smoothed = smooth(model, run)
+    truth = np.sin(2 * np.pi * 20.0 * run.time)[:, None]
+    filtered_error = input_error(run.mean[:, 0, 20:], truth)[0]
+    smoothed_error = input_error(smoothed.mean[:, 0, 20:], truth)[0]
+    claimed = run.std[-1, 0, 20] * np.sqrt(2)
+    assert smoothed_error < 0.05
+    assert 0.7 < filtered_error / claimed < 1.3
+    assert smoothed_error < 0.5 * filtered_error

@@ -1,0 +1,48 @@
+"""Over 200 seeds drawn from the filter's own model, the claimed σ is the real error (§4.6)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.estimation.consistency import chi_square_band, nees, nis, whiteness, whiteness_band
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.metrics import honesty
+from strainsight.estimation.smoother import smooth
+
+SEEDS = range(200)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "parameters", "modes", "steps"),
+    [(("tip",), (), 10, 600), ((), ("E",), 4, 500), ((), ("rho",), 4, 500)],
+)
+def test_claimed_deviation_is_the_real_error(make_beam, make_filter, sine, inputs, parameters, modes, steps):
+    beam = make_beam(modes=modes)
+    known = () if inputs else ("tip",)
+    model = make_filter(beam, inputs=inputs, parameters=parameters, known=known)
+    hertz = 35.0 if "rho" in parameters else 20.0
+    u = sine(model.h * np.arange(steps), model.h, 1e4, hertz)[:, :, : len(known)]
+    mean, P0 = np.zeros(model.size), np.zeros((model.size, model.size))
+    P0[-1, -1] = 1.0 if inputs else 0.03**2
+    truth, y = draw_truth(model, mean, P0, u, SEEDS)
+    run = run_filter(model, mean, P0, u, y, keep="all" if inputs else "mean")
+    assert np.all(run.lost < 0)
+    unknown = slice(2 * modes, None)
+    error = run.mean[..., unknown] - truth[..., unknown]
+    assert honesty(error, run.std[..., unknown])[0] == pytest.approx(1.0, abs=0.05)
+
+    over_runs = nees(error[1:], run.unknown_covariance[1:]).mean(axis=1)
+    low, high = chi_square_band(1, len(SEEDS))
+    assert low < over_runs.mean() < high
+    assert np.mean((over_runs > low) & (over_runs < high)) > 0.8
+
+    assert 0.99 < nis(run.whitened).mean() < 1.01
+    white = np.abs(whiteness(run.whitened))
+    assert np.mean(white < whiteness_band(steps, 4)) > 0.9
+    if inputs:
+        smoothed = smooth(model, run)
+        late = smoothed.mean[..., unknown] - truth[..., unknown]
+        assert honesty(late, smoothed.std[..., unknown])[0] == pytest.approx(1.0, abs=0.05)
+        assert np.mean(late**2) < 0.3 * np.mean(error**2)

@@ -1,0 +1,91 @@
+"""The adjoint smoother against the textbook recursion and against one large least-squares problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import cho_factor, cho_solve
+
+from strainsight.estimation.draws import covariance_factor, draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.smoother import smooth
+
+
+def test_equals_the_textbook_recursion(make_beam, make_filter):
+    """Rauch, Tung and Striebel with P⁻ solved, on a model whose every state has process noise."""
+    model = make_filter(make_beam(modes=3, ratio=0.05), inputs=("tip",), strain_noise=1e-5)
+    model = replace(model, Q=model.Q + np.diag([1e-8, 1e-9, 1e-10, 1e-2, 1e-2, 1e-2, 0]))
+    P0 = np.diag(np.diag(model.Q))
+    nothing = np.zeros((80, 3, 0))
+    _, y = draw_truth(model, np.zeros(7), P0, nothing, [0, 1])
+    run = run_filter(model, np.zeros(7), P0, nothing, y, keep="all")
+    smoothed = smooth(model, run, covariance=True)
+    A = run.jacobian[0, 0]
+    mean, P = run.mean[-1], run.covariance[-1, 0]
+    for k in range(79, -1, -1):
+        filtered = run.covariance[k, 0]
+        ahead = A @ filtered @ A.T + model.Q * model.h
+        scale = np.sqrt(np.diag(ahead))
+        J = np.linalg.solve(ahead / np.outer(scale, scale), (A @ filtered) / scale[:, None]).T / scale
+        mean = run.mean[k] + (mean - run.mean[k] @ A.T) @ J.T
+        P = filtered + J @ (P - ahead) @ J.T
+        d = np.sqrt(np.diag(P))
+        np.testing.assert_allclose(smoothed.mean[k] / d, mean / d, atol=1e-7)
+        np.testing.assert_allclose(smoothed.covariance[k, 0] / np.outer(d, d), P / np.outer(d, d), atol=1e-7)
+        np.testing.assert_allclose(smoothed.std[k, 0], d, rtol=1e-7)
+
+
+def test_equals_the_least_squares_estimate_of_the_whole_record(make_beam, make_filter):
+    """States without process noise make P⁻ singular. Oracle: every xₖ is a linear map of unit normals z (initial error
+    and walk), so the posterior of z given all y is one least-squares problem."""
+    model = make_filter(make_beam(modes=3), inputs=("tip",))
+    n, steps = model.size, 50
+    P0 = np.zeros((n, n))
+    P0[-1, -1], P0[4, 4] = 0.25, 1e-4
+    nothing = np.zeros((steps, 3, 0))
+    _, y = draw_truth(model, np.zeros(n), P0, nothing, [3])
+    y[7, 0, 2] = np.nan
+    run = run_filter(model, np.zeros(n), P0, nothing, y, keep="all")
+    smoothed = smooth(model, run)
+
+    A, start, walk = run.jacobian[0, 0], covariance_factor(P0), covariance_factor(model.Q * model.h)
+    maps = [np.hstack([start, np.zeros((n, steps * walk.shape[1]))])]
+    for k in range(steps):
+        following = A @ maps[-1]
+        first = start.shape[1] + k * walk.shape[1]
+        following[:, first : first + walk.shape[1]] += walk
+        maps.append(following)
+    whitened = np.concatenate([model.H @ m for m in maps[1:]]) / np.sqrt(model.r[0] / model.h)
+    data = y[:, 0].ravel() / np.sqrt(model.r[0] / model.h)
+    there = np.isfinite(data)
+    whitened, data = whitened[there], data[there]
+    normal = cho_factor(np.eye(whitened.shape[1]) + whitened.T @ whitened)
+    z = cho_solve(normal, whitened.T @ data)
+    for k, m in enumerate(maps):
+        std = np.sqrt(np.sum(m.T * cho_solve(normal, m.T), axis=0))
+        unit = np.where(std > 0, std, 1.0)
+        np.testing.assert_allclose(smoothed.mean[k, 0] / unit, m @ z / unit, atol=1e-6)
+        np.testing.assert_allclose(smoothed.std[k, 0] / unit, std / unit, atol=1e-6)
+
+
+def test_a_constant_parameter_has_one_value_at_all_times(make_beam, make_filter, sine):
+    """Without process noise on E its smoothed value is the last filtered one, everywhere."""
+    beam = make_beam(modes=4)
+    model = make_filter(beam, parameters=("E",), known=("tip",), q_parameter=0.0)
+    u = sine(model.h * np.arange(200), model.h, 1e4, 20.0)
+    P0 = np.diag([0.0] * 8 + [1e-4])
+    _, y = draw_truth(model, np.zeros(9), P0, u, [0, 1, 2])
+    run = run_filter(model, np.zeros(9), P0, u, y, keep="all")
+    smoothed = smooth(model, run)
+    last, std = run.mean[-1, :, 8], run.std[-1, :, 8]
+    np.testing.assert_allclose((smoothed.mean[..., 8] - last) / std, 0.0, atol=1e-5)
+    np.testing.assert_allclose(smoothed.std[..., 8] / std, 1.0, rtol=1e-5)
+
+
+def test_a_run_that_was_not_kept_is_refused(make_beam, make_filter):
+    model = make_filter(make_beam(modes=3), inputs=("tip",))
+    run = run_filter(model, np.zeros(7), np.eye(7), np.zeros((5, 3, 0)), np.zeros((5, 4)))
+    with pytest.raises(ValueError, match="keep='all'"):
+        smooth(model, run)
