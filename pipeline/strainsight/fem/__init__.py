@@ -1,0 +1,1 @@
+"""Finite elements: affine stiffness and mass, constraints, factorisation, modes."""

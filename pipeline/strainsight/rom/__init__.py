@@ -1,0 +1,1 @@
+"""The parametric reduced model: basis, projection, damping, exact time step."""

@@ -1,0 +1,100 @@
+"""The reduced model (5.3) and its damping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.linalg import eigh
+
+from strainsight.fem.affine import AffineOperator
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Viscous damping that commutes with the modes: each has c(λ) = 2ζ√λ (modal) or α + βλ (Rayleigh), λ = ω².
+
+    ratio ζ [-] stays the same along the parameters; alpha α [1/s]; beta β [s].
+    """
+
+    kind: Literal["modal", "rayleigh"] = "modal"
+    ratio: float = 0.0
+    alpha: float = 0.0
+    beta: float = 0.0
+
+    def viscous(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """c(λ) and dc/dλ; lam (...) [rad²/s²]."""
+        if self.kind == "modal":
+            c = 2 * self.ratio * np.sqrt(lam)
+            return c, c / (2 * lam)
+        return self.alpha + self.beta * lam, np.full_like(lam, self.beta)
+
+    def scaled(self, factor: float) -> Damping:
+        """The same damping, `factor` times as strong."""
+        return Damping(self.kind, factor * self.ratio, factor * self.alpha, factor * self.beta)
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """M(θ)q̈ + C(θ)q̇ + K(θ)q = S u in coordinates where M = I and K = Λ at the reference (5.3).
+
+    mass, stiffness: dense affine operators (n, n); input_shape S (n, n_u) [1/√kg]; inputs: the names of u;
+    reference: parameter name → value [SI] at which the coordinates are modal.
+    """
+
+    mass: AffineOperator
+    stiffness: AffineOperator
+    input_shape: np.ndarray
+    inputs: tuple[str, ...]
+    reference: Mapping[str, float]
+    damping: Damping
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return tuple(self.reference)
+
+    @property
+    def size(self) -> int:
+        return self.input_shape.shape[0]
+
+
+def modal_basis(model: ReducedModel, theta: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Modes of K(θ)Φ = M(θ)ΦΛ with ΦᵀMΦ = I: λ (..., n) ascending [rad²/s²] and Φ (..., n, n), for values θ of shape (...)."""
+    K, M = model.stiffness.at(theta), model.mass.at(theta)
+    L_inverse = np.linalg.inv(np.linalg.cholesky(M))
+    lam, V = np.linalg.eigh(L_inverse @ K @ np.swapaxes(L_inverse, -1, -2))
+    return lam, np.swapaxes(L_inverse, -1, -2) @ V
+
+
+def damping_matrix(model: ReducedModel, theta: Mapping[str, float]) -> np.ndarray:
+    """C(θ) = M Φ c(Λ) ΦᵀM  (n, n) [1/s]: the modal or Rayleigh damping in the coordinates of the model."""
+    lam, Phi = modal_basis(model, theta)
+    M = model.mass.at(theta)
+    MPhi = M @ Phi
+    return (MPhi * model.damping.viscous(lam)[0]) @ MPhi.T
+
+
+def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: str) -> np.ndarray:
+    """∂C/∂θ_name (n, n), consistent with `damping_matrix`: with A = M⁻¹K and C = M c(A),
+
+        dC = dM c(A) + M Φ [(ΦᵀM dA Φ) ∘ c[λᵢ, λⱼ]] ΦᵀM,    ΦᵀM dA Φ = Φᵀ(dK Φ − dM Φ Λ)
+
+    c[·,·] the divided difference (Daleckii-Krein), so that repeated frequencies need no special case.
+    """
+    K, M = model.stiffness.at(theta), model.mass.at(theta)
+    lam, Phi = eigh(K, M)
+    dK, dM = model.stiffness.derivative(name), model.mass.derivative(name)
+    c, slope = model.damping.viscous(lam)
+    G = Phi.T @ (dK @ Phi - (dM @ Phi) * lam)
+    MPhi = M @ Phi
+    return (dM @ Phi * c) @ MPhi.T + MPhi @ (G * divided_difference(lam, c, slope)) @ MPhi.T
+
+
+def divided_difference(lam: np.ndarray, f: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """f[λᵢ, λⱼ] = (f(λᵢ) − f(λⱼ))/(λᵢ − λⱼ), and the mean slope where λᵢ and λⱼ agree to 1e-5; (..., n) → (..., n, n)."""
+    gap = lam[..., :, None] - lam[..., None, :]
+    close = np.abs(gap) <= 1e-5 * (np.abs(lam[..., :, None]) + np.abs(lam[..., None, :]))
+    quotient = (f[..., :, None] - f[..., None, :]) / np.where(close, 1.0, gap)
+    return np.where(close, 0.5 * (slope[..., :, None] + slope[..., None, :]), quotient)

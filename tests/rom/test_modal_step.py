@@ -1,0 +1,241 @@
+"""The modal step is the matrix exponential, and its parameter slopes are the Fréchet derivative of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm, expm_frechet, solve_sylvester, sqrtm
+
+from strainsight.fem.affine import AffineOperator
+from strainsight.rom.modal_step import modal_step, parameter_slopes, simulate
+from strainsight.rom.model import Damping, ReducedModel
+
+DAMPINGS = [Damping(), Damping("modal", ratio=0.02), Damping("rayleigh", alpha=0.5, beta=1e-4)]
+NAMES = ("E", "rho")
+IDS = ["none", "modal", "rayleigh"]
+
+
+def positive(rng: np.random.Generator, n: int) -> np.ndarray:
+    X = rng.standard_normal((n, n))
+    return X @ X.T / n + 0.2 * np.eye(n)
+
+
+def two_materials(seed: int, damping: Damping, n: int = 4, omega: float = 100.0) -> ReducedModel:
+    """Both operators have a constant part and a part that follows a parameter: nothing commutes."""
+    rng = np.random.default_rng(seed)
+    stiffness = AffineOperator(omega**2 * positive(rng, n), {"E": 0.5 * omega**2 * positive(rng, n)})
+    mass = AffineOperator(positive(rng, n), {"rho": 0.5 * positive(rng, n)})
+    return ReducedModel(mass, stiffness, rng.standard_normal((n, 2)), ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping)
+
+
+def one_material(lam: np.ndarray, damping: Damping) -> ReducedModel:
+    n = len(lam)
+    zero = np.zeros((n, n))
+    stiffness, mass = AffineOperator(zero, {"E": np.diag(lam)}), AffineOperator(zero, {"rho": np.eye(n)})
+    S = np.random.default_rng(0).standard_normal((n, 2))
+    return ReducedModel(mass, stiffness, S, ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping)
+
+
+def system(model: ReducedModel, theta) -> tuple[np.ndarray, np.ndarray]:
+    """First-order form ẋ = A x + B u with the damping by a matrix root: no modes anywhere."""
+    K, M, S = model.stiffness.at(theta), model.mass.at(theta), model.input_shape
+    n = model.size
+    X = np.linalg.solve(M, K)
+    d = model.damping
+    c = 2 * d.ratio * sqrtm(X).real if d.kind == "modal" else d.alpha * np.eye(n) + d.beta * X
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-X, -c]]), np.vstack([np.zeros_like(S), np.linalg.solve(M, S)])
+
+
+def system_slope(model: ReducedModel, theta, name: str) -> tuple[np.ndarray, np.ndarray]:
+    K, M, S = model.stiffness.at(theta), model.mass.at(theta), model.input_shape
+    dK, dM = model.stiffness.derivative(name), model.mass.derivative(name)
+    X = np.linalg.solve(M, K)
+    dX = np.linalg.solve(M, dK - dM @ X)
+    d = model.damping
+    dc = d.beta * dX
+    if d.kind == "modal":
+        root = sqrtm(X).real
+        dc = 2 * d.ratio * solve_sylvester(root, root, dX)
+    zero = np.zeros_like(K)
+    dB = np.vstack([np.zeros_like(S), -np.linalg.solve(M, dM @ np.linalg.solve(M, S))])
+    return np.block([[zero, zero], [-dX, -dc]]), dB
+
+
+def with_force_states(A: np.ndarray, B: np.ndarray, h: float) -> np.ndarray:
+    """A h with the held force and its derivatives in s = τ/h as further states: [x, u₀, u₁, 2u₂] → over one step."""
+    n, n_u = B.shape
+    G = np.zeros((n + 3 * n_u, n + 3 * n_u))
+    G[:n, :n], G[:n, n : n + n_u] = A * h, B * h
+    G[n : n + 2 * n_u, n + n_u :] = np.eye(2 * n_u)
+    return G
+
+
+def scales(model: ReducedModel, theta, n_u: int = 2) -> np.ndarray:
+    """Displacement and velocity made alike (by a typical ω), so that one tolerance serves both."""
+    omega = np.sqrt(np.trace(np.linalg.solve(model.mass.at(theta), model.stiffness.at(theta))) / model.size)
+    return np.concatenate([np.full(model.size, omega), np.ones(model.size)])
+
+
+@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
+@pytest.mark.parametrize("h", [1e-4, 1e-2, 0.3])
+def test_the_step_is_the_exponential_of_the_first_order_system(damping, h):
+    theta = {"E": 1.2, "rho": 0.9}
+    for seed in range(3):
+        model = two_materials(seed, damping)
+        n = 2 * model.size
+        step = modal_step(model, theta, h)
+        exact = expm(with_force_states(*system(model, theta), h))
+        w = scales(model, theta)
+        np.testing.assert_allclose(w[:, None] * step.transition / w, w[:, None] * exact[:n, :n] / w, atol=2e-11)
+        inputs = np.stack([exact[:n, n : n + 2], exact[:n, n + 2 : n + 4], 2 * exact[:n, n + 4 :]], axis=1)
+        size = np.abs(w[:, None, None] * inputs).max()
+        np.testing.assert_allclose(w[:, None, None] * step.input, w[:, None, None] * inputs, atol=2e-11 * size)
+
+
+@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
+@pytest.mark.parametrize("h", [1e-4, 1e-2, 0.3])
+def test_the_parameter_slopes_are_the_frechet_derivative_of_the_exponential(damping, h):
+    theta = {"E": 1.2, "rho": 0.9}
+    for seed in range(3):
+        model = two_materials(seed, damping)
+        assert_slopes_are_frechet(model, theta, h, 1e-9)
+
+
+def assert_slopes_are_frechet(model: ReducedModel, theta, h: float, tolerance: float) -> None:
+    rng = np.random.default_rng(1)
+    w = scales(model, theta)
+    x, u = rng.standard_normal(2 * model.size) / w, rng.standard_normal((3, 2))
+    slopes = parameter_slopes(model, modal_step(model, theta, h), x, u, NAMES)
+    G = with_force_states(*system(model, theta), h)
+    start = np.concatenate([x, u[0], u[1], 2 * u[2]])
+    for i, name in enumerate(NAMES):
+        dA, dB = system_slope(model, theta, name)
+        dG = with_force_states(dA, dB, h)
+        dG[-len(u.ravel()) :] = 0
+        exact = (expm_frechet(G, dG, compute_expm=False) @ start)[: len(x)]
+        assert np.max(np.abs(w * (slopes[:, i] - exact))) < tolerance * max(np.max(np.abs(w * exact)), 1e-12)
+
+
+@pytest.mark.parametrize("damping", DAMPINGS[:2], ids=IDS[:2])
+@pytest.mark.parametrize("split", [0.0, 1e-13, 1e-9, 1e-6, 3e-5, 1e-3])
+def test_repeated_and_nearly_repeated_frequencies(damping, split):
+    """A pair of equal frequencies that the parameters couple: the divided difference must pass to the slope."""
+    rng = np.random.default_rng(7)
+    lam = 1e4 * np.array([1.0, 1.0 + split, 1.0 + 2 * split, 6.0])
+    stiffness = AffineOperator(np.diag(lam), {"E": 1e4 * positive(rng, 4)})
+    mass = AffineOperator(np.eye(4), {"rho": positive(rng, 4)})
+    model = ReducedModel(mass, stiffness, rng.standard_normal((4, 2)), ("Fx", "Fz"), {"E": 0.0, "rho": 0.0}, damping)
+    assert_slopes_are_frechet(model, {"E": 0.0, "rho": 0.0}, 5e-3, 1e-8)
+
+
+@pytest.mark.parametrize("damping", DAMPINGS[:2], ids=IDS[:2])
+def test_one_material_scaled_as_a_whole_only_stretches_time(damping):
+    """K = E Λ, M = ρ I with modal damping: free motion at (E, ρ) over h is that at (1, 1) over h √(E/ρ)."""
+    model = one_material(np.array([1e4, 1e4, 4e5, 9e8]), damping)
+    E, rho, h = 2.0, 0.5, 1e-3
+    scaled, plain = modal_step(model, {"E": E, "rho": rho}, h), modal_step(model, model.reference, h * np.sqrt(E / rho))
+    n, stretch = model.size, np.sqrt(E / rho)
+    clock = np.concatenate([np.ones(n), np.full(n, stretch)])
+    np.testing.assert_allclose(scaled.transition, clock[:, None] * plain.transition / clock, rtol=1e-9, atol=1e-9)
+    # A static force bends by 1/E of it.
+    np.testing.assert_allclose(
+        E * scaled.input, clock[:, None, None] * plain.input, rtol=1e-9, atol=1e-9 * np.abs(plain.input).max()
+    )
+
+
+def test_one_material_scaled_as_a_whole_has_euler_homogeneous_slopes():
+    """E, ρ and the force scaled together change nothing:  E ∂x⁺/∂E + ρ ∂x⁺/∂ρ + (∂x⁺/∂u) u = 0  (the null vector of §4.4)."""
+    for damping in DAMPINGS[:2]:
+        model = one_material(np.array([1e4, 1e4, 4e5]), damping)
+        theta = {"E": 2.0, "rho": 0.5}
+        step = modal_step(model, theta, 1e-3)
+        rng = np.random.default_rng(2)
+        x, u = rng.standard_normal(6), 1e5 * rng.standard_normal((3, 2))
+        slopes = parameter_slopes(model, step, x, u, NAMES)
+        forced = np.einsum("aju,ju->a", step.input, u)
+        total = slopes @ np.array([2.0, 0.5]) + forced
+        assert np.max(np.abs(total)) < 1e-10 * np.max(np.abs(slopes))
+
+
+@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
+def test_slopes_agree_with_central_differences_of_the_step(damping):
+    model = two_materials(11, damping)
+    theta, h = {"E": 1.1, "rho": 1.3}, 7e-3
+    rng = np.random.default_rng(3)
+    x, u = rng.standard_normal(8), rng.standard_normal((3, 2))
+
+    def after(values):
+        step = modal_step(model, values, h)
+        return step.transition @ x + np.einsum("aju,ju->a", step.input, u)
+
+    slopes = parameter_slopes(model, modal_step(model, theta, h), x, u, NAMES)
+    for i, name in enumerate(NAMES):
+        d = 1e-5
+        difference = (after({**theta, name: theta[name] + d}) - after({**theta, name: theta[name] - d})) / (2 * d)
+        np.testing.assert_allclose(slopes[:, i], difference, atol=1e-7 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize("omega", [1e-1, 1e7])
+@pytest.mark.parametrize("damping", DAMPINGS[:2], ids=IDS[:2])
+def test_slow_and_fast_modes_beside_one_another(omega, damping):
+    """ωh from 1e-5 (barely moving) to 1e3 (a static mode): slopes against the closed form of a lone undamped sine."""
+    model = one_material(np.array([omega**2, 4 * omega**2]), damping)
+    step = modal_step(model, model.reference, 1e-4)
+    assert np.isfinite(step.transition).all()
+    x = np.array([1.0, 0.0, 0.0, 0.0])
+    slopes = parameter_slopes(model, step, x, np.zeros((3, 2)), NAMES)
+    assert np.isfinite(slopes).all()
+    if damping.ratio == 0:
+        angle = omega * 1e-4
+        # A slow mode's slope (ωh)²/2 stands beside x = 1 with its rounding eps/(ωh).
+        rounding = 2e-16 / min(angle, 1.0)
+        np.testing.assert_allclose(slopes[0, 0], -0.5 * angle * np.sin(angle), rtol=1e-9, atol=rounding)
+        np.testing.assert_allclose(slopes[0, 1], 0.5 * angle * np.sin(angle), rtol=1e-9, atol=rounding)
+
+
+def test_a_batch_is_the_loop():
+    model = two_materials(5, DAMPINGS[1])
+    rng = np.random.default_rng(4)
+    E, rho = rng.uniform(0.5, 2, 6), rng.uniform(0.5, 2, 6)
+    x, u = rng.standard_normal((6, 8)), rng.standard_normal((6, 3, 2))
+    step = modal_step(model, {"E": E, "rho": rho}, 1e-3)
+    slopes = parameter_slopes(model, step, x, u, NAMES)
+    for i in range(6):
+        single = modal_step(model, {"E": E[i], "rho": rho[i]}, 1e-3)
+        np.testing.assert_allclose(step.transition[i], single.transition, atol=1e-9)
+        np.testing.assert_allclose(step.input[i], single.input, atol=1e-12)
+        alone = parameter_slopes(model, single, x[i], u[i], NAMES)
+        np.testing.assert_allclose(slopes[i], alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
+
+
+def test_no_parameter_gives_no_slope():
+    model = two_materials(6, DAMPINGS[1])
+    step = modal_step(model, model.reference, 1e-3)
+    assert parameter_slopes(model, step, np.ones(8), np.ones((3, 2)), ()).shape == (8, 0)
+
+
+def test_two_half_steps_are_one_step():
+    model, theta = two_materials(9, DAMPINGS[1]), {"E": 1.0, "rho": 1.0}
+    half, full = modal_step(model, theta, 2.5e-3).transition, modal_step(model, theta, 5e-3).transition
+    np.testing.assert_allclose(half @ half, full, atol=1e-10 * np.abs(full).max())
+
+
+@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
+def test_simulation_from_rest_is_what_an_ode_solver_finds(damping):
+    model, theta = two_materials(10, damping, n=3, omega=30.0), {"E": 1.1, "rho": 1.2}
+    A, B = system(model, theta)
+    steps, h = 20, 0.01
+    rng = np.random.default_rng(5)
+    u = rng.standard_normal((steps, 3, 2))
+    x = simulate(model, theta, u, h)
+    assert x.shape == (steps + 1, 6)
+    np.testing.assert_array_equal(x[0], 0.0)
+    state = np.zeros(6)
+    for k in range(steps):
+        def rate(t, y, k=k):
+            s = t / h
+            return A @ y + B @ (u[k, 0] + u[k, 1] * s + u[k, 2] * s * s)
+
+        state = solve_ivp(rate, (0, h), state, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+        np.testing.assert_allclose(x[k + 1], state, atol=1e-10)

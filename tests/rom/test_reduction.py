@@ -1,0 +1,289 @@
+"""The reduced model is the full one at the reference, and close to it over the whole box of parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import cholesky, eigh, svdvals
+
+from strainsight.errors import InfeasibleError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import FiniteElementModel, PointLoad, build_model, input_shape
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.rom import reduction as module
+from strainsight.rom.model import Damping, modal_basis
+from strainsight.rom.reduction import (
+    energy_orthonormal,
+    held_out_errors,
+    held_out_samples,
+    modal_model,
+    parameter_samples,
+    reduce_model,
+)
+
+DAMPING = Damping("modal", ratio=0.01)
+STEEL, ALLOY = Material(1, 2.1e11, 0.3, 7850.0), Material(2, 7.0e10, 0.33, 2700.0)
+TWO = (
+    Parameter("E1", "youngs_modulus", (1,), 2.1e11),
+    Parameter("E2", "youngs_modulus", (2,), 7.0e10),
+    Parameter("rho2", "density", (2,), 2700.0),
+)
+TWO_REFERENCE = {p.name: p.reference for p in TWO}
+TWO_RANGES = {"E1": (1.4e11, 2.8e11), "E2": (4e10, 1.2e11), "rho2": (1800.0, 4000.0)}
+ONE = (Parameter("E", "youngs_modulus", (1, 2), 2.1e11),)
+
+
+def beam(length: float = 1.0, materials: tuple[Material, Material] = (STEEL, ALLOY)) -> Mesh:
+    """A cantilever of 8 × 2 × 2 hexahedra, 10:1:0.8, region 1 the first half, clamped at x = 0."""
+    nx, ny, nz = 8, 2, 2
+    grid = np.stack(np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), np.arange(nz + 1), indexing="ij"), axis=-1)
+    position = grid.reshape(-1, 3) * np.array([length / nx, 0.1 * length / ny, 0.08 * length / nz])
+    number = np.arange(len(position)).reshape(nx + 1, ny + 1, nz + 1)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    cells = np.stack([number[i : nx + i, j : ny + j, k : nz + k] for i, j, k in corners], axis=-1)
+    region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
+    block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
+    root = np.flatnonzero(position[:, 0] == 0)
+    fixed = np.array([(node, c) for node in root for c in range(3)])
+    first, second = materials
+    return Mesh(
+        node_ids=np.arange(1, len(position) + 1),
+        position=position,
+        blocks=(block,),
+        regions={1: Region(1, "root", first.id), 2: Region(2, "tip", second.id)},
+        materials={m.id: m for m in materials},
+        fixed=fixed,
+        node_sets={"tip": np.flatnonzero(position[:, 0] == length) + 1},
+    )
+
+
+LOADS = (PointLoad("Fz", (0, 0, 1), node_set="tip"), PointLoad("Fy", (0, 1, 0), node_id=45))
+
+
+@pytest.fixture(scope="module")
+def two() -> tuple[FiniteElementModel, np.ndarray]:
+    full = build_model(beam(), TWO)
+    return full, input_shape(full, LOADS)
+
+
+@pytest.fixture(scope="module")
+def one() -> tuple[FiniteElementModel, np.ndarray]:
+    full = build_model(beam(materials=(STEEL, STEEL)), ONE)
+    return full, input_shape(full, LOADS)
+
+
+def reduce_two(two, *, samples=6, tolerance=1e-8, modes=8):
+    full, S = two
+    return reduce_model(full, S, ("Fz", "Fy"), TWO_REFERENCE, TWO_RANGES, modes, samples, tolerance, DAMPING)
+
+
+def frequencies(full: FiniteElementModel, theta, count: int) -> np.ndarray:
+    """Dense LAPACK on the full matrices."""
+    lam = eigh(full.stiffness.at(theta).toarray(), full.mass.at(theta).toarray(), eigvals_only=True)
+    return np.sqrt(lam[:count]) / (2 * np.pi)
+
+
+def test_the_coordinates_are_modal_at_the_reference(two):
+    model = reduce_two(two).model
+    n = model.size
+    K = model.stiffness.at(TWO_REFERENCE)
+    lam = np.diag(K)
+    np.testing.assert_allclose(model.mass.at(TWO_REFERENCE), np.eye(n), atol=1e-11)
+    root = np.sqrt(lam)
+    np.testing.assert_allclose(K / np.outer(root, root), np.eye(n), atol=1e-9)
+    assert np.all(np.diff(lam) > 0)
+
+
+def test_the_reduced_frequencies_are_the_full_ones_at_the_reference(two):
+    full, _ = two
+    reduced = reduce_two(two)
+    lam, _ = modal_basis(reduced.model, TWO_REFERENCE)
+    exact = frequencies(full, TWO_REFERENCE, 8)
+    np.testing.assert_allclose(np.sqrt(lam[:8]) / (2 * np.pi), exact, rtol=1e-9)
+    np.testing.assert_allclose(reduced.frequency, exact, rtol=1e-9)
+
+
+def test_operators_and_loads_are_galerkin_projections_at_any_parameter(two):
+    full, S = two
+    reduced = reduce_two(two)
+    theta = {"E1": 1.7e11, "E2": 1.0e11, "rho2": 3500.0}
+    Psi = reduced.basis
+    for small, large in ((reduced.model.stiffness, full.stiffness), (reduced.model.mass, full.mass)):
+        exact = Psi.T @ (large.at(theta) @ Psi)
+        scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+        np.testing.assert_allclose(small.at(theta) / scale, exact / scale, atol=1e-9)
+    np.testing.assert_array_equal(reduced.model.input_shape, Psi.T @ S)
+
+
+def test_the_static_response_at_the_reference_is_exact_and_so_is_its_strain(two):
+    full, S = two
+    for tolerance in (1e-8, 10.0):
+        reduced = reduce_two(two, tolerance=tolerance)
+        model = reduced.model
+        z = np.linalg.solve(full.stiffness.at(TWO_REFERENCE).toarray(), S)
+        q = np.linalg.solve(model.stiffness.at(TWO_REFERENCE), model.input_shape)
+        np.testing.assert_allclose(reduced.basis @ q, z, atol=1e-9 * np.abs(z).max())
+
+
+def test_held_out_errors_are_small_and_shrink_with_samples_of_the_box(two):
+    full, S = two
+    points = held_out_samples(TWO_REFERENCE, TWO_RANGES, 5)
+    errors = {k: held_out_errors(full, S, reduce_two(two, samples=k), points) for k in (1, 3, 9)}
+    worst = {k: (np.abs(e.frequency).max(), e.static.max()) for k, e in errors.items()}
+    assert worst[9][0] < 1e-5
+    assert worst[9][1] < 1e-4
+    for i in range(2):
+        assert worst[1][i] > worst[3][i] > worst[9][i]
+
+
+def test_reduced_frequencies_lie_above_the_full_ones(two):
+    """Rayleigh-Ritz: a subspace can only stiffen."""
+    full, S = two
+    reduced = reduce_two(two, samples=2)
+    errors = held_out_errors(full, S, reduced, held_out_samples(TWO_REFERENCE, TWO_RANGES, 4))
+    assert errors.frequency.min() > -1e-9
+
+
+def test_held_out_errors_are_what_dense_algebra_says(two):
+    full, S = two
+    reduced = reduce_two(two, samples=2)
+    theta = {"E1": 1.5e11, "E2": 1.1e11, "rho2": 2000.0}
+    errors = held_out_errors(full, S, reduced, [theta])
+    lam = eigh(reduced.model.stiffness.at(theta), reduced.model.mass.at(theta), eigvals_only=True)
+    expected = np.sqrt(lam[:8]) / (2 * np.pi) / frequencies(full, theta, 8) - 1
+    np.testing.assert_allclose(errors.frequency[0], expected, atol=1e-9)
+    # Galerkin: the energy of the error is the difference of the compliances.
+    compliance = np.diag(S.T @ np.linalg.solve(full.stiffness.at(theta).toarray(), S))
+    S_r = reduced.model.input_shape
+    missed = 1 - np.diag(S_r.T @ np.linalg.solve(reduced.model.stiffness.at(theta), S_r)) / compliance
+    np.testing.assert_allclose(errors.static[0] ** 2, missed, rtol=1e-5)
+
+
+def test_a_looser_tolerance_gives_a_smaller_basis_and_never_less_than_the_reference(two):
+    sizes = [reduce_two(two, tolerance=t).model.size for t in (1e-12, 1e-8, 1e-4, 1e-2, 10.0)]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] > sizes[-2] > sizes[-1] == 8 + 2
+
+
+def test_at_a_sampled_point_the_static_response_is_held_to_the_tolerance(two):
+    full, S = two
+    for tolerance in (1e-3, 1e-6):
+        reduced = reduce_two(two, tolerance=tolerance, samples=4)
+        dropped = np.count_nonzero(reduced.singular_value <= tolerance)
+        errors = held_out_errors(full, S, reduced, reduced.samples[1:])
+        # The energy norms of K(θ) and K(θ₀) differ by at most the spread of the moduli in the box.
+        assert errors.static.max() <= 2 * tolerance * np.sqrt(dropped)
+
+
+def test_one_material_scaled_as_a_whole_needs_only_the_reference(one):
+    full, S = one
+    reduced = reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 5, 1e-8, DAMPING)
+    assert reduced.model.size == 8 + 2
+    assert len(reduced.samples) == 1
+    errors = held_out_errors(full, S, reduced, [{"E": 1e11}, {"E": 2.9e11}])
+    assert np.abs(errors.frequency).max() < 1e-9
+    assert errors.static.max() < 1e-9
+
+
+def test_sampling_one_material_anyway_leaves_the_basis_unchanged(one, monkeypatch):
+    monkeypatch.setattr(module, "_only_scales", lambda full: False)
+    full, S = one
+    reduced = reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 5, 1e-8, DAMPING)
+    assert len(reduced.samples) == 5
+    assert reduced.model.size == 8 + 2
+    assert np.all(reduced.singular_value < 1e-8)
+
+
+def test_a_load_given_twice_adds_nothing(one):
+    full, S = one
+    twice = np.hstack([S, S[:, :1]])
+    reduced = reduce_model(full, twice, ("Fz", "Fy", "again"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 1, 1e-8, DAMPING)
+    assert reduced.model.size == 8 + 2
+    np.testing.assert_array_equal(reduced.model.input_shape[:, 0], reduced.model.input_shape[:, 2])
+
+
+@pytest.mark.parametrize("length", [1e-3, 1e3])
+def test_size_does_not_matter(length):
+    """Lengths × L at the same materials: frequencies / L; a micro-beam and a mountain reduce alike."""
+    plain = build_model(beam(), TWO)
+    scaled = build_model(beam(length), TWO)
+    a = reduce_two((plain, input_shape(plain, LOADS)))
+    b = reduce_two((scaled, input_shape(scaled, LOADS)))
+    assert a.model.size == b.model.size
+    np.testing.assert_allclose(b.frequency * length, a.frequency, rtol=1e-8)
+    np.testing.assert_allclose(b.singular_value[:5], a.singular_value[:5], rtol=1e-6)
+
+
+def test_the_largest_component_of_every_basis_vector_is_positive(two):
+    basis = reduce_two(two).basis
+    largest = basis[np.argmax(np.abs(basis), axis=0), np.arange(basis.shape[1])]
+    assert np.all((largest > 0) | np.isclose(-largest, basis.max(axis=0), rtol=1e-5))
+
+
+def test_a_modal_model_holds_the_modes_and_static_responses_of_one_point(two):
+    full, S = two
+    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
+    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, 30, DAMPING.scaled(1.5))
+    assert model.size == 32
+    assert model.parameters == ()
+    assert model.damping.ratio == pytest.approx(0.015)
+    lam, _ = modal_basis(model, {})
+    np.testing.assert_allclose(np.sqrt(lam[:30]) / (2 * np.pi), frequencies(full, theta, 30), rtol=1e-8)
+    z = np.linalg.solve(full.stiffness.at(theta).toarray(), S)
+    q = np.linalg.solve(model.stiffness.at({}), model.input_shape)
+    np.testing.assert_allclose(basis @ q, z, atol=1e-9 * np.abs(z).max())
+
+
+def test_energy_singular_values_are_those_of_the_cholesky_factor_times_the_snapshots():
+    """Oracle: K = LLᵀ, so the energy SVD of X is the plain SVD of LᵀX; values far below √eps keep their digits."""
+    rng = np.random.default_rng(0)
+    G = rng.standard_normal((40, 40))
+    K = G @ G.T + np.eye(40)
+    X = rng.standard_normal((40, 6)) @ np.diag(10.0 ** -np.arange(0, 12, 2)) @ np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    Q, R = energy_orthonormal(K, X)
+    np.testing.assert_allclose(Q.T @ K @ Q, np.eye(Q.shape[1]), atol=1e-12)
+    L = cholesky(K, lower=True)
+    unit = L.T @ X / np.linalg.norm(L.T @ X, axis=0)
+    np.testing.assert_allclose(svdvals(R)[:5], svdvals(unit)[:5], rtol=1e-5)
+
+
+def test_vectors_are_made_orthogonal_to_what_is_there_already():
+    rng = np.random.default_rng(1)
+    G = rng.standard_normal((20, 20))
+    K = G @ G.T + np.eye(20)
+    held, _ = energy_orthonormal(K, rng.standard_normal((20, 4)))
+    X = np.hstack([held @ rng.standard_normal((4, 2)), rng.standard_normal((20, 2)), np.zeros((20, 1))])
+    Q, R = energy_orthonormal(K, X, against=held)
+    assert Q.shape == (20, 2)
+    assert R.shape == (2, 5)
+    np.testing.assert_allclose(held.T @ K @ Q, 0.0, atol=1e-13)
+
+
+def test_samples_start_at_the_reference_and_reach_both_ends_of_every_range_once():
+    points = parameter_samples(TWO_REFERENCE, TWO_RANGES, 6)
+    assert points[0] == TWO_REFERENCE
+    assert len(points) == 6
+    for name, (low, high) in TWO_RANGES.items():
+        values = np.sort([p[name] for p in points[1:]])
+        np.testing.assert_allclose(values, np.geomspace(low, high, 5), rtol=1e-12)
+    assert points == parameter_samples(TWO_REFERENCE, TWO_RANGES, 6)
+
+
+def test_held_out_points_are_none_of_the_samples():
+    seen = parameter_samples(TWO_REFERENCE, TWO_RANGES, 6)
+    for point in held_out_samples(TWO_REFERENCE, TWO_RANGES, 4):
+        for name in TWO_RANGES:
+            assert min(abs(point[name] / other[name] - 1) for other in seen[1:]) > 1e-3
+            assert TWO_RANGES[name][0] < point[name] < TWO_RANGES[name][1]
+
+
+@pytest.mark.parametrize("ranges", [{}, {"E": (0.0, 1.0)}, {"E": (2.0, 1.0)}, {"E": (1.0, np.inf)}])
+def test_a_missing_or_impossible_range_is_refused(ranges):
+    with pytest.raises(InfeasibleError, match="parameter E"):
+        parameter_samples({"E": 1.0}, ranges, 3)
+
+
+def test_no_sample_at_all_is_refused(one):
+    full, S = one
+    with pytest.raises(InfeasibleError, match="0 parameter samples"):
+        reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 0, 1e-8, DAMPING)
