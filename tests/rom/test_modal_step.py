@@ -145,7 +145,7 @@ def test_one_material_scaled_as_a_whole_only_stretches_time(damping):
 
 
 def test_one_material_scaled_as_a_whole_has_euler_homogeneous_slopes():
-    """E, ρ and the force scaled together change nothing:  E ∂x⁺/∂E + ρ ∂x⁺/∂ρ + (∂x⁺/∂u) u = 0  (the null vector of §4.4)."""
+    """E, ρ and the force scaled together change nothing:  E ∂x⁺/∂E + ρ ∂x⁺/∂ρ + (∂x⁺/∂u) u = 0."""
     for damping in DAMPINGS[:2]:
         model = one_material(np.array([1e4, 1e4, 4e5]), damping)
         theta = {"E": 2.0, "rho": 0.5}
@@ -233,6 +233,7 @@ def test_simulation_from_rest_is_what_an_ode_solver_finds(damping):
     np.testing.assert_array_equal(x[0], 0.0)
     state = np.zeros(6)
     for k in range(steps):
+
         def rate(t, y, k=k):
             s = t / h
             return A @ y + B @ (u[k, 0] + u[k, 1] * s + u[k, 2] * s * s)

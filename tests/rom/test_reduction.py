@@ -72,9 +72,15 @@ def one() -> tuple[FiniteElementModel, np.ndarray]:
     return full, input_shape(full, LOADS)
 
 
-def reduce_two(two, *, samples=6, tolerance=1e-8, modes=8):
+def reduce_two(two, samples=4, tolerance=1e-8):
     full, S = two
-    return reduce_model(full, S, ("Fz", "Fy"), TWO_REFERENCE, TWO_RANGES, modes, samples, tolerance, DAMPING)
+    return reduce_model(full, S, ("Fz", "Fy"), TWO_REFERENCE, TWO_RANGES, 8, samples, tolerance, DAMPING)
+
+
+@pytest.fixture(scope="module")
+def reduced(two):
+    """The same reduction serves several statements."""
+    return reduce_two(two)
 
 
 def frequencies(full: FiniteElementModel, theta, count: int) -> np.ndarray:
@@ -83,8 +89,8 @@ def frequencies(full: FiniteElementModel, theta, count: int) -> np.ndarray:
     return np.sqrt(lam[:count]) / (2 * np.pi)
 
 
-def test_the_coordinates_are_modal_at_the_reference(two):
-    model = reduce_two(two).model
+def test_the_coordinates_are_modal_at_the_reference(reduced):
+    model = reduced.model
     n = model.size
     K = model.stiffness.at(TWO_REFERENCE)
     lam = np.diag(K)
@@ -94,18 +100,16 @@ def test_the_coordinates_are_modal_at_the_reference(two):
     assert np.all(np.diff(lam) > 0)
 
 
-def test_the_reduced_frequencies_are_the_full_ones_at_the_reference(two):
+def test_the_reduced_frequencies_are_the_full_ones_at_the_reference(two, reduced):
     full, _ = two
-    reduced = reduce_two(two)
     lam, _ = modal_basis(reduced.model, TWO_REFERENCE)
     exact = frequencies(full, TWO_REFERENCE, 8)
     np.testing.assert_allclose(np.sqrt(lam[:8]) / (2 * np.pi), exact, rtol=1e-9)
     np.testing.assert_allclose(reduced.frequency, exact, rtol=1e-9)
 
 
-def test_operators_and_loads_are_galerkin_projections_at_any_parameter(two):
+def test_operators_and_loads_are_galerkin_projections_at_any_parameter(two, reduced):
     full, S = two
-    reduced = reduce_two(two)
     theta = {"E1": 1.7e11, "E2": 1.0e11, "rho2": 3500.0}
     Psi = reduced.basis
     for small, large in ((reduced.model.stiffness, full.stiffness), (reduced.model.mass, full.mass)):
@@ -115,38 +119,35 @@ def test_operators_and_loads_are_galerkin_projections_at_any_parameter(two):
     np.testing.assert_array_equal(reduced.model.input_shape, Psi.T @ S)
 
 
-def test_the_static_response_at_the_reference_is_exact_and_so_is_its_strain(two):
+def test_the_static_response_at_the_reference_is_exact_and_so_is_its_strain(two, reduced):
     full, S = two
-    for tolerance in (1e-8, 10.0):
-        reduced = reduce_two(two, tolerance=tolerance)
-        model = reduced.model
-        z = np.linalg.solve(full.stiffness.at(TWO_REFERENCE).toarray(), S)
-        q = np.linalg.solve(model.stiffness.at(TWO_REFERENCE), model.input_shape)
-        np.testing.assert_allclose(reduced.basis @ q, z, atol=1e-9 * np.abs(z).max())
+    z = np.linalg.solve(full.stiffness.at(TWO_REFERENCE).toarray(), S)
+    for one_of in (reduced, reduce_two(two, samples=2, tolerance=10.0)):
+        q = np.linalg.solve(one_of.model.stiffness.at(TWO_REFERENCE), one_of.model.input_shape)
+        np.testing.assert_allclose(one_of.basis @ q, z, atol=1e-9 * np.abs(z).max())
 
 
 def test_held_out_errors_are_small_and_shrink_with_samples_of_the_box(two):
     full, S = two
-    points = held_out_samples(TWO_REFERENCE, TWO_RANGES, 5)
-    errors = {k: held_out_errors(full, S, reduce_two(two, samples=k), points) for k in (1, 3, 9)}
+    points = held_out_samples(TWO_REFERENCE, TWO_RANGES, 3)
+    errors = {k: held_out_errors(full, S, reduce_two(two, samples=k), points) for k in (1, 3, 6)}
     worst = {k: (np.abs(e.frequency).max(), e.static.max()) for k, e in errors.items()}
-    assert worst[9][0] < 1e-5
-    assert worst[9][1] < 1e-4
+    assert worst[6][0] < 1e-7
+    assert worst[6][1] < 1e-7
     for i in range(2):
-        assert worst[1][i] > worst[3][i] > worst[9][i]
+        assert worst[1][i] > worst[3][i] > worst[6][i]
 
 
 def test_reduced_frequencies_lie_above_the_full_ones(two):
     """Rayleigh-Ritz: a subspace can only stiffen."""
     full, S = two
-    reduced = reduce_two(two, samples=2)
-    errors = held_out_errors(full, S, reduced, held_out_samples(TWO_REFERENCE, TWO_RANGES, 4))
+    errors = held_out_errors(full, S, reduce_two(two, samples=1), held_out_samples(TWO_REFERENCE, TWO_RANGES, 2))
     assert errors.frequency.min() > -1e-9
 
 
 def test_held_out_errors_are_what_dense_algebra_says(two):
     full, S = two
-    reduced = reduce_two(two, samples=2)
+    reduced = reduce_two(two, samples=1)
     theta = {"E1": 1.5e11, "E2": 1.1e11, "rho2": 2000.0}
     errors = held_out_errors(full, S, reduced, [theta])
     lam = eigh(reduced.model.stiffness.at(theta), reduced.model.mass.at(theta), eigvals_only=True)
@@ -160,15 +161,14 @@ def test_held_out_errors_are_what_dense_algebra_says(two):
 
 
 def test_a_looser_tolerance_gives_a_smaller_basis_and_never_less_than_the_reference(two):
-    sizes = [reduce_two(two, tolerance=t).model.size for t in (1e-12, 1e-8, 1e-4, 1e-2, 10.0)]
-    assert sizes == sorted(sizes, reverse=True)
-    assert sizes[0] > sizes[-2] > sizes[-1] == 8 + 2
+    sizes = [reduce_two(two, 3, t).model.size for t in (1e-12, 1e-4, 1e-2, 10.0)]
+    assert sizes[0] >= sizes[1] > sizes[2] > sizes[3] == 8 + 2
 
 
 def test_at_a_sampled_point_the_static_response_is_held_to_the_tolerance(two):
     full, S = two
     for tolerance in (1e-3, 1e-6):
-        reduced = reduce_two(two, tolerance=tolerance, samples=4)
+        reduced = reduce_two(two, 4, tolerance)
         dropped = np.count_nonzero(reduced.singular_value <= tolerance)
         errors = held_out_errors(full, S, reduced, reduced.samples[1:])
         # The energy norms of K(θ) and K(θ₀) differ by at most the spread of the moduli in the box.
@@ -188,8 +188,8 @@ def test_one_material_scaled_as_a_whole_needs_only_the_reference(one):
 def test_sampling_one_material_anyway_leaves_the_basis_unchanged(one, monkeypatch):
     monkeypatch.setattr(module, "_only_scales", lambda full: False)
     full, S = one
-    reduced = reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 5, 1e-8, DAMPING)
-    assert len(reduced.samples) == 5
+    reduced = reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 3, 1e-8, DAMPING)
+    assert len(reduced.samples) == 3
     assert reduced.model.size == 8 + 2
     assert np.all(reduced.singular_value < 1e-8)
 
@@ -207,15 +207,15 @@ def test_size_does_not_matter(length):
     """Lengths × L at the same materials: frequencies / L; a micro-beam and a mountain reduce alike."""
     plain = build_model(beam(), TWO)
     scaled = build_model(beam(length), TWO)
-    a = reduce_two((plain, input_shape(plain, LOADS)))
-    b = reduce_two((scaled, input_shape(scaled, LOADS)))
+    a = reduce_two((plain, input_shape(plain, LOADS)), 2)
+    b = reduce_two((scaled, input_shape(scaled, LOADS)), 2)
     assert a.model.size == b.model.size
     np.testing.assert_allclose(b.frequency * length, a.frequency, rtol=1e-8)
     np.testing.assert_allclose(b.singular_value[:5], a.singular_value[:5], rtol=1e-6)
 
 
-def test_the_largest_component_of_every_basis_vector_is_positive(two):
-    basis = reduce_two(two).basis
+def test_the_largest_component_of_every_basis_vector_is_positive(reduced):
+    basis = reduced.basis
     largest = basis[np.argmax(np.abs(basis), axis=0), np.arange(basis.shape[1])]
     assert np.all((largest > 0) | np.isclose(-largest, basis.max(axis=0), rtol=1e-5))
 
@@ -239,7 +239,8 @@ def test_energy_singular_values_are_those_of_the_cholesky_factor_times_the_snaps
     rng = np.random.default_rng(0)
     G = rng.standard_normal((40, 40))
     K = G @ G.T + np.eye(40)
-    X = rng.standard_normal((40, 6)) @ np.diag(10.0 ** -np.arange(0, 12, 2)) @ np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    mixing = np.diag(10.0 ** -np.arange(0.0, 12, 2)) @ np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    X = rng.standard_normal((40, 6)) @ mixing
     Q, R = energy_orthonormal(K, X)
     np.testing.assert_allclose(Q.T @ K @ Q, np.eye(Q.shape[1]), atol=1e-12)
     L = cholesky(K, lower=True)

@@ -1,0 +1,257 @@
+"""The reduction basis Ψ (5.2) over a box of parameters, and what it leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh, svd
+from scipy.stats import qmc
+
+from strainsight.errors import InfeasibleError
+from strainsight.fem.affine import AffineOperator
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.modes import modes as lowest_modes
+from strainsight.rom.model import Damping, ReducedModel, modal_basis
+
+DEPENDENT = 1e-10
+"""A vector of unit energy whose part outside a basis is below this lies in it: the rest is rounding of the solver."""
+
+GOLDEN = (3 - 5**0.5) / 2
+
+Theta = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """z_free ≈ Ψ q (5.2).
+
+    model (5.3); basis Ψ (n_free, r) [1/√kg]; frequency (modes,) [Hz] of the full model at the reference; samples the
+    points of the parameter box, the reference first; singular_value (s,) [-] of the part of the other samples'
+    snapshots (each of unit energy) that the reference's modes and static responses do not hold: those above the
+    tolerance are in Ψ.
+    """
+
+    model: ReducedModel
+    basis: np.ndarray
+    frequency: np.ndarray
+    samples: tuple[dict[str, float], ...]
+    singular_value: np.ndarray
+
+
+@dataclass(frozen=True)
+class HeldOutErrors:
+    """Errors at parameter values that the basis has not seen: theta (p points), frequency (p, modes) relative [-],
+    static (p, n_u) [-]: ‖z − Ψq‖_K / ‖z‖_K of the static response to each input, the relative error of its strain."""
+
+    theta: tuple[dict[str, float], ...]
+    frequency: np.ndarray
+    static: np.ndarray
+
+
+def reduce_model(
+    full: FiniteElementModel,
+    S: np.ndarray,
+    inputs: Sequence[str],
+    reference: Theta,
+    ranges: Mapping[str, tuple[float, float]],
+    modes: int,
+    samples: int,
+    tolerance: float,
+    damping: Damping,
+) -> Reduction:
+    """Modes and static responses over the parameter box, compressed in the energy inner product ⟨a, b⟩ = aᵀK(θ₀)b:
+
+        span Ψ = span{Φ(θ₀), K(θ₀)⁻¹S} ⊕ {left singular vectors, σ > tolerance, of the rest of [Φ(θ_s), K(θ_s)⁻¹S]}
+        ΨᵀM(θ₀)Ψ = I,   ΨᵀK(θ₀)Ψ = Λ
+
+    S (n_free, n_u) [-] input shapes; inputs their names; reference θ₀ and ranges name → (low, high) [SI]; modes per
+    sample; samples of the box, the reference among them; tolerance [-] beside snapshots of unit energy: every
+    snapshot is then held to tolerance·√(number dropped) in the energy norm. The reference is never truncated, so its
+    reduced frequencies are the full ones. Where one material is scaled as a whole the snapshots do not change with θ
+    and the reference is sampled alone.
+    Raises InfeasibleError for a range that is missing or not positive, and the errors of `modes` and `factorise`.
+    Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
+    """
+    if samples < 1:
+        raise InfeasibleError(f"{samples} parameter samples", remedy="take at least 1, the reference")
+    points = parameter_samples(reference, ranges, 1 if _only_scales(full) else samples)
+    K = full.stiffness.at(reference)
+    frequency, snapshots = _snapshots(full, S, points[0], modes)
+    V, _ = energy_orthonormal(K, snapshots)
+    rest = [_snapshots(full, S, theta, modes)[1] for theta in points[1:]]
+    sigma = np.zeros(0)
+    if rest:
+        V, sigma = _compress(K, V, np.hstack(rest), tolerance)
+    model, basis = _modal_coordinates(full, V, S, inputs, reference, damping)
+    return Reduction(model, basis, frequency, points, sigma)
+
+
+def modal_model(
+    full: FiniteElementModel, S: np.ndarray, inputs: Sequence[str], theta: Theta, modes: int, damping: Damping
+) -> tuple[ReducedModel, np.ndarray]:
+    """Modes and static responses at one θ alone: a truth with constant operators (M = I, K = Λ) and no parameters.
+
+    Arguments as in `reduce_model`. Returns the model and Ψ (n_free, r) [1/√kg].
+    """
+    frozen = FiniteElementModel(
+        full.mesh,
+        full.constraint,
+        AffineOperator(full.stiffness.at(theta), {}),
+        AffineOperator(full.mass.at(theta), {}),
+    )
+    reduction = reduce_model(frozen, S, inputs, {}, {}, modes, 1, 1.0, damping)
+    return reduction.model, reduction.basis
+
+
+def held_out_errors(
+    full: FiniteElementModel, S: np.ndarray, reduction: Reduction, thetas: Sequence[Theta]
+) -> HeldOutErrors:
+    """What the reduced model misses at `thetas`: relative frequencies, and static responses in the energy norm of K(θ).
+
+    S as given to `reduce_model`. A static error ε is a relative error ε of the strain in the mean over the structure.
+    """
+    model, Psi, count = reduction.model, reduction.basis, len(reduction.frequency)
+    frequency, static = np.zeros((len(thetas), count)), np.zeros((len(thetas), S.shape[1]))
+    for i, theta in enumerate(thetas):
+        K = full.stiffness.at(theta)
+        factor = factorise(K)
+        exact, _ = lowest_modes(K, full.mass.at(theta), count, factor=factor)
+        lam, _ = modal_basis(model, theta)
+        frequency[i] = np.sqrt(lam[:count]) / (2 * np.pi) / exact - 1
+        z = factor.solve(S)
+        error = z - Psi @ np.linalg.solve(model.stiffness.at(theta), model.input_shape)
+        static[i] = _energy_norm(K, error) / _energy_norm(K, z)
+    return HeldOutErrors(tuple(dict(theta) for theta in thetas), frequency, static)
+
+
+def parameter_samples(
+    reference: Theta, ranges: Mapping[str, tuple[float, float]], samples: int
+) -> tuple[dict[str, float], ...]:
+    """The reference, then samples − 1 points of a Latin hypercube in log θ that reaches both ends of every range.
+
+    reference and ranges [SI]; the columns are ordered by the ranks of a Halton sequence, so nothing is random.
+    Raises InfeasibleError for a range that is missing or not 0 < low ≤ high.
+    """
+    if not reference:
+        return ({},)
+    count = samples - 1
+    return (dict(reference), *_latin(reference, ranges, np.linspace(0, 1, count) if count > 1 else np.zeros(count)))
+
+
+def held_out_samples(
+    reference: Theta, ranges: Mapping[str, tuple[float, float]], count: int
+) -> tuple[dict[str, float], ...]:
+    """A Latin hypercube at the golden section of `count` equal parts of log θ, so never on a level of the samples.
+
+    Arguments and errors as in `parameter_samples`.
+    """
+    return _latin(reference, ranges, (np.arange(count) + GOLDEN) / count) if reference else ({},)
+
+
+def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Gram-Schmidt, twice, in the energy inner product:  X = Q₀C + Q R,  QᵀKQ = I,  Q₀ᵀKQ = 0.
+
+    K (n, n) symmetric positive definite; X (n, k), scaled to unit energy here; against Q₀ (n, r) with Q₀ᵀKQ₀ = I.
+    Returns Q (n, rank) and R (rank, k) of the unit-energy columns; dependent columns (below 1e-10) add no vector.
+    Source: Giraud, Langou and Rozložník, Numerische Mathematik 101 (2005): twice is enough.
+    """
+    norm = _energy_norm(K, X)
+    X = X / np.where(norm > 0, norm, 1.0)
+    start = 0 if against is None else against.shape[1]
+    Q = np.zeros((X.shape[0], start + X.shape[1]))
+    if against is not None:
+        Q[:, :start] = against
+    KQ = K @ Q
+    R = np.zeros((Q.shape[1], X.shape[1]))
+    rank = start
+    for j in range(X.shape[1]):
+        w = X[:, j].copy()
+        for _ in range(2):
+            share = KQ[:, :rank].T @ w
+            w -= Q[:, :rank] @ share
+            R[:rank, j] += share
+        left = float(_energy_norm(K, w[:, None])[0])
+        if left > DEPENDENT:
+            Q[:, rank] = w / left
+            KQ[:, rank] = K @ Q[:, rank]
+            R[rank, j] = left
+            rank += 1
+    return Q[:, start:rank], R[start:rank]
+
+
+def _snapshots(full: FiniteElementModel, S: np.ndarray, theta: Theta, modes: int) -> tuple[np.ndarray, np.ndarray]:
+    K = full.stiffness.at(theta)
+    factor = factorise(K)
+    frequency, shapes = lowest_modes(K, full.mass.at(theta), modes, factor=factor)
+    return frequency, np.hstack([shapes, factor.solve(S)])
+
+
+def _compress(K: Any, V: np.ndarray, X: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    # The SVD of R, not of a Gram matrix: singular values keep their digits below √eps.
+    Q, R = energy_orthonormal(K, X, against=V)
+    U, sigma, _ = svd(R, full_matrices=False)
+    return np.hstack([V, Q @ U[:, sigma > tolerance]]), sigma
+
+
+def _modal_coordinates(
+    full: FiniteElementModel, V: np.ndarray, S: np.ndarray, inputs: Sequence[str], reference: Theta, damping: Damping
+) -> tuple[ReducedModel, np.ndarray]:
+    stiffness, mass, basis = full.stiffness.project(V), full.mass.project(V), V
+    # Twice: the first pass brings M near I, whatever the spread of the frequencies; the second has no digit to lose.
+    for first in (True, False):
+        K, M = stiffness.at(reference), mass.at(reference)
+        if first:
+            inverse, Y = eigh(M, K)
+            if inverse[0] <= 0:
+                raise InfeasibleError(
+                    f"a static response moves no mass (m/k = {inverse[0]:.1e} s²)", remedy="give every region a density"
+                )
+            Y = Y[:, ::-1] / np.sqrt(inverse[::-1])
+        else:
+            _, Y = eigh(K, M)
+        basis = basis @ Y
+        sign = _sign_of_largest(basis)
+        stiffness, mass, basis = stiffness.project(Y * sign), mass.project(Y * sign), basis * sign
+    return ReducedModel(mass, stiffness, basis.T @ S, tuple(inputs), dict(reference), damping), basis
+
+
+def _sign_of_largest(X: np.ndarray) -> np.ndarray:
+    # The first component within 1e-6 of the largest: rounding cannot flip a symmetric shape.
+    size = np.abs(X)
+    first = np.argmax(size >= (1 - 1e-6) * size.max(axis=0), axis=0)
+    return np.sign(X[first, np.arange(X.shape[1])])
+
+
+def _only_scales(full: FiniteElementModel) -> bool:
+    """K(θ) and M(θ) each a number times one matrix: modes and static responses keep their shapes over the whole box."""
+
+    def one_matrix(X: AffineOperator) -> bool:
+        return not X.terms or (len(X.terms) == 1 and abs(X.constant).sum() == 0)
+
+    return one_matrix(full.stiffness) and one_matrix(full.mass)
+
+
+def _latin(
+    reference: Theta, ranges: Mapping[str, tuple[float, float]], levels: np.ndarray
+) -> tuple[dict[str, float], ...]:
+    if not len(levels):
+        return ()
+    order = np.argsort(qmc.Halton(len(reference), scramble=False).random(len(levels) + 1)[1:], axis=0).argsort(axis=0)
+    columns = {}
+    for i, name in enumerate(reference):
+        if name not in ranges:
+            raise InfeasibleError(f"parameter {name} has no range", remedy="give it one")
+        low, high = ranges[name]
+        if not 0 < low <= high < np.inf:
+            raise InfeasibleError(f"parameter {name} ranges from {low:g} to {high:g}", remedy="give 0 < low <= high")
+        columns[name] = low * (high / low) ** levels[order[:, i]]
+    return tuple({name: float(column[k]) for name, column in columns.items()} for k in range(len(levels)))
+
+
+def _energy_norm(K: Any, X: np.ndarray) -> np.ndarray:
+    """√(xᵀKx) of every column (k,)."""
+    return np.sqrt(np.maximum(np.einsum("ij,ij->j", X, K @ X), 0.0))
