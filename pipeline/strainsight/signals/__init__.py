@@ -1,0 +1,1 @@
+"""Load and training histories, and how a time step holds them."""

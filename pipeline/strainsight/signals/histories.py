@@ -1,0 +1,138 @@
+"""Load histories u(t) and the polynomial that holds them within a time step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.errors import InfeasibleError
+
+TIME_SLACK = 1e-9
+"""Share of its own length by which a recorded history may be overrun: rounding of start + k h."""
+
+
+@dataclass(frozen=True)
+class Sine:
+    """u(t) = a sin(2πft + φ): frequency f [Hz], amplitude a [unit of the input], phase φ [rad]."""
+
+    frequency: float
+    amplitude: float
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """u(t) = a sin(φ₀ + 2π(f₀t + (f₁ − f₀)t²/(2T))) up to the duration T, from then on a sine of f₁ without a jump.
+
+    start f₀ and stop f₁ [Hz]; duration T [s]; amplitude a [unit of the input]; phase φ₀ [rad].
+    """
+
+    start: float
+    stop: float
+    duration: float
+    amplitude: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.duration > 0:
+            raise InfeasibleError(f"a sweep of {self.duration:g} s", remedy="give it a positive duration")
+
+
+@dataclass(frozen=True)
+class MultiSine:
+    """u(t) = a/√N Σₖ sin(2πfₖt + φₖ): N frequencies evenly from lowest to highest [Hz], phases drawn from the seed.
+
+    It has the power of one sine of amplitude a [unit of the input], whatever N is.
+    """
+
+    lowest: float
+    highest: float
+    count: int
+    amplitude: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            raise InfeasibleError(f"a multi-sine of {self.count} sines", remedy="give it at least one")
+
+
+@dataclass(frozen=True)
+class FromSamples:
+    """u(t) by straight lines between recorded values: time (k,) [s] increasing, value (k,) [unit of the input].
+
+    Raises InfeasibleError where the record is empty, not finite or its time does not increase.
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+
+    def __post_init__(self) -> None:
+        time, value = np.asarray(self.time, dtype=float), np.asarray(self.value, dtype=float)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "value", value)
+        if time.ndim != 1 or time.shape != value.shape or time.size == 0:
+            raise InfeasibleError(
+                f"a record of {time.size} times and {value.size} values", remedy="give one value for every time"
+            )
+        bad = np.flatnonzero(~(np.isfinite(time) & np.isfinite(value)))
+        if bad.size:
+            raise InfeasibleError(f"sample {bad[0] + 1} of the record is not a finite number", remedy="mend the record")
+        back = np.flatnonzero(np.diff(time) <= 0)
+        if back.size:
+            raise InfeasibleError(
+                f"the record's time does not increase from {time[back[0]]:g} s to {time[back[0] + 1]:g} s",
+                remedy="sort the record and drop repeated times",
+            )
+
+
+Signal = Sine | Sweep | MultiSine | FromSamples
+
+
+def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
+    """u(t) (...) [unit of the input] at the times t (...) [s].
+
+    Raises InfeasibleError where a recorded history does not cover t.
+    """
+    t = np.asarray(t, dtype=float)
+    match signal:
+        case Sine():
+            return signal.amplitude * np.sin(2 * np.pi * signal.frequency * t + signal.phase)
+        case Sweep():
+            swept = np.minimum(t, signal.duration)
+            rate = (signal.stop - signal.start) / signal.duration
+            cycles = signal.start * swept + 0.5 * rate * swept**2 + signal.stop * (t - swept)
+            return signal.amplitude * np.sin(2 * np.pi * cycles + signal.phase)
+        case MultiSine():
+            frequency = np.linspace(signal.lowest, signal.highest, signal.count)
+            phase = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, signal.count)
+            # One line at a time: a long history by many lines would not fit as one table.
+            lines = (np.sin(2 * np.pi * f * t + shift) for f, shift in zip(frequency, phase, strict=True))
+            return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))
+        case FromSamples():
+            first, last = signal.time[0], signal.time[-1]
+            slack = TIME_SLACK * (last - first)
+            if t.size and (t.min() < first - slack or t.max() > last + slack):
+                raise InfeasibleError(
+                    f"the record covers {first:g} to {last:g} s, asked for {t.min():g} to {t.max():g} s",
+                    remedy="shorten the run or record longer",
+                )
+            return np.interp(t, signal.time, signal.value)
+    raise TypeError(f"not a signal: {signal!r}")
+
+
+def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: int) -> np.ndarray:
+    """Quadratic hold of every step,  u(τ) = u₀ + u₁ s + u₂ s²,  s = τ/h, through the history at s = 0, ½, 1:
+
+        u₀ = u(0),   u₁ = −3u(0) + 4u(½) − u(1),   u₂ = 2u(0) − 4u(½) + 2u(1)
+
+    start [s] of the first step; h [s]; steps their number. Returns (steps, 3, n_u) [unit of the input]. The forced
+    motion of a mode ω₀ under a sine ω then errs by about (ωh)³ω₀h/720 of itself: the interpolation error is odd about
+    the middle of the step. A line from sample to sample is held exactly where the samples fall on multiples of h.
+    """
+    # Products, not running sums: step k meets step k + 1 to the last bit.
+    t = start + 0.5 * h * np.arange(2 * steps + 1)
+    u = np.stack([evaluate(signal, t) for signal in signals], axis=-1) if signals else np.zeros((len(t), 0))
+    left, middle, right = u[:-1:2], u[1::2], u[2::2]
+    return np.stack([left, -3 * left + 4 * middle - right, 2 * left - 4 * middle + 2 * right], axis=1)
