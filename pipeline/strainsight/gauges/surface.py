@@ -1,0 +1,45 @@
+"""Geometry of facets: points, tangents and normals at local coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from strainsight.fem.elements import REFERENCE_NODES, centre, shape, shape_gradient
+from strainsight.mesh.facets import FACET_KINDS
+
+
+def by_kind(kind: np.ndarray, nodes: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """(name, which (m,), nodes (m, k) unpadded) of every facet kind that occurs; kind (f,) codes, nodes (f, 8)."""
+    for code in np.unique(kind):
+        name = FACET_KINDS[code]
+        which = np.flatnonzero(kind == code)
+        yield name, which, nodes[which, : len(REFERENCE_NODES[name])]
+
+
+def facet_points(name: str, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """x(ξ) = Σ Nₖ xₖ and its tangents J = ∂x/∂ξ of every facet at its own ξ.
+
+    corners (m, k, 3) [m] all nodes of the facets; xi (m, 2) [-]. Returns x (m, 3) [m] and J (m, 3, 2) [m].
+    """
+    x = np.einsum("mk,mkc->mc", shape(name, xi), corners)
+    return x, np.einsum("mka,mkc->mca", shape_gradient(name, xi), corners)
+
+
+def normals(J: np.ndarray) -> np.ndarray:
+    """Unit n ∥ ∂x/∂ξ × ∂x/∂η (m, 3), outward by the order of the facet's nodes; zero where the facet has no area."""
+    n = np.cross(J[..., 0], J[..., 1])
+    length = np.linalg.norm(n, axis=-1, keepdims=True)
+    size = np.linalg.norm(J, axis=(-2, -1))[..., None]
+    flat = length > 1e-10 * size**2
+    return np.where(flat, n / np.where(flat, length, 1.0), 0.0)
+
+
+def facet_centres(position: np.ndarray, kind: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (f, 3) [m] and outward unit normal there (f, 3); position (n, 3) [m], kind (f,) codes, nodes (f, 8)."""
+    x, n = np.zeros((len(kind), 3)), np.zeros((len(kind), 3))
+    for name, which, own in by_kind(kind, nodes):
+        x[which], J = facet_points(name, position[own], np.tile(centre(name), (len(which), 1)))
+        n[which] = normals(J)
+    return x, n

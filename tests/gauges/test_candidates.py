@@ -1,0 +1,219 @@
+"""Candidates are the exterior facets that are wanted, free and reachable, with an axis laid on each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import InfeasibleError, UserError
+from strainsight.fem.elements import REFERENCE_NODES
+from strainsight.gauges.candidates import Box, NearEdges, candidates
+from strainsight.gauges.edges import near_segments, sharp_edges
+from strainsight.mesh.facets import FACET_KINDS, Facets, exterior_facets
+from strainsight.mesh.model import AveragingElement, CellBlock, Mesh, RigidElement
+
+NX, NY, NZ = 10, 3, 2
+
+
+def box() -> Mesh:
+    """10 × 3 × 2 hexahedra of edge 0.1 m, clamped at x = 0, with an RBE2 that holds the nodes at x = 1 m."""
+    grid = np.stack(np.meshgrid(np.arange(NX + 1), np.arange(NY + 1), np.arange(NZ + 1), indexing="ij"), axis=-1)
+    position = 0.1 * grid.reshape(-1, 3)
+    number = np.arange(len(position)).reshape(NX + 1, NY + 1, NZ + 1)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    cells = np.stack([number[i : NX + i, j : NY + j, k : NZ + k] for i, j, k in corners], axis=-1).reshape(-1, 8)
+    block = CellBlock("hex8", 100 + np.arange(len(cells)), cells, np.ones(len(cells), dtype=np.int64))
+    tip, root = np.flatnonzero(position[:, 0] > 0.99), np.flatnonzero(position[:, 0] == 0)
+    position = np.vstack([position, [1.0, 0.15, 0.1]])
+    ids = 10 * np.arange(1, len(position) + 1)
+    return Mesh(
+        node_ids=ids,
+        position=position,
+        blocks=(block,),
+        regions={},
+        materials={},
+        fixed=np.array([(node, c) for node in root for c in range(3)]),
+        rigid=(RigidElement(1, len(position) - 1, tip, (0, 1, 2)),),
+        node_sets={"top": ids[np.isclose(position[:, 2], 0.2)]},
+        element_sets={"first": np.array([100, 106, 112])},
+    )
+
+
+@pytest.fixture(scope="module")
+def beam() -> tuple[Mesh, Facets]:
+    mesh = box()
+    return mesh, exterior_facets(mesh)
+
+
+def test_facets_on_clamped_and_rigid_nodes_are_left_out(beam):
+    gauges = candidates(*beam, (1, 0, 0))
+    # Between the first and the last ring of elements: 8 rings of 2 · (3 + 2) facets.
+    assert len(gauges) == 8 * 2 * (NY + NZ)
+    assert gauges.position[:, 0].min() == pytest.approx(0.15)
+    assert gauges.position[:, 0].max() == pytest.approx(0.85)
+
+
+def test_facets_on_averaging_nodes_are_left_out(beam):
+    mesh, facets = beam
+    node = int(np.flatnonzero(np.all(np.isclose(mesh.position, [0.5, 0.1, 0.2]), axis=1))[0])
+    averaged = replace(
+        mesh, averaging=(AveragingElement(2, len(mesh.position) - 1, np.array([node]), np.ones(1), (0,)),)
+    )
+    assert len(candidates(mesh, facets, (1, 0, 0))) - len(candidates(averaged, facets, (1, 0, 0))) == 4
+
+
+def test_facets_on_constraints_can_be_asked_for(beam):
+    mesh, facets = beam
+    around = candidates(mesh, facets, (1, 0.5, 0.3), on_constraints=True)
+    assert len(around) == 2 * (NX * NY + NX * NZ + NY * NZ)
+
+
+def test_normals_point_outward_and_directions_are_unit_and_tangent(beam):
+    gauges = candidates(*beam, (1, 0.4, 0.2), (0.0, 45.0, 90.0))
+    middle = np.array([0.5, 0.15, 0.1])
+    assert np.all(np.sum((gauges.position - middle) * gauges.normal, axis=1) > 0)
+    np.testing.assert_allclose(np.linalg.norm(gauges.direction, axis=1), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(np.sum(gauges.direction * gauges.normal, axis=1), 0.0, atol=1e-14)
+
+
+def test_zero_degrees_is_the_axis_projected_and_angles_turn_right_handed_about_the_normal(beam):
+    axis = np.array([3.0, 1.0, 0.5])
+    gauges = candidates(*beam, axis, (0.0, 30.0, 90.0))
+    n = gauges.normal[::3]
+    zero, thirty, ninety = gauges.direction[::3], gauges.direction[1::3], gauges.direction[2::3]
+    projected = axis - (n @ axis)[:, None] * n
+    np.testing.assert_allclose(zero, projected / np.linalg.norm(projected, axis=1)[:, None], atol=1e-14)
+    np.testing.assert_allclose(ninety, np.cross(n, zero), atol=1e-14)
+    np.testing.assert_allclose(thirty, np.sqrt(0.75) * zero + 0.5 * ninety, atol=1e-14)
+    np.testing.assert_array_equal(gauges.angle[:3], [0.0, 30.0, 90.0])
+    np.testing.assert_array_equal(gauges.element[::3], gauges.element[2::3])
+
+
+def test_nodes_and_centres_belong_to_the_named_facet(beam):
+    mesh, _ = beam
+    gauges = candidates(*beam, (1, 0, 0))
+    for i in range(len(gauges)):
+        nodes = gauges.nodes[i][gauges.nodes[i] >= 0]
+        np.testing.assert_allclose(mesh.position[nodes].mean(axis=0), gauges.position[i], atol=1e-15)
+        assert set(nodes) <= set(mesh.blocks[0].nodes[gauges.element[i] - 100])
+
+
+def test_a_surface_is_an_element_set_or_a_node_set(beam):
+    top = candidates(*beam, (1, 0, 0), surface="top")
+    assert len(top) == 8 * NY
+    np.testing.assert_allclose(top.normal, np.tile([0, 0, 1], (len(top), 1)), atol=1e-15)
+    first = candidates(*beam, (1, 0, 0), surface="first")
+    assert set(first.element) <= {100, 106, 112}
+    assert len(first) == 4
+
+
+def test_a_set_that_is_not_there_is_refused_and_the_others_named(beam):
+    with pytest.raises(UserError, match="'topp' is not in the mesh") as error:
+        candidates(*beam, (1, 0, 0), surface="topp")
+    assert "first, top" in error.value.remedy
+
+
+def test_a_name_that_is_two_sets_is_refused(beam):
+    mesh, facets = beam
+    with pytest.raises(UserError, match="both"):
+        candidates(replace(mesh, element_sets={"top": np.array([100])}), facets, (1, 0, 0), surface="top")
+
+
+def test_zones_are_kept_out(beam):
+    mesh, facets = beam
+    zones = (Box((0.0, -1.0, -1.0), (0.4, 1.0, 1.0)), Box((0.4, -1.0, 0.19), (2.0, 1.0, 1.0)))
+    gauges = candidates(mesh, facets, (1, 0, 0), exclude=zones)
+    assert gauges.position[:, 0].min() == pytest.approx(0.45)
+    assert gauges.position[:, 2].max() < 0.19
+    assert len(gauges) == 5 * (2 * NZ + NY)
+
+
+def test_near_edges_are_kept_out(beam):
+    """Facet centres are 0.05 m from the edges of the box, those of the middle rows of top and bottom 0.15 m."""
+    assert len(candidates(*beam, (1, 0, 0), exclude=(NearEdges(0.0499),))) == 80
+    inner = candidates(*beam, (1, 0, 0), exclude=(NearEdges(0.0501),))
+    np.testing.assert_allclose(inner.position[:, 1], 0.15)
+    assert len(inner) == 2 * 8
+
+
+def test_nothing_left_is_refused(beam):
+    with pytest.raises(InfeasibleError, match="no facet is left"):
+        candidates(*beam, (1, 0, 0), exclude=(Box((-1, -1, -1), (2, 2, 2)),))
+
+
+def test_an_axis_near_a_normal_is_refused_with_an_example(beam):
+    for tilt, bad in ((9.9, True), (10.1, False)):
+        axis = (np.sin(np.deg2rad(tilt)), 0.0, np.cos(np.deg2rad(tilt)))
+        if not bad:
+            candidates(*beam, axis)
+            continue
+        with pytest.raises(InfeasibleError, match=r"normal of 48 of 80 facets \(element \d+, facet \d\)") as error:
+            candidates(*beam, axis)
+        assert "gauges.surface" in error.value.remedy
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 0), (np.nan, 0, 0), (1, 0)])
+def test_an_axis_without_direction_is_refused(beam, axis):
+    with pytest.raises(UserError, match="gauge axis"):
+        candidates(*beam, axis)
+
+
+def test_the_length_of_the_axis_does_not_matter(beam):
+    a, b = candidates(*beam, (1, 0.3, 0.2)), candidates(*beam, (1e-100, 3e-101, 2e-101))
+    np.testing.assert_allclose(a.direction, b.direction, atol=1e-14)
+
+
+def test_a_facet_without_area_carries_no_gauge():
+    position = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
+    nodes = np.full((2, 8), -1)
+    nodes[0, :3], nodes[1, :3] = [0, 1, 2], [0, 1, 3]
+    facets = Facets(
+        element_id=np.array([1, 2]), facet=np.ones(2, int), kind=np.zeros(2, int), nodes=nodes, region=np.ones(2, int)
+    )
+    mesh = Mesh(np.arange(1, 5), position, (), {}, {}, np.zeros((0, 2), dtype=np.int64))
+    np.testing.assert_array_equal(candidates(mesh, facets, (1, 0, 0)).element, [2])
+
+
+def test_the_sharp_edges_of_a_box_are_its_twelve(beam):
+    mesh, facets = beam
+    segments = sharp_edges(mesh.position, facets)
+    assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum() == pytest.approx(4 * (1.0 + 0.3 + 0.2))
+
+
+@pytest.mark.parametrize(("sides", "kind", "sharp"), [(8, "quad8", 0), (8, "quad4", 8), (16, "quad4", 0)])
+def test_a_tube_is_smooth_when_its_facets_can_bend(sides, kind, sharp):
+    """Eight quadratic facets go round without an edge; eight flat ones meet at 45°, sixteen at 22.5°."""
+    step = 2 * np.pi / sides
+    reference = REFERENCE_NODES[kind]
+    position, nodes = [], np.full((sides, 8), -1)
+    seen: dict[tuple[int, int], int] = {}
+    for side in range(sides):
+        for a, (xi, eta) in enumerate(reference):
+            key = (round(2 * (side + (xi + 1) / 2)) % (2 * sides), round(eta))
+            if key not in seen:
+                seen[key] = len(position)
+                phi = 0.5 * step * key[0]
+                position.append([np.sin(phi), eta, np.cos(phi)])
+            nodes[side, a] = seen[key]
+    ones = np.ones(sides, dtype=int)
+    facets = Facets(element_id=ones, facet=ones, kind=FACET_KINDS.index(kind) * ones, nodes=nodes, region=ones)
+    segments = sharp_edges(np.array(position), facets)
+    along = np.abs((segments[:, 1] - segments[:, 0])[:, 1]) > 0.1
+    assert np.count_nonzero(along) == 2 * sharp
+
+
+def test_distances_to_segments_are_those_of_a_fine_sampling():
+    rng = np.random.default_rng(0)
+    points, segments = rng.uniform(0, 1, (200, 3)), rng.uniform(0, 1, (7, 2, 3))
+    segments[0, 1] = segments[0, 0]
+    s = np.linspace(0, 1, 20001)[:, None]
+    distance = np.full(200, np.inf)
+    for a, b in segments:
+        line = a + s * (b - a)
+        for i in range(200):
+            distance[i] = min(distance[i], np.linalg.norm(line - points[i], axis=1).min())
+    for limit in (0.05, 0.2, 0.5):
+        clear = np.abs(distance - limit) > 1e-6
+        np.testing.assert_array_equal(near_segments(points, segments, limit)[clear], (distance < limit)[clear])

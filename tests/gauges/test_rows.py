@@ -1,0 +1,261 @@
+"""A gauge reads the strain of the field it is glued to, on every kind of facet, however it is bent or misplaced."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from strainsight.errors import InfeasibleError
+from strainsight.fem.elements import REFERENCE_NODES, shape_gradient
+from strainsight.gauges.candidates import Candidates, candidates
+from strainsight.gauges.rows import strain_rows
+from strainsight.mesh.facets import FACET_KINDS, FACETS, Facets, exterior_facets
+from strainsight.mesh.model import CellBlock, Mesh
+
+KINDS = ("tri3", "tri6", "quad4", "quad8")
+
+
+def bare_mesh(position: np.ndarray, blocks=()) -> Mesh:
+    ids = np.arange(1, len(position) + 1)
+    return Mesh(ids, position, blocks, {}, {}, np.zeros((0, 2), dtype=np.int64))
+
+
+def patch(kind: str, bend: float, seed: int = 0, scale: float = 1.0) -> tuple[np.ndarray, Facets]:
+    """One facet in the x-y plane (normal +z), its nodes shaken by `bend` of its size in all three directions."""
+    plane = REFERENCE_NODES[kind]
+    rng = np.random.default_rng(seed)
+    position = np.column_stack([plane, np.zeros(len(plane))]) + bend * rng.uniform(-1, 1, (len(plane), 3))
+    nodes = np.full((1, 8), -1)
+    nodes[0, : len(plane)] = np.arange(len(plane))
+    one = np.array([1])
+    return scale * position, Facets(
+        element_id=one, facet=one, kind=np.array([FACET_KINDS.index(kind)]), nodes=nodes, region=one
+    )
+
+
+def glued(position: np.ndarray, facets: Facets, axis=(1.0, 0.2, 0.0), angles=(0.0,)) -> Candidates:
+    return candidates(bare_mesh(position), facets, axis, angles)
+
+
+def column(displacement: np.ndarray) -> np.ndarray:
+    return displacement.reshape(-1, 1)
+
+
+def surface_strain(G: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """dᵀ sym(G) d for every direction (m, 3)."""
+    return np.einsum("mi,ij,mj->m", d, 0.5 * (G + G.T), d)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("bend", [0.0, 0.15])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_linear_field_is_read_exactly_on_distorted_and_curved_facets(kind, bend, seed):
+    position, facets = patch(kind, bend, seed)
+    G = np.random.default_rng(seed).standard_normal((3, 3))
+    gauges = glued(position, facets, angles=(0.0, 37.0, 90.0))
+    rows = strain_rows(position, gauges, column(position @ G.T + 3.0))
+    np.testing.assert_allclose(rows[:, 0], surface_strain(G, gauges.direction), atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_misplaced_gauge_reads_a_linear_field_in_its_own_direction(kind):
+    """On a flat facet the tensor does not change from place to place: only the rotation counts."""
+    position, facets = patch(kind, 0.0)
+    position = position @ Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix().T
+    gauges = glued(position, facets, axis=(1.0, 0.0, 0.3))
+    G = np.random.default_rng(3).standard_normal((3, 3))
+    rows = strain_rows(
+        position, gauges, column(position @ G.T), offset=np.array([[0.05, -0.08]]), rotation=np.array([12.0])
+    )
+    turned = Rotation.from_rotvec(np.deg2rad(12.0) * gauges.normal[0]).apply(gauges.direction)
+    np.testing.assert_allclose(rows[:, 0], surface_strain(G, turned), atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rigid_motion_strains_nothing(kind, seed):
+    position, facets = patch(kind, 0.2, seed)
+    gauges = glued(position, facets, angles=(0.0, 45.0, 90.0))
+    shift, spin = np.random.default_rng(seed).standard_normal((2, 3))
+    z = np.stack([np.tile(shift, (len(position), 1)), np.cross(spin, position)], axis=-1)
+    offset, rotation = np.tile([0.04, 0.03], (3, 1)), np.array([2.0, -3.0, 5.0])
+    for rows in (
+        strain_rows(position, gauges, z.reshape(-1, 2)),
+        strain_rows(position, gauges, z.reshape(-1, 2), offset=offset, rotation=rotation),
+    ):
+        np.testing.assert_allclose(rows, 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+def test_a_quadratic_field_is_read_exactly_on_a_quadratic_facet_also_beside_its_centre(kind):
+    """z_c = xᵀQ_c x: the slope along d at x is dᵀ(Q + Qᵀ)x, at the centre and at an offset along (d, n × d)."""
+    position, facets = patch(kind, 0.0)
+    shear = np.array([[1.3, 0.4, 0.0], [-0.2, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    position = position @ shear.T + np.array([0.3, -0.2, 0.0])
+    gauges = glued(position, facets)
+    d, n = gauges.direction[0], gauges.normal[0]
+    Q = np.random.default_rng(5).standard_normal((3, 3, 3))
+    z = np.einsum("ki,cij,kj->kc", position, Q, position)
+    for offset in ([0.0, 0.0], [0.07, 0.0], [0.0, -0.06], [-0.05, 0.04]):
+        x = gauges.position[0] + offset[0] * d + offset[1] * np.cross(n, d)
+        slope = np.einsum("i,cij,j->c", d, Q + np.swapaxes(Q, 1, 2), x)
+        rows = strain_rows(position, gauges, column(z), offset=np.array([offset]))
+        np.testing.assert_allclose(rows[0, 0], slope @ d, atol=1e-12)
+
+
+def test_three_directions_lie_on_mohrs_circle():
+    """Principal strains from 0°, 45° and 90° (rosette formula) are the eigenvalues of the tensor on the facet."""
+    for seed in range(5):
+        position, facets = patch("quad8", 0.1, seed)
+        gauges = glued(position, facets, angles=(0.0, 45.0, 90.0, 135.0))
+        G = np.random.default_rng(seed).standard_normal((3, 3))
+        a, b, c, e = strain_rows(position, gauges, column(position @ G.T))[:, 0]
+        assert a + c == pytest.approx(b + e, abs=1e-13)
+        radius = np.hypot(a - b, b - c) / np.sqrt(2)
+        n = gauges.normal[0]
+        P = np.eye(3) - np.outer(n, n)
+        principal = np.sort(np.linalg.eigvalsh(P @ (G + G.T) / 2 @ P))
+        # One eigenvalue, that of the normal itself, is zero; the other two are the principal strains.
+        expected = np.sort([0.0, (a + c) / 2 - radius, (a + c) / 2 + radius])
+        np.testing.assert_allclose(principal, expected, atol=1e-12)
+
+
+def test_half_a_turn_changes_nothing_and_the_sense_is_right_handed():
+    position, facets = patch("quad4", 0.0)
+    gauges = glued(position, facets, axis=(1, 0, 0), angles=(0.0, 30.0, 180.0))
+    np.testing.assert_allclose(gauges.direction[1], [np.cos(np.pi / 6), 0.5, 0.0], atol=1e-15)
+    G = np.array([[1.0, 0.6, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.0]])
+    rows = strain_rows(position, gauges, column(position @ G.T))[:, 0]
+    assert rows[2] == pytest.approx(rows[0])
+    assert rows[0] == pytest.approx(1.0)
+    # Positive shear strains the diagonal between +x and +y.
+    assert rows[1] == pytest.approx(0.75 - 0.3 / 4 + 0.6 * np.cos(np.pi / 6) * 0.5)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_mirror_image_reads_the_same(kind):
+    """Reflect x, turn the node order round to keep the normal outward, and the angles and offsets with it."""
+    position, facets = patch(kind, 0.15, 2)
+    corners = 3 if kind.startswith("tri") else 4
+    back = [0, *range(corners - 1, 0, -1)]
+    if len(REFERENCE_NODES[kind]) > corners:
+        back += [corners + (corners - 1 - i) for i in range(corners)]
+    mirror = np.array([-1.0, 1.0, 1.0])
+    nodes = np.full((1, 8), -1)
+    nodes[0, : len(back)] = back
+    image = Facets(
+        element_id=facets.element_id, facet=facets.facet, kind=facets.kind, nodes=nodes, region=facets.region
+    )
+    z = np.random.default_rng(1).standard_normal(position.shape)
+    here = glued(position, facets, axis=(1.0, 0.2, 0.1), angles=(25.0,))
+    there = glued(position * mirror, image, axis=(-1.0, 0.2, 0.1), angles=(-25.0,))
+    np.testing.assert_allclose(there.direction, here.direction * mirror, atol=1e-14)
+    np.testing.assert_allclose(there.normal, here.normal * mirror, atol=1e-14)
+    a = strain_rows(position, here, column(z), offset=np.array([[0.03, 0.05]]), rotation=np.array([4.0]))
+    b = strain_rows(
+        position * mirror, there, column(z * mirror), offset=np.array([[0.03, -0.05]]), rotation=np.array([-4.0])
+    )
+    np.testing.assert_allclose(a, b, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_strain_is_displacement_over_length(kind, scale):
+    z = np.random.default_rng(4).standard_normal((len(REFERENCE_NODES[kind]), 3))
+    plain, facets = patch(kind, 0.1, 1)
+    large, _ = patch(kind, 0.1, 1, scale)
+    offset, rotation = np.array([[0.05, 0.02]]), np.array([3.0])
+    a = strain_rows(plain, glued(plain, facets), column(z), offset=offset, rotation=rotation)
+    b = strain_rows(large, glued(large, facets), column(z), offset=scale * offset, rotation=rotation)
+    np.testing.assert_allclose(b * scale, a, rtol=1e-10)
+
+
+SOLIDS = {"tet4": 0.08, "tet10": 0.04, "hex8": 0.15, "hex20": 0.08, "wedge6": 0.1, "wedge15": 0.05}
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
+    """Oracle: ∇z of the whole element by its own volume shape functions, at the centre of each of its facets."""
+    reference = REFERENCE_NODES[kind]
+    rng = np.random.default_rng(6)
+    position = reference + SOLIDS[kind] * rng.uniform(-1, 1, reference.shape)
+    block = CellBlock(kind, np.array([7]), np.arange(len(reference))[None], np.array([1]))
+    mesh = bare_mesh(position, (block,))
+    facets = exterior_facets(mesh)
+    gauges = candidates(mesh, facets, (0.5, 0.3, 0.81), (20.0, 110.0))
+    z = rng.standard_normal(position.shape)
+    rows = strain_rows(position, gauges, column(z))[:, 0]
+    assert len(gauges) == 2 * len(FACETS[kind])
+    for i in range(len(gauges)):
+        name, local = FACETS[kind][gauges.facet[i] - 1]
+        corners = list(local[: 3 if name.startswith("tri") else 4])
+        slope = shape_gradient(kind, reference[corners].mean(axis=0)[None])[0]
+        gradient = (z.T @ slope) @ np.linalg.inv(position.T @ slope)
+        d = gauges.direction[i]
+        assert rows[i] == pytest.approx(d @ gradient @ d, abs=1e-11)
+
+
+def test_fields_side_by_side_are_read_one_by_one_and_candidates_in_any_order():
+    position, facets = patch("quad8", 0.1)
+    gauges = glued(position, facets, angles=(0.0, 30.0, 60.0, 90.0))
+    fields = np.random.default_rng(2).standard_normal((3 * len(position), 5))
+    rows = strain_rows(position, gauges, fields)
+    assert rows.shape == (4, 5)
+    for j in range(5):
+        np.testing.assert_allclose(strain_rows(position, gauges, fields[:, j : j + 1])[:, 0], rows[:, j], rtol=1e-13)
+    order = np.array([2, 0, 3])
+    np.testing.assert_array_equal(strain_rows(position, gauges.take(order), fields), rows[order])
+
+
+def test_no_misplacement_is_a_misplacement_of_zero():
+    position, facets = patch("tri6", 0.1)
+    gauges = glued(position, facets)
+    fields = np.random.default_rng(2).standard_normal((3 * len(position), 2))
+    moved = strain_rows(position, gauges, fields, offset=np.zeros((1, 2)), rotation=np.zeros(1))
+    np.testing.assert_allclose(moved, strain_rows(position, gauges, fields), atol=1e-14)
+
+
+def test_on_a_cylinder_the_direction_of_a_misplaced_gauge_follows_the_surface():
+    """A tube that breathes, z = r̂: the hoop strain is 1/R wherever on the facet the gauge sits."""
+    R, half = 2.0, 0.2
+    plane = REFERENCE_NODES["quad8"]
+    phi = half * plane[:, 0]
+    position = np.column_stack([R * np.sin(phi), 0.3 * plane[:, 1], R * np.cos(phi)])
+    _, facets = patch("quad8", 0.0)
+    gauges = glued(position, facets, axis=(1.0, 0.0, 0.0))
+    radial = np.column_stack([np.sin(phi), np.zeros(8), np.cos(phi)])
+    for offset in (0.0, 0.1, 0.25):
+        rows = strain_rows(position, gauges, column(radial), offset=np.array([[offset, 0.05]]))
+        # The facet is a parabola through the circle: the field on it is the circle's to second order in the angle.
+        assert rows[0, 0] == pytest.approx(1 / R, rel=5e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_overhang_is_a_fifth_of_the_facet(kind):
+    position, facets = patch(kind, 0.0)
+    gauges = glued(position, facets, axis=(1.0, 0.0, 0.0))
+    # Along x from the centre: the triangle's hypotenuse is at +1/3, the square's edge at +1.
+    limit = 1 / 3 + 0.2 if kind.startswith("tri") else 1.4
+    field = np.ones((3 * len(position), 1))
+    strain_rows(position, gauges, field, offset=np.array([[limit - 1e-6, 0.0]]))
+    with pytest.raises(InfeasibleError, match="element 1, facet 1"):
+        strain_rows(position, gauges, field, offset=np.array([[limit + 1e-6, 0.0]]))
+
+
+@pytest.mark.parametrize("far", [10.0, 1e9])
+def test_an_offset_that_leaves_the_structure_is_refused_and_does_not_overflow(far):
+    for kind in KINDS:
+        position, facets = patch(kind, 0.1)
+        gauges = glued(position, facets)
+        with pytest.raises(InfeasibleError, match="1 gauges misplaced"):
+            strain_rows(position, gauges, np.ones((3 * len(position), 1)), offset=np.array([[far, -far]]))
+
+
+def test_far_from_the_origin_a_misplaced_gauge_is_still_found():
+    position, facets = patch("quad8", 0.1, scale=1e-3)
+    far = position + np.array([1e3, -2e3, 5e2])
+    fields = np.random.default_rng(0).standard_normal((24, 2))
+    offset = np.array([[1e-4, 2e-4]])
+    near = strain_rows(position, glued(position, facets), fields, offset=offset)
+    np.testing.assert_allclose(strain_rows(far, glued(far, facets), fields, offset=offset), near, rtol=1e-6)

@@ -1,0 +1,113 @@
+"""Screening keeps the strongest signals that are not too near to one another."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import InfeasibleError
+from strainsight.gauges.screening import screen
+
+
+def on_a_line(x) -> np.ndarray:
+    return np.column_stack([x, np.zeros(len(x)), np.zeros(len(x))])
+
+
+def test_the_strongest_signals_are_kept_and_the_others_say_why():
+    result = screen(np.array([1.0, 5.0, 3.0, 4.0]), 0.5, on_a_line([0.0, 1.0, 2.0, 3.0]), 2, 0.0)
+    np.testing.assert_array_equal(result.kept, [1, 3])
+    np.testing.assert_array_equal(result.snr, [2.0, 10.0, 6.0, 8.0])
+    np.testing.assert_array_equal(result.reason, ["snr", "", "snr", ""])
+
+
+def test_a_cluster_is_thinned_to_its_strongest():
+    result = screen(np.array([3.0, 5.0, 4.0, 1.0]), 1.0, on_a_line([0.0, 0.1, 0.2, 5.0]), 2, 0.15)
+    np.testing.assert_array_equal(result.kept, [1, 3])
+    np.testing.assert_array_equal(result.reason, ["spacing", "", "spacing", ""])
+
+
+def test_one_that_is_crowded_out_crowds_out_nobody():
+    """1 is dropped beside 0; 2 is near to 1 only, and stays."""
+    result = screen(np.array([3.0, 2.0, 1.0]), 1.0, on_a_line([0.0, 0.1, 0.2]), None, 0.15)
+    np.testing.assert_array_equal(result.kept, [0, 2])
+
+
+def test_gauges_exactly_the_spacing_apart_both_stay():
+    result = screen(np.ones(11), 1.0, on_a_line(0.1 * np.arange(11)), None, 0.1)
+    assert len(result.kept) == 11
+
+
+def test_ties_go_to_the_lower_index_also_when_rounding_splits_them():
+    rms = 1e-5 * (1 + 1e-13 * np.array([0.0, 3.0, 1.0, 2.0]))
+    result = screen(rms, 1e-7, on_a_line([0.0, 1.0, 2.0, 3.0]), 2, 0.0)
+    np.testing.assert_array_equal(result.kept, [0, 1])
+
+
+def test_keeping_all_drops_by_spacing_only_and_nothing_without_one():
+    rng = np.random.default_rng(0)
+    rms, position = rng.uniform(0, 1, 300), rng.uniform(0, 1, (300, 3))
+    result = screen(rms, 1e-3, position, None, 0.1)
+    assert set(result.reason) == {"", "spacing"}
+    assert len(screen(rms, 1e-3, position, None, 0.0).kept) == 300
+
+
+@pytest.mark.parametrize("keep", [None, 40])
+def test_the_kept_are_what_a_plain_double_loop_keeps(keep):
+    rng = np.random.default_rng(1)
+    rms, position = rng.uniform(0, 1, 400), rng.uniform(0, 1, (400, 3))
+    kept: list[int] = []
+    for i in sorted(range(400), key=lambda i: -rms[i]):
+        apart = all(np.linalg.norm(position[i] - position[j]) >= 0.12 for j in kept)
+        if apart and (keep is None or len(kept) < keep):
+            kept.append(i)
+    result = screen(rms, 1e-3, position, keep, 0.12)
+    np.testing.assert_array_equal(result.kept, sorted(kept))
+    np.testing.assert_array_equal(np.flatnonzero(result.reason == ""), sorted(kept))
+
+
+def test_every_candidate_dropped_for_its_spacing_is_near_to_a_stronger_one_that_was_kept():
+    rng = np.random.default_rng(2)
+    rms, position = rng.uniform(0, 1, 400), rng.uniform(0, 1, (400, 3))
+    result = screen(rms, 1e-3, position, 40, 0.12)
+    for i in np.flatnonzero(result.reason == "spacing"):
+        distance = np.linalg.norm(position[result.kept] - position[i], axis=1)
+        assert np.any((distance < 0.12) & (rms[result.kept] > rms[i]))
+    weakest = rms[result.kept].min()
+    assert np.all(rms[result.reason == "snr"] < weakest)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_units_do_not_matter(scale):
+    rms = np.array([1.0, 5.0, 3.0, 0.0]) * scale
+    np.testing.assert_array_equal(screen(rms, 1e-3 * scale, on_a_line(np.arange(4)), 2, 0.5).kept, [1, 2])
+
+
+def test_silent_candidates_are_all_alike():
+    np.testing.assert_array_equal(screen(np.zeros(3), 1.0, on_a_line(np.arange(3)), 2, 0.0).kept, [0, 1])
+
+
+def test_more_than_the_spacing_leaves_is_refused_with_both_numbers():
+    with pytest.raises(InfeasibleError, match=r"4 gauges asked for, 3 of 5 candidates lie 1.5 m apart") as error:
+        screen(np.ones(5), 1.0, on_a_line(np.arange(5.0)), 4, 1.5)
+    assert "at most 3" in error.value.remedy
+
+
+def test_more_than_there_are_is_refused():
+    with pytest.raises(InfeasibleError, match="6 gauges asked for, 5 of 5"):
+        screen(np.ones(5), 1.0, on_a_line(np.arange(5.0)), 6, 0.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, -1.0, np.nan, np.inf])
+def test_noise_must_be_positive(noise):
+    with pytest.raises(InfeasibleError, match="gauge noise"):
+        screen(np.ones(3), noise, on_a_line(np.arange(3.0)), 1, 0.0)
+
+
+def test_a_response_that_is_not_finite_is_refused():
+    with pytest.raises(InfeasibleError, match="1 candidates have no finite response"):
+        screen(np.array([1.0, np.nan]), 1.0, on_a_line([0.0, 1.0]), 1, 0.0)
+
+
+def test_keeping_none_is_refused():
+    with pytest.raises(InfeasibleError, match="0 of 3"):
+        screen(np.ones(3), 1.0, on_a_line(np.arange(3.0)), 0, 0.0)
