@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Parameter:
-    """A material property of some regions that stays free: its name, what it is, where, and its reference value [SI]."""
+    """A material property of some regions that stays free: name, what it is, where, and its reference value [SI]."""
 
     name: str
     property: Literal["youngs_modulus", "density"]
@@ -23,7 +23,7 @@ class Parameter:
 class AffineOperator:
     """X(θ) = X₀ + Σᵢ Xᵢ θᵢ  (5.8), for dense or sparse X.
 
-    constant is X₀; terms maps a parameter's name to Xᵢ [unit of X per unit of θᵢ]. A parameter without a term has Xᵢ = 0.
+    constant is X₀; terms maps a parameter's name to Xᵢ [unit of X per unit of θᵢ]; one without a term has Xᵢ = 0.
     """
 
     constant: Any

@@ -1,0 +1,219 @@
+"""Stiffness and mass, affine in the moduli and densities of the regions (5.8-5.10)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.checks import check_mesh
+from strainsight.fem.element_matrices import element_masses, element_stiffnesses
+from strainsight.mesh.model import CellBlock, Mesh
+
+CHUNK = 2048
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Node pairs (row ≤ column) that share an element, sorted; place: pair of an element → node pair; flipped: it has
+    row > column there."""
+
+    row: np.ndarray
+    column: np.ndarray
+    place: np.ndarray
+    flipped: np.ndarray
+
+
+def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOperator, AffineOperator]:
+    """Stiffness and consistent mass of the whole mesh, clamped nodes included:
+
+        K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃ + point masses
+
+    D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³];
+    everything else is in the constant part [N/m, kg]. Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
+    Raises DeckError for an element turned inside out (ids named), a region or material that is missing or not physical,
+    and UserError for parameters that overlap or name no region.
+    """
+    check_mesh(mesh)
+    moduli, densities = _targets(mesh, parameters, "youngs_modulus"), _targets(mesh, parameters, "density")
+    shared: dict[frozenset[int], Pattern] = {}
+
+    def pattern(regions: Mapping[int, float]) -> Pattern:
+        """Stiffness and mass of the same regions share their node pairs."""
+        key = frozenset(regions)
+        if key not in shared:
+            shared[key] = _pattern(mesh, regions)
+        return shared[key]
+
+    K = {name: _stiffness(mesh, regions, pattern(regions)) for name, regions in moduli.items()}
+    M = {name: _mass(mesh, regions, pattern(regions)) for name, regions in densities.items()}
+    empty = sparse.csr_array((3 * len(mesh.position),) * 2)
+    K0, M0 = K.pop("", empty), M.pop("", empty)
+    return AffineOperator(K0, K), AffineOperator(M0 + _point_masses(mesh) if mesh.point_masses else M0, M)
+
+
+def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
+    """Total mass m = eᵀMe and centre of mass x̄ = eᵀM x / m, from the assembled mass and the rigid translation e.
+
+    Returns ([kg], (3,) [m]). Raises DeckError where the mass is zero.
+    """
+    check_mesh(mesh)
+    regions = {number: mesh.materials[mesh.regions[number].material].density for number in _present(mesh)}
+    M = _mass(mesh, regions, _pattern(mesh, regions))
+    per_node = (M + _point_masses(mesh)).sum(axis=0)[::3]
+    mass = float(per_node.sum())
+    if not mass > 0.0:
+        raise DeckError(f"the total mass is {mass:g} kg", remedy="give the materials a density (RHO on MAT1)")
+    return mass, per_node @ mesh.position / mass
+
+
+def _targets(mesh: Mesh, parameters: Sequence[Parameter], property: str) -> dict[str, dict[int, float]]:
+    """Which regions go where with what factor: "" is the constant part, a parameter's name its unit term."""
+    present = _present(mesh)
+    owner: dict[int, str] = {}
+    names = [p.name for p in parameters]
+    for p in parameters:
+        if names.count(p.name) > 1 or not p.name:
+            raise UserError(f"{names.count(p.name)} parameters are called {p.name!r}", remedy="give each its own name")
+        for number in p.regions:
+            if number not in present:
+                raise UserError(
+                    f"parameter {p.name} refers to region {number}, which has no elements",
+                    remedy=f"the mesh has regions {', '.join(map(str, present))}",
+                )
+            if p.property == property and owner.setdefault(number, p.name) != p.name:
+                raise UserError(
+                    f"parameters {owner[number]} and {p.name} are both the {property} of region {number}",
+                    remedy="keep one of them",
+                )
+    targets: dict[str, dict[int, float]] = {}
+    for number in present:
+        material = mesh.materials[mesh.regions[number].material]
+        factor = 1.0 if number in owner else getattr(material, property)
+        targets.setdefault(owner.get(number, ""), {})[number] = factor
+    return targets
+
+
+def _present(mesh: Mesh) -> list[int]:
+    """Regions that have elements."""
+    return sorted({int(number) for block in mesh.blocks for number in np.unique(block.region)})
+
+
+def _parts(mesh: Mesh, regions: Mapping[int, float]) -> list[CellBlock]:
+    """The blocks, cut down to the elements in these regions."""
+    parts = []
+    for block in mesh.blocks:
+        inside = np.isin(block.region, list(regions))
+        if inside.any():
+            parts.append(CellBlock(block.kind, block.ids[inside], block.nodes[inside], block.region[inside]))
+    return parts
+
+
+def _pattern(mesh: Mesh, regions: Mapping[int, float]) -> Pattern:
+    """Node pairs of every element in these regions, each unordered pair once (a ≤ b locally)."""
+    nodes = len(mesh.position)
+    keys, flips = [], []
+    for part in _parts(mesh, regions):
+        a, b = np.triu_indices(part.nodes.shape[1])
+        first, second = part.nodes[:, a].ravel(), part.nodes[:, b].ravel()
+        flips.append(first > second)
+        keys.append(np.minimum(first, second) * np.int64(nodes) + np.maximum(first, second))
+    pairs, place = np.unique(np.concatenate(keys), return_inverse=True)
+    return Pattern(pairs // nodes, pairs % nodes, place, np.concatenate(flips))
+
+
+def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:
+    def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
+        nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in part.region])
+        return element_stiffnesses(part.kind, position, nu, part.ids)
+
+    blocks = _accumulate(mesh, regions, pattern, kernel, 9).reshape(-1, 3, 3)
+    return _block_csr(len(mesh.position), pattern, blocks)
+
+
+def _mass(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:
+    def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
+        return element_masses(part.kind, position, part.ids)
+
+    values = _accumulate(mesh, regions, pattern, kernel, 1)[:, 0]
+    return _scalar_csr(len(mesh.position), pattern, values)
+
+
+def _accumulate(
+    mesh: Mesh,
+    regions: Mapping[int, float],
+    pattern: Pattern,
+    kernel: Callable[[np.ndarray, CellBlock], np.ndarray],
+    width: int,
+) -> np.ndarray:
+    """Σ over elements of factor × kernel (e, pairs, width) into the node pairs (p, width)."""
+    local = np.empty((len(pattern.place), width))
+    at = 0
+    for block in _parts(mesh, regions):
+        for start in range(0, len(block.ids), CHUNK):
+            cut = slice(start, start + CHUNK)
+            part = CellBlock(block.kind, block.ids[cut], block.nodes[cut], block.region[cut])
+            factor = np.array([regions[int(number)] for number in part.region])
+            values = kernel(mesh.position[part.nodes], part) * factor[:, None, None]
+            local[at : at + values.shape[0] * values.shape[1]] = values.reshape(-1, width)
+            at += values.shape[0] * values.shape[1]
+    if width == 9:
+        flipped = np.flatnonzero(pattern.flipped)
+        local[flipped] = local[flipped].reshape(-1, 3, 3).swapaxes(1, 2).reshape(-1, 9)
+    pairs = len(pattern.row)
+    return np.stack([np.bincount(pattern.place, local[:, c], pairs) for c in range(width)], axis=1)
+
+
+def _full_pattern(nodes: int, pattern: Pattern) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Both triangles in CSR order: indptr, columns, the pair each entry comes from, and whether it is transposed."""
+    pairs = len(pattern.row)
+    below = np.flatnonzero(pattern.row != pattern.column)
+    rows = np.concatenate([pattern.column[below], pattern.row])
+    # a stable sort by row, lower triangle first, leaves the columns of each row ascending
+    order = np.argsort(rows, kind="stable")
+    columns = np.concatenate([pattern.row[below], pattern.column])[order]
+    source = np.concatenate([below, np.arange(pairs)])[order]
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=nodes))])
+    return indptr, columns, source, order < len(below)
+
+
+def _block_csr(nodes: int, pattern: Pattern, blocks: np.ndarray) -> sparse.csr_array:
+    """Symmetric CSR (3n, 3n) from its upper 3 × 3 blocks."""
+    indptr, columns, source, transposed = _full_pattern(nodes, pattern)
+    data = blocks[source]
+    data[transposed] = data[transposed].swapaxes(1, 2)
+    return sparse.bsr_array((data, columns, indptr), shape=(3 * nodes, 3 * nodes)).tocsr()
+
+
+def _scalar_csr(nodes: int, pattern: Pattern, values: np.ndarray) -> sparse.csr_array:
+    """Symmetric CSR m ⊗ I₃ (3n, 3n) from the upper triangle of m."""
+    indptr, columns, source, _ = _full_pattern(nodes, pattern)
+    m = sparse.csr_array((values[source], columns, indptr), shape=(nodes, nodes))
+    return expand(m)
+
+
+def expand(m: sparse.csr_array) -> sparse.csr_array:
+    """m ⊗ I₃, rows 3·node + component: m (n, n) → (3n, 3n)."""
+    per_row = np.diff(m.indptr)
+    indptr = np.concatenate([[0], np.cumsum(np.repeat(per_row, 3))])
+    starts = np.repeat(m.indptr[:-1], 3)
+    entry = np.arange(indptr[-1]) + np.repeat(starts - indptr[:-1], np.repeat(per_row, 3))
+    component = np.repeat(np.tile(np.arange(3), m.shape[0]), np.repeat(per_row, 3))
+    size = 3 * m.shape[0]
+    index = np.int32 if max(size, len(entry)) < 2**31 else np.int64
+    return sparse.csr_array(
+        (m.data[entry], (3 * m.indices[entry] + component).astype(index), indptr.astype(index)), shape=(size, size)
+    )
+
+
+def _point_masses(mesh: Mesh) -> sparse.csr_array:
+    diagonal = np.zeros(3 * len(mesh.position))
+    for point in mesh.point_masses:
+        if not point.mass >= 0:
+            raise DeckError(f"point mass {point.id} is {point.mass:g} kg", remedy="it must not be negative")
+        diagonal[3 * point.node : 3 * point.node + 3] += point.mass
+    return sparse.diags_array(diagonal).tocsr()

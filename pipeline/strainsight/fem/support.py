@@ -1,0 +1,145 @@
+"""Motions without stiffness: found from the supports, before a factorisation breaks on them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from strainsight.errors import UserError
+from strainsight.fem.constraints import Constraint, describe_row, rigid_rows
+from strainsight.mesh.model import Mesh
+
+AXES = "xyz"
+TOLERANCE = 1e-9
+
+
+def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
+    """Rigid motions that the constraints allow, in words ("translation x", "rotation about z"); empty where none.
+
+    With z = R c on the nodes of an element body (six motions c) and y the motions of reference nodes outside the
+    elements, the constraint holds where T (R c, y) = R c on the clamped and dependent rows. The null vectors (c, y) of
+    that system, its columns scaled to unit motion, are what moves freely. First the whole structure is one body; if it
+    is held, each part that shares no node with the others is a body of its own.
+    Raises UserError for more than 300 parts.
+    """
+    nodes = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    label = np.full(len(mesh.position), -1)
+    label[nodes] = 0
+    whole = _free_motions(mesh, constraint, label)
+    if whole:
+        return whole
+    parts = _parts(mesh, nodes)
+    count = int(parts.max()) + 1
+    if count > 300:
+        raise UserError(
+            f"the mesh falls into {count} parts that share no node", remedy="merge coincident nodes, then try again"
+        )
+    return _free_motions(mesh, constraint, parts) if count > 1 else ()
+
+
+def require_support(mesh: Mesh, constraint: Constraint) -> None:
+    """Raise UserError that names the free motions where there are any."""
+    motions = rigid_body_motions(mesh, constraint)
+    if motions:
+        more = f" and {len(motions) - 8} more" if len(motions) > 8 else ""
+        raise UserError(
+            f"the structure can move freely: {', '.join(motions[:8])}{more}",
+            remedy="add supports (SPC1) or connections (RBE2) that hold these motions",
+        )
+
+
+def _parts(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:
+    """Connected part of each node, through shared nodes of elements; −1 for a node outside the elements."""
+    n = len(mesh.position)
+    rows = np.concatenate([block.nodes[:, :-1].ravel() for block in mesh.blocks])
+    columns = np.concatenate([block.nodes[:, 1:].ravel() for block in mesh.blocks])
+    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n))
+    _, component = connected_components(graph, directed=False)
+    parts = np.full(n, -1)
+    parts[nodes] = np.unique(component[nodes], return_inverse=True)[1]
+    return parts
+
+
+def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> tuple[str, ...]:
+    bodies = int(label.max()) + 1
+    centre = np.array([mesh.position[label == b].mean(axis=0) for b in range(bodies)])
+    radius = np.array([np.linalg.norm(mesh.position[label == b] - centre[b], axis=1).max() for b in range(bodies)])
+    nodes = np.flatnonzero(label >= 0)
+    R = _motions(mesh, nodes, label[nodes], centre, radius)
+
+    T, free = constraint.transform, constraint.free_rows
+    supported = np.zeros(T.shape[0], dtype=bool)
+    supported[(3 * nodes[:, None] + np.arange(3)).ravel()] = True
+    held = supported.copy()
+    held[free] = False
+    held_rows = np.flatnonzero(held)
+    inside = supported[free]
+    Th = T[held_rows]
+    loose = Th[:, np.flatnonzero(~inside)]
+    size = np.sqrt(np.asarray(loose.multiply(loose).sum(axis=0)).ravel())
+    size[size == 0] = 1.0
+    B = sparse.hstack([Th[:, np.flatnonzero(inside)] @ R[free[inside]] - R[held_rows], loose / size], format="csr")
+    null = _null_space(B)
+    words: list[str] = []
+    for b in range(bodies):
+        words += _named(null[6 * b : 6 * b + 6], centre[b], radius[b], "" if bodies == 1 else _near(mesh, label, b))
+    if null.shape[1] and not words:
+        column = null[6 * bodies :]
+        rows = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
+        words = [describe_row(mesh, constraint, int(row)) + " of a rigid element" for row in rows]
+    return tuple(words)
+
+
+def _motions(
+    mesh: Mesh, nodes: np.ndarray, label: np.ndarray, centre: np.ndarray, radius: np.ndarray
+) -> sparse.csr_array:
+    """R: six motions of each body about its centre, rotations divided by its radius, on all rows of z."""
+    blocks = rigid_rows(mesh.position[nodes] - centre[label])
+    blocks[:, :, 3:] /= radius[label][:, None, None]
+    rows = np.broadcast_to((3 * nodes[:, None] + np.arange(3))[:, :, None], blocks.shape)
+    columns = np.broadcast_to(6 * label[:, None, None] + np.arange(6), blocks.shape)
+    shape = (3 * len(mesh.position), 6 * len(centre))
+    return sparse.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def _null_space(B: sparse.csr_array) -> np.ndarray:
+    """Right null space (columns, k), by QR of slabs of rows and an SVD of the last factor."""
+    triangle = np.zeros((0, B.shape[1]))
+    for start in range(0, B.shape[0], 4096):
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, B[start : start + 4096].toarray()]), mode="r"))
+    _, strength, Vt = np.linalg.svd(triangle, full_matrices=True)
+    # the columns are scaled to unit motion, so that a support has strength of the order of one whatever the units
+    rank = int(np.count_nonzero(strength > TOLERANCE))
+    return Vt[rank:].T
+
+
+def _named(null: np.ndarray, centre: np.ndarray, radius: float, where: str) -> list[str]:
+    """The motions in span(null), null (6, k) in scaled coordinates of one body."""
+    U, strength, _ = np.linalg.svd(null, full_matrices=False)
+    U = U[:, strength > 1e-6]
+    pure = [i for i in range(6) if np.linalg.norm(U[i]) > 1 - 1e-9]
+    words = [(f"translation {AXES[i]}" if i < 3 else f"rotation about {AXES[i - 3]}") + where for i in pure]
+    rest = U.copy()
+    rest[pure] = 0.0
+    Q, strength, _ = np.linalg.svd(rest, full_matrices=False)
+    for t, w in ((q[:3], q[3:] / radius) for q in Q[:, strength > 1e-6].T):
+        if np.linalg.norm(w) * radius < 1e-6:
+            words.append(f"translation along {_triple(t / np.linalg.norm(t))}{where}")
+        else:
+            point = centre + np.cross(w, t) / (w @ w)
+            words.append(f"rotation about {_line(w / np.linalg.norm(w))} through {_triple(point)} m{where}")
+    return words
+
+
+def _near(mesh: Mesh, label: np.ndarray, body: int) -> str:
+    return f" of the part with node {mesh.node_ids[np.argmax(label == body)]}"
+
+
+def _line(w: np.ndarray) -> str:
+    along = int(np.argmax(np.abs(w)))
+    return AXES[along] if abs(w[along]) > 1 - 1e-9 else _triple(w)
+
+
+def _triple(v: np.ndarray) -> str:
+    return "(" + ", ".join(f"{round(float(x), 6) + 0.0:.4g}" for x in v) + ")"

@@ -1,0 +1,116 @@
+"""Boxes of every element kind."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+
+EDGES = {
+    "tet10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "hex20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+}
+LINEAR = {"tet10": "tet4", "hex20": "hex8", "wedge15": "wedge6"}
+
+
+def split(hexahedra: np.ndarray, kind: str) -> np.ndarray:
+    """Hexahedra (e, 8) cut into linear elements: wedges along the diagonal 0-2, Kuhn's six tetrahedra."""
+    if kind == "hex8":
+        return hexahedra
+    if kind == "wedge6":
+        cuts = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
+    else:
+        step = {
+            (0, 0, 0): 0,
+            (1, 0, 0): 1,
+            (1, 1, 0): 2,
+            (0, 1, 0): 3,
+            (0, 0, 1): 4,
+            (1, 0, 1): 5,
+            (1, 1, 1): 6,
+            (0, 1, 1): 7,
+        }
+        cuts = []
+        for order in permutations(range(3)):
+            corner, path = [0, 0, 0], [0]
+            for axis in order:
+                corner[axis] = 1
+                path.append(step[tuple(corner)])
+            odd = round(np.linalg.det(np.eye(3)[list(order)])) < 0
+            cuts.append((path[0], path[2], path[1], path[3]) if odd else tuple(path))
+    return np.concatenate([hexahedra[:, list(cut)] for cut in cuts])
+
+
+def with_midsides(position: np.ndarray, cells: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    pairs = np.sort(cells[:, np.array(EDGES[kind])], axis=2)
+    unique, index = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    middle = 0.5 * (position[unique[:, 0]] + position[unique[:, 1]])
+    return np.vstack([position, middle]), np.hstack([cells, len(position) + index.reshape(pairs.shape[:2])])
+
+
+def make_mesh(position, blocks, fixed=(), material=(2.1e11, 0.3, 7850.0), **more) -> Mesh:
+    """blocks: (kind, cells, region); regions share the material unless `materials` says region → material tuple."""
+    regions = sorted({int(r) for _, _, region in blocks for r in np.unique(region)})
+    table = more.pop("materials", dict.fromkeys(regions, material))
+    cells, at = [], 1
+    for kind, nodes, region in blocks:
+        cells.append(
+            CellBlock(
+                kind, np.arange(at, at + len(nodes)), np.asarray(nodes), np.broadcast_to(region, len(nodes)).copy()
+            )
+        )
+        at += len(nodes)
+    return Mesh(
+        node_ids=np.arange(1, len(position) + 1),
+        position=np.asarray(position, float),
+        blocks=tuple(cells),
+        regions={r: Region(r, f"region {r}", r) for r in regions},
+        materials={r: Material(r, *table[r]) for r in regions},
+        fixed=np.asarray(list(fixed), dtype=np.int64).reshape(-1, 2),
+        **more,
+    )
+
+
+def make_box(
+    kind: str,
+    counts=(2, 2, 2),
+    size=(1.0, 1.0, 1.0),
+    distort: float = 0.0,
+    seed: int = 0,
+    clamp_root: bool = False,
+    **more,
+) -> Mesh:
+    """A box of counts hexahedra, cut into `kind`; inner corners moved by `distort` cells, root clamped if asked."""
+    axes = [np.arange(c + 1) for c in counts]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(len(grid)).reshape([c + 1 for c in counts])
+    i, j, k = (a.ravel() for a in np.meshgrid(*[np.arange(c) for c in counts], indexing="ij"))
+    corner = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    hexahedra = np.stack([number[i + a, j + b, k + c] for a, b, c in corner], axis=1)
+    inner = np.all((grid > 0) & (grid < np.array(counts)), axis=1)
+    moved = grid + distort * np.random.default_rng(seed).uniform(-1, 1, grid.shape) * inner[:, None]
+    position = moved / np.array(counts) * np.array(size)
+    cells = split(hexahedra, LINEAR.get(kind, kind))
+    if kind in LINEAR:
+        position, cells = with_midsides(position, cells, kind)
+    fixed = [(n, c) for n in np.flatnonzero(np.isclose(position[:, 0], 0.0)) for c in range(3)] if clamp_root else []
+    return make_mesh(position, [(kind, cells, more.pop("region", 1))], fixed, **more)
+
+
+@pytest.fixture(scope="session")
+def box():
+    return make_box
+
+
+@pytest.fixture(scope="session")
+def mesh_of():
+    return make_mesh
+
+
+@pytest.fixture(scope="session")
+def midsides():
+    return with_midsides

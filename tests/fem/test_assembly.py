@@ -1,0 +1,272 @@
+"""Stiffness and mass: exact where they must be, equal to another library's, affine in the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.assembly import assemble, mass_properties
+from strainsight.fem.elements import SOLID_KINDS
+from strainsight.mesh.model import PointMass
+
+E, NU, RHO = 2.1e11, 0.3, 7850.0
+
+
+def constant_stress(gradient, modulus=E, nu=NU):
+    strain = 0.5 * (gradient + gradient.T)
+    return modulus / (1 + nu) * (strain + nu / (1 - 2 * nu) * np.trace(strain) * np.eye(3)), strain
+
+
+@pytest.mark.parametrize("kind", SOLID_KINDS)
+def test_patch_test_on_distorted_elements(box, kind):
+    """A linear field has no internal forces at inner nodes and the energy ½ σ:ε V."""
+    mesh = box(kind, (3, 3, 3), distort=0.3)
+    K = assemble(mesh)[0].constant
+    gradient = np.random.default_rng(3).normal(size=(3, 3))
+    u = (mesh.position @ gradient.T).ravel()
+    force = K @ u
+    inner = np.repeat(np.all((mesh.position > 1e-9) & (mesh.position < 1 - 1e-9), axis=1), 3)
+    stress, strain = constant_stress(gradient)
+    assert np.abs(force[inner]).max() < 1e-12 * np.abs(force).max()
+    assert u @ force == pytest.approx(np.sum(stress * strain), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", SOLID_KINDS)
+def test_solving_a_distorted_patch_gives_the_constant_strain(box, kind):
+    mesh = box(kind, (3, 3, 3), distort=0.3, seed=5)
+    K = assemble(mesh)[0].constant.toarray()
+    u = (mesh.position @ np.random.default_rng(4).normal(size=(3, 3)).T).ravel()
+    inner = np.repeat(np.all((mesh.position > 1e-9) & (mesh.position < 1 - 1e-9), axis=1), 3)
+    found = np.linalg.solve(K[np.ix_(inner, inner)], -K[np.ix_(inner, ~inner)] @ u[~inner])
+    assert np.allclose(found, u[inner], atol=1e-12 * np.abs(u).max())
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize("kind", SOLID_KINDS)
+def test_rigid_motions_have_no_energy_and_nothing_else_has_none(box, kind, unit):
+    mesh = box(kind, (1, 2, 1), size=(unit, unit, unit), distort=0.2)
+    K = assemble(mesh)[0].constant
+    x = mesh.position / unit
+    rigid = np.column_stack([np.tile(e, len(x)) for e in np.eye(3)] + [np.cross(e, x).ravel() for e in np.eye(3)])
+    assert np.abs(K @ rigid).max() < 1e-12 * np.abs(K).max()
+    stiffness = np.linalg.eigvalsh(K.toarray()) / np.abs(K).max()
+    assert np.all(stiffness[:6] < 1e-12)
+    assert stiffness[6] > 1e-4
+
+
+@pytest.mark.parametrize("kind", SOLID_KINDS)
+def test_mass_of_rigid_motions_is_that_of_the_body(box, kind):
+    """Mass, first and second moments of a box: the mass is exact because N N is integrated exactly."""
+    mesh = box(kind, (2, 3, 2), size=(1.0, 2.0, 0.5), distort=0.0)
+    M = assemble(mesh)[1].constant
+    spin = np.cross([0, 0, 1.0], mesh.position).ravel()
+    assert spin @ M @ spin == pytest.approx(RHO * 1.0 * (1.0**2 + 2.0**2) / 3, rel=1e-13)
+    mass, at = mass_properties(mesh)
+    assert mass == pytest.approx(RHO, rel=1e-13)
+    assert np.allclose(at, [0.5, 1.0, 0.25], atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["tet4", "tet10", "hex20", "hex8"])
+def test_matrices_equal_those_of_scikit_fem(box, kind):
+    """Stiffness (hex8 apart, whose incompatible modes scikit-fem lacks) and mass on affine elements, to 1e-12."""
+    import skfem
+    from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+    shear = np.array([[1.0, 0.2, 0.1], [0.0, 1.1, 0.3], [0.05, 0.0, 0.9]])
+    mesh = box(kind, (2, 2, 2), distort=0.2 if kind.startswith("tet") else 0.0)
+    mesh = replace(mesh, position=mesh.position @ shear.T)
+    cells = mesh.blocks[0].nodes
+    corners = 4 if kind.startswith("tet") else 8
+    used, local = np.unique(cells[:, :corners], return_inverse=True)
+    local = local.reshape(-1, corners)
+    if corners == 4:
+        other, element = (
+            skfem.MeshTet(mesh.position[used].T, local.T),
+            skfem.ElementTetP1() if kind == "tet4" else skfem.ElementTetP2(),
+        )
+    else:
+        order = [0, 1, 3, 4, 2, 5, 7, 6]
+        other = skfem.MeshHex(mesh.position[used].T, local[:, order].T)
+        element = skfem.ElementHex1() if kind == "hex8" else skfem.ElementHexS2()
+    basis = skfem.Basis(other, skfem.ElementVector(element), intorder=6)
+    dofs, places = [basis.nodal_dofs], [other.p]
+    if kind in ("tet10", "hex20"):
+        dofs.append(basis.edge_dofs)
+        places.append(other.p[:, other.edges].mean(axis=1))
+    dofs, places = np.hstack(dofs), np.hstack(places).T
+    match = np.argmin(np.linalg.norm(mesh.position[:, None] - places[None], axis=2), axis=1)
+    rows = dofs[:, match].T.ravel()
+
+    @skfem.BilinearForm
+    def inertia(u, v, w):
+        return RHO * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+
+    K, M = (operator.constant.toarray() for operator in assemble(mesh))
+    K_other = linear_elasticity(*lame_parameters(E, NU)).assemble(basis).toarray()[np.ix_(rows, rows)]
+    M_other = inertia.assemble(basis).toarray()[np.ix_(rows, rows)]
+    assert np.abs(M - M_other).max() < 1e-12 * np.abs(M).max()
+    if kind == "hex8":
+        softer = np.linalg.eigvalsh(K_other - K)
+        assert softer.min() > -1e-12 * np.abs(K).max()
+        assert softer.max() > 0.01 * np.abs(K).max()
+    else:
+        assert np.abs(K - K_other).max() < 1e-12 * np.abs(K).max()
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20"])
+def test_one_layer_of_bricks_bends_exactly(box, kind):
+    """Pure bending of a bar, u = κ(−xz, νyz, (x² + ν(z² − y²))/2): energy ½EIκ²L, Poisson effect included."""
+    L, b, h = 2.0, 0.7, 0.3
+    mesh = box(kind, (2, 1, 1), size=(L, b, h))
+    x, y, z = mesh.position.T - np.array([[L / 2], [b / 2], [h / 2]])
+    curvature = 1e-3
+    u = curvature * np.column_stack([-x * z, NU * y * z, 0.5 * (x**2 + NU * (z**2 - y**2))]).ravel()
+    energy = 0.5 * u @ assemble(mesh)[0].constant @ u
+    assert energy == pytest.approx(0.5 * E * b * h**3 / 12 * curvature**2 * L, rel=1e-11)
+
+
+def test_a_wedge_numbered_from_its_other_end_is_named(box):
+    """Its facets would point inwards."""
+    mesh = box("wedge6", (1, 1, 1))
+    block = mesh.blocks[0]
+    with pytest.raises(DeckError, match="2 wedge6 elements are flat or turned inside out: 1, 2 "):
+        assemble(replace(mesh, blocks=(replace(block, nodes=block.nodes[:, [3, 4, 5, 0, 1, 2]]),)))
+
+
+def two_regions(box, kind):
+    mesh = box(kind, (4, 2, 2), distort=0.2)
+    block = mesh.blocks[0]
+    region = np.where(mesh.position[block.nodes].mean(axis=1)[:, 0] > 0.5, 2, 1)
+    mesh = replace(mesh, blocks=(replace(block, region=region),))
+    regions = {i: replace(mesh.regions[1], id=i, material=i) for i in (1, 2)}
+    return replace(
+        mesh,
+        regions=regions,
+        materials={1: mesh.materials[1], 2: replace(mesh.materials[1], id=2, poisson_ratio=0.2, density=2700.0)},
+    )
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex8"])
+def test_affine_operators_equal_direct_assembly_at_any_parameter(box, kind):
+    mesh = two_regions(box, kind)
+    mesh = replace(mesh, point_masses=(PointMass(1, 3, 12.5),))
+    parameters = [Parameter("E1", "youngs_modulus", (1,), 2e11), Parameter("rho2", "density", (2,), 2700.0)]
+    K, M = assemble(mesh, parameters)
+    for theta in ({"E1": 1.3e11, "rho2": 1000.0}, {"E1": 7.0, "rho2": 0.0}):
+        materials = {
+            1: replace(mesh.materials[1], youngs_modulus=theta["E1"]),
+            2: replace(mesh.materials[2], density=theta["rho2"]),
+        }
+        K_direct, M_direct = assemble(replace(mesh, materials=materials))
+        assert np.abs((K.at(theta) - K_direct.constant).toarray()).max() < 1e-13 * np.abs(K_direct.constant).max()
+        assert np.abs((M.at(theta) - M_direct.constant).toarray()).max() < 1e-13 * np.abs(M_direct.constant).max()
+    assert set(K.terms) == {"E1"}
+    assert set(M.terms) == {"rho2"}
+
+
+def test_one_parameter_over_two_regions_keeps_each_poisson_ratio(box):
+    mesh = two_regions(box, "tet4")
+    K = assemble(mesh, [Parameter("E", "youngs_modulus", (1, 2), 2e11)])[0]
+    assert K.constant.nnz == 0
+    assert np.abs((K.at({"E": E}) - assemble(mesh)[0].constant).toarray()).max() < 1e-13 * E
+
+
+def test_kinds_mix_in_one_mesh(box):
+    """Wedges and bricks side by side still pass the patch test."""
+    left, right = box("hex20", (1, 1, 1)), box("wedge15", (1, 1, 1))
+    shifted = right.position + np.array([1.0, 0, 0])
+    position = np.vstack([left.position, shifted])
+    unique, index = np.unique(np.round(position, 9), axis=0, return_inverse=True)
+    blocks = (
+        replace(left.blocks[0], nodes=index[left.blocks[0].nodes]),
+        replace(right.blocks[0], ids=np.array([7, 8]), nodes=index[len(left.position) + right.blocks[0].nodes]),
+    )
+    mesh = replace(left, node_ids=np.arange(1, len(unique) + 1), position=unique, blocks=blocks)
+    gradient = np.random.default_rng(3).normal(size=(3, 3))
+    u = (unique @ gradient.T).ravel()
+    stress, strain = constant_stress(gradient)
+    assert u @ assemble(mesh)[0].constant @ u == pytest.approx(2 * np.sum(stress * strain), rel=1e-12)
+    assert mass_properties(mesh)[0] == pytest.approx(2 * RHO, rel=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["tet4", "hex8"])
+def test_elements_inside_out_are_named(box, kind):
+    mesh = box(kind, (2, 1, 1))
+    block = mesh.blocks[0]
+    nodes = block.nodes.copy()
+    nodes[1] = nodes[1][[1, 0, *range(2, nodes.shape[1])]]
+    with pytest.raises(DeckError, match=f"inside out: {block.ids[1]} "):
+        assemble(replace(mesh, blocks=(replace(block, nodes=nodes),)))
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex20", "wedge15"])
+def test_midside_nodes_in_another_order_are_named(box, kind):
+    """Among them orders in which the Jacobian stays positive at every quadrature point."""
+    mesh = box(kind, (2, 1, 1))
+    block = mesh.blocks[0]
+    nodes = block.nodes.copy()
+    nodes[1, -2:] = nodes[1, [-1, -2]]
+    with pytest.raises(DeckError, match=f"{kind} element {block.ids[1]} "):
+        assemble(replace(mesh, blocks=(replace(block, nodes=nodes),)))
+
+
+def test_strongly_curved_sides_are_accepted(box):
+    """An eighth of a hollow cylinder, one tet10-cut brick thick: volume from the assembled mass to 1e-3."""
+    mesh = box("tet10", (2, 3, 2), size=(1.0, np.pi / 4, 1.0))
+    r, angle, z = 1.0 + mesh.position[:, 0], mesh.position[:, 1], mesh.position[:, 2]
+    curved = replace(mesh, position=np.column_stack([r * np.cos(angle), r * np.sin(angle), z]))
+    assert mass_properties(curved)[0] == pytest.approx(RHO * np.pi / 8 * 3, rel=1e-3)
+
+
+def test_flat_wedges_are_named(box):
+    mesh = box("wedge6", (1, 1, 1))
+    with pytest.raises(DeckError, match="2 wedge6 elements"):
+        assemble(replace(mesh, position=mesh.position * [1, 1, 0]))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"youngs_modulus": 0.0}, "Young's modulus"),
+        ({"poisson_ratio": 0.5}, "Poisson"),
+        ({"density": -1.0}, "density"),
+        ({"youngs_modulus": float("nan")}, "Young's modulus"),
+    ],
+)
+def test_materials_that_cannot_be_are_refused(box, change, message):
+    mesh = box("tet4", (1, 1, 1))
+    with pytest.raises(DeckError, match=message):
+        assemble(replace(mesh, materials={1: replace(mesh.materials[1], **change)}))
+
+
+def test_missing_region_material_or_mass_is_refused(box):
+    mesh = box("tet4", (1, 1, 1))
+    with pytest.raises(DeckError, match="region 1"):
+        assemble(replace(mesh, regions={}))
+    with pytest.raises(DeckError, match="material 1"):
+        assemble(replace(mesh, materials={}))
+    with pytest.raises(DeckError, match="total mass is 0 kg"):
+        mass_properties(replace(mesh, materials={1: replace(mesh.materials[1], density=0.0)}))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ([Parameter("E", "youngs_modulus", (9,), 1.0)], "region 9"),
+        (
+            [Parameter("E", "youngs_modulus", (1,), 1.0), Parameter("E", "density", (1,), 1.0)],
+            "2 parameters are called 'E'",
+        ),
+        (
+            [Parameter("E", "youngs_modulus", (1,), 1.0), Parameter("F", "youngs_modulus", (1,), 1.0)],
+            "both the youngs_modulus",
+        ),
+    ],
+)
+def test_parameters_that_contradict_are_refused(box, parameters, message):
+    with pytest.raises(UserError, match=message):
+        assemble(box("tet4", (1, 1, 1)), parameters)

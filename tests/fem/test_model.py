@@ -1,0 +1,97 @@
+"""The model on its free motions, and the loads on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.mesh.model import PointMass, RigidElement
+
+
+@pytest.fixture(scope="module")
+def bar(box):
+    """A bar with a rigid tip whose reference node 100 carries 3 kg."""
+    mesh = box("hex20", (4, 1, 1), size=(4.0, 1.0, 1.0), clamp_root=True)
+    tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 4.0))
+    n = len(mesh.position)
+    return replace(
+        mesh,
+        node_ids=np.append(mesh.node_ids, 1000),
+        position=np.vstack([mesh.position, [4.0, 0.5, 0.5]]),
+        rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
+        point_masses=(PointMass(2, n, 3.0),),
+        node_sets={"tip": mesh.node_ids[tip], "nothing": np.array([], dtype=np.int64)},
+    )
+
+
+def test_a_tip_force_does_the_work_of_its_displacement(bar):
+    """Reciprocity and work: S picks the displacement of the loaded node out of a field."""
+    model = build_model(bar)
+    loads = [
+        PointLoad("x", (2.0, 0.0, 0.0), node_id=1000),
+        PointLoad("set", (0.0, 0.0, 1.0), node_set="tip"),
+        PointLoad("oblique", (1.0, 1.0, 0.0), node_id=1000),
+    ]
+    S = input_shape(model, loads)
+    field = np.random.default_rng(0).normal(size=(model.size, 1))
+    z = nodal(model, field).reshape(-1, 3)
+    tip = np.isin(bar.node_ids, bar.node_sets["tip"])
+    assert np.allclose((S.T @ field)[:, 0], [z[-1, 0], z[tip, 2].mean(), (z[-1, 0] + z[-1, 1]) / np.sqrt(2)])
+
+
+def test_stretching_a_bar(bar):
+    """u = F L/(E A) at ν = 0, exact in any element."""
+    mesh = replace(bar, materials={1: replace(bar.materials[1], poisson_ratio=0.0)})
+    model = build_model(mesh, [Parameter("E", "youngs_modulus", (1,), 2.1e11)])
+    S = input_shape(model, [PointLoad("tip", (1.0, 0.0, 0.0), node_id=1000)])
+    for modulus in (1.0, 7e10):
+        u = nodal(model, factorise(model.stiffness.at({"E": modulus})).solve(S))
+        assert u[-3, 0] == pytest.approx(4.0 / modulus, rel=1e-11)
+
+
+def test_constrained_mass_keeps_the_point_mass_and_the_body(bar):
+    """Translation of the whole bar, root included, by a model without supports."""
+    model = build_model(replace(bar, fixed=np.zeros((0, 2), dtype=np.int64)), supported=False)
+    e = np.zeros(model.size)
+    e[(model.constraint.free_rows < 3 * len(bar.position)) & (model.constraint.free_rows % 3 == 1)] = 1.0
+    assert e @ model.mass.constant @ e == pytest.approx(4.0 * 7850.0 + 3.0, rel=1e-13)
+
+
+def test_operators_are_symmetric(bar):
+    model = build_model(
+        bar, [Parameter("E", "youngs_modulus", (1,), 2.1e11), Parameter("rho", "density", (1,), 7850.0)]
+    )
+    for X in (model.stiffness.terms["E"], model.mass.terms["rho"], model.mass.constant):
+        assert np.abs((X - X.T).toarray()).max() <= 1e-14 * np.abs(X).max()
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (PointLoad("F", (0, 0, 1), node_id=77777), "node 77777, which is not there"),
+        (PointLoad("F", (0, 0, 1), node_set="tips"), "node set 'tips', which is not there"),
+        (PointLoad("F", (0, 0, 1), node_set="nothing"), "empty node set"),
+        (PointLoad("F", (0, 0, 0), node_id=1000), "direction"),
+        (PointLoad("F", (0, np.nan, 0), node_id=1000), "direction"),
+        (PointLoad("F", (0, 0, 1), node_id=1), "node 1, which cannot move in its direction"),
+        (PointLoad("F", (0, 0, 1)), "needs a node or a node set"),
+        (PointLoad("F", (0, 0, 1), node_id=1, node_set="tip"), "needs a node or a node set"),
+    ],
+)
+def test_loads_that_cannot_act_are_refused(bar, load, message):
+    with pytest.raises(UserError, match=message):
+        input_shape(build_model(bar), [load])
+
+
+def test_a_mesh_with_nothing_to_move_is_refused(box):
+    mesh = box("tet4", (1, 1, 1))
+    with pytest.raises(DeckError, match="no solid elements"):
+        build_model(replace(mesh, blocks=()))
+    with pytest.raises(DeckError, match="every node is clamped"):
+        build_model(replace(mesh, fixed=np.array([(i, c) for i in range(8) for c in range(3)])))

@@ -1,0 +1,181 @@
+"""Modes against closed forms and published values."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from strainsight.errors import NumericalError, UserError
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.modes import modes
+from strainsight.mesh.model import RigidElement
+
+
+def chain(n, stiffness=1.0, mass=1.0):
+    """Masses and springs in a row, one end held: ω_k = 2√(k/m) sin((2k − 1)π / (4n + 2))."""
+    K = sparse.diags_array([np.append(np.full(n - 1, 2.0), 1.0), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    k = np.arange(1, n + 1)
+    exact = 2 * np.sqrt(stiffness / mass) * np.sin((2 * k - 1) * np.pi / (4 * n + 2)) / (2 * np.pi)
+    return sparse.csr_array(stiffness * K), sparse.csr_array(mass * sparse.eye_array(n)), exact
+
+
+@pytest.mark.parametrize(("stiffness", "mass"), [(1.0, 1.0), (1e12, 1e-6), (1e-9, 1e3)])
+@pytest.mark.parametrize("n", [40, 2000])
+def test_chain_of_masses(n, stiffness, mass):
+    K, M, exact = chain(n, stiffness, mass)
+    frequency, shapes = modes(K, M, 12)
+    assert np.allclose(frequency, exact[:12], rtol=1e-9)
+    assert np.allclose(shapes.T @ (M @ shapes), np.eye(12), atol=1e-9)
+    assert np.allclose(
+        shapes.T @ (K @ shapes), np.diag((2 * np.pi * frequency) ** 2), atol=1e-9 * (2 * np.pi * frequency[-1]) ** 2
+    )
+    first = np.argmax(np.abs(shapes) > (1 - 1e-6) * np.abs(shapes).max(axis=0), axis=0)
+    assert np.all(shapes[first, np.arange(12)] > 0)
+
+
+def test_every_copy_of_a_repeated_frequency_is_found():
+    """Three equal chains that do not touch: each frequency three times."""
+    K, M, exact = chain(400)
+    frequency, shapes = modes(
+        sparse.csr_array(sparse.kron(sparse.eye_array(3), K)), sparse.csr_array(sparse.kron(sparse.eye_array(3), M)), 9
+    )
+    assert np.allclose(frequency, np.repeat(exact[:3], 3), rtol=1e-9)
+    assert np.allclose(shapes.T @ shapes, np.eye(9), atol=1e-9)
+
+
+def test_the_same_model_gives_the_same_bits():
+    K, M, _ = chain(2000)
+    first, *others = (modes(K, M, 5)[1] for _ in range(4))
+    assert all(np.array_equal(first, other) for other in others)
+
+
+@pytest.mark.parametrize("n", [60, 900])
+def test_unknowns_without_mass_are_condensed(n):
+    """Every second mass zero: two springs in series, so a chain of half the length and half the stiffness."""
+    K = chain(n, 2.0)[0]
+    diagonal = np.tile([0.0, 1.0], n // 2)
+    frequency, _ = modes(K, sparse.csr_array(sparse.diags_array(diagonal)), 4)
+    assert np.allclose(frequency, chain(n // 2)[2][:4], rtol=1e-9)
+    with pytest.raises(UserError, match=f"{n // 2 + 1} modes of a model with {n // 2} unknowns"):
+        modes(K, sparse.csr_array(sparse.diags_array(diagonal)), n // 2 + 1)
+
+
+def test_indefinite_stiffness_is_refused():
+    K, M, _ = chain(50)
+    with pytest.raises(NumericalError, match="not positive definite"):
+        modes(sparse.csr_array(K - sparse.eye_array(50)), M, 3)
+
+
+@pytest.mark.parametrize("kind", ["hex20", "tet10"])
+def test_a_hinge_inside_the_mesh_is_a_mechanism(box, kind):
+    """Two boxes that share one edge only: by their nodes they are one part, yet one of them swings about the edge."""
+    mesh = box(kind, (3, 3, 2))
+    block = mesh.blocks[0]
+    middle = mesh.position[block.nodes].mean(axis=1)
+    keep = (middle[:, 0] < 1 / 3) & (middle[:, 1] < 1 / 3) | (middle[:, 0] > 1 / 3) & (middle[:, 1] > 1 / 3)
+    block = replace(block, ids=block.ids[keep], nodes=block.nodes[keep], region=block.region[keep])
+    root = [(i, c) for i in np.flatnonzero(np.isclose(mesh.position[:, 0], 0)) for c in range(3)]
+    model = build_model(replace(mesh, blocks=(block,), fixed=np.array(root)))
+    with pytest.raises((UserError, NumericalError), match=r"mechanism|not positive definite"):
+        modes(model.stiffness.constant, model.mass.constant, 3)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e3])
+def test_frequency_is_inverse_to_size(box, unit):
+    """A clamped block with a rigid tip, in micrometres and kilometres: f L is one number."""
+
+    def block(scale):
+        mesh = box("tet10", (2, 2, 2), size=(2 * scale, scale, scale), clamp_root=True)
+        tip = np.flatnonzero(np.isclose(mesh.position[:, 0] / scale, 2.0))
+        n = len(mesh.position)
+        rigid = (RigidElement(1, n, tip, (0, 1, 2)),)
+        position = np.vstack([mesh.position, [2.5 * scale, 0.5 * scale, 0.0]])
+        model = build_model(replace(mesh, node_ids=np.arange(n + 1), position=position, rigid=rigid))
+        return modes(model.stiffness.constant, model.mass.constant, 6)[0]
+
+    assert np.allclose(block(unit) * unit, block(1.0), rtol=1e-9)
+
+
+def plate(box, kind, counts):
+    """NAFEMS FV52: 10 × 10 × 1 m, w = 0 along the four lower edges; free in its plane."""
+    mesh = box(kind, counts, size=(10.0, 10.0, 1.0), material=(200e9, 0.3, 8000.0))
+    x, y, z = mesh.position.T
+    edge = np.isclose(z, 0) & (np.isclose(x, 0) | np.isclose(x, 10) | np.isclose(y, 0) | np.isclose(y, 10))
+    return replace(mesh, fixed=np.column_stack([np.flatnonzero(edge), np.full(edge.sum(), 2)]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "counts", "published", "within"),
+    [
+        # code_aster V2.03.502 (NAFEMS' own finite-element values), and CalculiX 2.20 on the same mesh
+        ("hex20", (4, 4, 1), (44.762, 110.52, 110.52, 169.08, 193.93, 206.64, 206.64), 1e-3),
+        ("hex20", (4, 4, 1), (44.796, 110.543, 110.543, 169.095, 193.925, 206.638, 206.638), 1e-5),
+        # OptiStruct CHEXA8 (help page OS-V 0455): its normalised results times the closed form 45.897 … 206.19 Hz
+        ("hex8", (8, 8, 3), (45.319, 113.96, 113.96, 173.30, 196.77, 209.57, 209.57), 1e-4),
+    ],
+)
+def test_simply_supported_solid_plate_fv52(box, kind, counts, published, within):
+    mesh = plate(box, kind, counts)
+    with pytest.raises(UserError, match="translation x, translation y, rotation about z"):
+        build_model(mesh)
+    model = build_model(mesh, supported=False)
+    frequency, shapes = modes(model.stiffness.constant, model.mass.constant, 10, shift=-1e3)
+    assert np.all(frequency[:3] < 1e-2)
+    assert np.allclose(frequency[3:], published, rtol=within)
+    # the rigid motions keep the plate's shape in plane and leave w at zero
+    assert np.abs(nodal(model, shapes[:, :3])[2::3]).max() < 1e-6 * np.abs(shapes[:, :3]).max()
+
+
+def octant(midsides, mesh_of, layers, inner, outer):
+    """An eighth of a hollow sphere in wedge15, graded geometrically in radius; mid-side nodes on their spheres."""
+    corner, triangles = np.eye(3), [(0, 1, 2)]
+    for _ in range(2):
+        finer = []
+        for a, b, c in triangles:
+            ab, bc, ca = (corner[p] + corner[q] for p, q in ((a, b), (b, c), (c, a)))
+            start = len(corner)
+            corner = np.vstack([corner, ab, bc, ca])
+            finer += [
+                (a, start, start + 2),
+                (start, b, start + 1),
+                (start + 2, start + 1, c),
+                (start, start + 1, start + 2),
+            ]
+        triangles = finer
+    corner /= np.linalg.norm(corner, axis=1)[:, None]
+    corner, index = np.unique(np.round(corner, 12), axis=0, return_inverse=True)
+    triangles = index[np.array(triangles)]
+    radii = np.linspace(inner, outer, layers + 1)
+    position = np.vstack([r * corner for r in radii])
+    cells = np.vstack(
+        [np.hstack([triangles + i * len(corner), triangles + (i + 1) * len(corner)]) for i in range(layers)]
+    )
+    straight, cells = midsides(position, cells, "wedge15")
+    at = np.linalg.norm(straight, axis=1)
+    radius = np.empty(len(straight))
+    radius[: len(position)] = np.repeat(radii, len(corner))
+    grid = np.sort(np.concatenate([radii, 0.5 * (radii[1:] + radii[:-1])]))
+    for pair in cells.reshape(-1, 15):
+        low, high = radius[pair[0]], radius[pair[3]]
+        radius[pair[6:9]], radius[pair[9:12]], radius[pair[12:]] = low, high, 0.5 * (low + high)
+    position = straight / at[:, None] * radius[:, None]
+    return mesh_of(position, [("wedge15", cells, 1)], material=(200e9, 0.3, 8000.0)), radius, grid
+
+
+def test_breathing_of_a_thick_hollow_sphere_fv42(midsides, mesh_of):
+    """NAFEMS FV42: radii 1.8 and 6 m, E 200 GPa, ν 0.3, ρ 8000 kg/m³, against its closed form.
+
+    The octant's matrices are restricted to radial motions u = f(r) e_r, so that only the breathing modes are left.
+    """
+    mesh, radius, grid = octant(midsides, mesh_of, 12, 1.8, 6.0)
+    model = build_model(mesh, supported=False)
+    level = np.argmin(np.abs(radius[:, None] - grid), axis=1)
+    radial = np.zeros((3 * len(radius), len(grid)))
+    for node, direction in enumerate(mesh.position / radius[:, None]):
+        radial[3 * node : 3 * node + 3, level[node]] = direction
+    K, M = model.stiffness.constant, model.mass.constant
+    frequency, _ = modes(sparse.csr_array(radial.T @ (K @ radial)), sparse.csr_array(radial.T @ (M @ radial)), 5)
+    assert np.allclose(frequency, [369.91, 838.03, 1451.2, 2117.0, 2795.8], rtol=2e-3)
