@@ -1,0 +1,1 @@
+"""Meshes: decks in, `Mesh` out, and what ParaView reads."""

@@ -1,0 +1,271 @@
+"""Nastran text as cards: sections, includes, comments, continuations and the three field formats, with file and line.
+
+Own, because pyyeti's `rdcards` ends a card at a comment between its lines, drops the rest of a large-field card in free
+format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of the tests.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from strainsight.errors import DeckError
+
+_BEGIN = re.compile(r"\s*BEGIN\b", re.IGNORECASE)
+_BEGIN_BULK = re.compile(r"\s*BEGIN\s*(BULK)?\s*$|\s*BEGIN\s+BULK\s*=\s*0*\s*$", re.IGNORECASE)
+_ENDDATA = re.compile(r"\s*ENDDATA\b", re.IGNORECASE)
+_SHORT_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]?([+-]?\d+)")
+_INCLUDE = re.compile(r"\s*INCLUDE\s+(.*)$", re.IGNORECASE)
+_CASE_CONTROL = re.compile(r"\s*(SOL\s+\w+\s*$|CEND\b|SUBCASE\b)", re.IGNORECASE)
+
+
+class Line(NamedTuple):
+    """A line without comment and trailing blanks, and where it stands."""
+
+    text: str
+    file: str
+    number: int
+
+    @property
+    def where(self) -> str:
+        """file:line."""
+        return f"{self.file}:{self.number}"
+
+
+class Card(NamedTuple):
+    """One bulk-data entry: NAME (upper case, no asterisk), data fields (stripped), where its first line stands."""
+
+    name: str
+    fields: list[str]
+    file: str
+    line: int
+
+    @property
+    def where(self) -> str:
+        """file:line."""
+        return f"{self.file}:{self.line}"
+
+    def text(self, i: int) -> str:
+        """Data field i from 0; "" where the card is shorter."""
+        return self.fields[i] if i < len(self.fields) else ""
+
+    def integer(self, i: int, meaning: str, default: int | None = None) -> int:
+        """Field i as an integer; a blank one is `default`, or a DeckError."""
+        token = self.text(i)
+        if not token and default is not None:
+            return default
+        value = parse_integer(token)
+        if value is None:
+            raise self.error(f"{meaning} (field {i + 2}) is {token!r}, not an integer")
+        return value
+
+    def real(self, i: int, meaning: str, default: float | None = None) -> float:
+        """Field i as a finite real, also in Nastran's short form 1.7-4; a blank one is `default`, or a DeckError."""
+        token = self.text(i)
+        if not token and default is not None:
+            return default
+        value = parse_real(token)
+        if value is None:
+            raise self.error(f"{meaning} (field {i + 2}) is {token!r}, not a number")
+        return value
+
+    def error(self, what: str, remedy: str = "correct the card and run again") -> DeckError:
+        """A DeckError at this card."""
+        return DeckError(f"{self.name} {self.text(0)}: {what}", where=self.where, remedy=remedy)
+
+
+@dataclass(frozen=True)
+class Deck:
+    """cards by name in file order, the case-control lines, and how many lines stand after ENDDATA."""
+
+    cards: dict[str, list[Card]]
+    case_control: tuple[Line, ...]
+    after_end: int
+
+
+def parse_integer(token: str) -> int | None:
+    """An integer, or None."""
+    if "_" in token:
+        return None
+    try:
+        return int(token)
+    except ValueError:
+        return None
+
+
+def parse_real(token: str) -> float | None:
+    """A finite real in any of Nastran's forms (1.7E-4, 1.7D-4, 1.7-4), or None."""
+    if "_" in token or not token:
+        return None
+    try:
+        value = float(token)
+    except ValueError:
+        short = _SHORT_REAL.fullmatch(token)
+        if not short:
+            return None
+        value = float(f"{short[1]}e{short[2]}")
+    return value if math.isfinite(value) else None
+
+
+def read_deck(path: Path) -> Deck:
+    """All cards of a deck and of what it includes.
+
+    Without BEGIN BULK the whole file is bulk data. An INCLUDE may not leave the folder of the deck.
+    Raises DeckError for a file that is missing, empty or binary, and for lines that are no card.
+    """
+    path = Path(path)
+    lines = [line for line in _lines(path, path.resolve().parent, ()) if line.text.strip()]
+    begins = [i for i, line in enumerate(lines) if _BEGIN.match(line.text)]
+    if len(begins) > 1 or (begins and not _BEGIN_BULK.match(lines[begins[0]].text)):
+        line = lines[begins[-1]]
+        raise DeckError(
+            f"{line.text.strip()!r}: superelements are not taken over",
+            where=line.where,
+            remedy="give the deck of one structure with one BEGIN BULK",
+        )
+    start = begins[0] + 1 if begins else 0
+    if not begins:
+        for line in lines:
+            if _CASE_CONTROL.match(line.text):
+                raise DeckError(
+                    f"{line.text.strip()!r} without BEGIN BULK", where=line.where, remedy="add the line BEGIN BULK"
+                )
+    end = next((i for i in range(start, len(lines)) if _ENDDATA.match(lines[i].text)), len(lines))
+    cards: dict[str, list[Card]] = {}
+    for card in _cards(lines[start:end]):
+        cards.setdefault(card.name, []).append(card)
+    if not cards:
+        raise DeckError("the deck holds no bulk data", where=str(path), remedy="check that this is the right file")
+    case_control = tuple(lines[: begins[0]]) if begins else ()
+    return Deck(cards, case_control, max(len(lines) - end - 1, 0))
+
+
+def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:
+    for number, raw in enumerate(_read_text(path).splitlines(), start=1):
+        if "INCLUDE" in raw[:40].upper() and (match := _INCLUDE.match(raw)):
+            above = (*parents, path.resolve())
+            yield from _lines(_included(match[1], path, number, folder, above), folder, above)
+            continue
+        yield Line(raw.partition("$")[0].expandtabs().rstrip(), str(path), number)
+
+
+def _included(argument: str, path: Path, number: int, folder: Path, parents: tuple[Path, ...]) -> Path:
+    where = f"{path}:{number}"
+    quoted = re.match(r"""(['"])(.*?)\1|([^'"\s$]+)\s*(?:\$.*)?$""", argument)
+    if not quoted:
+        raise DeckError(
+            f"INCLUDE {argument.strip()}: no complete file name", where=where, remedy="write INCLUDE 'file' on one line"
+        )
+    name = quoted[2] if quoted[1] else quoted[3]
+    target = path.parent / name
+    resolved = target.resolve()
+    if not resolved.is_relative_to(folder):
+        raise DeckError(
+            f"INCLUDE {name!r} leaves the folder of the deck",
+            where=where,
+            remedy="move the included file beside or below the deck",
+        )
+    if resolved in parents:
+        raise DeckError(f"INCLUDE {name!r} includes itself", where=where, remedy="remove the circle")
+    if not resolved.is_file():
+        raise DeckError(f"INCLUDE {name!r}: no such file", where=where, remedy="give the file, or remove the line")
+    return target
+
+
+def _read_text(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+    except OSError as error:
+        raise DeckError(
+            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
+        ) from None
+    if not content.strip():
+        raise DeckError("the file is empty", where=str(path), remedy="write the deck again")
+    if b"\0" in content[:1_000_000]:
+        raise DeckError(
+            "a binary file, not a text deck",
+            where=str(path),
+            remedy="give the input deck (.bdf), not a results file (.op2, .h5)",
+        )
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def _cards(lines: list[Line]) -> Iterator[Card]:
+    name, fields, first, mark, large = "", [], None, "", 0
+    for line in lines:
+        head, data, next_mark, is_large = _cut(line)
+        if not head or head[0] in "+*":
+            if first is None:
+                raise DeckError(
+                    "a continuation with no card before it", where=line.where, remedy="correct the order of the lines"
+                )
+            own = head.lstrip("+*")
+            if own and mark and own != mark:
+                raise DeckError(
+                    f"continuation {head!r} follows a line that ends in {mark!r}",
+                    where=line.where,
+                    remedy="sort the continuation lines after their cards",
+                )
+            if large % 2 and not is_large:
+                fields += [""] * 4
+            fields += data
+            large = large + 1 if is_large else 0
+        else:
+            if first is not None:
+                yield Card(name, fields, first.file, first.number)
+            name, fields, first, large = head, data, line, int(is_large)
+        mark = next_mark
+    if first is not None:
+        yield Card(name, fields, first.file, first.number)
+
+
+def _cut(line: Line) -> tuple[str, list[str], str, bool]:
+    """Name or continuation mark, data fields (8, or 4 in large format), mark of the next line, is the format large."""
+    text = line.text
+    if "," in text:
+        tokens = [token.strip() for token in text.split(",")]
+        head = tokens[0].upper()
+        large = "*" in head
+        width = 5 if large else 9
+        last = tokens[width] if len(tokens) > width else ""
+        if any(tokens[width + 1 :]) or (last and last[0] not in "+*"):
+            raise DeckError(
+                f"{head}: more than {width - 1} data fields on one line",
+                where=line.where,
+                remedy="continue on a next line that begins with a comma",
+            )
+        data, mark = tokens[1:width], last.lstrip("+*").upper()
+        data += [""] * (width - 1 - len(data))
+    else:
+        head = text[:8].strip().upper()
+        large = "*" in head
+        data = (
+            [text[j : j + 16].strip() for j in (8, 24, 40, 56)]
+            if large
+            else [text[j : j + 8].strip() for j in range(8, 72, 8)]
+        )
+        mark = text[72:80].strip().lstrip("+*").upper()
+        if head and text[0] == " " and head[0] not in "+*":
+            raise DeckError(
+                f"{head!r} does not begin in column 1",
+                where=line.where,
+                remedy="a card begins in column 1, a continuation with eight blanks, + or *",
+            )
+    if head and head[0] not in "+*":
+        head = head.rstrip("*").rstrip()
+        if not head[:1].isalpha():
+            raise DeckError(
+                f"{text.strip()[:24]!r} is no bulk-data card",
+                where=line.where,
+                remedy="write repeated cards out; a card begins with its name",
+            )
+    return head, data, mark, large

@@ -1,0 +1,129 @@
+"""Lists of ids in a Nastran deck: THRU, BY, EXCEPT, and the named sets made of them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from strainsight.errors import DeckError
+from strainsight.mesh.cards import Card, Deck, parse_integer
+from strainsight.mesh.model import IntArray
+
+_SET = re.compile(r"\s*SET\s+(\d+)\s*=\s*(.*)$", re.IGNORECASE)
+
+
+def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntArray, IntArray]:
+    """Ids of a list such as 1, 4, THRU, 9, EXCEPT, 7, BY, 2 on the ids that exist.
+
+    A range takes what exists of it; a single id need not exist. existing (n,) sorted.
+    Returns (all ids in the order of the list, those stated singly that do not exist). Raises DeckError for other words.
+    """
+    words = [token.upper() for token in tokens if token]
+    parts: list[IntArray] = []
+    i, low, high = 0, 1, 0
+    while i < len(words):
+        if words[i] == "EXCEPT":
+            excluded = set()
+            i += 1
+            while i < len(words) and (value := parse_integer(words[i])) is not None and low <= value <= high:
+                excluded.add(value)
+                i += 1
+            if not excluded or not parts:
+                raise DeckError(
+                    "EXCEPT without ids of the range before it", where=where, remedy="write first THRU last EXCEPT ids"
+                )
+            parts[-1] = parts[-1][~np.isin(parts[-1], list(excluded))]
+            continue
+        first = _id(words[i], where)
+        if i + 1 < len(words) and words[i + 1] == "THRU":
+            low, high = first, _id(words[i + 2] if i + 2 < len(words) else "", where)
+            step, i = 1, i + 3
+            if i < len(words) and words[i] == "BY":
+                step, i = _id(words[i + 1] if i + 1 < len(words) else "", where), i + 2
+            if high < low:
+                raise DeckError(
+                    f"the range {low} THRU {high} runs backwards", where=where, remedy="write the lower id first"
+                )
+            within = existing[np.searchsorted(existing, low) : np.searchsorted(existing, high, side="right")]
+            parts.append(within[(within - low) % step == 0])
+            continue
+        low, high = 1, 0
+        parts.append(np.array([first], dtype=np.int64))
+        i += 1
+    ids = np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+    return ids, ids[~np.isin(ids, existing)]
+
+
+def _id(word: str, where: str) -> int:
+    value = parse_integer(word)
+    if value is None or value < 1:
+        raise DeckError(f"{word!r} is no id", where=where, remedy="ids are positive integers, ranges first THRU last")
+    return value
+
+
+def sets(
+    deck: Deck, node_ids: IntArray, element_ids: IntArray, ignored: Counter[str]
+) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Node sets and element sets by name.
+
+    SET1 holds nodes, SET3 says what it holds. SET of the case control does not say: it is a node set where all its
+    single ids are nodes, an element set where all are elements, and both where both are true. node_ids and element_ids
+    sorted.
+    """
+    nodes: dict[str, IntArray] = {}
+    elements: dict[str, IntArray] = {}
+    for number, tokens, where in _case_control_sets(deck):
+        if "ALL" in tokens or not all(token in ("THRU", "EXCEPT", "BY") or parse_integer(token) for token in tokens):
+            ignored["SET of the case control"] += 1
+            continue
+        taken = False
+        for found, ids in ((nodes, node_ids), (elements, element_ids)):
+            members, missing = expand(tokens, ids, where)
+            if members.size and not missing.size:
+                found[f"SET-{number}"] = np.unique(members)
+                taken = True
+        ignored["SET of the case control"] += not taken
+    for card in deck.cards.get("SET1", []):
+        tokens = [token for token in card.fields[1:] if token.upper() != "SKIN"]
+        nodes[_name(card, nodes)] = _members(card, tokens, node_ids, "node")
+    for card in deck.cards.get("SET3", []):
+        match card.text(1).upper():
+            case "GRID" | "POINT":
+                nodes[_name(card, nodes)] = _members(card, card.fields[2:], node_ids, "node")
+            case "ELEM" | "ELEMENT":
+                elements[_name(card, elements)] = _members(card, card.fields[2:], element_ids, "solid element")
+            case _:
+                ignored["SET3"] += 1
+    return nodes, elements
+
+
+def _name(card: Card, found: dict[str, IntArray]) -> str:
+    name = f"{card.name}-{card.integer(0, 'the set id')}"
+    if name in found:
+        raise card.error("the set id stands twice", "give every set its own id")
+    return name
+
+
+def _members(card: Card, tokens: Sequence[str], existing: IntArray, what: str) -> IntArray:
+    members, missing = expand(tokens, existing, card.where)
+    if missing.size:
+        raise card.error(f"{what} {missing[0]} is not in the deck", f"remove the id, or add the {what}")
+    return np.unique(members)
+
+
+def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
+    """(number, words, where) of each SET, over lines that end in a comma."""
+    found: list[tuple[int, list[str], str]] = []
+    continued = False
+    for line in deck.case_control:
+        match = _SET.match(line.text)
+        if match:
+            found.append((int(match[1]), [], line.where))
+        if match or continued:
+            text = match[2] if match else line.text
+            found[-1][1].extend(text.replace(",", " ").upper().split())
+            continued = line.text.endswith(",")
+    return found

@@ -1,0 +1,73 @@
+"""Units of a deck and their conversion to SI; the unit of time is always the second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+
+from strainsight.errors import UserError
+from strainsight.mesh.model import Mesh
+
+LENGTH: Mapping[str, float] = {
+    "m": 1.0,
+    "dm": 1e-1,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "um": 1e-6,
+    "km": 1e3,
+    "in": 0.0254,
+    "ft": 0.3048,
+}
+"""[m]."""
+
+MASS: Mapping[str, float] = {
+    "kg": 1.0,
+    "g": 1e-3,
+    "mg": 1e-6,
+    "t": 1e3,
+    "tonne": 1e3,
+    "Mg": 1e3,
+    "lb": 0.45359237,
+    "slug": 14.593902937206364,
+    "lbf*s2/in": 175.12683524647636,
+}
+"""[kg]; the last two are the masses that 1 lbf accelerates by 1 ft/s² and 1 in/s²."""
+
+
+def length_factor(unit: str) -> float:
+    """Metres in one `unit`. Raises UserError for an unknown one."""
+    return _factor(unit, LENGTH, "mesh.length_unit")
+
+
+def mass_factor(unit: str) -> float:
+    """Kilograms in one `unit`. Raises UserError for an unknown one."""
+    return _factor(unit, MASS, "mesh.mass_unit")
+
+
+def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
+    if unit in table:
+        return table[unit]
+    close = get_close_matches(unit, table, n=1, cutoff=0.5) or get_close_matches(unit.lower(), table, n=1, cutoff=0.3)
+    raise UserError(
+        f"unknown unit {unit!r}",
+        key=key,
+        remedy=(f"did you mean {close[0]!r}? " if close else "") + f"known units: {', '.join(table)}",
+    )
+
+
+def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
+    """A mesh in deck units → in m, kg, s.
+
+        x [L],   m [M],   E [M/(L s²)],   ρ [M/L³]
+
+    So millimetres go with tonnes where moduli are in MPa. Weights of averaging elements are ratios and stay.
+    Raises UserError for an unknown unit.
+    """
+    L, M = length_factor(length_unit), mass_factor(mass_unit)
+    materials = {
+        i: replace(m, youngs_modulus=m.youngs_modulus * M / L, density=m.density * M / L**3)
+        for i, m in mesh.materials.items()
+    }
+    masses = tuple(replace(point, mass=point.mass * M) for point in mesh.point_masses)
+    return replace(mesh, position=mesh.position * L, materials=materials, point_masses=masses)

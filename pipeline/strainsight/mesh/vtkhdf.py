@@ -1,0 +1,122 @@
+"""Grids as VTKHDF, which ParaView and PyVista read: arrays and attributes only, to be written by whoever owns the file.
+
+Format: VTKHDF 2.2 UnstructuredGrid (docs.vtk.org, "VTKHDF format specification").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from strainsight.mesh.model import FloatArray, IntArray
+
+VTK_TYPE = {
+    "vertex": 1,
+    "line": 3,
+    "tri3": 5,
+    "tri6": 22,
+    "quad4": 9,
+    "quad8": 23,
+    "tet4": 10,
+    "tet10": 24,
+    "hex8": 12,
+    "hex20": 25,
+    "wedge6": 13,
+    "wedge15": 26,
+}
+"""VTK's cell type numbers."""
+
+
+class Cells(Protocol):
+    """Cells of one kind: nodes (n, k) indices in VTK order; `CellBlock` is one."""
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def nodes(self) -> IntArray: ...
+
+
+@dataclass(frozen=True)
+class VtkHdf:
+    """What stands under /VTKHDF: datasets path → array; attributes group path ("" is /VTKHDF itself) → name → value."""
+
+    datasets: dict[str, NDArray[Any]]
+    attributes: dict[str, dict[str, Any]]
+
+
+def unstructured_grid(
+    position: FloatArray,
+    blocks: Sequence[Cells],
+    point_data: Mapping[str, ArrayLike] | None = None,
+    cell_data: Mapping[str, ArrayLike] | None = None,
+    steps: ArrayLike | None = None,
+) -> VtkHdf:
+    """A grid with data on points and cells, and steps (times, or frequencies of mode shapes).
+
+    position (n, 3) [m]; blocks one after the other are the m cells; data (n,) or (n, c), and (m,) or (m, c).
+    steps (T,): data whose first axes are (T, n) or (T, m) change with the step, the others do not. Steps stand on
+    ParaView's time axis, so equal ones are set apart by the smallest possible amount.
+    Raises ValueError for data of another length.
+    """
+    points = np.asarray(position, dtype=np.float64).reshape(-1, 3)
+    n, m = len(points), sum(len(block.nodes) for block in blocks)
+    sizes = np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.nodes), b.nodes.shape[1]) for b in blocks)])
+    connectivity = np.concatenate([np.zeros(0, np.int64), *(np.asarray(b.nodes).ravel() for b in blocks)])
+    types = np.concatenate([np.zeros(0, np.uint8), *(np.full(len(b.nodes), VTK_TYPE[b.kind]) for b in blocks)])
+    datasets: dict[str, NDArray[Any]] = {
+        "NumberOfPoints": np.array([n], dtype=np.int64),
+        "NumberOfCells": np.array([m], dtype=np.int64),
+        "NumberOfConnectivityIds": np.array([len(connectivity)], dtype=np.int64),
+        "Points": points,
+        "Types": types.astype(np.uint8),
+        "Offsets": np.r_[0, np.cumsum(sizes)].astype(np.int64),
+        "Connectivity": connectivity.astype(np.int64),
+    }
+    attributes: dict[str, dict[str, Any]] = {
+        "": {"Version": np.array([2, 2], dtype=np.int64), "Type": np.bytes_("UnstructuredGrid")},
+    }
+    values = None if steps is None else np.asarray(steps, dtype=np.float64).ravel()
+    if values is not None:
+        datasets |= _steps(values)
+        attributes["Steps"] = {"NSteps": np.int64(len(values))}
+    for group, length, data in (("PointData", n, point_data or {}), ("CellData", m, cell_data or {})):
+        for name, array in data.items():
+            flat, offsets = _stepped(group, name, np.asarray(array), length, values)
+            datasets[f"{group}/{name}"] = flat
+            if offsets is not None:
+                datasets[f"Steps/{group}Offsets/{name}"] = offsets
+    return VtkHdf(datasets, attributes)
+
+
+def _steps(values: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """One geometry for all steps: every offset is zero."""
+    rising = values.copy()
+    for i in range(1, len(rising)):
+        rising[i] = max(rising[i], np.nextafter(rising[i - 1], np.inf))
+    nothing = np.zeros(len(values), dtype=np.int64)
+    return {
+        "Steps/Values": rising,
+        "Steps/PartOffsets": nothing,
+        "Steps/NumberOfParts": nothing + 1,
+        "Steps/PointOffsets": nothing,
+        "Steps/CellOffsets": nothing[:, None],
+        "Steps/ConnectivityIdOffsets": nothing[:, None],
+    }
+
+
+def _stepped(
+    group: str, name: str, array: NDArray[Any], length: int, values: NDArray[np.float64] | None
+) -> tuple[NDArray[Any], NDArray[np.int64] | None]:
+    """Data as the file holds it (steps one after the other) and where each step begins."""
+    if values is not None and array.ndim > 1 and array.shape[:2] == (len(values), length):
+        return array.reshape(-1, *array.shape[2:]), np.arange(len(values), dtype=np.int64) * length
+    if array.ndim == 0 or array.shape[0] != length:
+        raise ValueError(
+            f"{group} {name}: shape {array.shape} does not begin with {length}"
+            + ("" if values is None else f" or ({len(values)}, {length})")
+        )
+    return array, None if values is None else np.zeros(len(values), dtype=np.int64)

@@ -1,0 +1,159 @@
+"""The same card says the same in every format, and nothing of it is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pyyeti import nastran
+
+from strainsight.errors import DeckError
+from strainsight.mesh.cards import parse_integer, parse_real, read_deck
+from strainsight.mesh.nastran import read_nastran
+
+
+@pytest.fixture
+def cards(tmp_path):
+    def of(text: str):
+        path = tmp_path / "deck.bdf"
+        path.write_text(text, newline="")
+        return read_deck(path)
+
+    return of
+
+
+HEXA = ["71", "4", *(str(i) for i in range(101, 121))]
+FIRST, SECOND, THIRD = HEXA[:8], HEXA[8:16], HEXA[16:]
+
+
+def fixed(tokens: list[str], width: int) -> str:
+    return "".join(token.rjust(width) for token in tokens)
+
+
+def large(head: str, tail: str, join) -> str:
+    return "".join((tail if i else head) + join(HEXA[i : i + 4]) + "\n" for i in range(0, 22, 4))
+
+
+FREE = [",".join(tokens) for tokens in (FIRST, SECOND, THIRD)]
+FORMATS = {
+    "small field": f"CHEXA   {fixed(FIRST, 8)}+A1\n+A1     {fixed(SECOND, 8)}\n        {fixed(THIRD, 8)}\n",
+    "large field": large("CHEXA*  ", "*       ", lambda tokens: fixed(tokens, 16)),
+    "free field": f"CHEXA,{FREE[0]},+\n+,{FREE[1]}\n,{FREE[2]}\n",
+    "free large field": large("CHEXA*,", "*,", ",".join),
+    "mixed": f"chexa*  {fixed(FIRST[:4], 16)}\n*       {fixed(FIRST[4:], 16)}\n+,{FREE[1]}\n,{FREE[2]}\n",
+    "comments between": f"CHEXA,{FREE[0]} $ first\n$ a comment\n\n+,{FREE[1]}\n$\n+,{FREE[2]}\n",
+    "tabs": "CHEXA\t" + "\t".join(FIRST) + "\n\t" + "\t".join(SECOND) + "\n\t" + "\t".join(THIRD) + "\n",
+    "line ends of another system": f"CHEXA,{FREE[0]}\r\n+,{FREE[1]}\r\n+,{FREE[2]}\r\n",
+}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_format_gives_the_same_fields(cards, form):
+    (card,) = cards("BEGIN BULK\n" + FORMATS[form] + "ENDDATA\n").cards["CHEXA"]
+    fields = card.fields
+    while fields[-1] == "":
+        fields = fields[:-1]
+    assert fields == HEXA
+    assert card.line == 2
+
+
+def test_a_large_field_card_in_free_format_keeps_its_third_coordinate(read, tetrahedron):
+    mesh = read(tetrahedron.replace("GRID,4,,0.,0.,1.", "GRID*,4,,0.,0.,+\n*,1."))
+    np.testing.assert_array_equal(mesh.position[3], [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("token", "value"),
+    [
+        ("1.7-4", 1.7e-4),
+        ("1.7+4", 1.7e4),
+        ("-1.7-4", -1.7e-4),
+        ("1.7D4", 1.7e4),
+        ("1.7e-4", 1.7e-4),
+        (".5", 0.5),
+        ("+3.", 3.0),
+    ],
+)
+def test_reals_are_read_in_all_of_nastrans_forms(token, value):
+    assert parse_real(token) == value
+    assert parse_real(token) == nastran.nas_sscanf(token)
+
+
+@pytest.mark.parametrize("token", ["", "abc", "nan", "inf", "1_0", "1.2.3", "THRU", "1-", "1.5 3"])
+def test_what_is_no_number_is_none(token):
+    assert parse_real(token) is None
+
+
+def test_integers_are_not_cut_from_reals():
+    assert parse_integer("12") == 12
+    assert parse_integer("1.") is None
+    assert parse_integer("1_2") is None
+
+
+def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
+    deck = cards("SOL 103\nCEND\nSPC = 1\nBEGIN BULK\nGRID,1\nENDDATA\nGRID,2\nGRID,3\n")
+    assert [card.fields[0] for card in deck.cards["GRID"]] == ["1"]
+    assert [line.text for line in deck.case_control] == ["SOL 103", "CEND", "SPC = 1"]
+    assert deck.after_end == 2
+
+
+def test_lines_after_enddata_are_counted(read, tetrahedron):
+    assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\nGRID,9,,9.,9.,9.\n").ignored == {"lines after ENDDATA": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "line"),
+    [
+        ("+,1,2\n", "continuation with no card", 1),
+        ("GRID,1,,0.,0.,0.,0,0,0,0,0,0\n", "more than 8 data fields", 1),
+        ("CHEXA,1,1,1,2,3,4,5,6,7\n+,8\n", "more than 8 data fields", 1),
+        ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
+        ("GRID,1\n=,*1,=\n", "no bulk-data card", 2),
+        ("GRID           1" + " " * 56 + "+A1\n+B2\n", "continuation", 2),
+        ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
+        ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
+        ("BEGIN BULK\nENDDATA\n", "no bulk data", None),
+        ("INCLUDE 'there_is_none.bdf'\n", "no such file", 1),
+        ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
+        ("INCLUDE '../deck.bdf'\n", "leaves the folder", 1),
+        ("INCLUDE '/etc/hostname'\n", "leaves the folder", 1),
+        ("INCLUDE 'no end\n", "no complete file name", 1),
+    ],
+)
+def test_a_line_that_cannot_be_taken_is_named(cards, text, what, line):
+    with pytest.raises(DeckError, match=what) as caught:
+        cards(text)
+    assert caught.value.where.endswith("deck.bdf" if line is None else f"deck.bdf:{line}")
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [(b"", "empty"), (b" \n\n", "empty"), (b"GRID\0\0\x01\xff", "binary"), (b"$ only a comment\n", "no bulk data")],
+)
+def test_files_without_a_deck_are_refused(read, content, what):
+    with pytest.raises(DeckError, match=what):
+        read(content)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(DeckError, match="no such file"):
+        read_nastran(tmp_path / "none.bdf")
+    with pytest.raises(DeckError, match="cannot be read"):
+        read_nastran(tmp_path)
+
+
+def test_an_include_is_read_in_its_place_and_errors_name_it(tmp_path, read, tetrahedron):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "grids.bdf").write_text("GRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nINCLUDE 'more.bdf'\n")
+    (tmp_path / "parts" / "more.bdf").write_text("GRID,3,,0.,1.,0.\nGRID,4,,0.,0.,1.\n")
+    rest = "".join(line + "\n" for line in tetrahedron.splitlines() if not line.startswith("GRID"))
+    assert list(read("INCLUDE 'parts/grids.bdf'\n" + rest).node_ids) == [1, 2, 3, 4]
+    (tmp_path / "parts" / "more.bdf").write_text("GRID,3,,0.,1.,0.\nGRID,4,,0.,zero,1.\n")
+    with pytest.raises(DeckError, match="zero") as caught:
+        read("INCLUDE 'parts/grids.bdf'\n" + rest)
+    assert caught.value.where.endswith("more.bdf:2")
+
+
+def test_comments_in_another_encoding_do_no_harm(read, tetrahedron):
+    assert len(read("$ Träger\n".encode("latin-1") + tetrahedron.encode()).node_ids) == 4
+    assert len(read(b"\xef\xbb\xbf" + tetrahedron.encode()).node_ids) == 4

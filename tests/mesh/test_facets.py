@@ -1,0 +1,223 @@
+"""Facets close the volume: ∮ x·n dA = 3 V on the isoparametric surface with normals outward, however distorted."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError
+from strainsight.mesh.facets import FACET_KINDS, FACETS, exterior_facets
+from strainsight.mesh.model import CellBlock, Mesh
+
+TRIANGLE = [(0, 0), (1, 0), (0, 1)]
+SQUARE = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+CUBE = [(x, y, z) for z in (-1, 1) for x, y in SQUARE]
+WEDGE = [(x, y, z) for z in (-1, 1) for x, y in TRIANGLE]
+TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+# Mid-side nodes in VTK's order, from the class descriptions of the vtkQuadratic cells.
+LOOP3, LOOP4 = [(0, 1), (1, 2), (2, 0)], [(0, 1), (1, 2), (2, 3), (3, 0)]
+EDGES = {
+    "tri6": LOOP3,
+    "quad8": LOOP4,
+    "tet10": [*LOOP3, (0, 3), (1, 3), (2, 3)],
+    "hex20": [*LOOP4, *((a + 4, b + 4) for a, b in LOOP4), *((a, a + 4) for a in range(4))],
+    "wedge15": [*LOOP3, *((a + 3, b + 3) for a, b in LOOP3), *((a, a + 3) for a in range(3))],
+}
+CORNERS = {
+    "tri3": TRIANGLE,
+    "tri6": TRIANGLE,
+    "quad4": SQUARE,
+    "quad8": SQUARE,
+    "tet4": TETRAHEDRON,
+    "tet10": TETRAHEDRON,
+    "hex8": CUBE,
+    "hex20": CUBE,
+    "wedge6": WEDGE,
+    "wedge15": WEDGE,
+}
+SOLIDS = tuple(FACETS)
+FIRST, SECOND = {"tri3": 3, "quad4": 4}, {"tri6": 3, "quad8": 4}
+
+
+def reference_nodes(kind):
+    corners = np.array(CORNERS[kind], dtype=float)
+    return np.vstack([corners, *[(corners[a] + corners[b])[None] / 2 for a, b in EDGES.get(kind, [])]])
+
+
+def exponents(kind):
+    """Monomials that span the element: full to degree p on simplices, serendipity (superlinear degree ≤ 2) else."""
+    degree = 2 if kind in EDGES else 1
+    if kind in ("tri3", "tri6", "tet4", "tet10"):
+        d = 2 if kind.startswith("tri") else 3
+        return [e for e in np.ndindex(*(degree + 1,) * d) if sum(e) <= degree]
+    if kind.startswith("wedge"):
+        plane = [e for e in np.ndindex(degree + 1, degree + 1) if sum(e) <= degree]
+        full = [(*e, z) for e in plane for z in (0, 1)]
+        return full + ([(0, 0, 2), (1, 0, 2), (0, 1, 2)] if degree == 2 else [])
+    d = 2 if kind.startswith("quad") else 3
+    return [e for e in np.ndindex(*(degree + 1,) * d) if sum(k for k in e if k > 1) <= degree]
+
+
+def shapes(kind, xi):
+    """Shape functions and gradients by inverting the Vandermonde matrix of the nodes."""
+    nodes, powers = reference_nodes(kind), np.array(exponents(kind))
+    assert len(nodes) == len(powers)
+
+    def monomials(points, lowered=None):
+        e = powers.copy()
+        factor = np.ones(len(e))
+        if lowered is not None:
+            factor = e[:, lowered].astype(float)
+            e[:, lowered] = np.maximum(e[:, lowered] - 1, 0)
+        return factor * np.prod(points[:, None, :] ** e, axis=2)
+
+    inverse = np.linalg.inv(monomials(nodes))
+    return monomials(xi) @ inverse, np.stack([monomials(xi, k) @ inverse for k in range(nodes.shape[1])], axis=2)
+
+
+def rule(kind):
+    """Gauss points, collapsed on simplices, of high degree."""
+    x, w = np.polynomial.legendre.leggauss(7)
+    u, v = (x + 1) / 2, w / 2
+    if kind.startswith(("quad", "hex")):
+        d = 2 if kind.startswith("quad") else 3
+        grid, weight = np.meshgrid(*[x] * d, indexing="ij"), np.meshgrid(*[w] * d, indexing="ij")
+        return np.stack([g.ravel() for g in grid], 1), np.prod([g.ravel() for g in weight], axis=0)
+    a, b = (g.ravel() for g in np.meshgrid(u, u, indexing="ij"))
+    triangle = np.column_stack([a, b * (1 - a)])
+    weight = np.outer(v, v).ravel() * (1 - a)
+    if kind.startswith("tri"):
+        return triangle, weight
+    if kind.startswith("wedge"):
+        points = np.column_stack([np.repeat(triangle, len(x), axis=0), np.tile(x, len(triangle))])
+        return points, np.outer(weight, w).ravel()
+    c = np.repeat(u, len(triangle))
+    points = np.column_stack([np.tile(triangle, (len(u), 1)) * (1 - c)[:, None], c])
+    return points, np.outer(v, weight).ravel() * (1 - c) ** 2
+
+
+def volume(kind, x):
+    xi, w = rule(kind)
+    _, gradient = shapes(kind, xi)
+    return np.sum(w * np.linalg.det(np.einsum("qkd,ki->qid", gradient, x)))
+
+
+def surface(kind, x):
+    """∮ x·n dA and the area vector of a facet."""
+    xi, w = rule(kind)
+    N, gradient = shapes(kind, xi)
+    tangents = np.einsum("qkd,ki->qid", gradient, x)
+    normal = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    return np.sum(w * np.sum((N @ x) * normal, axis=1)), w @ normal
+
+
+def one_element(kind, x):
+    k = len(x)
+    block = CellBlock(kind, np.array([7]), np.arange(k)[None], np.array([3]))
+    return Mesh(np.arange(1, k + 1), x, (block,), {}, {}, np.zeros((0, 2), dtype=np.int64))
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_facets_of_a_distorted_element_enclose_its_volume(kind, seed):
+    rng = np.random.default_rng(seed)
+    x = reference_nodes(kind)
+    stretch = np.eye(3) + 0.2 * rng.standard_normal((3, 3))
+    x = (x + 0.08 * rng.standard_normal(x.shape)) @ stretch + [5.0, -3.0, 2.0]
+    if np.linalg.det(stretch) < 0:
+        x = -x
+    facets = exterior_facets(one_element(kind, x))
+    assert len(facets.facet) == len(FACETS[kind])
+    flux, closed = 0.0, np.zeros(3)
+    for code, nodes in zip(facets.kind, facets.nodes, strict=True):
+        part, vector = surface(FACET_KINDS[code], x[nodes[nodes >= 0]])
+        flux, closed = flux + part, closed + vector
+    assert flux / 3 == pytest.approx(volume(kind, x), rel=1e-11)
+    np.testing.assert_allclose(closed, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_every_edge_of_an_element_is_passed_once_in_each_sense(kind):
+    passed = []
+    for facet_kind, local in FACETS[kind]:
+        corners = local[: FIRST.get(facet_kind) or SECOND[facet_kind]]
+        passed += list(zip(corners, (*corners[1:], corners[0]), strict=True))
+    assert len(set(passed)) == len(passed)
+    assert {(b, a) for a, b in passed} == set(passed)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in SOLIDS if kind in EDGES])
+def test_mid_side_nodes_of_a_facet_lie_between_its_corners(kind):
+    middle = {frozenset(edge): len(CORNERS[kind]) + i for i, edge in enumerate(EDGES[kind])}
+    for facet_kind, local in FACETS[kind]:
+        k = SECOND[facet_kind]
+        assert list(local[k:]) == [middle[frozenset((local[i], local[(i + 1) % k]))] for i in range(k)]
+
+
+def test_two_elements_hide_the_facet_between_them():
+    x = np.array([(i, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1, 2)], dtype=float)
+    hexes = np.array([[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]])
+    mesh = Mesh(
+        np.arange(12), x, (CellBlock("hex8", np.array([9, 4]), hexes, np.array([1, 2])),), {}, {}, np.zeros((0, 2), int)
+    )
+    facets = exterior_facets(mesh)
+    assert list(facets.element_id) == [4] * 5 + [9] * 5
+    assert list(facets.region) == [2] * 5 + [1] * 5
+    assert list(facets.facet) == [1, 2, 3, 4, 5, 1, 2, 3, 5, 6]
+    areas = [surface("quad4", x[nodes[:4]])[1] for nodes in facets.nodes]
+    assert np.sum(np.linalg.norm(areas, axis=1)) == pytest.approx(10.0)
+    assert np.all(facets.nodes[:, 4:] == -1)
+
+
+def test_a_wedge_meets_tetrahedron_and_hexahedron_on_common_corners():
+    x = np.array([*CUBE, (3, -1, 0), (3, 1, 0), (0, -3, 0)], dtype=float)
+    blocks = (
+        CellBlock("hex8", np.array([1]), np.arange(8)[None], np.array([1])),
+        CellBlock("wedge6", np.array([2]), np.array([[1, 8, 5, 2, 9, 6]]), np.array([1])),
+        CellBlock("tet4", np.array([3]), np.array([[1, 5, 8, 10]]), np.array([1])),
+    )
+    facets = exterior_facets(Mesh(np.arange(11), x, blocks, {}, {}, np.zeros((0, 2), int)))
+    expected = {(1, n) for n in (1, 2, 3, 5, 6)} | {(2, n) for n in (2, 3, 4)} | {(3, n) for n in (2, 3, 4)}
+    assert set(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True)) == expected
+
+
+def tetrahedra(*connectivity, kind="tet4", points=6):
+    block = CellBlock(
+        kind, np.arange(1, len(connectivity) + 1), np.array(connectivity), np.ones(len(connectivity), int)
+    )
+    return Mesh(np.arange(points), np.zeros((points, 3)), (block,), {}, {}, np.zeros((0, 2), int))
+
+
+def test_three_elements_on_one_facet_are_refused():
+    with pytest.raises(DeckError, match="elements 1, 2, 3 share one facet"):
+        exterior_facets(tetrahedra((0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 2, 5)))
+
+
+def test_mid_side_nodes_that_are_not_merged_are_refused():
+    with pytest.raises(DeckError, match="not its mid-side nodes"):
+        exterior_facets(tetrahedra(range(10), (0, 2, 1, 10, 11, 12, 13, 14, 15, 16), kind="tet10", points=17))
+
+
+def test_linear_beside_quadratic_is_refused():
+    mesh = tetrahedra(range(10), kind="tet10", points=11)
+    linear = CellBlock("tet4", np.array([2]), np.array([[0, 2, 1, 10]]), np.array([1]))
+    mixed = Mesh(mesh.node_ids, mesh.position, (*mesh.blocks, linear), {}, {}, mesh.fixed)
+    with pytest.raises(DeckError, match="elements 1 and 2") as caught:
+        exterior_facets(mixed)
+    assert "same order" in caught.value.remedy
+
+
+def test_the_surface_of_random_tetrahedra_is_found_as_by_counting():
+    rng = np.random.default_rng(4)
+    from scipy.spatial import Delaunay
+
+    cells = Delaunay(rng.random((60, 3))).simplices
+    facets = exterior_facets(tetrahedra(*cells, points=60))
+    count = {}
+    for cell in cells:
+        for three in combinations(sorted(int(i) for i in cell), 3):
+            count[three] = count.get(three, 0) + 1
+    found = {tuple(sorted(nodes[:3].tolist())) for nodes in facets.nodes}
+    assert found == {three for three, times in count.items() if times == 1}

@@ -1,0 +1,193 @@
+"""Solids, coordinates and materials arrive as other programs read them; what is wrong is named with its line."""
+
+from __future__ import annotations
+
+import io
+
+import meshio
+import numpy as np
+import pytest
+from pyyeti import nastran
+
+from strainsight.errors import DeckError
+
+CORNERS = {
+    "CTETRA": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "CHEXA": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
+    "CPENTA": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+}
+# Edges in the order of G5.., G9.., G7.. in the figures of the Quick Reference Guide: bottom, uprights, top.
+NASTRAN_EDGES = {
+    "CTETRA": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "CHEXA": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4)],
+    "CPENTA": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 4), (2, 5), (3, 4), (4, 5), (5, 3)],
+}
+# From the class descriptions of vtkQuadraticTetra, vtkQuadraticHexahedron and vtkQuadraticWedge.
+VTK_EDGES = {
+    "CTETRA": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "CHEXA": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
+    "CPENTA": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+}
+
+
+def quadratic_deck(name: str) -> str:
+    corners = np.array(CORNERS[name], dtype=float) * [1.0, 1.25, 1.5]
+    points = np.vstack([corners, *[(corners[a] + corners[b]) / 2 for a, b in NASTRAN_EDGES[name]]])
+    ids = [50 - i for i in range(len(points))]
+    lines = [f"GRID    {i:8d}        " + "".join(f"{x:8.4f}" for x in p) for i, p in zip(ids, points, strict=True)]
+    fields = ["7", "1", *map(str, ids)]
+    for i in range(0, len(fields), 8):
+        lines.append((name if i == 0 else "+").ljust(8) + "".join(f"{f:>8}" for f in fields[i : i + 8]))
+    return "\n".join([*lines, "PSOLID  1       1", "MAT1    1       2.1+11          .3      7850.", "ENDDATA", ""])
+
+
+@pytest.mark.parametrize("name", CORNERS)
+def test_mid_side_nodes_lie_on_the_edges_that_vtk_says(read, name):
+    mesh = read("BEGIN BULK\n" + quadratic_deck(name))
+    (block,) = mesh.blocks
+    x = mesh.position[block.nodes[0]]
+    k = len(CORNERS[name])
+    np.testing.assert_allclose(x[k:], [(x[a] + x[b]) / 2 for a, b in VTK_EDGES[name]], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["CTETRA", "CHEXA"])  # meshio knows no quadratic wedge
+def test_connectivity_is_what_meshio_reads(read, name, tmp_path):
+    mesh = read("BEGIN BULK\n" + quadratic_deck(name))
+    other = meshio.read(tmp_path / "deck.bdf", file_format="nastran")
+    np.testing.assert_allclose(mesh.position[mesh.blocks[0].nodes[0]], other.points[other.cells[0].data[0]])
+
+
+def test_ids_of_the_file_are_kept_and_blocks_hold_one_kind_each(read, tetrahedron):
+    more = "GRID,20,,1.,1.,1.\nCTETRA,5,1,2,3,4,20\n"
+    mesh = read(tetrahedron + more)
+    assert list(mesh.node_ids) == [1, 2, 3, 4, 20]
+    assert [block.kind for block in mesh.blocks] == ["tet4"]
+    assert list(mesh.blocks[0].ids) == [10, 5]
+    assert mesh.node_index(20) == 4
+    assert mesh.regions[1].material == 1
+
+
+def test_a_blank_property_id_is_the_element_id(read, tetrahedron):
+    mesh = read(tetrahedron.replace("CTETRA,10,1,", "CTETRA,1,,"))
+    assert list(mesh.blocks[0].region) == [1]
+
+
+SYSTEMS = """\
+CORD2R,1,0,1.,2.,3.,1.,2.,4.
++,2.,3.,3.
+CORD2C,2,1,.1,.2,.3,.4,.1,1.
++,1.,.5,.2
+CORD2S,3,2,1.,30.,.5,1.,40.,2.
++,2.,10.,.3
+"""
+
+
+def test_coordinates_in_nested_systems_are_what_pyyeti_computes(read, tetrahedron):
+    local = {1: (0.3, -0.2, 0.7), 2: (1.5, 40.0, -0.3), 3: (2.0, 70.0, -25.0)}
+    grids = "".join(f"GRID,{100 + c},{c},{x},{y},{z}\n" for c, (x, y, z) in local.items())
+    mesh = read(SYSTEMS + grids + tetrahedron)
+    uset, _ = nastran.bulk2uset(io.StringIO(SYSTEMS + grids))
+    for c in local:
+        expected = uset.loc[(100 + c, 1), "x":"z"].to_numpy(dtype=float)
+        np.testing.assert_allclose(mesh.position[mesh.node_index(100 + c)], expected, atol=1e-13)
+
+
+def test_a_quarter_turn_in_a_cylinder_is_the_y_axis(read, tetrahedron):
+    mesh = read("CORD2C,4,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRID,9,4,2.,90.,5.\n" + tetrahedron)
+    np.testing.assert_allclose(mesh.position[mesh.node_index(9)], [0, 2, 5], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("mat1", "E", "nu", "rho"),
+    [
+        ("MAT1,1,2.1+11,,.3,7850.", 2.1e11, 0.3, 7850.0),
+        ("MAT1,1,2.6+11,1.+11", 2.6e11, 0.3, 0.0),
+        ("MAT1,1,,1.+11,.3,1.", 2.6e11, 0.3, 1.0),
+        ("MAT1,1,2.6+11,1.001+11,.3,1.", 2.6e11, 0.3, 1.0),
+    ],
+)
+def test_two_elastic_constants_give_the_third(read, tetrahedron, mat1, E, nu, rho):
+    material = read(tetrahedron.replace("MAT1,1,2.1+11,,.3,7850.", mat1)).materials[1]
+    assert (material.youngs_modulus, material.poisson_ratio, material.density) == pytest.approx((E, nu, rho))
+
+
+def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
+    mesh = read(tetrahedron + "PARAM,WTMASS,.5\nCONM2,90,4,,3.\nPARAM,POST,-1\n")
+    assert mesh.materials[1].density == 3925.0
+    assert mesh.point_masses[0].mass == 1.5
+    assert mesh.ignored == {"PARAM": 1}
+
+
+def test_every_card_not_taken_over_is_counted(read, tetrahedron):
+    mesh = read(
+        tetrahedron + "FORCE,1,4,,1.,0.,0.,1.\nCQUAD4,70,2,1,2,3,4\nCQUAD4,71,2,1,2,3,4\nMAT1,9,1.,,.3\nGRID,8,,,,,7\n"
+    )
+    assert mesh.ignored == {
+        "FORCE": 1,
+        "CQUAD4": 2,
+        "MAT1 that no PSOLID refers to": 1,
+        "GRID displacement system CD": 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "line"),
+    [
+        ("GRID,4,,0.,0.,1.", "GRID,3,,0.,0.,1.", "node id 3 stands twice .*deck.bdf:3", 4),
+        ("GRID,4,,0.,0.,1.", "GRID,-4,,0.,0.,1.", "positive", 4),
+        ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,one", "'one', not a number", 4),
+        ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,nan", "'nan', not a number", 4),
+        ("GRID,4,,0.,0.,1.", "GRID,4.,,0.,0.,1.", "'4.', not an integer", 4),
+        ("GRID,4,,0.,0.,1.", "GRID,4,5,0.,0.,1.", "coordinate system 5 is no CORD2R", 4),
+        ("GRID,4,,0.,0.,1.", "GRDSET,,5", "GRDSET", 4),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,5", "node 5 is not in the deck", 5),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,3", "a node stands twice", 5),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3", "3 nodes, where a CTETRA has 4 or 10", 5),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4,5\n,,,7", "2 of 6 mid-side nodes", 5),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,x", "'x', not an integer", 5),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", "property 2 is no PSOLID", 5),
+        ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1", "CPYRAM solids are not taken over", 5),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,10,1,2,1,3,4", "element id 10 stands twice", 6),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,11,1,2,3,1,4", "the same nodes as CTETRA 10", 6),
+        ("CTETRA,10,1,1,2,3,4", "CBAR,10,1,1,2", "no solid element", None),
+        ("PSOLID,1,1", "PSOLID,1,2", "material 2 is not in the deck", 6),
+        ("PSOLID,1,1", "PSOLID,1,2\nMAT9,2,1.", "material 2 is a MAT9", 6),
+        ("PSOLID,1,1", "PSOLID,1", "the material id .* is ''", 6),
+        ("PSOLID,1,1", "PSOLID,1,1\nPSOLID,1,1", "property id 1 stands twice", 7),
+        ("PSOLID,1,1", "PSOLID,1,1,,,,,PFLUID", "PFLUID", 6),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,-2.1+11,,.3,7850.", "Young's modulus is -2.1e\\+11", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,0.,,.3,7850.", "Young's modulus is 0", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,-7850.", "density is -7850", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.5,7850.", "Poisson's ratio is 0.5", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,,7850.", "two of E, G and NU", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,1.+11,.3,7850.", "contradict", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nMAT1,1,1.,,.3", "material id 1 stands twice", 8),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nPARAM,WTMASS,0.", "not positive", 8),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_line(read, tetrahedron, old, new, what, line):
+    with pytest.raises(DeckError, match=what) as caught:
+        read(tetrahedron.replace(old, new))
+    assert caught.value.where.endswith("deck.bdf" if line is None else f"deck.bdf:{line}")
+    assert caught.value.remedy
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("card", "what"),
+    [
+        ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.", "one line"),
+        ("CORD2R,1,,0.,0.,0.,0.,0.,0.\n+,1.,0.,0.", "one line"),
+        ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "system 2, which is not in the deck"),
+        ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "refers to itself"),
+        ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2C,1,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "stands twice"),
+    ],
+)
+def test_coordinate_systems_that_define_nothing_are_refused(read, tetrahedron, card, what):
+    with pytest.raises(DeckError, match=what):
+        read(card + "\n" + tetrahedron)
+
+
+def test_a_deck_without_grids_is_refused(read):
+    with pytest.raises(DeckError, match="no GRID"):
+        read("MAT1,1,1.,,.3\n")

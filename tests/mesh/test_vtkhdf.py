@@ -1,0 +1,129 @@
+"""What is written as VTKHDF comes back from VTK's own reader, also beside other groups in an .h5 file."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+import pyvista
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+from vtkmodules.vtkIOHDF import vtkHDFReader
+
+from strainsight.mesh.model import CellBlock
+from strainsight.mesh.vtkhdf import VTK_TYPE, unstructured_grid
+
+COUNT = {
+    "vertex": 1,
+    "line": 2,
+    "tri3": 3,
+    "tri6": 6,
+    "quad4": 4,
+    "quad8": 8,
+    "tet4": 4,
+    "tet10": 10,
+    "hex8": 8,
+    "hex20": 20,
+    "wedge6": 6,
+    "wedge15": 15,
+}
+
+
+def write(path, grid):
+    with h5py.File(path, "w") as file:
+        file.create_dataset("/summary/other", data=np.arange(5.0))
+        for name, array in grid.datasets.items():
+            file.create_dataset(f"/VTKHDF/{name}", data=array)
+        for name, values in grid.attributes.items():
+            for key, value in values.items():
+                file[f"/VTKHDF/{name}".rstrip("/")].attrs[key] = value
+
+
+def hdf_reader(path):
+    return pyvista.HDFReader(str(path))
+
+
+def blocks():
+    offset, found = 0, []
+    for i, (kind, count) in enumerate(COUNT.items(), start=1):
+        nodes = offset + np.arange(2 * count).reshape(2, count)
+        found.append(CellBlock(kind, np.array([2 * i, 2 * i + 1]), nodes, np.array([1, 1])))
+        offset += 2 * count
+    return found, offset
+
+
+def test_cell_types_are_those_of_vtk():
+    kinds = pyvista.CellType
+    assert VTK_TYPE == {
+        "vertex": kinds.VERTEX,
+        "line": kinds.LINE,
+        "tri3": kinds.TRIANGLE,
+        "tri6": kinds.QUADRATIC_TRIANGLE,
+        "quad4": kinds.QUAD,
+        "quad8": kinds.QUADRATIC_QUAD,
+        "tet4": kinds.TETRA,
+        "tet10": kinds.QUADRATIC_TETRA,
+        "hex8": kinds.HEXAHEDRON,
+        "hex20": kinds.QUADRATIC_HEXAHEDRON,
+        "wedge6": kinds.WEDGE,
+        "wedge15": kinds.QUADRATIC_WEDGE,
+    }
+
+
+@pytest.mark.parametrize("suffix", [".vtkhdf", ".h5"])
+def test_all_kinds_come_back_with_their_data(tmp_path, suffix):
+    cells, n = blocks()
+    position = np.random.default_rng(0).random((n, 3))
+    ids = np.concatenate([block.ids for block in cells])
+    data = {"node_id": np.arange(n) + 100, "vector": 2 * position}
+    write(tmp_path / f"a{suffix}", unstructured_grid(position, cells, data, {"element_id": ids}))
+    mesh = pyvista.read(tmp_path / "a.vtkhdf") if suffix == ".vtkhdf" else hdf_reader(tmp_path / "a.h5").read()
+    np.testing.assert_array_equal(mesh.points, position)
+    np.testing.assert_array_equal(mesh.celltypes, [VTK_TYPE[block.kind] for block in cells for _ in range(2)])
+    for cell, expected in zip(range(mesh.n_cells), (row for block in cells for row in block.nodes), strict=True):
+        np.testing.assert_array_equal(mesh.get_cell(cell).point_ids, expected)
+    np.testing.assert_array_equal(mesh.point_data["node_id"], data["node_id"])
+    np.testing.assert_array_equal(mesh.point_data["vector"], data["vector"])
+    np.testing.assert_array_equal(mesh.cell_data["element_id"], ids)
+
+
+def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
+    cells, n = blocks()
+    m = sum(len(block.ids) for block in cells)
+    rng = np.random.default_rng(1)
+    mode, strain, fixed = rng.random((3, n, 3)), rng.random((3, m)), rng.random(n)
+    frequency = np.array([40.0, 52.5, 240.0])
+    write(
+        tmp_path / "modes.h5",
+        unstructured_grid(
+            rng.random((n, 3)), cells, {"mode": mode, "fixed": fixed}, {"strain": strain}, steps=frequency
+        ),
+    )
+    reader = vtkHDFReader()
+    reader.SetFileName(str(tmp_path / "modes.h5"))
+    reader.UpdateInformation()
+    times = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    np.testing.assert_array_equal(times, frequency)
+    for i in (2, 0, 1):
+        reader.UpdateTimeStep(frequency[i])
+        mesh = pyvista.wrap(reader.GetOutputDataObject(0))
+        np.testing.assert_array_equal(mesh.point_data["mode"], mode[i])
+        np.testing.assert_array_equal(mesh.cell_data["strain"], strain[i])
+        np.testing.assert_array_equal(mesh.point_data["fixed"], fixed)
+        assert mesh.n_cells == m
+
+
+def test_equal_steps_stay_apart_on_the_time_axis():
+    grid = unstructured_grid(np.zeros((1, 3)), [], steps=[5.0, 5.0, 5.0])
+    assert np.all(np.diff(grid.datasets["Steps/Values"]) > 0)
+    np.testing.assert_allclose(grid.datasets["Steps/Values"], 5.0, rtol=1e-14)
+
+
+def test_points_alone_are_a_grid(tmp_path):
+    write(tmp_path / "points.vtkhdf", unstructured_grid(np.eye(3), [], {"a": np.arange(3)}))
+    assert pyvista.read(tmp_path / "points.vtkhdf").n_points == 3
+
+
+@pytest.mark.parametrize("data", [np.zeros(4), np.zeros((2, 4)), np.float64(1.0)])
+def test_data_of_another_length_is_refused(data):
+    with pytest.raises(ValueError, match="PointData a"):
+        unstructured_grid(np.eye(3), [], {"a": data}, steps=[0.0, 1.0])
