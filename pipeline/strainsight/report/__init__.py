@@ -1,0 +1,1 @@
+"""Arrays in, figures and a page out: reads no artefact, knows no kernel."""

@@ -1,0 +1,121 @@
+"""Small pieces of HTML; whatever comes from a config or a deck is escaped here."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from strainsight.report import drawing
+from strainsight.report.drawing import Drawing
+from strainsight.report.text import number, percent, quantity
+
+THEME = {
+    drawing.BLUE: "var(--blue)",
+    drawing.VERMILION: "var(--vermilion)",
+    drawing.GREEN: "var(--green)",
+    drawing.ORANGE: "var(--orange)",
+    drawing.PURPLE: "var(--purple)",
+    drawing.SKY: "var(--sky)",
+    drawing.INK: "var(--ink)",
+    drawing.MUTED: "var(--muted)",
+    drawing.GRID: "var(--grid)",
+    "#ffffff": "var(--card)",
+}
+
+
+def data(value: float, shown: str) -> str:
+    """A number as people read it that keeps the exact value for machines."""
+    exact = repr(float(value)) if math.isfinite(value) else str(float(value))
+    return f'<data value="{exact}">{escape(shown)}</data>'
+
+
+def share(value: float | None, digits: int = 2) -> str:
+    """A ratio in per cent, or a dash for one that was not computed."""
+    return "–" if value is None else data(value, percent(value, digits))
+
+
+def measure(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """A number with its unit, or a dash."""
+    return "–" if value is None else data(value, quantity(value, unit, digits))
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """A dimensionless number."""
+    return data(value, number(value, digits))
+
+
+def bullets(sentences: Iterable[str]) -> str:
+    """An escaped bullet list."""
+    return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"
+
+
+def table(
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    caption: str = "",
+    numeric: Iterable[int] = (),
+    foot: Sequence[str] = (),
+) -> str:
+    """A table of cells that are HTML already; the first cell of a row heads it, `numeric` columns are flush right."""
+    right = set(numeric)
+
+    def mark(column: int) -> str:
+        return ' class="n"' if column in right else ""
+
+    def line(cells: Sequence[str]) -> str:
+        rest = "".join(f"<td{mark(i)}>{cell}</td>" for i, cell in enumerate(cells) if i)
+        return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
+
+    subject = head[0] if head else "names and values"
+    top = "".join(f'<th scope="col"{mark(i)}>{cell}</th>' for i, cell in enumerate(head))
+    return (
+        (f'<p class="note">{caption}</p>' if caption else "")
+        + f'<div class="scroll" tabindex="0" role="region" aria-label="table: {subject}"><table>'
+        + (f"<thead><tr>{top}</tr></thead>" if head else "")
+        + "<tbody>"
+        + "".join(line(row) for row in rows)
+        + "</tbody>"
+        + (f"<tfoot>{line(foot)}</tfoot>" if foot else "")
+        + "</table></div>"
+    )
+
+
+def pairs(entries: Iterable[tuple[str, str]]) -> str:
+    """A table of escaped names and values."""
+    return table((), [(escape(name), f"<span>{escape(value)}</span>") for name, value in entries])
+
+
+def badge(label: str, index: int) -> str:
+    """A gauge's label on its own colour."""
+    colour = drawing.gauge_colour(index)
+    return f'<span class="badge" style="background:{colour};color:{drawing.ink_on(colour)}">{escape(label)}</span>'
+
+
+def figure(entry: Drawing, index: int) -> str:
+    """A card with the drawing inline, in the page's colours, and its caption."""
+    return (
+        f'<figure class="card"><h3>{escape(entry.title)}</h3>{inline_svg(entry, f"f{index}-")}'
+        f"<figcaption>{escape(entry.caption)}</figcaption></figure>"
+    )
+
+
+def inline_svg(entry: Drawing, prefix: str) -> str:
+    """The SVG as an element of the page: own ids under `prefix`, themed colours, alternative text, nothing to fetch.
+
+    The drawing's bytes stay a standard SVG with plain colours; here they turn into the page's variables, so that the
+    same figure reads on a light page, on a dark one and on paper.
+    """
+    text = entry.svg.decode()
+    text = text[text.index("<svg") :]
+    head, body = text.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    body = re.sub(r'<g id="[^"]*"', "<g", body)
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
+    body = re.sub(r' id="([^"]*)"', lambda match: f' id="{prefix}{match[1]}"' if match[1] in used else "", body)
+    body = re.sub(r'(?:xlink:)?href="#', f'href="#{prefix}', body).replace("url(#", f"url(#{prefix}")
+    body = re.sub(r"#[0-9a-f]{6}\b(?=[;\"\s])", lambda match: THEME.get(match[0], match[0]), body)
+    # Text without a colour of its own is black in SVG, and would vanish on a dark page.
+    return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(entry.alt)}" fill="var(--ink)">{body}'

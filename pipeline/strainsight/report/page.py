@@ -1,0 +1,170 @@
+"""One self-contained HTML page of a placement: the answer first, then what it rests on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from html import escape
+from importlib.resources import files
+
+from strainsight.report.data import PlacementReport
+from strainsight.report.drawing import Drawing
+from strainsight.report.first import answer, first_screen, gauge_table
+from strainsight.report.markup import figure, measure, pairs, plain, share, table
+from strainsight.report.text import number
+
+# Nothing is fetched and nothing runs, whatever a name in a deck contains.
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+
+
+def placement_page(
+    report: PlacementReport, drawings: tuple[Drawing, ...], scene: bytes | None, scene_problem: str = ""
+) -> str:
+    """The report as HTML text without any resource outside itself.
+
+    drawings from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the sentence on why.
+    """
+    css = files("strainsight.report").joinpath("page.css").read_text(encoding="utf-8")
+    sections = (
+        _estimates(report, drawings),
+        _trend(report, drawings),
+        _random(drawings),
+        _noise(report, drawings),
+        _observability(report),
+        _facts(report),
+    )
+    return "\n".join(
+        (
+            "<!DOCTYPE html>",
+            '<html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
+            f"<title>{escape(report.title)} – strainsight</title><style>\n{css}</style></head><body>",
+            f'<header><p class="eyebrow">strainsight · gauge placement · {escape(report.name)}</p>',
+            f"<h1>{escape(report.title)}</h1>",
+            f'<p class="answer">{answer(report)}</p></header><main>',
+            first_screen(report, scene, scene_problem),
+            f'<div class="card">{gauge_table(report)}</div>',
+            *(section for section in sections if section),
+            "</main>",
+            "<footer>σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the "
+            "RMS of all true loads, after the first tenth of the run.</footer></body></html>\n",
+        )
+    )
+
+
+def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool]) -> str:
+    cards = [figure(entry, i) for i, entry in enumerate(drawings) if wanted(entry.key)]
+    return f'<div class="figures">{"".join(cards)}</div>' if cards else ""
+
+
+def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
+    shown = _chosen(drawings, lambda key: key.startswith(("estimate-", "closing-")))
+    strains = _chosen(drawings, lambda key: key.startswith("strain-"))
+    if not shown and not strains:
+        return ""
+    lead = f'<p class="lead">Truth: {escape(report.truth_description)}.</p>' if report.truth_description else ""
+    text = f"<h2>What they tell</h2>{lead}{shown}"
+    if strains:
+        lead = '<p class="lead">What each gauge measured and what the filter makes of it.</p>'
+        text += f"<h2>Gauge strains</h2>{lead}{strains}"
+    return text
+
+
+def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
+    trend = report.trend
+    rows = [("<strong>chosen set</strong>", trend.final_trace)]
+    if trend.lower_bound is not None:
+        rows.append(("certified lower bound", trend.lower_bound))
+    rows += sorted(((escape(name), value) for name, value in report.baselines.items()), key=lambda row: row[1])
+    chosen = trend.final_trace if 0 < trend.final_trace < math.inf else math.nan
+    cells = [(name, plain(value), plain(value / chosen, 3)) for name, value in rows]
+    caption = (
+        "Sets of the same size from the same pool, scored by the same steady covariance; ∞ cannot observe all unknowns."
+    )
+    baselines = table(("set", "tr(W P)", "times the chosen"), cells, caption=caption, numeric=(1, 2))
+    cards = [figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "trend"]
+    return f'<h2>How good the set is</h2><div class="figures">{"".join(cards)}<div class="card">{baselines}</div></div>'
+
+
+def _random(drawings: tuple[Drawing, ...]) -> str:
+    shown = _chosen(drawings, lambda key: key.startswith("random-"))
+    return (
+        '<h2>Beside random sets</h2><p class="lead">The same estimation with as many gauges drawn at random.</p>'
+        + shown
+        if shown
+        else ""
+    )
+
+
+def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
+    cards = [
+        figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "noise" or entry.key.startswith("repeats-")
+    ]
+    if report.noise:
+        names = [unknown.name for unknown in report.unknowns]
+        head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error", "σ")]
+        rows = [
+            [share(row.level), *(share(source.get(name)) for name in names for source in (row.error, row.std))]
+            for row in report.noise
+        ]
+        caption = "Noise as a share of the strongest candidate's RMS strain; error beside the claimed σ."
+        cards.append(f'<div class="card">{table(head, rows, caption=caption, numeric=range(1, len(head)))}</div>')
+    return f'<h2>How sure one can be</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
+
+
+def _observability(report: PlacementReport) -> str:
+    cards = []
+    if report.observability:
+        rows = [[escape(name), plain(value)] for name, value in report.observability.items()]
+        caption = (
+            "Popov-Belevitch-Hautus matrix at λ = 0 of the augmented system: "
+            "the larger its condition number, the harder the estimate."
+        )
+        cards.append(table(("observability", ""), rows, caption=caption, numeric=(1,)))
+    check = report.consistency
+    rows = [
+        [
+            name,
+            plain(value, 3),
+            "–" if band is None else f"{number(band[0], 3)} to {number(band[1], 3)}",
+            _inside(value, band),
+        ]
+        for name, value, band in (
+            ("estimates (NEES)", check.nees, check.nees_band),
+            ("gauges (NIS)", check.nis, check.nis_band),
+        )
+        if value is not None
+    ]
+    if rows:
+        caption = (
+            "Squared errors over claimed variances, per dimension: 1 is ideal, more overconfident, less too cautious."
+        )
+        cards.append(table(("consistency", "value", "95 % band", ""), rows, caption=caption, numeric=(1, 2)))
+    if report.frequencies:
+        rows = [[str(i + 1), measure(value, "Hz")] for i, value in enumerate(report.frequencies)]
+        cards.append(
+            table(
+                ("mode", "frequency"),
+                rows,
+                caption="Natural frequencies of the model at the first guess.",
+                numeric=(1,),
+            )
+        )
+    body = "".join(f'<div class="card">{card}</div>' for card in cards)
+    return f'<h2>Observability, consistency, modes</h2><div class="panels">{body}</div>' if cards else ""
+
+
+def _inside(value: float, band: tuple[float, float] | None) -> str:
+    if band is None:
+        return ""
+    return "✓ inside" if band[0] <= value <= band[1] else "✕ overconfident" if value > band[1] else "✕ too cautious"
+
+
+def _facts(report: PlacementReport) -> str:
+    cards = "".join(
+        f'<section class="card"><h3>{title}</h3>{pairs(entries.items())}</section>'
+        for title, entries in (("Model and run", report.facts), ("Provenance", report.provenance))
+        if entries
+    )
+    return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""

@@ -1,0 +1,121 @@
+"""A picture of the structure with its gauges, rendered off-screen in a child process.
+
+VTK ends the whole process with a segmentation fault where it finds no OpenGL (seen with VTK 9.7 and no EGL, X or OSMesa
+library); in a child process that costs the picture and not the run.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import strainsight
+from strainsight.errors import StrainsightError
+from strainsight.report.data import Gauge, Layout, Load
+
+WIDTH, HEIGHT = 1200, 700
+TIME_LIMIT = 120.0
+DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1"
+DOTS = 4000
+
+
+def render(layout: Layout) -> bytes:
+    """PNG of 1200 × 700 pixels on a transparent ground, for light and dark pages alike.
+
+    Shows the facets with their edges, the candidate pool as dots, gauges as labelled bars along their direction, loads
+    as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
+    Raises StrainsightError that names the Debian packages where nothing can render.
+    """
+    with tempfile.TemporaryDirectory(prefix="strainsight-scene-") as folder:
+        source, target = Path(folder, "layout.npz"), Path(folder, "scene.png")
+        np.savez(source, **pack(layout))  # type: ignore[arg-type]
+        output = "no output"
+        for environment in _environments():
+            command = [sys.executable, "-m", "strainsight.report.scene", str(source), str(target)]
+            try:
+                done = subprocess.run(
+                    command, env=environment, capture_output=True, timeout=TIME_LIMIT, check=False, cwd=folder
+                )
+            except subprocess.TimeoutExpired:
+                output = f"no picture after {TIME_LIMIT:.0f} s"
+                continue
+            if done.returncode == 0 and target.exists():
+                return target.read_bytes()
+            output = f"exit code {done.returncode}" + _last_words(done.stderr.decode(errors="replace"))
+    raise StrainsightError(
+        f"the 3D picture could not be rendered off-screen ({output})",
+        remedy=f"install an off-screen OpenGL; on Debian and Ubuntu: apt-get install {DEBIAN_PACKAGES}",
+    )
+
+
+def pack(layout: Layout) -> dict[str, np.ndarray]:
+    """The layout as plain arrays, as the child process reads them; a large pool is thinned to what one can see."""
+    stride = max(1, -(-len(layout.pool) // DOTS))
+    gauges, loads = layout.gauges, layout.loads
+    return {
+        "points": np.asarray(layout.points, dtype=float),
+        "faces": np.asarray(layout.faces, dtype=np.int64),
+        "pool": np.asarray(layout.pool, dtype=float).reshape(-1, 3)[::stride],
+        "fixed": np.asarray(layout.fixed, dtype=float).reshape(-1, 3)[:: max(1, -(-len(layout.fixed) // DOTS))],
+        "gauge_label": np.array([gauge.label for gauge in gauges], dtype=str),
+        "gauge_position": np.array([gauge.position for gauge in gauges], dtype=float).reshape(-1, 3),
+        "gauge_direction": np.array([gauge.direction for gauge in gauges], dtype=float).reshape(-1, 3),
+        "gauge_normal": np.array([gauge.normal for gauge in gauges], dtype=float).reshape(-1, 3),
+        "load_name": np.array([load.name for load in loads], dtype=str),
+        "load_point": np.array([load.point for load in loads], dtype=float).reshape(-1, 3),
+        "load_direction": np.array([load.direction for load in loads], dtype=float).reshape(-1, 3),
+        "load_known": np.array([load.known for load in loads], dtype=bool),
+    }
+
+
+def unpack(arrays: dict[str, np.ndarray]) -> Layout:
+    """The layout that `pack` flattened, as far as a picture needs it."""
+    gauges = tuple(
+        Gauge(str(label), 0, 0, position, direction, normal, 0.0)
+        for label, position, direction, normal in zip(
+            *(arrays[f"gauge_{name}"] for name in ("label", "position", "direction", "normal")), strict=True
+        )
+    )
+    loads = tuple(
+        Load(str(name), point, direction, bool(known))
+        for name, point, direction, known in zip(
+            *(arrays[f"load_{name}"] for name in ("name", "point", "direction", "known")), strict=True
+        )
+    )
+    return Layout(arrays["points"], arrays["faces"], arrays["pool"], gauges, loads, arrays["fixed"])
+
+
+def _environments() -> list[dict[str, str]]:
+    """Off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)."""
+    root = str(Path(strainsight.__file__).parents[1])
+    inherited = os.environ.get("PYTHONPATH")
+    base = {**os.environ, "PYTHONPATH": os.pathsep.join(part for part in (root, inherited) if part)}
+    if not sys.platform.startswith("linux"):
+        return [base]
+    egl = {name: value for name, value in base.items() if name != "DISPLAY"}
+    return [{**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}, base]
+
+
+def _last_words(stderr: str) -> str:
+    """The last line that VTK wrote, without its colours, time stamp and place."""
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", stderr).strip().splitlines()
+    return f", {lines[-1].rpartition('|')[2].strip()}" if lines else ""
+
+
+def main(source: str, target: str) -> None:
+    """The child process: layout.npz in, scene.png out."""
+    from strainsight.report.picture import draw
+
+    with np.load(source, allow_pickle=False) as arrays:
+        layout = unpack(dict(arrays))
+    Path(target).write_bytes(draw(layout, WIDTH, HEIGHT))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,68 @@
+"""Numbers as people read them: four digits, SI prefixes, per cent."""
+
+from __future__ import annotations
+
+import math
+
+PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+PREFIXED_UNITS = frozenset({"Pa", "N", "N·m", "Nm", "N/m", "Hz", "W", "J"})
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A plain number to `digits` significant digits: 0.05, 1207, 12 070, 2.1×10¹¹; ∞ and – for what is none."""
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    power = int(exponent)
+    if -4 <= power < 6:
+        text = f"{value:.{max(digits - 1 - power, 0)}f}" if power < digits else _grouped(f"{round(value)}")
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+        return text.replace("-", "−")
+    mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+    return f"{mantissa}×10{str(power).translate(SUPERSCRIPTS)}".replace("-", "−", 1)
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """A number with its unit, prefixed where engineers do: 209.9 GPa, 10 kN, 7850 kg/m³."""
+    factor, prefixed = prefix(abs(value), unit)
+    return f"{number(value / factor, digits)}\u00a0{prefixed}" if unit else number(value, digits)
+
+
+def prefix(size: float, unit: str) -> tuple[float, str]:
+    """The factor and the prefixed unit in which numbers of this size are between 1 and 1000."""
+    if unit not in PREFIXED_UNITS or not math.isfinite(size) or size == 0:
+        return 1.0, unit
+    power = min(max(3 * math.floor(math.log10(size * (1 + 1e-12)) / 3), -9), 12)
+    return 10.0**power, PREFIXES[power] + unit
+
+
+def percent(ratio: float, digits: int = 2) -> str:
+    """A ratio in per cent with its trailing zeros: 0.0010 → 0.10 %; below a half of the last thousandth: 0.000 %."""
+    if math.isinf(ratio):
+        return "∞"
+    if math.isnan(ratio):
+        return "–"
+    value = 100 * ratio
+    if abs(value) < 5e-4:
+        return "0.000\u00a0%"
+    power = int(f"{value:.{digits - 1}e}".split("e")[1])
+    if power >= 6:
+        return f"{number(value, digits)}\u00a0%"
+    rounded = round(value, digits - 1 - power)
+    return _grouped(f"{rounded:.{max(digits - 1 - power, 0)}f}").replace("-", "−") + "\u00a0%"
+
+
+def _grouped(digits: str) -> str:
+    """Thin spaces between thousands, from five digits on."""
+    return f"{int(digits):,}".replace(",", "\u202f") if len(digits.lstrip("-")) > 4 and "." not in digits else digits
+
+
+def short(name: str, length: int = 20) -> str:
+    """A name that fits into a figure: cut after `length` characters, in one line."""
+    line = " ".join(name.split())
+    return line if len(line) <= length else line[: length - 1] + "…"

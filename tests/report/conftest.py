@@ -1,0 +1,131 @@
+"""A small placement report for the tests: a clamped box of quad8 facets with four gauges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.report.data import (
+    Consistency,
+    Gauge,
+    GaugeSignal,
+    History,
+    Layout,
+    Load,
+    NoiseRow,
+    PlacementReport,
+    RandomSets,
+    Repeats,
+    Trend,
+    Unknown,
+)
+
+
+def box(cells=(10, 2, 3), size=(2.0, 0.08, 0.12)):
+    """Points (n, 3) [m] and quad8 facets (f, 8), outward, of a box with one corner at the origin."""
+    index: dict[tuple[int, ...], int] = {}
+
+    def node(step):
+        return index.setdefault(tuple(int(i) for i in step), len(index))
+
+    faces = []
+    for axis in range(3):
+        u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        for end in (0, 1):
+            first, second = (u, v) if end else (v, u)
+            a, b = int(np.argmax(first)), int(np.argmax(second))
+            for i in range(cells[a]):
+                for j in range(cells[b]):
+                    corner = 2 * i * first + 2 * j * second + 2 * end * cells[axis] * np.eye(3, dtype=int)[axis]
+                    steps = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))
+                    faces.append([node(corner + s * first + t * second) for s, t in steps])
+    points = np.array(list(index)) * np.array(size) / (2 * np.array(cells))
+    return points, np.array(faces)
+
+
+@pytest.fixture
+def beam():
+    return layout()
+
+
+def layout():
+    points, faces = box()
+    x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    places = ((0.1, 0.12, z), (0.3, 0.12, z), (0.1, 0.0, -z), (0.5, 0.0, -z))
+    gauges = tuple(
+        Gauge(f"G{i}", 1200 + i, 3, np.array([along, 0.02, height]), x, normal, 0.0, {"E": 0.001 * i}, (41, 77, 52, 40))
+        for i, (along, height, normal) in enumerate(places, start=1)
+    )
+    pool = points[(points[:, 2] > 0.119) & (points[:, 0] < 1.0)]
+    return Layout(
+        points, faces, pool, gauges, (Load("tip", np.array([2.0, 0.04, 0.06]), z),), points[points[:, 0] == 0]
+    )
+
+
+@pytest.fixture
+def full():
+    """A function: changed fields → report."""
+    return report
+
+
+def report(**changes):
+    """A full report; `changes` replace its fields."""
+    draw = np.random.default_rng(1)
+    time = np.arange(1001) * 1e-3
+    count = np.arange(30, 3, -1)
+    trace = 1 + (30 / count - 1) * 0.25
+    mean = 2.1e11 - 2.1e10 * np.exp(-time / 0.02)
+    load = 1e4 * np.sin(2 * np.pi * 20 * time)
+    strain = 9e-5 * np.sin(2 * np.pi * 20 * time)
+    full = PlacementReport(
+        name="cantilever-input-youngs-modulus",
+        title="Cantilever: load and stiffness",
+        unknowns=(
+            Unknown("tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163),
+            Unknown("E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787),
+        ),
+        layout=layout(),
+        trend=Trend(count, trace, {"tip": 0.7 * trace, "E": 0.3 * trace}, 2.62, 2.6187, 2.62 / 2.6187 - 1),
+        histories=(
+            History("tip", "N", time, load, 0.95 * load, np.full(1001, 1.6e3), load + 100.0, np.full(1001, 400.0)),
+            History("E", "Pa", time, np.full(1001, 2.1e11), mean, np.full(1001, 1.7e8)),
+        ),
+        gauge_signals=tuple(
+            GaugeSignal(f"G{i}", time, strain + draw.normal(size=1001) * 1e-6, strain, strain, np.full(1001, 1.5e-7))
+            for i in range(1, 5)
+        ),
+        random_sets=(
+            RandomSets("E", "all candidates", np.linspace(0.0011, 0.02, 10), np.tile(mean, (10, 1)), 0.000523),
+            RandomSets(
+                "E", "screened", np.append(np.linspace(0.0007, 0.002, 9), np.nan), np.tile(mean, (10, 1)), 0.000523
+            ),
+            RandomSets("tip", "screened", np.linspace(0.17, 0.5, 10), None, 0.177),
+        ),
+        noise=(
+            NoiseRow(0.001, 0.1, {"tip": 0.05, "E": 6.1e-5}, {"tip": 0.06, "E": 9.1e-5}),
+            NoiseRow(0.01, 1.0, {"tip": 0.177, "E": 0.000523}, {"tip": 0.159, "E": 0.000814}),
+            NoiseRow(0.05, 5.0, {"tip": 0.4, "E": 0.0031}, {"tip": 0.41, "E": 0.0042}),
+        ),
+        repeats=(Repeats("E", np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), "not identified"),),
+        frequencies=(40.12, 58.9, 247.3),
+        baselines={"efi": 3.5, "random, worst of 10": np.inf},
+        observability={"condition (scaled)": 91.0, "condition (raw)": 3.1e23},
+        truth_description="60 modes with static terms, damping 1.5 times the filter's",
+        consistency=Consistency(1.04, (0.9, 1.1), 1.31, (0.96, 1.04)),
+        warnings=("G1 and G2 are 200 mm apart.",),
+        not_tested=("Temperature.",),
+        facts={"mesh": "3 214 nodes"},
+        provenance={"seed": "1"},
+    )
+    return replace(full, **changes)
+
+
+@pytest.fixture
+def bare():
+    """The same placement with everything left out that a run may lack."""
+    full = report()
+    unknowns = tuple(Unknown(unknown.name, unknown.unit, unknown.kind, unknown.guess) for unknown in full.unknowns)
+    trend = replace(full.trend, lower_bound=None, gap=None, blocks={})
+    return PlacementReport("bare", "Bare", unknowns, full.layout, trend)
