@@ -107,7 +107,7 @@ def parameter_forces(
 
 
 def augment_rows(rows: np.ndarray, unknowns: Unknowns) -> np.ndarray:
-    """H* = [H, 0, 0]: strain rows (m, n) on x*; a strain depends on neither velocity, input nor parameter. Returns (m, n*)."""
+    """H* = [H, 0, 0, 0] (m, n*): strain rows (m, n) on x*; at given q nothing else enters."""
     m, n = rows.shape
     return np.hstack([rows, np.zeros((m, n + unknowns.count))])
 
@@ -129,8 +129,8 @@ def linearisation_instants(
     The eligible instants, in time order, are cut into `count` equal strata and one is drawn from each. A parameter is
     unobservable where its force vanishes, so a plain draw is ruled by the instants nearest to that.
     x (s, 2n), u (s, n_u): the whole training run. `count=1, share=0` is the thesis: one random instant.
-    Returns indices, ascending; fewer than `count` where fewer are eligible; [0] where no parameter is unknown (F* is then
-    the same everywhere). Raises ConfigError where a parameter never acts.
+    Returns indices, ascending; fewer than `count` where fewer are eligible; [0] where no parameter is unknown (F* is
+    then the same everywhere). Raises ConfigError where a parameter never acts.
     """
     if not unknowns.parameters:
         return np.array([0])

@@ -1,0 +1,187 @@
+"""What the gauges can tell at all: PBH at λ = 0 (6.1), and the directions no gauge of a set can detect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matrix_balance, qr, schur
+
+from strainsight.errors import NumericalError
+
+MARGINAL = 1e-9
+"""An eigenvalue of F* with Re λ ≥ −MARGINAL ‖F*‖ has to be detected by the gauges."""
+ROUNDING = 1e-12
+"""Gauges answer to a motion where ‖H v‖ > ROUNDING ‖H‖ max|v| in balanced units: less is rounding in v."""
+SAME = 1e-7
+"""Eigenvalues closer than SAME ‖F*‖ are one: those of a Jordan block scatter by the root of the rounding."""
+RANK = 1e-10
+"""A direction is undetectable where the gauges answer to it less than RANK times as much as to its parts."""
+
+
+@dataclass(frozen=True)
+class Observability:
+    """Conditioning of the PBH matrix at λ = 0; null_direction in words, empty where no direction is nearly lost."""
+
+    condition: float
+    sigma_min: float
+    condition_raw: float
+    null_direction: str
+
+
+@dataclass(frozen=True)
+class MarginalModes:
+    """Eigenvalues λ of F* with Re λ ≥ 0, each once, Im λ ≥ 0, and all its eigenvectors: F* V = λ V.
+
+    eigenvalue [1/s]; vectors: V (n*, g) of each; scale (n*,): balanced units of the states, x* = scale · x̃.
+    """
+
+    eigenvalue: tuple[complex, ...]
+    vectors: tuple[np.ndarray, ...]
+    scale: np.ndarray
+
+
+def observability(
+    F: np.ndarray,
+    H: np.ndarray,
+    *,
+    names: Sequence[str],
+    frequency: np.ndarray,
+    state_amplitude: float,
+    largest_strain: float,
+    raw_scale: np.ndarray,
+) -> Observability:
+    """Condition number and smallest singular value of the scaled PBH matrix [F* − λI; H*] at λ = 0 (6.1).
+
+        F̃ = D⁻¹ F* D / ω₁,   H̃ = H* D / ε,   D = diag(a/ω, a, 1, 1)
+
+    F (n*, n*) and H (m, n*) in x* = [q, q̇, ũ, p]; names of the unknowns ũ, p; frequency ω (n,) [rad/s] of the model's
+    coordinates at the reference; state_amplitude a: largest ‖(ωq, q̇)‖ of the training run [√J]; largest_strain ε: of
+    the pool in that run; raw_scale (len(names),): amplitudes and guesses, which give `condition_raw`, the thesis's
+    number, in the units of [q, q̇, u, θ]: it orders cases by their units. Source: Hautus (1969); thesis (6.1).
+    """
+    n, n_star = len(frequency), len(F)
+    D = np.concatenate([state_amplitude / frequency, np.full(n, state_amplitude), np.ones(n_star - 2 * n)])
+    scaled = np.vstack([F / D[:, None] * D / frequency.min(), H * D / largest_strain])
+    _, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)
+    raw = np.concatenate([np.ones(2 * n), raw_scale])
+    sigma_raw = np.linalg.svd(np.vstack([F / raw, H / raw]), compute_uv=False)
+    condition = _ratio(sigma)
+    direction = direction_in_words(Vt[-1], names) if condition > 1e4 else ""
+    return Observability(condition, float(sigma[-1]), _ratio(sigma_raw), direction)
+
+
+def direction_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
+    """The unknowns (the last states) that a direction (n*,) of x* changes by a tenth of the most or more."""
+    if not names:
+        return "all that is asked for"
+    part = np.abs(direction[-len(names) :])
+    if part.max() <= 1e-6 * np.abs(direction).max():
+        return "an undamped motion of the structure itself"
+    involved = [name for name, size in zip(names, part, strict=True) if size >= 0.1 * part.max()]
+    if len(involved) == 1:
+        return involved[0]
+    return f"{', '.join(involved[:-1])} and {involved[-1]} together: fix one of them, or make one known"
+
+
+def marginal_modes(F: np.ndarray) -> MarginalModes:
+    """What does not decay by itself, Re λ ≥ −1e-9 ‖F‖ in balanced coordinates: what detectability depends on.
+
+    F (n, n) [1/s]. The eigenvectors at one λ are combined so that each has a unit entry where the others have none:
+    "one unknown each and the motion it causes". Raises NumericalError where they cannot be separated from what decays.
+    Source: Hautus (1969).
+    """
+    scale = balanced_units(F)
+    balanced = F / scale[:, None] * scale
+    size = float(np.linalg.norm(balanced))
+    T, Z, k = schur(balanced, output="real", sort=lambda real, imag: real >= -MARGINAL * size)
+    basis, T = Z[:, :k], T[:k, :k]
+    if np.linalg.norm(balanced @ basis - basis @ T) > 1e-8 * size:
+        raise NumericalError("the states that do not decay cannot be told from those that do")
+    found: list[complex] = []
+    vectors: list[np.ndarray] = []
+    for group in _groups(np.linalg.eigvals(T) if k else np.zeros(0), SAME * size):
+        mean = complex(group.mean())
+        if mean.imag < -SAME * size:
+            continue
+        # the mean of a cluster is exact where its members, of a Jordan block, are not
+        value = 0.0 if abs(mean) <= SAME * size else mean.real if abs(mean.imag) <= SAME * size else mean
+        _, sigma, Yt = np.linalg.svd(T - value * np.eye(k))
+        free = sigma <= MARGINAL * size
+        free[-1] = True
+        V = basis @ Yt[free].conj().T
+        pivots = qr(V.conj().T, mode="r", pivoting=True)[1][: V.shape[1]]
+        found.append(complex(value))
+        vectors.append(scale[:, None] * (V @ np.linalg.inv(V[pivots])) / scale[pivots])
+    return MarginalModes(tuple(found), tuple(vectors), scale)
+
+
+def balanced_units(F: np.ndarray) -> np.ndarray:
+    """Units (n,) of the states in which rows and columns of F (n, n) have like norms: x = units · x̃.
+
+    LAPACK's balance leaves a state alone whose row or column is zero, as that of a random walk: its other one is
+    brought to the mean norm of the rest, so that the units do not depend on those of the unknowns.
+    """
+    balanced, (scale, _) = matrix_balance(F, permute=False, separate=True)
+    outside = np.abs(balanced - np.diag(np.diag(balanced)))
+    rows, columns = np.linalg.norm(outside, axis=1), np.linalg.norm(outside, axis=0)
+    whole = (rows > 0) & (columns > 0)
+    if not whole.any():
+        return scale
+    typical = np.sqrt(np.mean(rows[whole] * columns[whole]))
+    driver, follower = (rows == 0) & (columns > 0), (columns == 0) & (rows > 0)
+    scale[driver] *= typical / columns[driver]
+    scale[follower] *= rows[follower] / typical
+    return scale
+
+
+def undetectable_directions(F: np.ndarray, H: np.ndarray, modes: MarginalModes | None = None) -> np.ndarray:
+    """Basis (n, k) of the motions that neither decay nor show in any gauge; k = 0 where (F, H) is detectable.
+
+        F v = λ v,   Re λ ≥ 0,   H v = 0:   v = V · null(H V), columns of H V at unit norm; Re v, Im v of a complex v
+
+    F (n, n) [1/s]; H (m, n), rows of any scaling; modes: those of F, where already known. The rank is that of an SVD
+    with the tolerance 1e-10, independent of the units of states and gauges. Source: Hautus (1969).
+    """
+    modes = marginal_modes(F) if modes is None else modes
+    lost = [np.zeros((len(F), 0))]
+    strength = np.linalg.norm(H * modes.scale)
+    for value, V in zip(modes.eigenvalue, modes.vectors, strict=True):
+        O = H @ V
+        length = np.linalg.norm(O, axis=0)
+        answers = length > ROUNDING * strength * (np.abs(V) / modes.scale[:, None]).max(axis=0)
+        per_length = np.divide(1.0, length, out=np.zeros(len(length)), where=answers)
+        _, sigma, Yt = np.linalg.svd(O * per_length, full_matrices=True)
+        sigma = np.concatenate([sigma, np.zeros(V.shape[1] - len(sigma))])
+        null = Yt[sigma <= RANK * max(1.0, sigma[0])].conj().T
+        v = V @ (np.where(answers, per_length, 1.0)[:, None] * null)
+        lost += [v.real, v.imag] if value.imag else [v.real]
+    return np.hstack(lost)
+
+
+def least_gauges(modes: MarginalModes) -> int:
+    """Fewest gauges that can detect all that does not decay: the most eigenvectors at one eigenvalue."""
+    return max((V.shape[1] for V in modes.vectors), default=0)
+
+
+def undetectable_in_words(directions: np.ndarray, names: Sequence[str]) -> str:
+    """The undetectable directions (n*, k) by the names of the unknowns they change."""
+    return "; ".join(direction_in_words(column, names) for column in directions.T)
+
+
+def _groups(values: np.ndarray, distance: float) -> list[np.ndarray]:
+    """The values in clusters: a value within `distance` of a member belongs to it."""
+    left, groups = list(values), []
+    while left:
+        group = [left.pop()]
+        for member in group:
+            near = [v for v in left if abs(v - member) <= distance]
+            left = [v for v in left if abs(v - member) > distance]
+            group += near
+        groups.append(np.array(group))
+    return groups
+
+
+def _ratio(sigma: np.ndarray) -> float:
+    return float(sigma[0] / sigma[-1]) if sigma[-1] > 0 else float("inf")

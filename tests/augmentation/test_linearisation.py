@@ -1,0 +1,124 @@
+"""F* is the derivative of the augmented equation of motion, and nothing but that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import sqrtm
+
+from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearisation_instants, linearise
+from strainsight.errors import ConfigError
+from strainsight.rom.model import Damping
+
+AMPLITUDE = {"tip": 40.0, "side": 7.0}
+
+
+def unknowns_of(theta, inputs=("tip",), parameters=("E", "rho")):
+    return Unknowns(inputs, parameters, AMPLITUDE, theta)
+
+
+def augmented_rate(model, unknowns, theta, x_star, known_u):
+    """ẋ* written out, with the damping from a matrix square root."""
+    n = model.size
+    q, v, rest = x_star[:n], x_star[n : 2 * n], x_star[2 * n :]
+    u = known_u.copy()
+    for i, name in enumerate(unknowns.inputs):
+        u[model.inputs.index(name)] = unknowns.amplitude[name] * rest[i]
+    value = dict(theta)
+    for i, name in enumerate(unknowns.parameters):
+        value[name] = unknowns.guess[name] * np.exp(rest[len(unknowns.inputs) + i])
+    M = model.mass.constant + model.mass.terms["rho"] * value["rho"]
+    K = model.stiffness.constant + model.stiffness.terms["E"] * value["E"]
+    if model.damping.kind == "modal":
+        C = 2 * model.damping.ratio * M @ sqrtm(np.linalg.solve(M, K)).real
+    else:
+        C = model.damping.alpha * M + model.damping.beta * K
+    a = np.linalg.solve(M, model.input_shape @ u - C @ v - K @ q)
+    return np.concatenate([v, a, np.zeros(len(rest))])
+
+
+@pytest.mark.parametrize("damping", [Damping("modal", ratio=0.02), Damping("rayleigh", alpha=3.0, beta=1e-4)])
+@pytest.mark.parametrize(
+    ("inputs", "parameters"),
+    [(("tip",), ()), ((), ("E",)), ((), ("rho",)), (("side", "tip"), ("rho", "E")), (("tip",), ("E", "rho"))],
+)
+def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inputs, parameters):
+    model = chain_of(damping=damping)
+    unknowns = unknowns_of(theta, inputs, parameters)
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(3, 2 * model.size)) * np.repeat([1e-3, 1.0], model.size)
+    u = rng.normal(size=(3, 2)) * 50
+    F = linearise(model, unknowns, theta, x, u)
+    for s in range(3):
+        hidden = [u[s, model.inputs.index(i)] / AMPLITUDE[i] for i in inputs]
+        centre = np.concatenate([x[s], hidden, np.zeros(len(parameters))])
+        difference = np.empty_like(F[s])
+        for j in range(len(centre)):
+            step = np.zeros_like(centre)
+            step[j] = 1e-4 if j >= 2 * model.size else 1e-4 * max(abs(centre[j]), 1e-6)
+            plus, minus = (augmented_rate(model, unknowns, theta, centre + sign * step, u[s]) for sign in (1, -1))
+            difference[:, j] = (plus - minus) / (2 * step[j])
+        assert np.all(np.abs(F[s] - difference) <= 2e-6 * np.abs(F[s]).max(axis=0))
+
+
+def test_a_homogeneous_model_has_the_exact_null_vector_of_load_modulus_and_density(chain_of, theta):
+    model = chain_of(ground=0.0, extra=0.0)
+    unknowns = unknowns_of(theta)
+    x, u = np.random.default_rng(2).normal(size=(4, 2 * model.size)), np.array([[30.0, 0], [-2, 0], [5, 0], [80, 0]])
+    F = linearise(model, unknowns, theta, x, u)
+    for s in range(4):
+        together = np.concatenate([np.zeros(2 * model.size), [u[s, 0] / AMPLITUDE["tip"], 1.0, 1.0]])
+        assert np.abs(F[s] @ together).max() < 1e-12 * np.abs(F[s] * together).max()
+    grounded = linearise(chain_of(extra=0.0), unknowns, theta, x, u)
+    assert np.abs(grounded[0] @ together).max() > 1e-4 * np.abs(grounded[0] * together).max()
+
+
+def test_without_unknown_parameters_every_instant_gives_the_same_matrix(chain_of, theta):
+    model = chain_of()
+    x, u = np.random.default_rng(3).normal(size=(5, 2 * model.size)), np.ones((5, 2))
+    F = linearise(model, unknowns_of(theta, ("tip", "side"), ()), theta, x, u)
+    assert np.ptp(F, axis=0).max() == 0
+    assert linearisation_instants(model, unknowns_of(theta, ("tip",), ()), theta, x, u, 20, 0).tolist() == [0]
+
+
+def test_instants_are_seeded_and_avoid_where_a_parameter_does_not_act(chain_of, theta):
+    model = chain_of()
+    t = np.linspace(0, 1, 1000, endpoint=False)
+    x = np.zeros((1000, 2 * model.size))
+    x[:, 0] = np.sin(2 * np.pi * t)
+    unknowns, u = unknowns_of(theta, (), ("E",)), np.zeros((1000, 2))
+    found = linearisation_instants(model, unknowns, theta, x, u, 20, 3)
+    assert len(set(found)) == 20
+    assert np.all(np.diff(found) > 0)
+    # the damping force moves the threshold by 2ζ at most
+    assert np.abs(x[found, 0]).min() > 0.45
+    assert found.tolist() == linearisation_instants(model, unknowns, theta, x, u, 20, 3).tolist()
+    assert found.tolist() != linearisation_instants(model, unknowns, theta, x, u, 20, 4).tolist()
+    anywhere = [int(linearisation_instants(model, unknowns, theta, x, u, 1, s, share=0.0)[0]) for s in range(200)]
+    assert np.abs(x[anywhere, 0]).min() < 0.2
+
+
+def test_a_structure_at_rest_tells_nothing_of_its_modulus(chain_of, theta):
+    model = chain_of()
+    with pytest.raises(ConfigError, match="never depends on E"):
+        linearisation_instants(
+            model, unknowns_of(theta, (), ("E",)), theta, np.zeros((5, 2 * model.size)), np.zeros((5, 2)), 2, 0
+        )
+
+
+def test_unknowns_carry_positive_scales_in_the_order_of_the_state(theta):
+    unknowns = unknowns_of(theta, ("side", "tip"), ("rho",))
+    assert unknowns.names == ("side", "tip", "rho")
+    assert unknowns.scale.tolist() == [7.0, 40.0, 7800.0]
+    with pytest.raises(ConfigError, match="guess of nu is None"):
+        unknowns_of(theta, (), ("nu",))
+    with pytest.raises(ConfigError, match=r"amplitude of tip is -1"):
+        Unknowns(("tip",), (), {"tip": -1.0}, {})
+
+
+def test_strain_rows_see_only_the_coordinates(theta):
+    rows = np.arange(6.0).reshape(2, 3)
+    H = augment_rows(rows, unknowns_of(theta))
+    assert H.shape == (2, 9)
+    assert np.array_equal(H[:, :3], rows)
+    assert not H[:, 3:].any()
