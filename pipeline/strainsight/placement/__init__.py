@@ -1,0 +1,1 @@
+"""Which gauges to keep: steady covariance, elimination, exchange, certificate, baselines."""

@@ -1,0 +1,157 @@
+"""How far a set can be from the best of its size: the convex relaxation and its Frank-Wolfe bound."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.placement.increment import gauge_gradients
+from strainsight.placement.riccati import Loop, close_loop
+from strainsight.placement.scenario import Aggregate, Pool, refined, weighted_trace
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """No set of this size costs less than lower_bound; gap = (cost − lower_bound)/cost of the set that was certified.
+
+    weights (pool,) of the relaxation, 0 ≤ w ≤ 1; iterations: evaluations of the relaxed cost;
+    relaxed: the least relaxed cost found, which no bound can exceed.
+    """
+
+    lower_bound: float
+    gap: float
+    relaxed: float
+    weights: np.ndarray
+    iterations: int
+
+
+def certify(
+    pools: Sequence[Pool],
+    gauges: Sequence[int] | np.ndarray,
+    cost: float,
+    aggregate: Aggregate = "mean",
+    *,
+    fixed: Collection[int] = (),
+    tolerance: float = 1e-4,
+    budget: int = 300,
+) -> Certificate:
+    """Lower bound of the aggregate of tr(W P) over all sets with as many gauges as `gauges`, whose own cost is `cost`.
+
+        min f(w) over 0 ≤ w ≤ 1, Σ w = n, w = 1 on fixed gauges;   f = Σ_s μ_s tr(W P_s),   G = Σ_g w_g h_gᵀh_g/r_g
+        every w and μ gives   f* ≥ f(w) + min over v of ∇f·(v − w),   ∂f/∂w_g = −Σ_s μ_s h_g P X P h_gᵀ/r_g
+
+    by projected gradient steps of Barzilai-Borwein length with a non-monotone line search; every point gives a bound
+    and the best is kept. "mean": μ = 1/scenarios. "worst": max_s ≥ Σ μ_s f_s for any μ on the simplex; w descends on
+    the soft maximum τ log Σ exp(f_s/τ), μ is its slope, and τ falls. Ends when bound and relaxed cost agree to
+    `tolerance` or after `budget` evaluations: the bound is valid at any time.
+    Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000).
+    """
+    relaxation = _Relaxation(pools, len(gauges), np.isin(np.arange(len(pools[0].rows)), list(fixed)), aggregate)
+    # half the set itself, half the uniform weights: near the answer and still inside
+    chosen = np.zeros(len(pools[0].rows))
+    chosen[np.asarray(gauges, dtype=int)] = 1.0
+    w = relaxation.project(0.5 * (chosen + len(gauges) / len(chosen)))
+    temperatures = [0.0] if aggregate == "mean" or len(pools) == 1 else [t * cost for t in (1e-2, 1e-3, 1e-4)]
+    lower, relaxed, used = -np.inf, np.inf, 0
+    for stage, temperature in enumerate(temperatures, start=1):
+        share = budget * stage // len(temperatures)
+        w, lower, relaxed, used = _descend(relaxation, w, temperature, lower, relaxed, used, share, tolerance)
+    # where the set is optimal the two agree to rounding: never claim more than the set attains
+    lower = min(lower, cost)
+    return Certificate(lower, (cost - lower) / cost, relaxed, w, used)
+
+
+def _descend(
+    relaxation: _Relaxation, w: np.ndarray, temperature: float, lower: float, relaxed: float, used: int, budget: int,
+    tolerance: float,
+) -> tuple[np.ndarray, float, float, int]:
+    """Spectral projected gradient at one temperature, from w, until the bound closes: w, lower, relaxed, used."""
+    value, slope, costs, bound = relaxation.evaluate(w, temperature)
+    used += 1
+    lower, relaxed = max(lower, bound), min(relaxed, costs)
+    recent = [value]
+    steepest = max(float(np.abs(slope).max()), np.finfo(float).tiny)
+    reach = float(np.abs(relaxation.project(w - slope / steepest) - w).max())
+    length = 0.1 / max(reach, 1e-12) / steepest
+    while used < budget and value - bound > 0.3 * tolerance * abs(value) and relaxed - lower > tolerance * relaxed:
+        step = relaxation.project(w - length * slope) - w
+        descent = float(slope @ step)
+        if descent > -1e-15 * abs(value):
+            break
+        t = 1.0
+        while used < budget:
+            try:
+                trial = relaxation.evaluate(w + t * step, temperature)
+            except NumericalError:
+                trial = None
+            used += 1
+            if trial is not None and trial[0] <= max(recent[-8:]) + 1e-4 * t * descent:
+                break
+            t *= 0.3
+        else:
+            break
+        new, new_slope, costs, new_bound = trial
+        lower, relaxed = max(lower, new_bound), min(relaxed, costs)
+        s, y = t * step, new_slope - slope
+        curvature = float(s @ y)
+        length = float(s @ s) / curvature if curvature > 0 else 10 * length
+        w, value, slope, bound = w + s, new, new_slope, new_bound
+        recent.append(value)
+    return w, lower, relaxed, used
+
+
+class _Relaxation:
+    """f(w) and ∇f, each scenario started from its last covariance."""
+
+    def __init__(self, pools: Sequence[Pool], count: int, fixed: np.ndarray, aggregate: Aggregate):
+        self.pools, self.count, self.fixed, self.aggregate = pools, count, fixed, aggregate
+        self.last: list[np.ndarray | None] = [None] * len(pools)
+
+    def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
+        """Objective, its gradient (pool,), the aggregate cost and the lower bound at w (pool,)."""
+        loops = [self._loop(i, w) for i in range(len(self.pools))]
+        costs = np.array([weighted_trace(p, l.P) for p, l in zip(self.pools, loops, strict=True)])
+        gradients = -np.array(
+            [gauge_gradients(l, p.rows, p.scenario.weight) for p, l in zip(self.pools, loops, strict=True)]
+        )
+        if temperature > 0:
+            share = np.exp((costs - costs.max()) / temperature)
+            value = costs.max() + temperature * np.log(share.sum())
+            mu = share / share.sum()
+        else:
+            mu = np.full(len(costs), 1 / len(costs))
+            value = float(mu @ costs)
+        slope = mu @ gradients
+        bound = float(mu @ costs + slope @ (self._best_vertex(slope) - w))
+        return float(value), slope, float(costs.max() if self.aggregate == "worst" else costs.mean()), bound
+
+    def project(self, w: np.ndarray) -> np.ndarray:
+        """Nearest point of {0 ≤ w ≤ 1, Σ w = count, w = 1 on fixed}: clip(w − λ), λ by bisection."""
+        free, total = w[~self.fixed], self.count - int(self.fixed.sum())
+        low, high = free.min() - 1.0, free.max()
+        for _ in range(100):
+            shift = 0.5 * (low + high)
+            if np.clip(free - shift, 0, 1).sum() > total:
+                low = shift
+            else:
+                high = shift
+        projected = np.ones_like(w)
+        projected[~self.fixed] = np.clip(free - 0.5 * (low + high), 0, 1)
+        return projected
+
+    def _best_vertex(self, slope: np.ndarray) -> np.ndarray:
+        vertex = self.fixed.astype(float)
+        order = np.argsort(np.where(self.fixed, np.inf, slope), kind="stable")
+        vertex[order[: self.count - int(self.fixed.sum())]] = 1.0
+        return vertex
+
+    def _loop(self, i: int, w: np.ndarray) -> Loop:
+        pool = self.pools[i]
+        rows = pool.rows * np.sqrt(w)[:, None]
+        G = rows.T @ rows
+        P = refined(pool, G, self.last[i])
+        self.last[i] = P
+        return close_loop(pool.scenario.F, G, P)

@@ -1,0 +1,170 @@
+"""The steady error covariance (5.14): solved, polished, and measured by its residual."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matrix_balance, schur
+from scipy.linalg.lapack import dgees, dtrsyl
+
+from strainsight.errors import NumericalError
+
+ACCEPTED = 1e-10
+"""Largest relative residual that is taken as solved."""
+NOISE_FREE = 1e-8
+"""States whose standard deviation is below this share of the largest are taken as not reached by the process noise."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A filter's closed loop A = F − P G with its real Schur form A = U T Uᵀ; abscissa is max Re λ(A) [1/s]."""
+
+    P: np.ndarray
+    G: np.ndarray
+    A: np.ndarray
+    T: np.ndarray
+    U: np.ndarray
+    abscissa: float
+
+    @property
+    def stable(self) -> bool:
+        return self.abscissa < 0
+
+
+def close_loop(F: np.ndarray, G: np.ndarray, P: np.ndarray) -> Loop:
+    """A = F − P G and its Schur form; F (n, n) [1/s], G = HᵀR⁻¹H (n, n), P (n, n)."""
+    A = F - P @ G
+    T, _, real, _, U, _, info = dgees(_unsorted, A, lwork=16 * len(A))
+    if info != 0:
+        raise NumericalError(f"the Schur form of a closed loop did not converge (LAPACK dgees {info})")
+    return Loop(P, G, A, T, U, float(real.max()))
+
+
+def lyapunov(loop: Loop, S: np.ndarray) -> np.ndarray:
+    """X of A X + X Aᵀ + S = 0, S symmetric (n, n): A = U T Uᵀ, so T Y + Y Tᵀ = −UᵀSU and X = U Y Uᵀ."""
+    return _solve(loop, S, "N", "T")
+
+
+def adjoint_lyapunov(loop: Loop, W: np.ndarray) -> np.ndarray:
+    """X of Aᵀ X + X A + W = 0, W symmetric (n, n): tr(W Y) = tr(X S) wherever A Y + Y Aᵀ + S = 0."""
+    return _solve(loop, W, "T", "N")
+
+
+def relative_residual(F: np.ndarray, Q: np.ndarray, G: np.ndarray, P: np.ndarray) -> float:
+    """‖F P + P Fᵀ + Q − P G P‖ / (2‖F P‖ + ‖Q‖ + ‖P G P‖), Frobenius, in the coordinates of `balance`."""
+    FP = F @ P
+    PGP = P @ G @ P
+    size = 2 * np.linalg.norm(FP) + np.linalg.norm(Q) + np.linalg.norm(PGP)
+    return float(np.linalg.norm(FP + FP.T + Q - PGP) / size) if size > 0 else 0.0
+
+
+def solve_care(F: np.ndarray, Q: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Steady covariance: the stabilising solution of (5.14)
+
+        F P + P Fᵀ + Q − P G P = 0,     [Fᵀ, −G/s; −sQ, −F] [U₁; U₂] = [U₁; U₂] Λ₋,     P = U₂U₁⁻¹/s,   s = √(‖G‖/‖Q‖)
+
+    by the ordered Schur form of the scaled Hamiltonian, then Newton-Kleinman. F (n, n) [1/s]; Q (n, n) intensity;
+    G = HᵀR⁻¹H (n, n), (F, H) detectable. Returns P (n, n). Raises NumericalError where no n eigenvalues are stable.
+    Source: Laub (1979); Kleinman (1968).
+    """
+    n = len(F)
+    if not G.any():
+        return _newton(F, Q, G, np.zeros((n, n)))
+    if not Q.any():
+        raise NumericalError("the process noise is zero", remedy="give every unknown a process noise")
+    s = np.sqrt(np.linalg.norm(G) / np.linalg.norm(Q))
+    try:
+        _, Z, stable = schur(np.block([[F.T, -G / s], [-s * Q, -F]]), sort="lhp")
+        P = np.linalg.solve(Z[:n, :n].T, Z[n:, :n].T).T / s
+    except np.linalg.LinAlgError as error:
+        raise NumericalError(f"the Hamiltonian of the Riccati equation was not solved: {error}") from error
+    if stable != n:
+        raise NumericalError(
+            f"the Hamiltonian of the Riccati equation has {stable} stable eigenvalues instead of {n}",
+            remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
+        )
+    return polish(F, Q, G, 0.5 * (P + P.T))
+
+
+def polish(F: np.ndarray, Q: np.ndarray, G: np.ndarray, P: np.ndarray, steps: int = 6) -> np.ndarray:
+    """Newton-Kleinman steps from P until the relative residual is 1e-14 or stops falling. Returns P (n, n)."""
+    best, error = P, relative_residual(F, Q, G, P)
+    for _ in range(steps):
+        if error < 1e-14:
+            break
+        P = _newton(F, Q, G, P)
+        new = relative_residual(F, Q, G, P)
+        if new < error:
+            best = P
+        if new > 0.5 * error and new < 1e-10:
+            break
+        error = min(new, error)
+    return best
+
+
+def balance(F: np.ndarray, Q: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scale d (n,) and P̃ (n, n) with diag P̃ = 1, where P = diag(d) P̃ diag(d) solves (5.14).
+
+        F̃ = D⁻¹ F D,    Q̃ = D⁻¹ Q D⁻¹,    G̃ = D G D
+
+    Starts from the balance of F and repeats with d ← d √diag P̃. States that the process noise does not reach keep a
+    scale of 1e-8 of the largest, measured against the balance of F. Raises NumericalError as `solve_care`.
+    """
+    _, (first, _) = matrix_balance(F, permute=False, separate=True)
+    d = first
+    for _ in range(8):
+        P = solve_care(F / d[:, None] * d, Q / d[:, None] / d, G * d[:, None] * d)
+        std = d * np.sqrt(np.maximum(np.diag(P), 0.0)) / first
+        new = np.maximum(std, NOISE_FREE * std.max()) * first
+        # a state on the floor wanders by rounding; the others have converged once their variance is 1
+        if np.all(np.abs(np.log(new / d)) < 1e-6):
+            return d, P
+        d = new
+    return d, P
+
+
+def solve_anew(F: np.ndarray, Q: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """P of (5.14) from nothing: in these coordinates, or in balanced ones where these leave a residual above 1e-10.
+
+    Raises NumericalError where neither reaches it.
+    """
+    error = np.inf
+    try:
+        P = solve_care(F, Q, G)
+        error = relative_residual(F, Q, G, P)
+    except NumericalError:
+        pass
+    if not error <= ACCEPTED:
+        d, P = balance(F, Q, G)
+        error = relative_residual(F / d[:, None] * d, Q / d[:, None] / d, G * d[:, None] * d, P)
+        P = P * d[:, None] * d
+    if not error <= ACCEPTED:
+        raise NumericalError(
+            f"the Riccati equation of a set of gauges is solved to {error:.1e} only, {ACCEPTED:.0e} is asked for",
+            remedy="an unknown is next to unobservable from it: keep more gauges or estimate fewer unknowns",
+        )
+    return P
+
+
+def _newton(F: np.ndarray, Q: np.ndarray, G: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """One Newton-Kleinman step: (F − P G) P⁺ + P⁺ (F − P G)ᵀ + Q + P G P = 0."""
+    loop = close_loop(F, G, P)
+    if not loop.stable:
+        raise NumericalError(
+            f"the steady filter is not stable: an error grows at {loop.abscissa:.3g} 1/s",
+            remedy="an unknown is next to unobservable from these gauges",
+        )
+    return lyapunov(loop, Q + P @ G @ P)
+
+
+def _solve(loop: Loop, S: np.ndarray, first: str, second: str) -> np.ndarray:
+    Y, scale, info = dtrsyl(loop.T, loop.T, -(loop.U.T @ S @ loop.U), trana=first, tranb=second)
+    if info < 0:
+        raise NumericalError(f"a Lyapunov equation was not solved (LAPACK dtrsyl {info})")
+    X = loop.U @ (Y / scale) @ loop.U.T
+    return 0.5 * (X + X.T)
+
+
+def _unsorted(_real: float, _imag: float | None = None) -> None:
+    """`dgees` asks for a sorting function even where it does not sort."""

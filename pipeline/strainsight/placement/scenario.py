@@ -1,0 +1,158 @@
+"""A frozen linearisation with its pool of gauges, its steady covariance, and what a set of gauges costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from strainsight.augmentation.observability import (
+    MarginalModes,
+    marginal_modes,
+    undetectable_directions,
+    undetectable_in_words,
+)
+from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.placement.riccati import (
+    ACCEPTED,
+    Loop,
+    balance,
+    close_loop,
+    polish,
+    relative_residual,
+    solve_anew,
+)
+
+Aggregate = Literal["mean", "worst"]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the weight of each state in tr(W P).
+
+    F, Q (n*, n*) [1/s], [x*²/s]; H (pool, n*) [strain]; r (pool,) [strain² s]; weight (n*,) diagonal of W.
+    """
+
+    F: np.ndarray
+    Q: np.ndarray
+    H: np.ndarray
+    r: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def rows(self) -> np.ndarray:
+        """H/√r (pool, n*): a gauge's row at unit noise."""
+        return self.H / np.sqrt(self.r)[:, None]
+
+    def scaled(self, d: np.ndarray) -> Scenario:
+        """The same scenario for x*/d."""
+        return Scenario(self.F / d[:, None] * d, self.Q / d[:, None] / d, self.H * d, self.r, self.weight * d * d)
+
+
+@dataclass(frozen=True)
+class Pool:
+    """A scenario in the coordinates where the whole pool gives diag P = 1: x* = scale · x̃.
+
+    rows (pool, n*): its gauges at unit noise; P (n*, n*) and its relative residual; modes: the marginal ones of F.
+    """
+
+    scenario: Scenario
+    rows: np.ndarray
+    scale: np.ndarray
+    P: np.ndarray
+    residual: float
+    modes: MarginalModes
+
+
+def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
+    """Steady covariance of the whole pool, in balanced coordinates.
+
+    names: of the unknowns, the last states, for the message. Raises InfeasibleError where the pool cannot detect them
+    or where the process noise does not reach all that fails to decay, NumericalError where the residual stays above
+    1e-10.
+    """
+    lost = undetectable_directions(scenario.F, scenario.rows)
+    if lost.shape[1]:
+        raise InfeasibleError(
+            f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
+            remedy="estimate fewer unknowns, or make a load, a mass or a stiffness known",
+        )
+    # detectability of the transposed pair: process noise reaches all that does not decay
+    if undetectable_directions(scenario.F.T, scenario.Q).shape[1]:
+        raise InfeasibleError(
+            "a motion or an unknown that does not decay is reached by no process noise: no steady filter exists",
+            remedy="give the structure damping, or process noise to its velocities and to every unknown",
+        )
+    rows = scenario.rows
+    d, P = balance(scenario.F, scenario.Q, rows.T @ rows)
+    balanced = scenario.scaled(d)
+    rows = balanced.rows
+    residual = relative_residual(balanced.F, balanced.Q, rows.T @ rows, P)
+    if not residual <= ACCEPTED:
+        raise NumericalError(
+            f"the Riccati equation of the pool is solved to {residual:.1e} only, {ACCEPTED:.0e} is asked for",
+            remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
+        )
+    return Pool(balanced, rows, d, P, residual, marginal_modes(balanced.F))
+
+
+def subset_covariance(pool: Pool, gauges: Sequence[int] | np.ndarray) -> np.ndarray | None:
+    """P (n*, n*) with these gauges only, in the pool's coordinates; None where they cannot detect every unknown."""
+    rows = pool.rows[np.asarray(gauges, dtype=int)]
+    s = pool.scenario
+    if undetectable_directions(s.F, rows, pool.modes).shape[1]:
+        return None
+    return refined(pool, rows.T @ rows, None)
+
+
+def refined(pool: Pool, G: np.ndarray, P: np.ndarray | None) -> np.ndarray:
+    """P polished where its residual is above 1e-12; solved anew from None, or where polishing does not reach 1e-10."""
+    s = pool.scenario
+    if P is not None:
+        if relative_residual(s.F, s.Q, G, P) <= 1e-12:
+            return P
+        try:
+            P = polish(s.F, s.Q, G, P, steps=2)
+        except NumericalError:
+            return solve_anew(s.F, s.Q, G)
+        if relative_residual(s.F, s.Q, G, P) <= ACCEPTED:
+            return P
+    return solve_anew(s.F, s.Q, G)
+
+
+def loop_of(pool: Pool, gauges: Sequence[int] | np.ndarray, P: np.ndarray) -> Loop:
+    rows = pool.rows[np.asarray(gauges, dtype=int)]
+    return close_loop(pool.scenario.F, rows.T @ rows, P)
+
+
+def weighted_trace(pool: Pool, P: np.ndarray) -> float:
+    """tr(W P)."""
+    return float(pool.scenario.weight @ np.diag(P))
+
+
+def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
+    """Mean or worst over the first axis, the scenarios."""
+    return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
+
+
+def whole_pool_weight(scenarios: Sequence[Scenario], count: int, names: Sequence[str] = ()) -> np.ndarray:
+    """Weights (n*,) that let the aggregate (mean) start at the number of unknowns with the whole pool:
+
+        Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the last `count` states, 0 for the others.
+    """
+    weight = np.zeros(len(scenarios[0].F))
+    variance = np.zeros(count)
+    for scenario in scenarios:
+        pool = solve_pool(scenario, names)
+        variance += (np.diag(pool.P) * pool.scale**2)[-count:] / len(scenarios)
+    weight[-count:] = 1 / variance
+    return weight
+
+
+def thesis_weight(size: int, scale: np.ndarray) -> np.ndarray:
+    """Weights (size,) of the plain trace over the unknowns in their physical units (algorithm 2): scale² [N², SI²]."""
+    weight = np.zeros(size)
+    weight[size - len(scale) :] = scale**2
+    return weight

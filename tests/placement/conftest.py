@@ -1,0 +1,160 @@
+"""A steel cantilever in bending about both axes (Hermite elements, modes and tip statics) and its pool of gauges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh, solve_continuous_lyapunov
+
+from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
+from strainsight.augmentation.noise import gauge_intensity, process_intensity
+from strainsight.fem.affine import AffineOperator
+from strainsight.placement.elimination import Scenario, whole_pool_weight
+from strainsight.rom.model import Damping, ReducedModel
+
+E0, RHO0, LENGTH, WIDTH, HEIGHT = 2.0e11, 7850.0, 2.0, 0.10, 0.20
+
+
+@dataclass(frozen=True)
+class Beam:
+    model: ReducedModel
+    rows: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
+    theta: dict[str, float]
+
+
+def hermite(elements: int, inertia: float) -> tuple[np.ndarray, np.ndarray]:
+    """K and M of a clamped Euler-Bernoulli beam, per unit modulus and unit density."""
+    h = LENGTH / elements
+    ke = inertia / h**3 * np.array(
+        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
+    )
+    me = WIDTH * HEIGHT * h / 420 * np.array(
+        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]
+    )
+    size = 2 * (elements + 1)
+    K, M = np.zeros((size, size)), np.zeros((size, size))
+    for e in range(elements):
+        s = slice(2 * e, 2 * e + 4)
+        K[s, s] += ke
+        M[s, s] += me
+    return K[2:, 2:], M[2:, 2:]
+
+
+def curvature(position: np.ndarray, elements: int) -> np.ndarray:
+    """Rows that give w'' at positions x from the free unknowns."""
+    h = LENGTH / elements
+    rows = np.zeros((len(position), 2 * (elements + 1)))
+    for row, x in zip(rows, position, strict=True):
+        e = min(int(x / h), elements - 1)
+        s = x / h - e
+        row[2 * e : 2 * e + 4] = [
+            (12 * s - 6) / h**2, (6 * s - 4) / h, (6 - 12 * s) / h**2, (6 * s - 2) / h
+        ]
+    return rows[:, 2:]
+
+
+def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: int = 0, ratio: float = 0.01,
+              foundation: float = 0.0) -> Beam:
+    """`gauges` on the top and bottom faces; tip loads Fz (sine at `frequency`, 1e4 N) and Fy (40 Hz, 1e3 N)."""
+    elements = 24
+    Kz, Mz = hermite(elements, WIDTH * HEIGHT**3 / 12)
+    Ky, My = hermite(elements, HEIGHT * WIDTH**3 / 12)
+    o = np.zeros_like(Kz)
+    K, M = np.block([[Kz, o], [o, Ky]]), np.block([[Mz, o], [o, My]])
+    spring = foundation * np.eye(len(K))
+    S = np.zeros((len(K), 2))
+    S[2 * elements - 2, 0] = S[len(Kz) + 2 * elements - 2, 1] = 1.0
+    Kr, Mr = E0 * K + spring, RHO0 * M
+    _, shapes = eigh(Kr, Mr, subset_by_index=(0, modes - 1))
+    Psi = np.hstack([shapes, np.linalg.solve(Kr, S[:, :1])])
+    Psi /= np.sqrt(np.sum(Psi * (Kr @ Psi), axis=0))
+    lam, V = eigh(Psi.T @ Kr @ Psi, Psi.T @ Mr @ Psi)
+    Psi = Psi @ V
+    model = ReducedModel(
+        mass=AffineOperator(0 * M, {"rho": M}).project(Psi),
+        stiffness=AffineOperator(spring, {"E": K}).project(Psi),
+        input_shape=Psi.T @ S,
+        inputs=("Fz", "Fy"),
+        reference={"E": E0, "rho": RHO0},
+        damping=Damping("modal", ratio=ratio),
+    )
+    rng = np.random.default_rng(seed)
+    place = rng.uniform(0.02, 1.95, gauges)
+    z, y = rng.choice([-1, 1], gauges) * HEIGHT / 2, rng.uniform(-1, 1, gauges) * WIDTH / 2
+    bend = curvature(place, elements)
+    rows = np.hstack([-z[:, None] * bend, -y[:, None] * bend]) @ Psi
+    # steady response to the two sines, mode by mode
+    t = np.linspace(0, 1, 2001)
+    omega = 2 * np.pi * np.array([frequency, 40.0])
+    x = np.zeros((len(t), 2 * model.size))
+    for j, force in enumerate((1e4, 1e3)):
+        gain = model.input_shape[:, j] * force / (lam - omega[j] ** 2 + 2j * ratio * omega[j] * np.sqrt(lam))
+        wave = gain * np.exp(1j * omega[j] * t)[:, None]
+        x += np.hstack([wave.imag, (1j * omega[j] * wave).imag])
+    u = np.column_stack([1e4 * np.sin(omega[0] * t), 1e3 * np.sin(omega[1] * t)])
+    return Beam(model, rows, x, u, {"E": E0, "rho": RHO0})
+
+
+def make_scenarios(
+    beam: Beam,
+    inputs: tuple[str, ...],
+    parameters: tuple[str, ...],
+    *,
+    instants: tuple[int, ...] = (63,),
+    noise: float = 1e-6,
+    h: float = 5e-4,
+) -> tuple[Scenario, ...]:
+    unknowns = Unknowns(inputs, parameters, {"Fz": 1e4, "Fy": 1e3}, beam.theta)
+    F = linearise(beam.model, unknowns, beam.theta, beam.x[list(instants)], beam.u[list(instants)])
+    Q = process_intensity(beam.model.size, unknowns, {"Fz": 20.0, "Fy": 40.0}, {"E": 0.05, "rho": 0.05})
+    H = augment_rows(beam.rows, unknowns)
+    r = gauge_intensity(np.full(len(H), noise), h)
+    weight = whole_pool_weight([Scenario(f, Q, H, r, np.zeros(len(Q))) for f in F], unknowns.count)
+    return tuple(Scenario(f, Q, H, r, weight) for f in F)
+
+
+def covariance_by_sign(scenario: Scenario, gauges: list[int]) -> np.ndarray:
+    """P by the matrix sign function of the Hamiltonian, sharpened by two Kleinman steps with SciPy's Lyapunov solver.
+
+    Source: Roberts (1980), scaled as in Byers (1987). SciPy's own Riccati solver gives up on some of these systems.
+    """
+    H, r, F, Q = scenario.H[gauges], scenario.r[gauges], scenario.F, scenario.Q
+    n, G = len(F), (H.T / r) @ H
+    s = np.sqrt(np.linalg.norm(G) / np.linalg.norm(Q))
+    Z = np.block([[F.T, -G / s], [-s * Q, -F]])
+    for _ in range(60):
+        inverse = np.linalg.inv(Z)
+        c = np.sqrt(np.linalg.norm(inverse) / np.linalg.norm(Z))
+        new = 0.5 * (c * Z + inverse / c)
+        change, Z = np.linalg.norm(new - Z), new
+        if change < 1e-12 * np.linalg.norm(Z):
+            break
+    left = np.vstack([Z[:n, n:], Z[n:, n:] + np.eye(n)])
+    right = -np.vstack([Z[:n, :n] + np.eye(n), Z[n:, :n]])
+    P = np.linalg.lstsq(left, right, rcond=None)[0] / s
+    for _ in range(2):
+        gain = P @ (H.T / r)
+        P = solve_continuous_lyapunov(F - gain @ H, -Q - (gain * r) @ gain.T)
+        P = 0.5 * (P + P.T)
+    return P
+
+
+@pytest.fixture(scope="session")
+def oracle():
+    return covariance_by_sign
+
+
+@pytest.fixture(scope="session")
+def beam_of():
+    return make_beam
+
+
+@pytest.fixture(scope="session")
+def scenarios_of():
+    return make_scenarios

@@ -1,0 +1,158 @@
+"""The lazy elimination is algorithm 2, gauge by gauge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
+from strainsight.augmentation.noise import process_intensity
+from strainsight.errors import ConfigError, InfeasibleError
+from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
+from strainsight.placement.scenario import thesis_weight
+
+CASES = [((), ("E",)), (("Fz",), ()), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
+
+
+def brute_force(oracle, scenarios, keep, aggregate, order):
+    """Algorithm 2, every candidate at every step, along `order`: what the best and the chosen candidate cost."""
+    combine = {"mean": np.mean, "worst": np.max}[aggregate]
+
+    def cost(gauges):
+        return combine([s.weight @ np.diag(oracle(s, gauges)) for s in scenarios])
+
+    left = list(range(len(scenarios[0].H)))
+    best, chosen, runner_up = [], [], []
+    for out in order:
+        costs = {g: cost([other for other in left if other != g]) for g in left}
+        chosen.append(costs.pop(out))
+        runner_up.append(min(costs.values()))
+        best.append(min(chosen[-1], runner_up[-1]))
+        left.remove(out)
+    return cost(list(range(len(scenarios[0].H)))), np.array(best), np.array(chosen), np.array(runner_up)
+
+
+def compare(oracle, found, aggregate):
+    scenarios = [p.scenario for p in found.pools]
+    start, best, chosen, runner_up = brute_force(oracle, scenarios, len(found.kept), aggregate, found.removed.tolist())
+    # the oracle takes differences of traces: it decides wherever the runner-up lies beyond its rounding
+    decided = np.abs(runner_up - chosen) > 1e-9 * chosen
+    assert np.all(chosen[decided] == best[decided])
+    assert decided.mean() > 0.9
+    np.testing.assert_allclose(chosen, best, rtol=1e-9)
+    np.testing.assert_allclose(found.trace, [start, *chosen], rtol=1e-7)
+    np.testing.assert_allclose(found.blocks.sum(axis=1), found.trace, rtol=1e-12)
+    np.testing.assert_allclose(np.diff(found.trace), found.rise, rtol=1e-5, atol=1e-12)
+    assert found.residual < 1e-10
+
+
+@pytest.mark.parametrize("noise", [1e-8, 1e-6, 1e-5])
+@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+def test_one_scenario_is_brute_force(oracle, beam_of, scenarios_of, inputs, parameters, noise):
+    found = eliminate(scenarios_of(beam_of(30, 6), inputs, parameters, noise=noise), 4)
+    compare(oracle, found, "mean")
+    np.testing.assert_allclose(found.trace[0], len(inputs) + len(parameters), rtol=1e-9)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_several_scenarios_are_brute_force(oracle, beam_of, scenarios_of, aggregate):
+    scenarios = scenarios_of(beam_of(20, 4), ("Fz",), ("E",), instants=(55, 260, 871))
+    compare(oracle, eliminate(scenarios, 4, aggregate), aggregate)
+
+
+def test_it_is_lazy(beam_of, scenarios_of):
+    found = eliminate(scenarios_of(beam_of(60), ("Fz",), ("E",)), 4)
+    assert found.trace.shape == (57,)
+    assert found.blocks.shape == (57, 2)
+    assert found.solves.mean() < 8
+    assert np.all(found.rise > 0)
+
+
+def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(40), ("Fz",), ("E",))
+    found = eliminate([scenario], 5)
+    rng = np.random.default_rng(3)
+    shuffle = rng.permutation(40)
+    moved = Scenario(scenario.F, scenario.Q, scenario.H[shuffle] * 1e6, scenario.r[shuffle] * 1e12, scenario.weight)
+    again = eliminate([moved.scaled(10.0 ** rng.uniform(-4, 4, len(scenario.F)))], 5)
+    assert shuffle[again.removed].tolist() == found.removed.tolist()
+    np.testing.assert_allclose(again.trace, found.trace, rtol=1e-8)
+
+
+def test_twins_tie_and_the_lower_index_leaves(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
+    twice = np.concatenate([np.arange(10), np.arange(10)])
+    H, r = scenario.H[twice], scenario.r[twice]
+    found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 6)
+    first = int(found.removed[0])
+    assert first < 10
+    assert found.ties[0] == (first + 10,)
+    assert np.all(found.removed[~np.isin(found.removed, found.removed + 10)] < 20)
+
+
+def test_a_gauge_that_sees_nothing_leaves_first_and_costs_nothing(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(12), ("Fz",), ("E",))
+    H = scenario.H.copy()
+    H[[4, 9]] = 0.0
+    found = eliminate([Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)], 5)
+    assert found.removed[:2].tolist() == [4, 9]
+    assert found.rise[:2].tolist() == [0.0, 0.0]
+    assert found.ties[0] == (9,)
+
+
+def test_the_only_gauge_that_sees_an_unknown_stays(beam_of, scenarios_of):
+    beam = beam_of(20)
+    (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
+    H = scenario.H.copy()
+    # coordinates that Fy moves, seen by gauge 7 alone
+    sideways = np.flatnonzero(np.abs(beam.model.input_shape[:, 1]) > 1e-6 * np.abs(beam.model.input_shape).max())
+    H[np.ix_(np.delete(np.arange(20), 7), sideways)] = 0.0
+    found = eliminate([Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)], 2)
+    assert 7 in found.kept
+
+
+def test_glued_gauges_stay(beam_of, scenarios_of):
+    scenarios = scenarios_of(beam_of(25), (), ("E",))
+    free = eliminate(scenarios, 4)
+    glued = [int(free.removed[0]), int(free.removed[1])]
+    found = eliminate(scenarios, 4, fixed=glued)
+    assert set(glued) <= set(found.kept.tolist())
+    assert found.trace[-1] >= free.trace[-1]
+
+
+def test_impossible_requests_are_refused(beam_of, scenarios_of):
+    scenarios = scenarios_of(beam_of(12), ("Fz", "Fy"), ("E",))
+    with pytest.raises(InfeasibleError, match="2 gauges cannot observe 3 unknowns"):
+        eliminate(scenarios, 2, names=("Fz", "Fy", "E"))
+    with pytest.raises(ConfigError, match="13 gauges are to be kept of a pool of 12"):
+        eliminate(scenarios, 13)
+    assert eliminate(scenarios, 3).kept.shape == (3,)
+    whole = eliminate(scenarios, 12)
+    assert whole.removed.shape == (0,)
+    assert whole.trace.shape == (1,)
+
+
+def test_load_modulus_and_density_together_are_refused_in_words(beam_of, scenarios_of):
+    beam = beam_of(20)
+    # the side load is known and would tell the scale; at rest sideways it does not
+    quiet = type(beam)(beam.model, beam.rows, beam.x * (np.abs(beam.x[63]) > 1e-9), beam.u * [1, 0], beam.theta)
+    with pytest.raises(InfeasibleError, match="can tell all that is asked for"):
+        scenarios_of(quiet, ("Fz",), ("E", "rho"))
+    unknowns = Unknowns(("Fz",), ("E", "rho"), {"Fz": 1e4}, beam.theta)
+    F = linearise(beam.model, unknowns, beam.theta, quiet.x[[63]], quiet.u[[63]])[0]
+    Q = process_intensity(beam.model.size, unknowns, {"Fz": 20.0}, {"E": 0.05, "rho": 0.05})
+    H = augment_rows(beam.rows, unknowns)
+    with pytest.raises(InfeasibleError, match="Fz, E and rho together: fix one"):
+        eliminate([Scenario(F, Q, H, np.full(len(H), 1e-15), np.ones(len(F)))], 4, names=unknowns.names)
+
+
+def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units(beam_of, scenarios_of):
+    scenarios = scenarios_of(beam_of(20), ("Fz",), ("E",), instants=(55, 260))
+    whole = eliminate(scenarios, 19)
+    np.testing.assert_allclose(whole.blocks[0], [1.0, 1.0], rtol=1e-9)
+    weight = thesis_weight(len(scenarios[0].F), np.array([1e4, 2e11]))
+    plain = [Scenario(s.F, s.Q, s.H, s.r, weight) for s in scenarios]
+    normalised = whole_pool_weight(scenarios, 2)
+    np.testing.assert_allclose(
+        eliminate(plain, 19).blocks[0], [1e8 / normalised[-2], 4e22 / normalised[-1]], rtol=1e-6
+    )

@@ -1,0 +1,124 @@
+"""What one gauge more or less changes, against sixty digits and against its own bounds."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+from strainsight.placement.increment import addition, gauge_gradients, removal
+from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
+
+
+def kleinman_in_fifty_digits(F, Q, rows, start):
+    """Newton steps with the Lyapunov equation as one linear system, in multiple precision."""
+    with mpmath.workdps(50):
+        n = len(F)
+        f, q, H, P = (mpmath.matrix(m.tolist()) for m in (F, Q, rows, start))
+        G = H.T * H
+        pairs = [(i, j) for i in range(n) for j in range(i, n)]
+        at = {pair: k for k, pair in enumerate(pairs)}
+        for _ in range(5):
+            A, S = f - P * G, q + P * G * P
+            system, right = mpmath.zeros(len(pairs)), mpmath.zeros(len(pairs), 1)
+            for (i, j), k in at.items():
+                right[k] = -S[i, j]
+                for l in range(n):
+                    system[k, at[min(l, j), max(l, j)]] += A[i, l]
+                    system[k, at[min(i, l), max(i, l)]] += A[j, l]
+            solution = mpmath.lu_solve(system, right)
+            P = mpmath.matrix(n, n)
+            for (i, j), k in at.items():
+                P[i, j] = P[j, i] = solution[k]
+        return P
+
+
+@pytest.mark.parametrize("dulled", [1.0, 1e4, 1e9])
+def test_a_removal_keeps_its_digits_where_a_difference_of_traces_has_none(beam_of, scenarios_of, dulled):
+    (scenario,) = scenarios_of(beam_of(7, 2), ("Fz",), ("E",))
+    r = scenario.r.copy()
+    r[3] *= dulled
+    pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
+    s, gauges = pool.scenario, np.arange(7)
+    loop = loop_of(pool, gauges, pool.P)
+    D = removal(s.F, s.Q, loop, pool.rows[3], np.delete(pool.rows, 3, axis=0), pool.modes)
+    with mpmath.workdps(50):
+        whole = kleinman_in_fifty_digits(s.F, s.Q, pool.rows, pool.P)
+        without = kleinman_in_fifty_digits(s.F, s.Q, np.delete(pool.rows, 3, axis=0), pool.P + D)
+        truth = sum(mpmath.mpf(float(w)) * (without[i, i] - whole[i, i]) for i, w in enumerate(s.weight))
+    np.testing.assert_allclose(s.weight @ np.diag(D), float(truth), rtol=1e-7)
+
+
+@pytest.mark.parametrize(("inputs", "parameters"), [((), ("E",)), (("Fz",), ()), (("Fz", "Fy"), ("E",))])
+@pytest.mark.parametrize("size", [40, 6, 4])
+def test_bounds_never_exceed_the_exact_rise_and_touch_it_in_the_limit(beam_of, scenarios_of, inputs, parameters, size):
+    (scenario,) = scenarios_of(beam_of(40), inputs, parameters)
+    pool = solve_pool(scenario)
+    s, gauges = pool.scenario, np.arange(size)
+    P = subset_covariance(pool, gauges)
+    loop = loop_of(pool, gauges, P)
+    bounds = gauge_gradients(loop, pool.rows[gauges], s.weight)
+    for g in gauges:
+        D = removal(s.F, s.Q, loop, pool.rows[g], pool.rows[np.delete(gauges, g)], pool.modes)
+        fresh = subset_covariance(pool, np.delete(gauges, g))
+        np.testing.assert_allclose(P + D, fresh, atol=1e-8 * np.abs(fresh).max())
+        rise = s.weight @ np.diag(D)
+        assert bounds[g] <= rise * (1 + 1e-10)
+        if rise < 1e-5:
+            np.testing.assert_allclose(bounds[g], rise, rtol=1e-2)
+
+
+def test_gradients_are_those_of_the_trace_in_the_gauge_weights(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
+    pool = solve_pool(scenario)
+    gradient = gauge_gradients(loop_of(pool, np.arange(10), pool.P), pool.rows, pool.scenario.weight)
+
+    def trace(g, weight):
+        r = scenario.r.copy()
+        r[g] /= weight
+        other = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
+        return other.scenario.weight @ np.diag(other.P)
+
+    for g in range(10):
+        slope = (trace(g, 1 + 1e-4) - trace(g, 1 - 1e-4)) / 2e-4
+        np.testing.assert_allclose(gradient[g], -slope, rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [3, 4, 12, 39])
+def test_an_addition_is_undone_by_its_removal(beam_of, scenarios_of, size):
+    (scenario,) = scenarios_of(beam_of(40), ("Fz",), ("E",))
+    pool = solve_pool(scenario)
+    s, gauges, new = pool.scenario, np.arange(size), 39
+    P = subset_covariance(pool, gauges)
+    D = addition(s.F, s.Q, loop_of(pool, gauges, P), pool.rows[new])
+    grown = subset_covariance(pool, [*gauges, new])
+    np.testing.assert_allclose(P + D, grown, atol=1e-9 * np.abs(P).max())
+    back = removal(s.F, s.Q, loop_of(pool, [*gauges, new], grown), pool.rows[new], pool.rows[gauges], pool.modes)
+    np.testing.assert_allclose(back, -D, atol=1e-7 * np.abs(D).max())
+    assert np.linalg.eigvalsh(D).max() < 1e-9
+
+
+def test_a_removal_that_loses_an_unknown_says_so_by_test(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(30), ("Fz", "Fy"), ("E",))
+    pool = solve_pool(scenario)
+    gauges = np.arange(3)
+    P = subset_covariance(pool, gauges)
+    for g in gauges:
+        rest = pool.rows[np.delete(gauges, g)]
+        loop = loop_of(pool, gauges, P)
+        assert removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[g], rest, pool.modes) is None
+    assert subset_covariance(pool, gauges[:2]) is None
+
+
+def test_a_removal_that_costs_a_millionfold_is_still_finite_and_right(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(12), ("Fz",), ("E",))
+    r = scenario.r.copy()
+    r[2:] *= 1e8
+    pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
+    s, gauges = pool.scenario, np.arange(12)
+    D = removal(s.F, s.Q, loop_of(pool, gauges, pool.P), pool.rows[0], pool.rows[1:], pool.modes)
+    rest = Scenario(scenario.F, scenario.Q, scenario.H[1:], r[1:], scenario.weight)
+    own = solve_pool(rest)
+    exact = own.scenario.weight @ np.diag(own.P)
+    np.testing.assert_allclose(s.weight @ np.diag(pool.P + D), exact, rtol=1e-7)
+    assert exact > 20 * (s.weight @ np.diag(pool.P))

@@ -1,0 +1,122 @@
+"""The steady covariance against sixty digits, closed forms and its own equation."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.placement.riccati import adjoint_lyapunov, balance, close_loop, lyapunov, solve_care
+from strainsight.placement.scenario import Scenario, solve_pool
+
+
+def covariance_in_sixty_digits(F, Q, rows):
+    """Stable eigenvectors of the Hamiltonian in multiple precision."""
+    with mpmath.workdps(60):
+        n = len(F)
+        H = mpmath.matrix(rows.tolist())
+        G, f, q = H.T * H, mpmath.matrix(F.tolist()), mpmath.matrix(Q.tolist())
+        hamiltonian = mpmath.zeros(2 * n)
+        for i in range(n):
+            for j in range(n):
+                hamiltonian[i, j], hamiltonian[i, n + j] = f[j, i], -G[i, j]
+                hamiltonian[n + i, j], hamiltonian[n + i, n + j] = -q[i, j], -f[i, j]
+        values, vectors = mpmath.eig(hamiltonian)
+        stable = [k for k in range(2 * n) if mpmath.re(values[k]) < 0]
+        assert len(stable) == n
+        U1 = mpmath.matrix([[vectors[i, k] for k in stable] for i in range(n)])
+        U2 = mpmath.matrix([[vectors[n + i, k] for k in stable] for i in range(n)])
+        P = U2 * mpmath.inverse(U1)
+        return np.array([[float(mpmath.re(P[i, j])) for j in range(n)] for i in range(n)])
+
+
+def residual(scenario, P):
+    """The relative residual of (5.14), gauge by gauge."""
+    F, Q = scenario.F, scenario.Q
+    PGP = sum(np.outer(P @ h, P @ h) / r for h, r in zip(scenario.H, scenario.r, strict=True))
+    defect = F @ P + P @ F.T + Q - PGP
+    return np.linalg.norm(defect) / (2 * np.linalg.norm(F @ P) + np.linalg.norm(Q) + np.linalg.norm(PGP))
+
+
+@pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-4])
+@pytest.mark.parametrize(("inputs", "parameters"), [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("rho",))])
+def test_covariance_agrees_with_sixty_digits(beam_of, scenarios_of, noise, inputs, parameters):
+    (scenario,) = scenarios_of(beam_of(8, 3), inputs, parameters, noise=noise)
+    pool = solve_pool(scenario)
+    truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows)
+    np.testing.assert_allclose(pool.P, truth, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("noise", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize(("modes", "parameters", "inputs"), [(9, ("E",), ()), (10, ("E",), ("Fz",)), (14, (), ("Fz",))])
+def test_residual_of_21_to_31_states_is_below_1e10(beam_of, scenarios_of, noise, modes, inputs, parameters):
+    (scenario,) = scenarios_of(beam_of(60, modes), inputs, parameters, noise=noise)
+    pool = solve_pool(scenario)
+    assert residual(pool.scenario, pool.P) < 1e-10
+    assert pool.residual < 1e-12
+    assert np.linalg.eigvalsh(pool.P).min() > -1e-12 * len(pool.P)
+    reached = np.diag(pool.P) > 1e-6
+    np.testing.assert_allclose(np.diag(pool.P)[reached], 1.0, rtol=1e-5)
+    # the same matrices in the coordinates they came in
+    np.testing.assert_allclose(pool.scenario.F * pool.scale[:, None] / pool.scale, scenario.F, rtol=1e-12)
+
+
+def test_one_state_has_its_closed_form():
+    for f, q, g in [(0.0, 1e-8, 1e12), (-3.0, 2.0, 5.0), (4.0, 1e-3, 1e3)]:
+        P = solve_care(np.array([[f]]), np.array([[q]]), np.array([[g]]))
+        np.testing.assert_allclose(P[0, 0], (f + np.sqrt(f * f + q * g)) / g, rtol=1e-12)
+
+
+def test_units_of_states_and_strain_change_nothing(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(20), ("Fz",), ("E",))
+    d = 10.0 ** np.random.default_rng(1).uniform(-5, 5, len(scenario.F))
+    other = scenario.scaled(d)
+    micro = Scenario(other.F, other.Q, other.H * 1e6, other.r * 1e12, other.weight)
+    here, there = solve_pool(scenario), solve_pool(micro)
+    np.testing.assert_allclose(there.P, here.P, atol=1e-8)
+    np.testing.assert_allclose(there.scale * d, here.scale, rtol=1e-6)
+
+
+def test_balance_gives_unit_variance(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(20), (), ("E", "rho"))
+    rows = scenario.rows
+    d, P = balance(scenario.F, scenario.Q, rows.T @ rows)
+    np.testing.assert_allclose(np.diag(P), 1.0, rtol=1e-6)
+    assert np.ptp(np.log10(d)) > 2
+
+
+def test_lyapunov_solutions_satisfy_their_equations_and_are_adjoint():
+    rng = np.random.default_rng(4)
+    A = rng.normal(size=(9, 9)) - 5 * np.eye(9)
+    loop = close_loop(A, np.zeros((9, 9)), np.zeros((9, 9)))
+    S, W = (m @ m.T for m in rng.normal(size=(2, 9, 9)))
+    Y, X = lyapunov(loop, S), adjoint_lyapunov(loop, W)
+    np.testing.assert_allclose(A @ Y + Y @ A.T, -S, atol=1e-12)
+    np.testing.assert_allclose(A.T @ X + X @ A, -W, atol=1e-12)
+    np.testing.assert_allclose(np.trace(W @ Y), np.trace(X @ S), rtol=1e-12)
+    assert loop.stable
+    np.testing.assert_allclose(loop.abscissa, np.linalg.eigvals(A).real.max(), rtol=1e-10)
+
+
+def test_a_filter_without_process_noise_is_refused():
+    with pytest.raises(NumericalError, match="process noise is zero"):
+        solve_care(np.array([[0.0]]), np.zeros((1, 1)), np.eye(1))
+
+
+def test_an_undamped_motion_without_process_noise_has_no_steady_filter(beam_of, scenarios_of):
+    # Fz leaves the sideways modes alone, so nothing drives them and nothing damps them
+    with pytest.raises(InfeasibleError, match="reached by no process noise"):
+        scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ())
+    (driven,) = scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ("E",))
+    assert solve_pool(driven).residual < 1e-10
+    (damped,) = scenarios_of(beam_of(20, ratio=1e-4), ("Fz",), ())
+    assert solve_pool(damped).residual < 1e-10
+
+
+def test_a_pool_that_cannot_tell_the_unknowns_is_refused_in_words(beam_of, scenarios_of):
+    beam = beam_of(20)
+    (scenario,) = scenarios_of(beam, ("Fz",), ("E",))
+    blind = Scenario(scenario.F, scenario.Q, 0 * scenario.H, scenario.r, scenario.weight)
+    with pytest.raises(InfeasibleError, match="no gauge of the pool can tell"):
+        solve_pool(blind, ("Fz", "E"))
