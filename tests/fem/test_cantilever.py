@@ -122,7 +122,7 @@ def test_bending_and_torsion_within_one_percent_of_theory(box, kind, counts):
     assert np.all(stiffer < 0.01)
 
 
-def test_the_example_deck_within_one_percent_of_theory():
+def test_the_example_deck_within_one_percent_of_theory_the_axial_mode_within_a_thousandth():
     """meshes/cantilever.bdf, as read: mass, three bending modes in each plane, torsion."""
     mesh = read_mesh(Path(__file__).parents[2] / "meshes" / "cantilever.bdf")
     assert mass_properties(mesh)[0] == pytest.approx(RHO * L * AREA, rel=1e-12)
@@ -130,7 +130,7 @@ def test_the_example_deck_within_one_percent_of_theory():
     assert np.allclose(found["z"][:3], timoshenko(B * H**3 / 12, 3), rtol=7e-3)
     assert np.allclose(found["y"][:3], timoshenko(H * B**3 / 12, 3), rtol=7e-3)
     assert found["torsion"][0] == pytest.approx(saint_venant(), rel=7e-3)
-    assert found["axial"][0] == pytest.approx(rayleigh_love(), rel=5e-3)
+    assert found["axial"][0] == pytest.approx(rayleigh_love(), rel=1e-3)
 
 
 def test_without_poisson_contraction_the_clamped_bar_is_the_axial_theory(box):

@@ -1,0 +1,118 @@
+"""rom: the finite-element model reduced to a few coordinates, affine in the parameters (5.1-5.10)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.errors import blame
+from strainsight.fem.model import build_model, nodal
+from strainsight.mesh.vtkhdf import unstructured_grid
+from strainsight.rom.reduction import held_out_errors, held_out_samples, reduce_model
+from strainsight.stages.mesh_record import mesh_from
+from strainsight.stages.model_record import model_datasets
+from strainsight.stages.settings import damping_of, load_shapes, parameters_of
+from strainsight.stages.vtkhdf_record import vtkhdf_datasets
+from strainsight.workflow.output import Dataset, Output, Table
+from strainsight.workflow.stage import Context, Stage
+
+HELD_OUT = 3
+"""Parameter values, between those the basis was built from, at which the reduced model is checked."""
+
+
+def run(context: Context) -> Output:
+    """Assemble, constrain, find the modes and the static responses over the parameter box, project, check at held-out values."""
+    config = context.config
+    mesh = mesh_from(context.upstream["import"])
+    parameters = parameters_of(config.parameters, mesh, context.files)
+    context.progress("assembly", 0.0)
+    with blame("mesh.file"):
+        model = build_model(mesh, parameters)
+    S = load_shapes(model, config.loads)
+    reference = {p.name: p.reference for p in parameters}
+    ranges = {name: tuple(entry.range) for name, entry in config.parameters.items()}
+    context.progress("modes", 0.2)
+    with blame("mesh.file"):
+        reduction = reduce_model(
+            model,
+            S,
+            tuple(config.loads),
+            reference,
+            ranges,
+            config.rom.modes,
+            config.rom.parameter_samples,
+            config.rom.tolerance,
+            damping_of(config.damping),
+        )
+    context.progress("held-out errors", 0.7)
+    held_out = held_out_errors(model, S, reduction, held_out_samples(reference, ranges, HELD_OUT))
+    basis = nodal(model, reduction.basis)
+    shapes = basis[:, : config.rom.modes].reshape(len(mesh.node_ids), 3, -1)
+    grid, grid_attributes = vtkhdf_datasets(
+        unstructured_grid(
+            mesh.position, mesh.blocks, point_data={"mode": np.moveaxis(shapes, 2, 0)}, steps=reduction.frequency
+        )
+    )
+    record, attributes = model_datasets(reduction.model)
+    datasets = (
+        record
+        | grid
+        | {
+            "/frequency": Dataset(reduction.frequency, "Hz", "natural frequencies of the full model at the reference"),
+            "/basis": Dataset(basis, "kg^-1/2", "reduction basis Ψ on the nodes (3 node + component × coordinate)"),
+            "/error/parameters": Dataset(
+                np.array([[point[name] for name in reference] for point in held_out.theta]).reshape(
+                    len(held_out.theta), -1
+                ),
+                "SI",
+                "parameter values that the basis was not built from (point × parameter)",
+                ("", "/reduced/parameters"),
+            ),
+            "/error/frequency": Dataset(
+                held_out.frequency, "1", "relative error of the frequencies there (point × mode)"
+            ),
+            "/error/static": Dataset(
+                held_out.static, "1", "relative energy-norm error of the static responses there (point × input)"
+            ),
+        }
+    )
+    worst = float(max(np.max(np.abs(held_out.frequency)), np.max(held_out.static)))
+    return Output(
+        datasets=datasets,
+        attributes=attributes | grid_attributes,
+        summary={
+            "unknowns": model.size,
+            "modes": int(config.rom.modes),
+            "first_frequency": float(reduction.frequency[0]),
+            "basis_size": reduction.model.size,
+            "projection_error": worst,
+        },
+        message=f"{model.size} unknowns → {reduction.model.size}, first mode {reduction.frequency[0]:.2f} Hz, "
+        f"held-out error {worst:.1e}",
+        tables=(
+            Table(
+                "natural frequencies at the reference",
+                ("mode", "Hz"),
+                tuple((str(i), f"{f:.3f}") for i, f in enumerate(reduction.frequency, start=1)),
+            ),
+        ),
+    )
+
+
+ROM = Stage(
+    "rom",
+    version=1,
+    reads=(
+        "parameters.*.property",
+        "parameters.*.region",
+        "parameters.*.guess",
+        "parameters.*.range",
+        "loads.*.node",
+        "loads.*.set",
+        "loads.*.direction",
+        "damping",
+        "rom",
+    ),
+    upstream=("import",),
+    files=("parameters.*.guess.from",),
+    run=run,
+)

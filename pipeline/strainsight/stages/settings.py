@@ -1,0 +1,162 @@
+"""What a config says, in the terms of the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.augmentation.linearisation import Unknowns
+from strainsight.errors import ArtefactError, ConfigError, blame
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
+from strainsight.mesh.model import Mesh
+from strainsight.rom.model import Damping
+from strainsight.signals.histories import FromSamples, MultiSine, Signal, Sine, Sweep, evaluate
+from strainsight.workflow.artefact import Artefact
+
+
+def parameters_of(config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Path]) -> tuple[Parameter, ...]:
+    """The free material properties, each with the regions it belongs to and its reference value [SI].
+
+    Raises ConfigError where a region does not exist or a guess cannot be taken from another run.
+    """
+    return tuple(
+        Parameter(name, entry.property, _regions(name, entry.region, mesh), reference_value(name, entry.guess, files))
+        for name, entry in config.items()
+    )
+
+
+def reference_value(name: str, guess: Any, files: Mapping[str, Path]) -> float:
+    """A guess [SI]: a number, or what another run estimated for the parameter of the same name (thesis 6.1.3)."""
+    if isinstance(guess, int | float):
+        return float(guess)
+    key = f"parameters.{name}.guess.from"
+    with blame(key):
+        summary = Artefact(files[key]).summary
+    if f"estimate.{name}" not in summary:
+        raise ArtefactError(
+            f"{files[key].name} of run '{files[key].parent.name}' estimates no parameter '{name}'",
+            key=key,
+            remedy="name a run that has it under place.estimate",
+        )
+    return float(summary[f"estimate.{name}"])
+
+
+def _regions(name: str, region: Any, mesh: Mesh) -> tuple[int, ...]:
+    by_name = {entry.name: entry.id for entry in mesh.regions.values()}
+    found = []
+    for wanted in region if isinstance(region, tuple) else (region,):
+        if wanted in mesh.regions:
+            found.append(wanted)
+        elif wanted in by_name:
+            found.append(by_name[wanted])
+        else:
+            known = [str(entry) for entry in (*mesh.regions, *by_name)]
+            close = get_close_matches(str(wanted), known, n=1)
+            raise ConfigError(
+                f"the mesh has no region {wanted!r}",
+                key=f"parameters.{name}.region",
+                remedy=f"did you mean {close[0]}?" if close else f"it has {', '.join(sorted(set(known)))}",
+            )
+    return tuple(found)
+
+
+def load_shapes(model: FiniteElementModel, config: Mapping[str, Any]) -> np.ndarray:
+    """Input shape S (n_free, n_u) [-] of every load, in the order of the config."""
+    columns = []
+    for name, entry in config.items():
+        with blame(f"loads.{name}"):
+            load = PointLoad(name, tuple(entry.direction), entry.get("node"), entry.get("set"))
+            columns.append(input_shape(model, (load,)))
+    return np.hstack(columns)
+
+
+def damping_of(config: Mapping[str, Any]) -> Damping:
+    """The damping law."""
+    if config["type"] == "modal":
+        return Damping("modal", ratio=float(config["ratio"]))
+    return Damping("rayleigh", alpha=float(config["alpha"]), beta=float(config["beta"]))
+
+
+def signal_of(name: str, config: Mapping[str, Any], files: Mapping[str, Path]) -> Signal:
+    """A load history."""
+    match config["type"]:
+        case "sine":
+            return Sine(config["frequency"], config["amplitude"], config["phase"])
+        case "sweep":
+            return Sweep(config["start_frequency"], config["end_frequency"], config["duration"], config["amplitude"])
+        case "multisine":
+            return MultiSine(config["lowest"], config["highest"], config["count"], config["amplitude"], config["seed"])
+    return _recorded(name, config, files[f"loads.{name}.signal.file"])
+
+
+def _recorded(name: str, config: Mapping[str, Any], path: Path) -> FromSamples:
+    key = f"loads.{name}.signal"
+    with path.open(encoding="utf-8") as lines:
+        header = [column.strip() for column in lines.readline().split(",")]
+        columns = []
+        for wanted in (config["time_column"], config["value_column"]):
+            if wanted not in header:
+                close = get_close_matches(wanted, header, n=1)
+                raise ConfigError(
+                    f"{path.name} has no column {wanted!r}",
+                    key=key,
+                    where=f"{path}:1",
+                    remedy=f"did you mean {close[0]!r}?" if close else f"it has {', '.join(header)}",
+                )
+            columns.append(header.index(wanted))
+        rows = []
+        for number, line in enumerate(lines, start=2):
+            cells = line.split(",")
+            try:
+                rows.append([float(cells[column]) for column in columns])
+            except (ValueError, IndexError):
+                wanted = f"{config['time_column']!r} and {config['value_column']!r}"
+                raise ConfigError(
+                    f"'{line.strip()[:60]}' holds no number where {wanted} stand",
+                    key=key,
+                    where=f"{path}:{number}",
+                    remedy="one number a column, separated by commas, points as decimal marks",
+                ) from None
+    with blame(key):
+        samples = np.array(rows).reshape(-1, 2)
+        return FromSamples(samples[:, 0], samples[:, 1])
+
+
+def characteristic(entry: Mapping[str, Any], signal: Signal, duration: float) -> tuple[float, float]:
+    """Frequency [Hz] and amplitude that set an unknown input's process noise (5.16): as stated, else as the signal has them."""
+    noise = entry["process_noise"]
+    match signal:
+        case Sine():
+            own = (signal.frequency, signal.amplitude)
+        case Sweep():
+            own = (max(signal.start, signal.stop), signal.amplitude)
+        case MultiSine():
+            own = (signal.highest, signal.amplitude)
+        case _:
+            t = np.linspace(0, duration, 2001)
+            own = (float("nan"), float(np.abs(evaluate(signal, t)).max()))
+    frequency = noise["frequency"] if noise["frequency"] is not None else own[0]
+    amplitude = noise["amplitude"] if noise["amplitude"] is not None else own[1]
+    return float(frequency), float(amplitude)
+
+
+def unknowns_of(
+    estimate: Sequence[str],
+    loads: Mapping[str, Any],
+    signals: Mapping[str, Signal],
+    reference: Mapping[str, float],
+    duration: float,
+) -> Unknowns:
+    """The inputs and parameters to estimate, with the scale of each: an amplitude, a guess."""
+    inputs = tuple(name for name in estimate if name in loads)
+    return Unknowns(
+        inputs=inputs,
+        parameters=tuple(name for name in estimate if name not in loads),
+        amplitude={name: characteristic(loads[name], signals[name], duration)[1] for name in inputs},
+        guess={name: reference[name] for name in estimate if name not in loads},
+    )

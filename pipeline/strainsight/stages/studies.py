@@ -1,0 +1,149 @@
+"""The filter run many times at once: noise levels, seeds and starting values, random sets beside the chosen one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from strainsight.estimation.consistency import not_identified
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.model import physical
+from strainsight.stages.filtering import filter_model
+from strainsight.stages.trial import Trial, real_and_claimed
+from strainsight.workflow.output import Dataset
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Filter runs: gauges (B, k) candidates, noise_factor (B,), start (B, unknowns) of [ũ, p], seed (B,) of the noise."""
+
+    gauges: np.ndarray
+    noise_factor: np.ndarray
+    start: np.ndarray
+    seed: np.ndarray
+
+
+@dataclass(frozen=True)
+class Study:
+    """What some runs found, by name: real and claimed error (B,), late: mean and mean σ of the last half, estimate (T + 1, B)."""
+
+    runs: Runs
+    real: Mapping[str, np.ndarray]
+    claimed: Mapping[str, np.ndarray]
+    late: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    estimate: Mapping[str, np.ndarray]
+
+
+def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed: int) -> dict[str, Study]:
+    """All studies of a validation, filtered as one batch.
+
+        noise      other noise levels
+        repeats    other noise and other starting values
+        starts     other starting values on one measurement, which must agree in the end
+        screened   random sets of the screened pool `kept`, on the layout's own noise
+        all        random sets of all candidates
+
+    settings: the config's validate section.
+    """
+    rng = np.random.default_rng([seed, 1])
+    spread = np.array([float(settings["initial_std"][name]) for name in trial.names])
+    repeats, count = int(settings["repeats"]), int(settings["random_sets"])
+    factors = np.array(settings["noise_factors"], dtype=float)
+    starts = spread * rng.standard_normal((repeats, len(spread)))
+    home = np.zeros_like(spread)
+    first, *others = (int(s) for s in rng.integers(1 << 31, size=repeats + 1))
+    parts = {
+        "noise": _runs(trial.chosen, factors, home, np.full(len(factors), first)),
+        "repeats": _runs(trial.chosen, 1.0, starts, np.array(others, dtype=int)),
+        "starts": _runs(trial.chosen, 1.0, starts, np.full(repeats, first)),
+    }
+    for key, pool in (("screened", kept), ("all", np.arange(trial.strain.shape[1]))):
+        sets = [rng.choice(pool, len(trial.chosen), replace=False) for _ in range(count)]
+        parts[key] = _runs(np.array(sets, dtype=int).reshape(count, -1), 1.0, home, np.full(count, first))
+    return _filtered(trial, parts)
+
+
+def identified(starts: Study) -> dict[str, bool]:
+    """For every unknown, whether runs that differ only by their start end within 3 σ of each other."""
+    return {name: not bool(not_identified(*late)) for name, late in starts.late.items()}
+
+
+def study_datasets(studies: Mapping[str, Study], trial: Trial) -> dict[str, Dataset]:
+    """Every study's errors by name; random sets with their gauges and histories."""
+    record = {"/noise/factor": Dataset(studies["noise"].runs.noise_factor, "1", "noise over the configured noise")}
+    for key, what in LABELS.items():
+        study = studies[key]
+        random = key in ("screened", "all")
+        group = f"/random_sets/{key}" if random else f"/{key}"
+        for i, name in enumerate(trial.names):
+            record[f"{group}/error/{name}"] = Dataset(study.real[name], "1", f"real error of {name} for every {what}")
+            record[f"{group}/std/{name}"] = Dataset(
+                study.claimed[name], "1", f"claimed error of {name} for every {what}"
+            )
+            if random:
+                record[f"{group}/estimate/{name}"] = Dataset(
+                    study.estimate[name],
+                    trial.units[name],
+                    f"estimate of {name} by every {what} (time × set)",
+                    ("/time", ""),
+                )
+            elif key != "noise":
+                record[f"{group}/start/{name}"] = Dataset(
+                    study.runs.start[:, i],
+                    "1",
+                    f"start of {name} for every {what}, relative to its scale (parameters: logarithm)",
+                )
+        if random:
+            record[f"{group}/candidate"] = Dataset(study.runs.gauges, "1", f"candidates of every {what} (set × gauge)")
+    return record
+
+
+LABELS = {
+    "noise": "noise level",
+    "repeats": "seed and start",
+    "starts": "start on one measurement",
+    "screened": "random set of the screened pool",
+    "all": "random set of all candidates",
+}
+
+
+def _runs(gauges: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarray, seed: np.ndarray) -> Runs:
+    """Runs with whatever is common repeated for each; seed (B,) sets their number."""
+    B = len(seed)
+    return Runs(
+        np.broadcast_to(gauges, (B, gauges.shape[-1])),
+        np.broadcast_to(np.asarray(noise_factor, dtype=float), (B,)),
+        np.broadcast_to(start, (B, start.shape[-1])),
+        seed,
+    )
+
+
+def _filtered(trial: Trial, parts: Mapping[str, Runs]) -> dict[str, Study]:
+    names = ("gauges", "noise_factor", "start", "seed")
+    runs = Runs(*(np.concatenate([getattr(part, name) for part in parts.values()]) for name in names))
+    model = filter_model(trial.problem, runs.gauges, trial.h, runs.noise_factor)
+    shape = (len(trial.strain) - 1, runs.gauges.shape[1])
+    noise = np.stack([np.random.default_rng(seed).standard_normal(shape) for seed in runs.seed], axis=1)
+    mean = np.zeros((len(runs.seed), model.size))
+    mean[:, -len(trial.names) :] = runs.start
+    run = run_filter(
+        model, mean, trial.covariance, trial.known, trial.strain[1:, runs.gauges] + noise * np.sqrt(model.r / trial.h)
+    )
+    real, claimed = real_and_claimed(trial, model, run.mean, run.std)
+    values = physical(model, run.mean, run.std)
+    half = len(trial.time) // 2
+    found, start = {}, 0
+    for key, part in parts.items():
+        span = slice(start, start + len(part.seed))
+        start = span.stop
+        found[key] = Study(
+            part,
+            {name: real[name][span] for name in trial.names},
+            {name: claimed[name][span] for name in trial.names},
+            {name: tuple(np.mean(v[half:, span], axis=0) for v in values[name]) for name in trial.names},  # type: ignore[misc]
+            {name: values[name][0][:, span] for name in trial.names},
+        )
+    return found

@@ -1,0 +1,82 @@
+"""What really happens in a validation: a model that is not the filter's, its motion, and what its gauges read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from strainsight.errors import blame
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import build_model, nodal
+from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.rows import strain_rows
+from strainsight.mesh.model import Mesh
+from strainsight.rom.modal_step import simulate
+from strainsight.rom.reduction import modal_model
+from strainsight.stages.filtering import Problem
+from strainsight.stages.settings import load_shapes, parameters_of
+from strainsight.workflow.stage import Context
+
+
+@dataclass(frozen=True)
+class Truth:
+    """theta: true parameter values [SI]; q (T + 1, r) coordinates; field (3 nodes, r) displacement per coordinate;
+    offset [m] and rotation [deg]: how far every gauge is glued from where it was meant; description for people."""
+
+    theta: Mapping[str, float]
+    q: np.ndarray
+    field: np.ndarray
+    offset: float
+    rotation: float
+    description: str
+
+    def strain(self, mesh: Mesh, pool: Candidates, seed: int) -> np.ndarray:
+        """True strain (T + 1, m) of gauges that are off by `offset` in a random direction and turned by ± `rotation`."""
+        rng = np.random.default_rng(seed)
+        heading = rng.uniform(0, 2 * np.pi, len(pool.element))
+        offset = self.offset * np.column_stack([np.cos(heading), np.sin(heading)])
+        rotation = self.rotation * rng.choice([-1.0, 1.0], len(pool.element))
+        return self.q @ strain_rows(mesh.position, pool, self.field, offset=offset, rotation=rotation).T
+
+
+def truth_of(context: Context, problem: Problem, mesh: Mesh, u: np.ndarray, h: float) -> Truth:
+    """Simulate the truth that the config asks for under the held loads u (T, HOLD, n_u) at step h [s]:
+
+    rom    the filter's own model at the true parameters: an inverse crime, and said so (the thesis's case)
+    modes  `modes` modes with their static terms at the true parameters
+    rich   that, with other damping and gauges off their places
+    """
+    stated = context.config.validate.truth
+    theta = {**problem.model.reference, **{name: float(value) for name, value in stated.parameters.items()}}
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items())
+    if stated.model == "rom":
+        x = simulate(problem.model, theta, u, h)
+        description = f"the filter's own reduced model with {values or 'the same parameters'} (an inverse crime)"
+        return Truth(theta, x[:, : problem.model.size], context.upstream["rom"]["/basis"], 0.0, 0.0, description)
+    parameters = _at(theta, parameters_of(context.config.parameters, mesh, context.files))
+    with blame("validate.truth"):
+        full = build_model(mesh, parameters)
+        S = load_shapes(full, context.config.loads)
+        rich = stated.model == "rich"
+        damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
+        model, basis = modal_model(full, S, problem.model.inputs, theta, stated.modes, damping)
+    x = simulate(model, model.reference, u, h)
+    description = f"{stated.modes} modes of the full model with static terms, {values or 'the same parameters'}"
+    if rich:
+        description += f", damping × {stated.damping_factor:g}"
+        description += f", gauges off by {1e3 * stated.gauge_offset:g} mm and {stated.gauge_rotation:g}°"
+    return Truth(
+        theta,
+        x[:, : model.size],
+        nodal(full, basis),
+        stated.gauge_offset if rich else 0.0,
+        stated.gauge_rotation if rich else 0.0,
+        description,
+    )
+
+
+def _at(theta: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    return tuple(Parameter(p.name, p.property, p.regions, theta[p.name]) for p in parameters)

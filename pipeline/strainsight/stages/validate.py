@@ -1,0 +1,197 @@
+"""validate: the chosen gauges put to the test on a truth that is not the filter's model (thesis 6.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from strainsight.estimation.consistency import chi_square_band, nees, nis
+from strainsight.estimation.filter import FilterRun, output_std, run_filter
+from strainsight.estimation.model import physical
+from strainsight.estimation.smoother import smooth
+from strainsight.stages.filtering import filter_model
+from strainsight.stages.studies import Study, identified, studies_of, study_datasets
+from strainsight.stages.trial import Trial, real_and_claimed, scaled_error, trial_of
+from strainsight.stages.vtkhdf_record import gauge_grid
+from strainsight.workflow.output import Dataset, Output, Scalar, Table
+from strainsight.workflow.stage import Context, Stage
+
+
+def run(context: Context) -> Output:
+    """Simulate the truth, measure it with noise, filter and smooth; then noise levels, repeats and random sets in one batch."""
+    context.progress("truth", 0.0)
+    trial = trial_of(context)
+    context.progress("filter", 0.2)
+    model = filter_model(trial.problem, trial.chosen, trial.h)
+    rng = np.random.default_rng([context.seed, 0])
+    noise = rng.standard_normal((len(trial.time) - 1, len(trial.chosen))) * np.sqrt(model.r / trial.h)
+    measured = trial.strain[1:, trial.chosen] + noise
+    main = run_filter(model, np.zeros(model.size), trial.covariance, trial.known, measured, keep="all")
+    smoothed = smooth(model, main)
+    context.progress("noise levels, repeats, random sets", 0.4)
+    studies = studies_of(trial, context.config.validate, context.upstream["screen"]["/kept"], context.seed)
+    estimate = physical(model, main.mean[:, 0], main.std[:, 0])
+    later = physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
+    filtered_error = real_and_claimed(trial, model, main.mean, main.std)
+    smoothed_error = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
+    errors = dict(zip(("error", "std", "smoothed", "smoothed_std"), (*filtered_error, *smoothed_error), strict=True))
+    consistency = (
+        nees(scaled_error(trial, main.mean)[1:, 0], main.unknown_covariance[1:, 0]),
+        nis(main.whitened[:, 0]),
+    )
+    summary: dict[str, Scalar] = {
+        "truth": str(context.config.validate.truth.model),
+        "description": trial.truth.description,
+    }
+    for name in trial.names:
+        summary[f"estimate.{name}"] = _one_number(trial, name, estimate[name][0])
+        summary |= {f"{key}.{name}": float(values[name][0]) for key, values in errors.items()}
+    summary |= {f"identified.{name}": answer for name, answer in identified(studies["starts"]).items()}
+    summary |= {"nees": float(np.mean(consistency[0])), "nis": float(np.mean(consistency[1]))}
+    field = _field(trial, main)
+    grid, grid_attributes = gauge_grid(
+        context.upstream["train"]["/gauges/position"],
+        {path.rpartition("/")[2]: entry.array for path, entry in field.items() if entry.array.ndim},
+    )
+    return Output(
+        datasets=grid
+        | _histories(trial, estimate, later)
+        | _gauges(trial, measured, main)
+        | _consistency(trial, *consistency)
+        | study_datasets(studies, trial)
+        | field,
+        attributes=grid_attributes,
+        summary=summary,
+        message=_message(trial, summary),
+        tables=(_table(trial, summary, studies),),
+    )
+
+
+def _one_number(trial: Trial, name: str, value: np.ndarray) -> float:
+    """Mean over the last half of a parameter, RMS of an input."""
+    if name in trial.problem.unknowns.parameters:
+        return float(np.mean(value[len(value) // 2 :]))
+    return float(np.sqrt(np.mean(value**2)))
+
+
+Histories = Mapping[str, tuple[np.ndarray, np.ndarray]]
+
+
+def _histories(trial: Trial, estimate: Histories, smoothed: Histories) -> dict[str, Dataset]:
+    record = {"/time": Dataset(trial.time, "s", "time of the validation run")}
+    for name in trial.names:
+        for group, what, values in (
+            ("truth", f"true history of {name}", trial.history[name]),
+            ("estimate", f"filtered estimate of {name}", estimate[name][0]),
+            ("std", f"claimed standard deviation of the filtered {name}", estimate[name][1]),
+            ("smoothed", f"smoothed estimate of {name}", smoothed[name][0]),
+            ("smoothed_std", f"claimed standard deviation of the smoothed {name}", smoothed[name][1]),
+        ):
+            record[f"/{group}/{name}"] = Dataset(values, trial.units[name], what, ("/time",))
+    return record
+
+
+def _gauges(trial: Trial, measured: np.ndarray, main: FilterRun) -> dict[str, Dataset]:
+    scales = ("/gauge/time", "")
+    return {
+        "/gauge/time": Dataset(trial.time[1:], "s", "sampling times of the gauges"),
+        "/gauge/measured": Dataset(measured, "strain", "measured strain, with noise (time × gauge)", scales),
+        "/gauge/true": Dataset(
+            trial.strain[1:, trial.chosen], "strain", "true strain at the gauges (time × gauge)", scales
+        ),
+        "/gauge/estimated": Dataset(main.gauge_mean[:, 0], "strain", "estimated strain (time × gauge)", scales),
+        "/gauge/std": Dataset(main.gauge_std[:, 0], "strain", "its claimed standard deviation (time × gauge)", scales),
+    }
+
+
+def _consistency(trial: Trial, own_nees: np.ndarray, own_nis: np.ndarray) -> dict[str, Dataset]:
+    bands = np.array([chi_square_band(len(trial.names)), chi_square_band(len(trial.chosen), len(own_nis))])
+    return {
+        "/consistency/nees": Dataset(
+            own_nees, "1", "normalised estimation error squared of the unknowns over their number", ("/gauge/time",)
+        ),
+        "/consistency/nis": Dataset(
+            own_nis, "1", "normalised innovation squared over the number of gauges", ("/gauge/time",)
+        ),
+        "/consistency/band": Dataset(bands, "1", "95 % bands (one instant of NEES, mean NIS of the run × low, high)"),
+    }
+
+
+def _field(trial: Trial, main: FilterRun) -> dict[str, Dataset]:
+    """The strain of every candidate, glued or not, at the instant of the largest true strain."""
+    instant = int(np.argmax(np.max(np.abs(trial.strain[1:]), axis=1))) + 1
+    n, rows = trial.problem.model.size, trial.problem.rows
+    assert main.covariance is not None
+    return {
+        "/field/instant": Dataset(np.array(trial.time[instant]), "s", "instant of the largest true strain"),
+        "/field/true": Dataset(trial.strain[instant], "strain", "true strain of every candidate at that instant"),
+        "/field/strain": Dataset(
+            rows @ main.mean[instant, 0, :n], "strain", "estimated strain of every candidate at that instant"
+        ),
+        "/field/std": Dataset(
+            output_std(rows, main.covariance[instant, 0, :n, :n]), "strain", "its claimed standard deviation"
+        ),
+    }
+
+
+def _message(trial: Trial, summary: Mapping[str, Scalar]) -> str:
+    said = []
+    for name in trial.names:
+        error = 100 * float(summary[f"error.{name}"])
+        if name in trial.problem.unknowns.parameters:
+            value, truth = float(summary[f"estimate.{name}"]), trial.truth.theta[name]
+            said.append(f"{name} {value:.4g} {trial.units[name]} (truth {truth:.4g}), error {error:.2f} %")
+        else:
+            said.append(
+                f"{name} error {error:.1f} % filtered, {100 * float(summary[f'smoothed.{name}']):.1f} % smoothed"
+            )
+        if not summary[f"identified.{name}"]:
+            said.append(f"{name} is not identified: other starts end elsewhere")
+    return "; ".join(said)
+
+
+def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, Study]) -> Table:
+    def percent(value: Scalar) -> str:
+        return f"{100 * float(value):.3f} %"
+
+    def middle(key: str, name: str) -> str:
+        errors = studies[key].real[name]
+        return percent(float(np.median(errors))) if len(errors) else "-"
+
+    rows = []
+    for name in trial.names:
+        parameter = name in trial.problem.unknowns.parameters
+        rows.append(
+            (
+                name,
+                f"{summary[f'estimate.{name}']:.5g} {trial.units[name]}" + ("" if parameter else " RMS"),
+                f"{trial.truth.theta[name]:.5g}" if parameter else f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}",
+                percent(summary[f"error.{name}"]),
+                percent(summary[f"std.{name}"]),
+                percent(summary[f"smoothed.{name}"]),
+                middle("screened", name),
+                middle("all", name),
+            )
+        )
+    columns = (
+        "unknown",
+        "estimate",
+        "truth",
+        "error",
+        "claimed σ",
+        "smoothed",
+        "random sets, screened",
+        "random sets, all",
+    )
+    return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))
+
+
+VALIDATE = Stage(
+    "validate",
+    version=1,
+    reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "validate"),
+    upstream=("import", "rom", "train", "screen", "place"),
+    files=("parameters.*.guess.from", "loads.*.signal.file"),
+    run=run,
+)

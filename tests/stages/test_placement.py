@@ -1,0 +1,100 @@
+"""The pipeline as a whole: what runs, what does not, and that the artefacts fit together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import pyvista
+from scipy.linalg import solve_continuous_are
+
+from strainsight.stages.placement import PLACEMENT
+from strainsight.workflow.plan import plan
+
+from .conftest import SHORT, finished, job_of
+
+
+def test_a_second_run_finds_everything_up_to_date(artefacts, config, results):
+    again = finished(job_of(config, results, *SHORT))
+    assert {status for status, _, _ in again.values()} == {"up to date"}
+
+
+def test_a_changed_keep_reruns_place_and_what_follows_and_says_why(artefacts, config, results):
+    statuses = {s.stage: s for s in plan(PLACEMENT, job_of(config, results, *SHORT, "place.keep=6"))}
+    assert [name for name, s in statuses.items() if s.status == "will run"] == ["place", "validate", "report"]
+    assert "place.keep 4 → 6" in statuses["place"].reason
+
+
+def test_a_changed_signal_leaves_the_reduced_model_alone(artefacts, config, results):
+    statuses = {
+        s.stage: s.status for s in plan(PLACEMENT, job_of(config, results, *SHORT, "loads.tip.signal.frequency=25.0"))
+    }
+    assert statuses["rom"] == "up to date"
+    assert statuses["train"] == "will run"
+
+
+def test_training_strains_are_rows_times_coordinates(artefacts):
+    train = artefacts["train"]
+    assert np.allclose(train["/strain"], train["/coordinate"] @ train["/gauges/row"].T, rtol=1e-12, atol=0)
+
+
+def test_a_row_is_the_strain_of_the_basis_by_differences_along_the_facet(artefacts):
+    """Mid-side nodes of a flat quad8 facet: the displacement difference over the distance, exact for fields quadratic in x."""
+    train, basis, position = artefacts["train"], artefacts["rom"]["/basis"], artefacts["import"]["/nodes/position"]
+    nodes, rows = train["/gauges/nodes"], train["/gauges/row"]
+    checked = 0
+    for i in range(0, len(nodes), 37):
+        middle = nodes[i, 4:8]
+        edge = position[middle] - train["/gauges/position"][i]
+        ends = middle[np.abs(edge[:, 0]) > 1e-6]
+        u = basis.reshape(-1, 3, basis.shape[1])[ends, 0]
+        slope = (u[1] - u[0]) / (position[ends[1], 0] - position[ends[0], 0])
+        assert np.allclose(rows[i], slope, rtol=1e-9, atol=1e-9 * np.abs(rows).max())
+        checked += 1
+    assert checked > 10
+
+
+def test_place_stores_what_it_solved(artefacts):
+    """trace_initial, from the stored F, H, Q, R and weight alone, by scipy's solver."""
+    place = artefacts["place"]
+    F, H, Q, R, W = (place[f"/augmented/{key}"] for key in ("F", "H", "Q", "R", "weight"))
+    traces = []
+    for f, h, q, r, w in zip(F, H, Q, R, W, strict=True):
+        P = solve_continuous_are(f.T, h.T, q, np.diag(r))
+        # Motions that symmetry keeps from the process noise have no variance to scale by.
+        reached = np.diag(P) > 1e-3
+        assert np.allclose(np.diag(P)[reached], 1.0, atol=1e-5)
+        assert reached[-1]
+        traces.append(w @ np.diag(P))
+    assert np.mean(traces) == pytest.approx(place.summary["trace_initial"], rel=1e-6)
+    assert place["/elimination/trace"][0] == pytest.approx(1.0, rel=1e-9)
+    assert len(place["/elimination/trace"]) == 100 - 4 + 1
+    assert place.summary["lower_bound"] <= place.summary["trace_final"] * (1 + 1e-12)
+    assert place.summary["riccati_residual"] <= 1e-10
+
+
+def test_the_layout_is_a_subset_of_pool_and_candidates(artefacts):
+    place, train = artefacts["place"], artefacts["train"]
+    chosen = place["/pool/candidate"][place["/selected/final/gauge"]]
+    assert len(set(chosen)) == 4
+    assert np.array_equal(place["/selected/final/element"], train["/gauges/element"][chosen])
+    assert np.array_equal(place["/selected/final/position"], train["/gauges/position"][chosen])
+
+
+def test_removing_a_gauge_makes_the_expected_deviation_larger(artefacts):
+    place = artefacts["place"]
+    assert np.all(place["/without/E"] > place.summary["std.E"])
+
+
+def test_mode_shapes_open_in_the_real_reader(artefacts):
+    reader = pyvista.HDFReader(str(artefacts["rom"].path))
+    grid = reader.read()
+    assert grid.n_points == len(artefacts["import"]["/nodes/id"])
+    assert grid.n_cells == artefacts["import"].summary["elements"]
+    assert "mode" in grid.point_data
+
+
+def test_the_report_is_one_file_with_the_numbers_of_the_artefacts(artefacts):
+    page = (artefacts["report"].path.parent / "report.html").read_text(encoding="utf-8")
+    for element in artefacts["place"]["/selected/final/element"]:
+        assert f">{element}<" in page or f'value="{element}"' in page
+    assert artefacts["report"].summary["picture"]
