@@ -13,6 +13,7 @@ class StrainsightError(Exception):
     where   "file:line:column" or "file:line", when known
     key     dotted config key the request came from ("place.keep"); the command line turns it into a place
     remedy  what the user can do about it
+    others  further problems of the same kind that were found with it (a config is checked whole)
     """
 
     exit_code = 1
@@ -23,12 +24,14 @@ class StrainsightError(Exception):
         self.where = where
         self.key = key
         self.remedy = remedy
+        self.others: tuple[StrainsightError, ...] = ()
 
     def __str__(self) -> str:
         head = "  ".join(part for part in (self.where, self.key and f"{self.key}: {self.what}") if part)
         if not self.key:
             head = f"{self.where}  {self.what}" if self.where else self.what
-        return f"{head}\n    {self.remedy}" if self.remedy else head
+        own = f"{head}\n    {self.remedy}" if self.remedy else head
+        return "\n".join([own, *map(str, self.others)])
 
 
 class UserError(StrainsightError):

@@ -1,0 +1,1 @@
+"""Configs: frozen models, YAML with line numbers, overrides, JSON Schema, template. Knows no kernel."""

@@ -1,0 +1,183 @@
+"""A config file, checked whole: every problem is reported at once, each with its place."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from strainsight.config.checks import Problem, did_you_mean, problems
+from strainsight.config.messages import problems_of
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
+from strainsight.errors import ConfigError
+
+KINDS = {"placement": PlacementConfig}
+
+
+@dataclass(frozen=True)
+class LoadedConfig:
+    """A valid config and where each of its keys is written.
+
+    path       the file as given
+    model      the checked config
+    overrides  the `--set` texts that were applied, in order
+    """
+
+    path: Path
+    model: PlacementConfig
+    overrides: tuple[str, ...] = ()
+    _places: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The config as JSON data, defaults filled in, paths as written."""
+        return self.model.model_dump(mode="json", by_alias=True)
+
+    def locate(self, key: str) -> str:
+        """ "file:line:column" of a key's value, or of the longest part of the key that is there; "--set KEY" if set."""
+        return _locate(self._places, key)
+
+
+def load_config(path: Path | str, overrides: Iterable[str] = ()) -> LoadedConfig:
+    """Read and check a config file with `KEY=VALUE` overrides on top.
+
+    Raises ConfigError that lists every problem with file:line:column, key and remedy.
+    """
+    path, overrides = Path(path), tuple(overrides)
+    data, places, key_places = _read(path)
+    for override in overrides:
+        key, value = _parse_override(override)
+        _set(data, key, value, override)
+        for stale in [old for old in places if old == key or old.startswith(f"{key}.")]:
+            del places[stale], key_places[stale]
+        places[key] = key_places[key] = f"--set {key}"
+    model, found = _validated(data)
+    if model is None:
+        raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in found])
+    return LoadedConfig(path, model, overrides, places)
+
+
+def _validated(data: dict[str, Any]) -> tuple[PlacementConfig | None, list[Problem]]:
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        known = ", ".join(KINDS)
+        if kind is None:
+            return None, [Problem("kind", "missing", f"give kind: {known}", at_key=True)]
+        return None, [
+            Problem("kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"give kind: {known}"))
+        ]
+    try:
+        # As JSON, where a list may become a tuple but text never a number.
+        model = KINDS[kind].model_validate_json(json.dumps(data))
+    except ValidationError as error:
+        return None, problems_of(error, KINDS[kind], data)
+    found = list(problems(model))
+    return (None, found) if found else (model, [])
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
+    """Data, and the place of every value and of every key."""
+    try:
+        with path.open("rb") as stream:
+            raw = stream.read(LARGEST + 1)
+        text = raw.decode("utf-8-sig")
+    except FileNotFoundError:
+        raise ConfigError("no such config file", where=str(path), remedy="strainsight init DECK writes one") from None
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise ConfigError("not UTF-8 text", where=f"{path}:{line}", remedy="save the file as UTF-8") from None
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", where=str(path), remedy="give a config file") from None
+    if len(raw) > LARGEST:
+        raise ConfigError(f"larger than {LARGEST // 1024} KiB", where=str(path), remedy="give a config, not a deck")
+    try:
+        document = parse(text)
+    except YamlProblem as problem:
+        where = f"{path}:{problem.line}:{problem.column}"
+        raise ConfigError(
+            problem.what, where=where, key=_display(problem.key) or None, remedy=problem.remedy or None
+        ) from None
+    if not isinstance(document.data, dict):
+        raise ConfigError(
+            "not a mapping of keys to values", where=f"{path}:1:1", remedy="strainsight init DECK writes one"
+        )
+    return document.data, *_places(path, document)
+
+
+def _places(path: Path, document: Document) -> tuple[dict[str, str], dict[str, str]]:
+    def place(spot: tuple[int, int]) -> str:
+        return f"{path}:{spot[0]}:{spot[1]}"
+
+    def value_spot(mark: Mark) -> tuple[int, int]:
+        # A block below its key starts on a line of its own: there the key is what the eye looks for.
+        return mark.value if mark.value[0] == mark.key[0] else mark.key
+
+    values = {key: place(value_spot(mark)) for key, mark in document.marks.items()}
+    return values, {key: place(mark.key) for key, mark in document.marks.items()}
+
+
+def _locate(places: Mapping[str, str], key: str) -> str:
+    parts = key.split(".") if key else []
+    for length in range(len(parts), 0, -1):
+        if (prefix := ".".join(parts[:length])) in places:
+            return places[prefix]
+    return places[""]
+
+
+def _parse_override(override: str) -> tuple[str, Any]:
+    key, equals, text = override.partition("=")
+    key = key.strip()
+    if not equals or not re.fullmatch(r"[\w-]+(\.[\w-]+)*", key):
+        raise ConfigError(f"'{override}' is not KEY=VALUE", where="--set", remedy="write --set place.keep=6")
+    try:
+        return key, parse(text).data
+    except YamlProblem as problem:
+        raise ConfigError(
+            problem.what, where=f"--set {key}", remedy=problem.remedy or "quote what the shell must not see"
+        ) from None
+
+
+def _set(data: dict[str, Any], key: str, value: Any, override: str) -> None:
+    """Put `value` at `key`; a mapping on the way that is not there, or is a plain value so far, is made."""
+    *parents, last = key.split(".")
+    spot: Any = data
+    for part in parents:
+        if isinstance(spot, list):
+            place: Any = _index(spot, part, override)
+            below = spot[place]
+        else:
+            place, below = part, spot.get(part)
+        if not isinstance(below, dict | list):
+            spot[place] = below = {}
+        spot = below
+    spot[_index(spot, last, override) if isinstance(spot, list) else last] = value
+
+
+def _index(entries: Sequence[Any], part: str, override: str) -> int:
+    if not part.isdigit() or int(part) >= len(entries):
+        raise ConfigError(
+            f"a list of {len(entries)} entries has no entry '{part}'",
+            where=f"--set {override.partition('=')[0]}",
+            remedy="count from 0, or set the whole list: --set key=[a, b]",
+        )
+    return int(part)
+
+
+def _error(found: Sequence[tuple[str, Problem]]) -> ConfigError:
+    """The first problem, with the others behind it."""
+    errors = [
+        ConfigError(problem.what, where=where, key=_display(problem.key) or None, remedy=problem.remedy or None)
+        for where, problem in found
+    ]
+    errors[0].others = tuple(errors[1:])
+    return errors[0]
+
+
+def _display(key: str) -> str:
+    return re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key)

@@ -1,0 +1,73 @@
+"""Loads: where they act, what they look like in the training run, and how an unknown one is modelled."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import NotNegative, Positive, Section, Text, Vector, with_defaults
+
+
+class Sine(Section):
+    """u(t) = a sin(2πft + φ)."""
+
+    type: Literal["sine"] = Field(description="Kind of signal.")
+    frequency: Positive = Field(description="Frequency f [Hz].")
+    amplitude: Positive = Field(description="Amplitude a [N].")
+    phase: float = Field(0.0, description="Phase φ [rad].")
+
+
+class Sweep(Section):
+    """A sine whose frequency runs linearly from one value to another, and then stays there."""
+
+    type: Literal["sweep"] = Field(description="Kind of signal.")
+    start_frequency: NotNegative = Field(description="Frequency at t = 0 [Hz].")
+    end_frequency: Positive = Field(description="Frequency at the end of the sweep [Hz].")
+    duration: Positive = Field(description="Length of the sweep [s].")
+    amplitude: Positive = Field(description="Amplitude [N].")
+
+
+class MultiSine(Section):
+    """Sines of equal amplitude, evenly spaced in frequency, with seeded phases."""
+
+    type: Literal["multisine"] = Field(description="Kind of signal.")
+    lowest: Positive = Field(description="Lowest frequency [Hz].")
+    highest: Positive = Field(description="Highest frequency [Hz].")
+    count: int = Field(ge=1, description="Number of sines [-].")
+    amplitude: Positive = Field(description="Amplitude [N] of the one sine that has the power of all of them together.")
+    seed: int = Field(0, ge=0, description="Seed of the phases [-].")
+
+
+class Recorded(Section):
+    """A measured history, with straight lines between its samples."""
+
+    type: Literal["csv"] = Field(description="Kind of signal.")
+    file: Text = Field(description="CSV file with one line of column names; the path starts from the config's folder.")
+    time_column: Text = Field(description="Name of the column with the time [s].")
+    value_column: Text = Field(description="Name of the column with the load [N].")
+
+
+class InputNoise(Section):
+    """Random walk that models an unknown load: intensity q = κ ω a², ω = 2π frequency."""
+
+    kappa: Positive = Field(0.1, description="Factor κ of the intensity [-].")
+    frequency: Positive | None = Field(
+        None, description="Typical frequency of the load [Hz]; null: that of its signal."
+    )
+    amplitude: Positive | None = Field(None, description="Typical amplitude of the load [N]; null: that of its signal.")
+
+
+class Load(Section):
+    """A force at a node or spread over a set."""
+
+    node: int | None = Field(
+        None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
+    )
+    set: Text | None = Field(None, description="Name of a node set instead of a node.")
+    direction: Vector = Field(description="Direction in global coordinates [-]; its length does not matter.")
+    known: bool = Field(description="true: measured by other means; false: to be estimated.")
+    signal: Annotated[Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")] = Field(
+        description="What the load looks like in training and validation."
+    )
+    process_noise: InputNoise = with_defaults(InputNoise, "How an unknown load is modelled in the filter.")

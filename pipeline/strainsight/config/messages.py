@@ -1,0 +1,204 @@
+"""What pydantic found, said for the person who wrote the config."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from strainsight.config.checks import Problem, did_you_mean
+
+TYPES = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "dict_type": "a mapping",
+}
+UNKNOWN, MISSING = "unknown key", "missing"
+BOUNDS = {
+    "greater_than": ("gt", "above"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "below"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
+    """Every problem of a ValidationError, in the terms of the config file; one for each key."""
+    found = [(path_in(data, entry["loc"]), entry) for entry in error.errors(include_url=False)]
+    # The members of a union complain one after the other about the same value.
+    problems = [
+        _problem(path, [entry for _, entry in group], model, data)
+        for path, group in groupby(found, key=lambda pair: pair[0])
+    ]
+    # A misspelt key is one problem, not an unknown key and a missing one.
+    misspelt = {
+        f"{problem.key.rpartition('.')[0]}.{problem.remedy.removeprefix('did you mean ').rstrip('?')}".lstrip(".")
+        for problem in problems
+        if problem.what == UNKNOWN
+    }
+    return [problem for problem in problems if problem.what != MISSING or problem.key not in misspelt]
+
+
+def path_in(data: Any, loc: Sequence[int | str]) -> tuple[str, ...]:
+    """The keys of `loc` without the names of union members that pydantic puts in between."""
+    path: list[str] = []
+    for i, part in enumerate(loc):
+        if part == "[key]":
+            continue
+        if isinstance(data, Mapping) and part in data:
+            data = data[part]
+        elif isinstance(data, list) and isinstance(part, int):
+            data = data[part] if part < len(data) else None
+        elif i < len(loc) - 1 or not isinstance(data, Mapping):
+            continue
+        path.append(str(part))
+    return tuple(path)
+
+
+def keys_at(model: Any, path: Sequence[str], data: Any) -> list[str]:
+    """Keys that the mapping at `path` may have; of a union's members, those of the type that the data names."""
+    sections = [model]
+    for part in path:
+        below = [item for section in sections for item in _below(section, part)]
+        data = data.get(part) if isinstance(data, Mapping) else data[int(part)] if isinstance(data, list) else None
+        sections = [member for annotation in below for member in _members(annotation)]
+    models = [section for section in sections if isinstance(section, type) and issubclass(section, BaseModel)]
+    named = [m for m in models if isinstance(data, Mapping) and data.get("type") in get_args(_annotation(m, "type"))]
+    return list(dict.fromkeys(_key(field, name) for m in named or models for name, field in m.model_fields.items()))
+
+
+def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], data: Any) -> Problem:
+    key, first = ".".join(path), entries[0]
+    match first["type"]:
+        case "extra_forbidden":
+            known = keys_at(model, path[:-1], data)
+            return Problem(key, UNKNOWN, did_you_mean(path[-1], known, f"known here: {', '.join(known)}"), True)
+        case "missing" if (path and path[-1].isdigit()) or isinstance(first["input"], list):
+            above = ".".join(path[:-1]) if path and path[-1].isdigit() else key
+            return Problem(
+                above, f"{len(first['input'])} entries are too few", _description(model, tuple(above.split(".")), data)
+            )
+        case "missing":
+            return Problem(key, MISSING, _description(model, path, data), True)
+        case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] == "name":
+            return Problem(key, f"{_shown(first['input'])} is not a name", "letters, digits, - and _ only", True)
+        case "union_tag_not_found":
+            known = _choices(first["ctx"].get("expected_tags", ""), model, path, data)
+            return Problem(key, "missing key 'type'", f"give type: {' or '.join(known)}" if known else "")
+        case "union_tag_invalid":
+            known = [tag.strip().strip("'") for tag in first["ctx"]["expected_tags"].split(", ")]
+            tag = first["ctx"]["tag"]
+            return Problem(
+                f"{key}.type",
+                f"'{tag}' is not one of {', '.join(known)}",
+                did_you_mean(str(tag), known, "choose one of them"),
+            )
+        case "one_key":
+            return Problem(key, first["msg"], _description(model, path, data))
+    problem = _wrong_value(key, entries)
+    return problem if problem.remedy else replace(problem, remedy=_description(model, path, data))
+
+
+def _wrong_value(key: str, entries: list[Any]) -> Problem:
+    value = entries[0]["input"]
+    wanted: list[str] = []
+    choices: list[str] = []
+    for entry in entries:
+        kind, context = entry["type"], entry.get("ctx", {})
+        if kind == "literal_error":
+            choices += [choice.strip("'") for choice in context["expected"].replace(" or ", ", ").split(", ")]
+        elif kind in TYPES:
+            wanted.append(TYPES[kind])
+        elif kind in BOUNDS:
+            bound, word = BOUNDS[kind]
+            wanted.append(f"{word} {context[bound]:g}")
+        elif kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
+            limit = context.get("min_length", context.get("max_length"))
+            wanted.append(f"{'at least' if 'short' in kind else 'at most'} {limit} long")
+        else:
+            wanted.append(entry["msg"][0].lower() + entry["msg"][1:])
+    remedy = did_you_mean(value, choices) if choices and isinstance(value, str) else ""
+    if choices and not wanted:
+        return Problem(key, f"{_shown(value)} is not one of {', '.join(choices)}", remedy)
+    if choices:
+        wanted.append(f"one of {', '.join(choices)}" if len(choices) > 1 else f"'{choices[0]}'")
+    if isinstance(value, str) and "a number" in wanted and not remedy:
+        remedy = "write it without quotes and without its unit"
+    return Problem(key, f"{_shown(value)} has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
+
+
+def _shown(value: Any) -> str:
+    if value is None or isinstance(value, bool):
+        return {None: "nothing", True: "true", False: "false"}[value]
+    if isinstance(value, dict):
+        return "a mapping"
+    text = f"'{value}'" if isinstance(value, str) else _number(value) if isinstance(value, float) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _number(value: float) -> str:
+    text = f"{value:g}"
+    return f"{text}.0" if text.lstrip("-").isdigit() else text
+
+
+def _choices(tags: str, model: type[BaseModel], path: tuple[str, ...], data: Any) -> list[str]:
+    if tags:
+        return [tag.strip().strip("'") for tag in tags.split(", ")]
+    found = [get_args(_annotation(section, "type")) for section in _sections_at(model, path, data)]
+    return [str(tag) for group in found for tag in group]
+
+
+def _sections_at(model: type[BaseModel], path: Sequence[str], data: Any) -> list[Any]:
+    sections: list[Any] = [model]
+    for part in path:
+        sections = [member for section in sections for item in _below(section, part) for member in _members(item)]
+    return sections
+
+
+def _description(model: type[BaseModel], path: tuple[str, ...], data: Any) -> str:
+    """What the models say about a key: "noise_std: Noise standard deviation of every gauge."."""
+    while path and path[-1].isdigit():
+        path = path[:-1]
+    for section in _sections_at(model, path[:-1], data) if path else ():
+        if isinstance(section, type) and issubclass(section, BaseModel):
+            for name, field in section.model_fields.items():
+                if _key(field, name) == path[-1] and field.description:
+                    return f"{path[-1]}: {field.description}"
+    return ""
+
+
+def _key(field: Any, name: str) -> str:
+    return field.alias or name
+
+
+def _annotation(model: Any, name: str) -> Any:
+    field = model.model_fields.get(name) if isinstance(model, type) and issubclass(model, BaseModel) else None
+    return field.annotation if field else None
+
+
+def _below(annotation: Any, part: str) -> Iterator[Any]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield from (f.annotation for name, f in annotation.model_fields.items() if _key(f, name) == part)
+    elif get_origin(annotation) is dict:
+        yield get_args(annotation)[1]
+    elif get_origin(annotation) is tuple:
+        yield get_args(annotation)[0]
+
+
+def _members(annotation: Any) -> list[Any]:
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return _members(get_args(annotation)[0])
+    if origin in (Union, UnionType):
+        return [member for part in get_args(annotation) for member in _members(part)]
+    return [] if origin is Literal else [annotation]

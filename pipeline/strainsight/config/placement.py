@@ -1,0 +1,249 @@
+"""The config of `kind: placement`: from a deck to a validated gauge layout."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Text, Vector, with_defaults
+from strainsight.config.loads import Load
+
+KeepAll = Literal["all"]
+
+
+def _key_of(*keys: str) -> Any:
+    """Tell the members of a union apart by the one key each of them has."""
+
+    def which(value: Any) -> str | None:
+        if isinstance(value, Section):
+            return next((key for key in keys if key in type(value).model_fields), None)
+        found = [key for key in keys if key in value] if isinstance(value, dict) else []
+        return found[0] if len(found) == 1 else None
+
+    return Discriminator(
+        which,
+        custom_error_type="one_key",
+        custom_error_message="give exactly one of " + ", ".join(f"'{key}'" for key in keys),
+    )
+
+
+class MeshFile(Section):
+    """The finite-element model."""
+
+    file: Text = Field(description="Deck (Nastran .bdf, .nas, .dat) or mesh; the path starts from the config's folder.")
+    length_unit: Literal["m", "mm", "cm", "in", "ft"] = Field("m", description="Unit of length in the deck.")
+    mass_unit: Literal["kg", "t", "g", "lb"] = Field("kg", description="Unit of mass in the deck; the time unit is s.")
+
+
+class GuessFrom(Section):
+    """A guess that another run estimated."""
+
+    source: Text = Field(
+        alias="from",
+        description="Name of the run (results/NAME/validate.h5), or the path of such a file from the config's folder.",
+    )
+
+
+Guess = Annotated[
+    Annotated[Positive, Tag("number")] | Annotated[GuessFrom, Tag("from")],
+    Discriminator(lambda value: "from" if isinstance(value, dict | GuessFrom) else "number"),
+]
+
+
+class MaterialParameter(Section):
+    """A material property that the reduced model keeps free."""
+
+    property: Literal["youngs_modulus", "density"] = Field(description="Which property: [Pa] or [kg/m³].")
+    region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] = Field(
+        description="Region id (PSOLID id) or name, or a list of them."
+    )
+    guess: Guess = Field(description="Value before anything is measured [Pa or kg/m³], or {from: another run}.")
+    range: tuple[Positive, Positive] = Field(
+        description="[lowest, highest] value the reduced model is made for [Pa or kg/m³]."
+    )
+    process_noise_scale: Positive = Field(
+        0.05, description="δ: how fast the filter lets the parameter wander, relative to its guess [1/√s]."
+    )
+
+
+class ModalDamping(Section):
+    """The same damping ratio in every mode."""
+
+    type: Literal["modal"] = Field(description="Kind of damping.")
+    ratio: float = Field(ge=0, lt=1, description="Damping ratio [-].")
+
+
+class RayleighDamping(Section):
+    """C = αM + βK."""
+
+    type: Literal["rayleigh"] = Field(description="Kind of damping.")
+    alpha: NotNegative = Field(description="α [1/s].")
+    beta: NotNegative = Field(description="β [s].")
+
+
+class ReducedModel(Section):
+    """The parametric reduced model."""
+
+    modes: int = Field(10, ge=1, description="Modes per parameter sample [-].")
+    parameter_samples: int = Field(5, ge=1, description="Samples of the parameter box [-].")
+    tolerance: float = Field(1e-8, gt=0, lt=1, description="Share of snapshot energy that may be cut [-].")
+
+
+class Train(Section):
+    """The training run."""
+
+    duration: Positive = Field(description="Length of the training run [s].")
+    time_step: Positive = Field(description="Time step [s].")
+
+
+class AxisDirection(Section):
+    """Gauges along an axis projected on the facet, and turned by angles."""
+
+    type: Literal["axis"] = Field(description="Kind of direction.")
+    axis: Vector = Field(description="Axis in global coordinates [-]; its length does not matter.")
+    angles: Annotated[tuple[float, ...], Field(min_length=1)] = Field(
+        (0.0,), description="Angles from the projected axis, positive about the outward normal [deg]; a candidate each."
+    )
+
+
+class RelativeNoise(Section):
+    """Noise as a share of the strongest candidate."""
+
+    relative_to_strongest: Positive = Field(description="Noise standard deviation over the largest RMS strain [-].")
+
+
+class AbsoluteNoise(Section):
+    """Noise as a strain."""
+
+    value: Positive = Field(description="Noise standard deviation of one sample [strain].")
+
+
+class KeepOutBox(Section):
+    """No gauges in a box."""
+
+    box: tuple[Vector, Vector] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
+
+
+class KeepOutEdges(Section):
+    """No gauges close to edges."""
+
+    near_edges: Positive = Field(description="Least distance from an edge of the body [m].")
+
+
+NoiseStd = Annotated[
+    Annotated[RelativeNoise, Tag("relative_to_strongest")] | Annotated[AbsoluteNoise, Tag("value")],
+    _key_of("relative_to_strongest", "value"),
+]
+KeepOut = Annotated[
+    Annotated[KeepOutBox, Tag("box")] | Annotated[KeepOutEdges, Tag("near_edges")], _key_of("box", "near_edges")
+]
+
+
+class Gauges(Section):
+    """Where gauges may go, along what, and how noisy they are."""
+
+    surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
+    direction: AxisDirection = Field(description="Measuring directions of the candidates.")
+    noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
+    exclude: tuple[KeepOut, ...] = Field((), description="Zones without gauges.")
+
+
+class Screen(Section):
+    """Which candidates enter the elimination."""
+
+    keep: Annotated[int, Field(ge=1)] | KeepAll = Field("all", description="Candidates to keep [-], or 'all'.")
+    minimum_spacing: NotNegative = Field(0.0, description="Least distance between kept candidates [m].")
+
+
+class ProcessNoise(Section):
+    """Process noise of the filter."""
+
+    rule: Literal["continuous", "thesis"] = Field(
+        "continuous", description="continuous: intensities q = κωa²; thesis: (hωa)² a step, which depends on the step."
+    )
+    model_error: NotNegative = Field(
+        0.01,
+        description="Noise on the velocities as a share of the training acceleration [-]: without it the filter is sure and wrong "
+        "as soon as the damping is not exact.",
+    )
+
+
+class Place(Section):
+    """The elimination."""
+
+    estimate: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(
+        description="Unknown loads and parameters to place for."
+    )
+    keep: int = Field(ge=1, description="Gauges to glue [-].")
+    instants: int = Field(20, ge=1, description="Instants of the training run that the model is linearised at [-].")
+    aggregate: Literal["mean", "worst"] = Field("mean", description="How the instants are put together.")
+    weights: Literal["normalised", "thesis"] = Field(
+        "normalised",
+        description="normalised: every unknown starts at 1; thesis: the plain trace, which orders by units.",
+    )
+    certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
+    exchange: bool = Field(True, description="Exchange gauges after the elimination until none helps.")
+
+
+class Truth(Section):
+    """What stands for reality in the validation."""
+
+    model: Literal["modes", "rich", "rom"] = Field(
+        "rich",
+        description="modes: many modes and static terms; rich: that, with other damping and misplaced gauges; rom: the "
+        "filter's own model.",
+    )
+    modes: int = Field(60, ge=1, description="Modes of the truth model [-].")
+    parameters: dict[Name, Positive] = Field(
+        {}, description="True values [Pa or kg/m³]; a parameter left out is at its guess."
+    )
+    damping_factor: NotNegative = Field(1.5, description="rich: true damping over the filter's [-].")
+    gauge_offset: NotNegative = Field(0.002, description="rich: how far every gauge is off its place [m].")
+    gauge_rotation: NotNegative = Field(2.0, description="rich: how far every gauge is turned [deg].")
+
+
+class Validate(Section):
+    """The filter on simulated measurements."""
+
+    truth: Truth = with_defaults(Truth, "What stands for reality.")
+    time_step: Positive = Field(description="Time step of the filter [s].")
+    duration: Positive = Field(description="Length of the measurement [s].")
+    initial_std: dict[Name, Positive] = Field(
+        description="Initial σ of every unknown, relative to its guess or amplitude [-]."
+    )
+    random_sets: int = Field(
+        10, ge=0, description="Random gauge sets to compare with, from all candidates and from the pool [-]."
+    )
+    noise_factors: tuple[Positive, ...] = Field(
+        (0.1, 5.0), description="Other noise levels to try, relative to the stated one [-]."
+    )
+    repeats: int = Field(20, ge=1, description="Seeds and starting values to repeat with [-].")
+
+
+class Report(Section):
+    """The page."""
+
+    format: Literal["html"] = Field("html", description="Kind of page.")
+
+
+class PlacementConfig(Section):
+    """From a finite-element mesh to a certified strain-gauge layout. SI units unless a field says otherwise."""
+
+    kind: Literal["placement"] = Field(description="Which pipeline.")
+    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
+    seed: int = Field(0, ge=0, description="Seed of everything that is drawn at random [-].")
+    mesh: MeshFile = Field(description="The finite-element model.")
+    parameters: dict[Name, MaterialParameter] = Field({}, description="Material properties that stay free, by name.")
+    loads: Annotated[dict[Name, Load], Field(min_length=1)] = Field(description="Loads, by name.")
+    damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
+        description="Structural damping."
+    )
+    rom: ReducedModel = with_defaults(ReducedModel, "The parametric reduced model.")
+    train: Train = Field(description="The training run.")
+    gauges: Gauges = Field(description="Candidates and their noise.")
+    screen: Screen = with_defaults(Screen, "Which candidates enter the elimination.")
+    process_noise: ProcessNoise = with_defaults(ProcessNoise, "Process noise of the filter.")
+    place: Place = Field(description="The elimination.")
+    validation: Validate = Field(alias="validate", description="The filter on simulated measurements.")
+    report: Report = with_defaults(Report, "The page.")

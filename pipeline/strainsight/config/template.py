@@ -1,0 +1,90 @@
+"""The commented config that `strainsight init` writes for the user's own deck."""
+
+from __future__ import annotations
+
+import json
+import re
+
+TEMPLATE = """\
+# Where to glue strain gauges on {deck}.
+# Lines marked ← are yours to fill in. `strainsight schema` describes every key; values are SI unless a comment says
+# otherwise.
+kind: placement
+name: {name}    # results go to results/{name}
+seed: 1                 # of everything that is drawn at random
+
+mesh:
+  file: {file}    # from the folder of this file
+  length_unit: m        # ← unit of the deck: m, mm, cm, in, ft
+  mass_unit: kg         # ← unit of the deck: kg, t, g, lb (a deck in mm and N has t)
+
+# Material properties that are not known exactly. None: parameters: {{}}
+parameters:
+  E:
+    property: youngs_modulus      # or density
+    region: 1                     # ← PSOLID id or name, or a list of them
+    guess: 1.9e11                 # ← [Pa]; or {{from: NAME}} to take what another run has estimated
+    range: [1.6e11, 2.4e11]       # ← [Pa] the true value lies in here
+    process_noise_scale: 0.05     # how fast it may wander in the filter [1/√s]
+
+# Forces. What is known: false has to stand under place.estimate.
+loads:
+  tip:
+    node: 2                       # ← node id (an RBE2 or RBE3 reference node will do), or `set: NAME` of nodes
+    direction: [0, 0, 1]          # ← in global coordinates; its length does not matter
+    known: true                   # true: measured by a load cell; false: to be estimated
+    signal: {{type: sine, frequency: 20.0, amplitude: 1.0e4}}     # ← [Hz], [N]; other types: sweep, multisine, csv
+
+damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}
+
+rom:
+  modes: 10                       # well above the highest frequency of the loads
+  parameter_samples: 5
+  tolerance: 1.0e-8
+
+train:
+  duration: 1.0                   # ← [s] a few periods of the slowest load
+  time_step: 5.0e-4               # ← [s] 40 steps a period of the fastest load
+
+gauges:
+  surface: all                    # all exterior facets, or the name of an element or node set
+  direction: {{type: axis, axis: [1, 0, 0], angles: [0]}}   # ← projected on the facet; angles [deg]
+  noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the strongest; or {{value: 1.0e-7}} [strain]
+  exclude: []                     # [m] keep-out, e.g. [{{box: [[0, -1, -1], [0.05, 1, 1]]}}, {{near_edges: 0.01}}]
+
+screen:
+  keep: 100                       # candidates that enter the elimination, or all
+  minimum_spacing: 0.0            # [m] between them
+
+place:
+  estimate: [E]                   # ← names from above
+  keep: 4                         # ← gauges you will glue
+  instants: 20                    # instants of the training run to place for
+  aggregate: mean                 # over them, or worst
+  certificate: true               # say how far from the best layout this one can be
+
+validate:
+  truth:
+    model: rich                   # reality is simulated with more modes, other damping and misplaced gauges
+    parameters: {{E: 2.1e11}}       # ← [Pa] an assumed true value to be found again
+  time_step: 5.0e-4               # [s]
+  duration: 1.0                   # [s]
+  initial_std: {{E: 0.1}}           # ← how wrong the guess may be: 10 %
+  random_sets: 10                 # random gauge sets to compare with
+  noise_factors: [0.1, 5.0]       # other noise levels to try
+  repeats: 20                     # seeds and starting values
+
+report: {{format: html}}
+"""
+
+
+def template(deck: str) -> str:
+    """A config for the deck at `deck` (path from the config's folder); it validates as it stands."""
+    stem = re.split(r"[/\\\\]", deck)[-1].rsplit(".", 1)[0]
+    name = re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-").lower()[:90]
+    if not name[:1].isalpha() or name in ("null", "true", "false"):  # YAML would not read these as text
+        name = f"run-{name}".rstrip("-")
+    # A JSON string is a YAML string, whatever is in it.
+    plain = re.fullmatch(r"[A-Za-z0-9_./-]*[A-Za-z_/][A-Za-z0-9_./-]*", deck)
+    quoted = deck if plain and not deck.startswith("-") else json.dumps(deck, ensure_ascii=False)
+    return TEMPLATE.format(deck=json.dumps(deck, ensure_ascii=False)[1:-1], name=name, file=quoted)

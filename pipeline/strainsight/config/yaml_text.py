@@ -1,0 +1,134 @@
+"""YAML as JSON data with the place of every key: no tags, no anchors, no second key of the same name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
+
+LARGEST = 1 << 20
+"""Bytes of the longest file that is read; the longest real one has a few thousand."""
+
+PREFIX = "tag:yaml.org,2002:"
+INTEGER = re.compile(r"[-+]?[0-9]+$")
+BOOLEANS = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Line and column from 1: of a key (or list entry), and of its value."""
+
+    key: tuple[int, int]
+    value: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Document:
+    """JSON data and the mark of every dotted path in it ("" is the whole)."""
+
+    data: Any
+    marks: Mapping[str, Mark]
+
+
+class YamlProblem(Exception):
+    """What is wrong with the text, where (line and column from 1), and under which key."""
+
+    def __init__(self, what: str, line: int, column: int, key: str = "", remedy: str = ""):
+        super().__init__(what)
+        self.what, self.line, self.column, self.key, self.remedy = what, line, column, key, remedy
+
+
+def parse(text: str) -> Document:
+    """The document as mappings, lists, strings, numbers, booleans and null, as in JSON.
+
+    Numbers are YAML 1.2's ("1e11" is one, "yes" is text). Raises YamlProblem for anything that JSON cannot say.
+    """
+    try:
+        root = YAML(typ="safe", pure=True).compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        what = f"not valid YAML: {error.problem or error.context or 'cannot be read'}"
+        raise YamlProblem(what, mark.line + 1 if mark else 1, mark.column + 1 if mark else 1) from error
+    except YAMLError as error:
+        raise YamlProblem(f"not valid YAML: {' '.join(str(error).split())}", 1, 1) from error
+    except RecursionError as error:
+        raise YamlProblem("nested too deeply", 1, 1) from error
+    if root is None:
+        return Document(None, {"": Mark((1, 1), (1, 1))})
+    marks: dict[str, Mark] = {"": Mark(_at(root), _at(root))}
+    return Document(_json(root, "", marks), marks)
+
+
+def _at(node: Any) -> tuple[int, int]:
+    return node.start_mark.line + 1, node.start_mark.column + 1
+
+
+def _json(node: Any, path: str, marks: dict[str, Mark]) -> Any:
+    if getattr(node, "anchor", None):
+        raise YamlProblem(
+            "anchors (&) and aliases (*) are not taken", *_at(node), path, "write the value where it is used"
+        )
+    kind = str(node.tag).removeprefix(PREFIX)
+    match node:
+        case MappingNode() if kind == "map":
+            return _mapping(node, path, marks)
+        case SequenceNode() if kind == "seq":
+            values = []
+            for i, item in enumerate(node.value):
+                below = f"{path}.{i}" if path else str(i)
+                marks[below] = Mark(_at(item), _at(item))
+                values.append(_json(item, below, marks))
+            return values
+        case ScalarNode():
+            return _scalar(node, kind, path)
+    raise YamlProblem(
+        f"the tag {node.tag} is not taken", *_at(node), path, "write plain text, numbers, lists or mappings"
+    )
+
+
+def _mapping(node: Any, path: str, marks: dict[str, Mark]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key_node, value_node in node.value:
+        if not isinstance(key_node, ScalarNode) or str(key_node.tag) == PREFIX + "merge" or key_node.anchor:
+            raise YamlProblem("a key has to be plain text", *_at(key_node), path)
+        key = str(key_node.value)
+        below = f"{path}.{key}" if path else key
+        if key in found:
+            first = ":".join(map(str, marks[below].key))
+            raise YamlProblem("given twice", *_at(key_node), below, f"the first one is at {first}: remove one of them")
+        marks[below] = Mark(_at(key_node), _at(value_node))
+        found[key] = _json(value_node, below, marks)
+    return found
+
+
+def _scalar(node: Any, kind: str, path: str) -> Any:
+    text = str(node.value)
+    match kind:
+        case "null":
+            return None
+        case "bool" if text in BOOLEANS:
+            return BOOLEANS[text]
+        case "int" if INTEGER.match(text) and len(text) <= 30:
+            return int(text)
+        case "int" | "float":
+            return _float(text, node, path)
+        case "str" | "timestamp":
+            return text
+    raise YamlProblem(
+        f"the tag {node.tag} is not taken", *_at(node), path, "write plain text, numbers, lists or mappings"
+    )
+
+
+def _float(text: str, node: Any, path: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if value - value != 0:
+        raise YamlProblem(f"{text} is not a decimal number", *_at(node), path, "write it as 1890 or 1.89e3")
+    return value

@@ -1,0 +1,1 @@
+"""Stages, artefacts and the runner that keeps them up to date. Knows no kernel and no config model."""

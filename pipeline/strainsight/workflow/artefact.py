@@ -1,0 +1,266 @@
+"""Reading an artefact: checked whole before a single number is handed out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from strainsight.errors import ArtefactError
+from strainsight.workflow.output import Scalar, Table
+from strainsight.workflow.slices import canonical
+
+FORMAT = "strainsight"
+FORMAT_VERSION = 1
+MAX_DEPTH = 12
+CHUNK = 1 << 24  # bytes hashed at a time
+# Attributes that h5py writes for dimension scales: object references, whose bytes depend on where the file put things.
+SCALE_ATTRIBUTES = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "DIMENSION_LABELS"}
+
+
+@dataclass(frozen=True)
+class Header:
+    """What an artefact was made from; `key` is the sha256 of all of it but the seed.
+
+    stage     name of the stage
+    version   version of the stage
+    key       hex sha256 of (stage, version, config slice, upstream digests, file digests)
+    config    the declared slice of the config, as JSON data
+    upstream  stage → content digest of its artefact
+    files     dotted key → digest of that input file
+    seed      the run's seed where the stage reads it
+    found     input files found while running (path relative to the config's folder → digest)
+    beside    file written beside the artefact → sha256
+    """
+
+    stage: str
+    version: int
+    key: str
+    config: Mapping[str, Any]
+    upstream: Mapping[str, str]
+    files: Mapping[str, str]
+    seed: int | None = None
+    found: Mapping[str, str] | None = None
+    beside: Mapping[str, str] | None = None
+
+
+class Artefact:
+    """A finished, verified results file. Arrays are read when asked for.
+
+    artefact["/frequency"]                 → ndarray (text comes back as str arrays)
+    artefact.children("/reduced/mass")     → {"constant": ndarray, "E": ndarray}
+    artefact.summary, .tables, .message    what the stage said
+    artefact.key, .digest, .header         what it was made from, and the sha256 of what it holds
+    artefact.attributes("/augmented")      attributes of a group or dataset
+
+    Raises ArtefactError for a file that is missing, cut short, altered, of another format version, or that points
+    outside itself.
+    """
+
+    def __init__(self, path: Path):
+        self.path = Path(path)
+        try:
+            with _opened(self.path) as file:
+                self._read(file)
+        except ArtefactError:
+            raise
+        except Exception as error:  # whatever HDF5 or the decoding makes of altered bytes
+            raise _damaged(self.path, f"it cannot be read to the end ({type(error).__name__})") from error
+
+    def _read(self, file: h5py.File) -> None:
+        self.header, self.digest, self.message = _header(file, self.path)
+        _refuse_foreign_contents(file, self.path)
+        found = content_digest(file)
+        if found != self.digest:
+            raise _damaged(self.path, f"its content digest is {found[:12]}, written was {self.digest[:12]}")
+        self.summary: dict[str, Scalar] = {name: _plain(value) for name, value in file["summary"].attrs.items()}
+        self.tables = tuple(
+            Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
+            for t in json.loads(bytes(file["tables"][()]).decode())
+        )
+
+    @property
+    def key(self) -> str:
+        return self.header.key
+
+    def __getitem__(self, path: str) -> np.ndarray:
+        with _opened(self.path) as file:
+            return _array(self._object(file, path, h5py.Dataset))
+
+    def __contains__(self, path: str) -> bool:
+        with _opened(self.path) as file:
+            return path in file
+
+    def children(self, path: str) -> dict[str, np.ndarray]:
+        """The datasets directly under a group, by name."""
+        with _opened(self.path) as file:
+            group = self._object(file, path, h5py.Group)
+            return {name: _array(item) for name, item in group.items() if isinstance(item, h5py.Dataset)}
+
+    def groups(self, path: str) -> tuple[str, ...]:
+        """Names of the groups directly under a group."""
+        with _opened(self.path) as file:
+            group = self._object(file, path, h5py.Group)
+            return tuple(name for name, item in group.items() if isinstance(item, h5py.Group))
+
+    def paths(self) -> tuple[str, ...]:
+        """Every dataset of the file but the tables."""
+        with _opened(self.path) as file:
+            return tuple(p for p, item in _walk(file) if isinstance(item, h5py.Dataset) and p != "/tables")
+
+    def attributes(self, path: str) -> dict[str, Any]:
+        """Attributes of a group or dataset."""
+        with _opened(self.path) as file:
+            attributes = self._object(file, path, h5py.Group | h5py.Dataset).attrs
+            return {name: _plain(attributes[name]) for name in attributes if name not in SCALE_ATTRIBUTES}
+
+    def _object(self, file: h5py.File, path: str, kind: Any) -> Any:
+        if path not in file or not isinstance(file[path], kind):
+            what = "group" if kind is h5py.Group else "dataset" if kind is h5py.Dataset else "entry"
+            raise ArtefactError(
+                f"no {what} {path} in this {self.header.stage} artefact",
+                where=str(self.path),
+                remedy=f"run it again: strainsight {self.header.stage} CONFIG --force",
+            )
+        return file[path]
+
+
+def content_digest(file: h5py.File) -> str:
+    """sha256 over every entry in path order: path, dtype, shape, bytes, attributes. The header stays outside.
+
+    Two files that hold the same have the same digest, whatever their layout on disk.
+    """
+    digest = hashlib.sha256()
+    for path, item in _walk(file):
+        attributes = {n: _for_digest(item.attrs[n]) for n in sorted(item.attrs) if n not in SCALE_ATTRIBUTES}
+        digest.update(canonical([path, attributes]).encode())
+        if isinstance(item, h5py.Dataset):
+            digest.update(
+                canonical([item.dtype.str if item.dtype.names is None else item.dtype.descr, item.shape]).encode()
+            )
+            for part in _parts(item):
+                digest.update(np.ascontiguousarray(part).tobytes())
+    digest.update(str(file.attrs["message"]).encode())
+    return digest.hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """sha256 of an input file; of the content where the file is an artefact of another run."""
+    if path.suffix == ".h5" and h5py.is_hdf5(path):
+        with h5py.File(path, "r") as file:
+            ours = file.attrs.get("format") == FORMAT
+        if ours:
+            return Artefact(path).digest
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _parts(item: h5py.Dataset) -> Iterator[np.ndarray]:
+    if item.ndim == 0 or item.size == 0:
+        yield np.asarray(item[()])
+        return
+    rows = max(1, CHUNK * item.shape[0] // max(1, item.size * item.dtype.itemsize))
+    for start in range(0, item.shape[0], rows):
+        yield item[start : start + rows]
+
+
+def _opened(path: Path) -> h5py.File:
+    if not Path(path).is_file():
+        raise ArtefactError("no such results file", where=str(path), remedy="run the stage that writes it")
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise _damaged(path, "it is not a complete HDF5 file") from error
+
+
+def _damaged(path: Path, why: str) -> ArtefactError:
+    return ArtefactError(
+        f"the results file is damaged: {why}", where=str(path), remedy="run again: a damaged artefact is written anew"
+    )
+
+
+def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
+    attributes = file.attrs
+    if attributes.get("format") != FORMAT:
+        raise ArtefactError(
+            "this HDF5 file was not written by strainsight", where=str(path), remedy="give a file from results/"
+        )
+    written = _plain(attributes.get("format_version"))
+    if written != FORMAT_VERSION:
+        raise ArtefactError(
+            f"format version {written}; this strainsight reads version {FORMAT_VERSION}",
+            where=str(path),
+            remedy="run again with --force, or read it with the strainsight that wrote it",
+        )
+    header = Header(
+        stage=str(attributes["stage"]),
+        version=int(attributes["stage_version"]),
+        key=str(attributes["key"]),
+        config=json.loads(attributes["config"]),
+        upstream=json.loads(attributes["upstream"]),
+        files=json.loads(attributes["files"]),
+        seed=int(attributes["seed"]) if "seed" in attributes else None,
+        found=json.loads(attributes["found"]),
+        beside=json.loads(attributes["beside"]),
+    )
+    return header, str(attributes["digest"]), str(attributes["message"])
+
+
+def _walk(file: h5py.File) -> Iterator[tuple[str, Any]]:
+    """Every group and dataset below the root, in path order; only hard links are followed."""
+
+    def below(group: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
+        for name in sorted(group):
+            link = group.get(name, getlink=True)
+            if not isinstance(link, h5py.HardLink):
+                raise _damaged(file.filename, f"{path}/{name} is a link to elsewhere, which is not followed")
+            item = group[name]
+            yield f"{path}/{name}", item
+            if isinstance(item, h5py.Group):
+                if depth >= MAX_DEPTH:
+                    raise _damaged(file.filename, f"groups nested deeper than {MAX_DEPTH} at {path}/{name}")
+                yield from below(item, f"{path}/{name}", depth + 1)
+
+    yield from below(file, "", 1)
+
+
+def _refuse_foreign_contents(file: h5py.File, path: Path) -> None:
+    """Links out of the file, storage out of the file, and shapes that the file does not hold the bytes for."""
+    size = Path(path).stat().st_size
+    for name, item in _walk(file):
+        if not isinstance(item, h5py.Dataset):
+            continue
+        stored = item.id.get_storage_size()
+        claimed = item.size * item.dtype.itemsize if item.shape is not None else -1
+        if item.is_virtual or item.external:
+            raise _damaged(path, f"{name} keeps its data in another file, which is not followed")
+        if item.dtype.hasobject or stored != claimed or stored > size:
+            raise _damaged(path, f"{name} claims {claimed} bytes and the file holds {min(stored, size)}")
+    missing = [name for name in ("summary", "tables") if name not in file]
+    if missing:
+        raise _damaged(path, f"it has no /{missing[0]}")
+
+
+def _array(item: h5py.Dataset) -> np.ndarray:
+    text = h5py.check_string_dtype(item.dtype)
+    array = np.asarray(item[()])
+    return np.char.decode(array, "utf-8") if text is not None else array
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray) and value.dtype.kind == "S":
+        return np.char.decode(value, "utf-8")
+    return value.decode() if isinstance(value, bytes) else value
+
+
+def _for_digest(value: Any) -> Any:
+    array = np.asarray(value)
+    return [array.dtype.kind, array.shape, [repr(item) for item in array.ravel().tolist()]]

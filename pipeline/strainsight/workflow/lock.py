@@ -1,0 +1,59 @@
+"""One run at a time on one results folder."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from strainsight.errors import UserError
+
+NAME = ".lock"
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[int | None]:
+    """Hold the lock of `folder` (made if need be); yields the pid of a run that died with the lock in hand, else None.
+
+    The kernel drops the lock with the process that holds it, so that a killed run never blocks the next one.
+    Raises UserError naming the process that holds it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = _acquire(folder / NAME)
+    try:
+        left_by = _pid(handle)
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+        yield left_by
+    finally:
+        (folder / NAME).unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _acquire(path: Path) -> int:
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            pid = _pid(handle)
+            os.close(handle)
+            raise UserError(
+                f"another run{f' (process {pid})' if pid else ''} is writing to this folder",
+                where=str(path.parent),
+                remedy="wait until it has ended, or give another folder with --results DIR",
+            ) from None
+        # The holder before us may have removed the file between our open and our lock: then we hold a lock on nothing.
+        try:
+            if os.stat(path).st_ino == os.fstat(handle).st_ino:
+                return handle
+        except FileNotFoundError:
+            pass
+        os.close(handle)
+
+
+def _pid(handle: int) -> int | None:
+    text = os.pread(handle, 32, 0).decode(errors="replace").strip()
+    return int(text) if text.isdigit() else None

@@ -1,0 +1,111 @@
+"""Run the stages that are not up to date, each on what the ones above have written."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from strainsight.errors import StrainsightError
+from strainsight.workflow.artefact import Artefact, Header, file_digest
+from strainsight.workflow.lock import locked
+from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge
+from strainsight.workflow.slices import Slice
+from strainsight.workflow.stage import Context, Stage
+from strainsight.workflow.store import remove_unfinished, write_artefact
+
+RUNNING = "running"
+DONE = "done"
+
+Progress = Callable[[str, str, float], None]
+
+
+def no_progress(stage: str, doing: str, share: float) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something happened to a stage: "running" as it starts, then "done"; or "up to date" alone.
+
+    reason    why it runs; seconds: how long it took; artefact: its file, verified ("done" and "up to date")
+    """
+
+    stage: str
+    status: str
+    reason: str = ""
+    seconds: float = 0.0
+    artefact: Artefact | None = None
+
+
+def run(
+    stages: Sequence[Stage],
+    job: Job,
+    *,
+    forced: Collection[str] = (),
+    progress: Progress = no_progress,
+    notice: Callable[[str], None] = lambda text: None,
+) -> Iterator[Event]:
+    """Bring `stages` (in order, upstream first) up to date, yielding events.
+
+    Input files of all stages are looked for before anything is written. The lock of the results folder is held until
+    the iterator ends. A stage that fails writes nothing and leaves all earlier artefacts as they were; its
+    StrainsightError gets the place of its config key. `forced` names stages that run in any case. A stage whose
+    upstream ran again but came out the same stays up to date.
+    """
+    # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
+    with _placed(job):
+        inputs = {stage.name: inputs_of(stage, job) for stage in stages}
+    with locked(job.folder) as left_by:
+        if left_by is not None:
+            notice(f"an earlier run (process {left_by}) was stopped in {job.folder}; its finished stages are kept")
+        remove_unfinished(job.folder)
+        finished: dict[str, Artefact] = {}
+        for stage in stages:
+            status, artefact = judge(stage, job, inputs[stage.name], finished, forced=stage.name in forced)
+            if artefact is not None:
+                finished[stage.name] = artefact
+                yield Event(stage.name, UP_TO_DATE, artefact=artefact)
+                continue
+            yield Event(stage.name, RUNNING, status.reason)
+            start = time.perf_counter()
+            with _placed(job):
+                finished[stage.name] = _execute(stage, job, inputs[stage.name], finished, progress)
+            yield Event(stage.name, DONE, status.reason, time.perf_counter() - start, finished[stage.name])
+
+
+def _execute(stage: Stage, job: Job, inputs: Inputs, finished: Mapping[str, Artefact], progress: Progress) -> Artefact:
+    upstream = {name: finished[name] for name in stage.upstream}
+    context = Context(
+        config=Slice(inputs.config, stage.name),
+        upstream=upstream,
+        files=inputs.files,
+        progress=lambda doing, share: progress(stage.name, doing, share),
+    )
+    output = stage.run(context)
+    digests = {name: artefact.digest for name, artefact in upstream.items()}
+    header = Header(
+        stage=stage.name,
+        version=stage.version,
+        key=inputs.key(stage, digests),
+        config=inputs.config,
+        upstream=digests,
+        files=inputs.digests,
+        seed=inputs.config.get("seed"),
+        found={os.path.relpath(path, job.base): file_digest(Path(path)) for path in output.inputs},
+    )
+    return write_artefact(job.folder / f"{stage.name}.h5", output, header)
+
+
+@contextmanager
+def _placed(job: Job) -> Iterator[None]:
+    """Give an error that names a config key the place of that key."""
+    try:
+        yield
+    except StrainsightError as error:
+        if error.key and error.where is None:
+            error.where = job.locate(error.key)
+        raise

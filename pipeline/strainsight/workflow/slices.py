@@ -1,0 +1,127 @@
+"""The part of a config that a stage declares: what it sees is exactly what enters its key."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+
+class Slice(Mapping[str, Any]):
+    """A read-only view of JSON data: `slice.place.keep` and `slice["place"]["keep"]` are the same.
+
+    Mappings become slices, lists become tuples. A key that was not declared is an AttributeError (KeyError for `[]`)
+    that names the missing entry of `Stage.reads`.
+    """
+
+    __slots__ = ("_data", "_path", "_stage")
+
+    def __init__(self, data: Mapping[str, Any], stage: str = "", path: str = ""):
+        object.__setattr__(self, "_data", dict(data))
+        object.__setattr__(self, "_stage", stage)
+        object.__setattr__(self, "_path", path)
+
+    def _missing(self, key: str) -> str:
+        dotted = f"{self._path}.{key}" if self._path else key
+        return (
+            f"stage '{self._stage}' reads '{dotted}' without declaring it in Stage.reads, or the config has no such key"
+        )
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in self._data:
+            raise KeyError(self._missing(key))
+        return _view(self._data[key], self._stage, f"{self._path}.{key}" if self._path else key)
+
+    def __getattr__(self, key: str) -> Any:
+        if key.startswith("__") or key not in self._data:
+            raise AttributeError(self._missing(key))
+        return self[key]
+
+    def __setattr__(self, key: str, value: Any) -> None:
+        raise AttributeError("a config slice is read-only")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._data)
+
+    def __len__(self) -> int:
+        return len(self._data)
+
+    def __repr__(self) -> str:
+        return f"Slice({self._data!r})"
+
+
+def _view(value: Any, stage: str, path: str) -> Any:
+    if isinstance(value, Mapping):
+        return Slice(value, stage, path)
+    if isinstance(value, list | tuple):
+        return tuple(_view(item, stage, f"{path}.{i}") for i, item in enumerate(value))
+    return value
+
+
+def expand(data: Any, pattern: str) -> list[str]:
+    """Dotted paths of `data` that match `pattern`; `*` stands for every key of a mapping."""
+    found: list[tuple[str, Any]] = [("", data)]
+    for part in pattern.split("."):
+        step: list[tuple[str, Any]] = []
+        for path, value in found:
+            if isinstance(value, Mapping):
+                keys = list(value) if part == "*" else [part] * (part in value)
+                step += [(f"{path}.{key}" if path else key, value[key]) for key in keys]
+        found = step
+    return [path for path, _ in found]
+
+
+def look_up(data: Any, path: str) -> Any:
+    """Value at a dotted path."""
+    for part in path.split("."):
+        data = data[part]
+    return data
+
+
+def prune(data: Mapping[str, Any], reads: tuple[str, ...]) -> dict[str, Any]:
+    """The declared part of `data`, nested as in `data`. A pattern without `*` that matches nothing is a ValueError.
+
+    Below a `*` the empty mapping itself stays, so that "no parameters" is a fact the stage can read.
+    """
+    kept: dict[str, Any] = {}
+    for pattern in reads:
+        paths = expand(data, pattern)
+        if not paths and "*" not in pattern:
+            raise ValueError(f"the config has no key '{pattern}', which a stage declares in Stage.reads")
+        before_star = pattern.split(".*")[0]
+        if "*" in pattern and expand(data, before_star):
+            _put(kept, before_star, {})
+        for path in paths:
+            _put(kept, path, look_up(data, path))
+    return kept
+
+
+def _put(kept: dict[str, Any], path: str, value: Any) -> None:
+    *parents, last = path.split(".")
+    for part in parents:
+        kept = kept.setdefault(part, {})
+    if isinstance(value, Mapping):
+        below = kept.setdefault(last, {})
+        for key, item in value.items():
+            _put(below, key, item)
+    else:
+        kept[last] = value
+
+
+def canonical(value: Any) -> str:
+    """JSON with sorted keys and no spaces: equal values give equal text."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def differences(old: Any, new: Any, path: str = "") -> list[tuple[str, Any, Any]]:
+    """Leaves that differ, as (dotted path, old, new); `...` stands for absent. In the order of `new`, then of `old`."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        found = []
+        for key in [*new, *(key for key in old if key not in new)]:
+            below = f"{path}.{key}" if path else key
+            if key not in old or key not in new:
+                found.append((below, old.get(key, ...), new.get(key, ...)))
+            else:
+                found += differences(old[key], new[key], below)
+        return found
+    return [] if canonical(old) == canonical(new) else [(path, old, new)]

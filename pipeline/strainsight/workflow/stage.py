@@ -1,0 +1,59 @@
+"""A stage is a function: config slice and upstream artefacts in, one Output out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.output import Output
+from strainsight.workflow.slices import Slice
+
+
+@dataclass(frozen=True)
+class Context:
+    """All that a stage may look at.
+
+    config    the declared slice only: `config.place.keep`, `config.loads["tip"].node`; all else is an AttributeError
+    upstream  stage name → Artefact, opened when asked for
+    files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file
+    progress  progress("elimination", 0.4): what is being done and the share that is done
+    """
+
+    config: Slice
+    upstream: Mapping[str, Artefact]
+    files: Mapping[str, Path]
+    progress: Callable[[str, float], None]
+
+    @property
+    def name(self) -> str:
+        """The run's name; the stage must declare "name" in `reads`."""
+        return self.config.name
+
+    @property
+    def seed(self) -> int:
+        """The run's seed; the stage must declare "seed" in `reads`."""
+        return self.config.seed
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A step of a pipeline; results/<name>/<stage>.h5 is its artefact.
+
+    name      "place"
+    version   raised when the same inputs would give another result
+    reads     dotted config paths it may read, `*` for every key of a mapping: ("mesh", "loads.*.node", "seed")
+    upstream  names of the stages whose artefacts it may read
+    files     dotted keys whose values are input files: ("mesh.file", "loads.*.signal.file"), covered by `reads`; keys
+              that the config lacks are passed over. A value that is a plain name stands for
+              results/<that name>/validate.h5
+    run       the function
+    """
+
+    name: str
+    version: int
+    reads: tuple[str, ...]
+    upstream: tuple[str, ...]
+    files: tuple[str, ...]
+    run: Callable[[Context], Output]

@@ -1,0 +1,184 @@
+"""Writing an artefact: complete, or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import strainsight
+from strainsight.workflow.artefact import FORMAT, FORMAT_VERSION, Artefact, Header, content_digest
+from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.slices import canonical
+
+TEMPORARY = ".part-"  # prefix of unfinished files; a kill may leave one, the next run removes it
+RAW = "/VTKHDF"
+
+
+def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
+    """Write `output` to `path` and read it back verified.
+
+    A temporary file in the same folder, fsync, os.replace: `path` holds the old content or the new, never a part. Files
+    beside it are replaced first, so that an artefact that exists vouches for them by their sha256.
+
+    Raises ValueError for an Output that breaks the rules: object arrays, a dataset without unit, a scale that is not
+    there.
+    """
+    _check(output)
+    beside = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
+    header = replace(header, beside=beside, found=header.found or {})
+    path.parent.mkdir(parents=True, exist_ok=True)
+
+    def write(temporary: Path) -> None:
+        with h5py.File(temporary, "w", track_order=False) as file:
+            _write_content(file, output)
+            _write_header(file, header, output.message)
+            file.attrs["digest"] = content_digest(file)
+
+    parts: list[tuple[Path, Path]] = []
+    try:
+        parts.append((_temporary(path, write), path))
+        for name, content in output.files.items():
+            parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
+        for part, target in reversed(parts):
+            _replace(part, target)
+    finally:
+        for part, _ in parts:
+            part.unlink(missing_ok=True)
+    return Artefact(path)
+
+
+def read_artefact(path: Path) -> Artefact:
+    """The artefact at `path`, verified; raises ArtefactError (see `Artefact`)."""
+    return Artefact(path)
+
+
+def _temporary(path: Path, write: Callable[[Path], Any]) -> Path:
+    """A finished, synced file beside `path`, not yet under its name."""
+    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.name}-", dir=path.parent)
+    part = Path(name)
+    try:
+        os.close(handle)
+        write(part)
+        part.chmod(0o666 & ~_umask())
+        with part.open("rb") as stream:
+            os.fsync(stream.fileno())
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return part
+
+
+def _write_bytes(content: bytes, part: Path) -> None:
+    part.write_bytes(content)
+
+
+def _replace(part: Path, path: Path) -> None:
+    os.replace(part, path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _umask() -> int:
+    current = os.umask(0)
+    os.umask(current)
+    return current
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a killed run left; only under the lock."""
+    for part in folder.glob(f"{TEMPORARY}*"):
+        part.unlink(missing_ok=True)
+
+
+def _check(output: Output) -> None:
+    for path, dataset in output.datasets.items():
+        if not path.startswith("/") or path.endswith("/") or "//" in path or path in ("/summary", "/tables"):
+            raise ValueError(f"'{path}' is not the path of a dataset")
+        if not _raw(path) and not (dataset.unit and dataset.description):
+            raise ValueError(f"{path} has no unit or no description")
+        missing = [scale for scale in dataset.scales if scale and scale not in output.datasets]
+        if missing:
+            raise ValueError(f"{path}: its scale {missing[0]} is not among the datasets")
+        if len(dataset.scales) > np.ndim(dataset.array):
+            raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
+    for name in output.files:
+        if Path(name).name != name or name.startswith(".") or name.endswith(".h5"):
+            raise ValueError(f"'{name}' cannot be the name of a file beside an artefact")
+
+
+def _raw(path: str) -> bool:
+    return path == RAW or path.startswith(RAW + "/")
+
+
+def _write_content(file: h5py.File, output: Output) -> None:
+    for path, dataset in sorted(output.datasets.items()):
+        array = np.asarray(dataset.array)
+        if array.dtype.kind in "UO":
+            array = _as_utf8(path, array)
+        item = file.create_dataset(path, data=array)
+        if not _raw(path):
+            item.attrs["units"] = dataset.unit
+            item.attrs["description"] = dataset.description
+    _attach_scales(file, output.datasets)
+    for path, attributes in output.attributes.items():
+        target = file[path] if path in file else file.create_group(path)
+        for name, value in attributes.items():
+            target.attrs[name] = value
+    summary = file.create_group("summary")
+    for name, scalar in output.summary.items():
+        if not isinstance(scalar, str | bool | int | float | np.generic):
+            raise ValueError(f"summary {name} is a {type(scalar).__name__}, not a scalar")
+        summary.attrs[name] = scalar
+    tables = [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in output.tables]
+    # A dataset and not an attribute, which HDF5 limits to 64 KiB.
+    file.create_dataset("tables", data=np.frombuffer(json.dumps(tables, ensure_ascii=False).encode(), dtype=np.uint8))
+
+
+def _as_utf8(path: str, array: np.ndarray) -> np.ndarray:
+    if array.dtype.kind == "O" and not all(isinstance(item, str) for item in array.ravel()):
+        raise ValueError(f"{path} is an array of objects; only numbers, booleans and text can be stored")
+    encoded = np.char.encode(array.astype(str), "utf-8")
+    return encoded.astype(h5py.string_dtype("utf-8", max(1, encoded.dtype.itemsize)))
+
+
+def _attach_scales(file: h5py.File, datasets: Mapping[str, Dataset]) -> None:
+    for scale in sorted({scale for dataset in datasets.values() for scale in dataset.scales if scale}):
+        file[scale].make_scale(scale.rsplit("/", 1)[-1])
+    for path, dataset in datasets.items():
+        for axis, scale in enumerate(dataset.scales):
+            if scale:
+                file[path].dims[axis].attach_scale(file[scale])
+
+
+def _write_header(file: h5py.File, header: Header, message: str) -> None:
+    attributes = file.attrs
+    attributes["format"] = FORMAT
+    attributes["format_version"] = FORMAT_VERSION
+    attributes["package_version"] = strainsight.__version__
+    attributes["stage"] = header.stage
+    attributes["stage_version"] = header.version
+    attributes["key"] = header.key
+    attributes["created"] = datetime.now(UTC).isoformat(timespec="seconds")
+    attributes["python"] = platform.python_version()
+    attributes["numpy"] = np.__version__
+    attributes["h5py"] = h5py.__version__
+    if header.seed is not None:
+        attributes["seed"] = header.seed
+    for name in ("config", "upstream", "files", "found", "beside"):
+        attributes[name] = canonical(getattr(header, name))
+    attributes["message"] = message
