@@ -1,0 +1,21 @@
+"""Print requirements-dev.lock: what pip resolves the dependencies and [dev] of pyproject.toml to."""
+
+import json
+import subprocess
+import sys
+import tomllib
+
+# What only pypardiso brings: not there on machines without Intel's MKL.
+INTEL = {"pypardiso", "mkl", "intel-openmp", "intel-cmplr-lib-ur", "tbb", "tcmlib", "umf"}
+MARKER = "; platform_machine == 'x86_64' or platform_machine == 'AMD64'"
+
+with open("pyproject.toml", "rb") as file:
+    project = tomllib.load(file)["project"]
+wanted = project["dependencies"] + project["optional-dependencies"]["dev"]
+resolve = ["install", "--quiet", "--dry-run", "--ignore-installed", "--report", "-", *wanted]
+report = json.loads(subprocess.run([sys.executable, "-m", "pip", *resolve], check=True, capture_output=True).stdout)
+packages = (entry["metadata"] for entry in report["install"])
+found = sorted((package["name"].lower().replace("_", "-"), package["version"]) for package in packages)
+print("# What `make` installs: pyproject.toml's dependencies with [dev], resolved for Python 3.11. Renew: make lock")
+for name, version in found:
+    print(f"{name}=={version}{MARKER if name in INTEL else ''}")
