@@ -55,7 +55,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         results = Path(folder)
         # The input case takes its modulus from the first run.
-        names = sorted((path.stem for path in (ROOT / "configs").glob("cantilever-*.yaml")), key=lambda n: (n != "cantilever-youngs-modulus", n))
+        names = sorted(
+            (path.stem for path in (ROOT / "configs").glob("cantilever-*.yaml")),
+            key=lambda n: (n != "cantilever-youngs-modulus", n),
+        )
         for name in names:
             config = str(ROOT / "configs" / f"{name}.yaml")
             print(f"{'run ' + name:44s} {seconds('run', config, '--results', folder):8.2f} s")

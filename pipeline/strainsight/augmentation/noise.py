@@ -19,7 +19,7 @@ def process_intensity(
     frequency: Mapping[str, float],
     drift: Mapping[str, float],
     *,
-    kappa: float = 0.1,
+    kappa: float | np.ndarray = 0.1,
     velocity: float | np.ndarray = 0.0,
     rule: Rule = "intensity",
     h: float | None = None,
@@ -31,7 +31,8 @@ def process_intensity(
         as_printed   q_u = (hω)²,      q_p = (hδ)²       those numbers put into (5.14) as they stand
 
     size n [-]; frequency: input → guessed frequency [Hz], ω = 2π·frequency; drift: parameter → δ [1/√s] (thesis rules:
-    δ [1/s]); kappa κ [-]; velocity (n,) or scalar: intensity of the generalised accelerations [kg m²/s³]; h [s].
+    δ [1/s]); kappa κ [-], one for all inputs or (n_ũ,); velocity (n,) or scalar: intensity of the generalised
+    accelerations [kg m²/s³]; h [s].
     Returns Q (n*, n*). Raises ConfigError where a frequency, a drift or the step is missing.
     """
     if rule != "intensity" and not (h and h > 0):

@@ -62,7 +62,7 @@ def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed
     }
     for key, pool in (("screened", kept), ("all", np.arange(trial.strain.shape[1]))):
         sets = [rng.choice(pool, len(trial.chosen), replace=False) for _ in range(count)]
-        parts[key] = _runs(np.array(sets, dtype=int).reshape(count, -1), 1.0, home, np.full(count, first))
+        parts[key] = _runs(np.array(sets, dtype=int).reshape(count, len(trial.chosen)), 1.0, home, np.full(count, first))
     return _filtered(trial, parts)
 
 
