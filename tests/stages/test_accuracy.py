@@ -1,0 +1,67 @@
+"""How near to the truth the cantilever's unknowns come out at 1 % gauge noise; docs/measured.md has the numbers of the full runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.stages.placement import PLACEMENT
+
+from .conftest import ROOT, finished, job_of
+
+ALONE = ("validate.random_sets=0", "validate.noise_factors=[]", "validate.repeats=1", "place.instants=5")
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """run(case, truth) → place and validate artefacts of configs/cantilever-<case>.yaml without its side studies."""
+    results = tmp_path_factory.mktemp("accuracy")
+
+    def place_and_validate(case: str, truth: str):
+        job = job_of(ROOT / "configs" / f"cantilever-{case}.yaml", results, *ALONE, f"validate.truth.model={truth}")
+        done = finished(job, PLACEMENT[:-1])
+        return done["place"][2], done["validate"][2]
+
+    return place_and_validate
+
+
+@pytest.mark.parametrize(("truth", "limit"), [("modes", 0.002), ("rich", 0.01)])
+@pytest.mark.parametrize(("case", "name"), [("youngs-modulus", "E"), ("density", "rho"), ("density-35hz", "rho")])
+def test_a_single_parameter_from_a_known_load(run, case, name, truth, limit):
+    place, validate = run(case, truth)
+    assert validate.summary[f"error.{name}"] <= limit
+    assert place.summary["riccati_residual"] <= 1e-10
+
+
+def test_the_reduced_model_has_the_frequencies_of_the_full_one(run):
+    """Checked where the reduction itself cannot know: the modes' residuals against the assembled matrices' own Rayleigh quotient."""
+    place, _ = run("youngs-modulus", "rich")
+    from strainsight.workflow.artefact import Artefact
+
+    rom = Artefact(place.path.parent / "rom.h5")
+    lam = np.linalg.eigvalsh(rom["/reduced/stiffness/constant"] + rom["/reduced/stiffness/E"] * rom["/reduced/reference"][0])
+    frequency = rom["/frequency"]
+    assert np.allclose(np.sqrt(lam[: len(frequency)]) / (2 * np.pi), frequency, rtol=1e-6)
+
+
+def test_the_tip_force_with_the_modulus_of_the_run_before(run):
+    """A 20 Hz sine is no random walk: filtered within 0.7 to 1.3 of its own σ, smoothed within 5 % RMS, at h = 0.25 ms."""
+    _, modulus = run("youngs-modulus", "rich")
+    place, validate = run("input", "rich")
+    assert place.summary["riccati_residual"] <= 1e-10
+    assert 0.7 <= validate.summary["error.tip"] / validate.summary["std.tip"] <= 1.3
+    assert validate.summary["smoothed.tip"] <= 0.05
+    from strainsight.workflow.artefact import Artefact
+
+    rom = Artefact(place.path.parent / "rom.h5")
+    assert rom["/reduced/reference"][0] == modulus.summary["estimate.E"]
+
+
+def test_force_and_modulus_together_are_harder_to_tell_than_each_alone(run):
+    modulus, _ = run("youngs-modulus", "rich")
+    together, validate = run("input-youngs-modulus", "rich")
+    assert together.summary["riccati_residual"] <= 1e-10
+    assert together.summary["condition"] > modulus.summary["condition"]
+    assert together.summary["std.E"] > modulus.summary["std.E"]
+    assert np.isfinite(validate.summary["error.E"])
