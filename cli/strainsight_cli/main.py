@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from strainsight.workflow.plan import Job
     from strainsight.workflow.stage import Stage
 
+# The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate. Numpy reads this
+# when it is first imported, inside the commands. PARDISO has its own threads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
