@@ -127,12 +127,12 @@ def _observability(report: PlacementReport) -> str:
         [
             name,
             plain(value, 3),
-            "–" if band is None else f"{number(band[0], 3)} to {number(band[1], 3)}",
+            "–" if band is None else f"{number(band[0], 2)} to {number(band[1], 3)}",
             _inside(value, band),
         ]
         for name, value, band in (
-            ("estimates (NEES)", check.nees, check.nees_band),
-            ("gauges (NIS)", check.nis, check.nis_band),
+            ("NEES of the estimates", check.nees, check.nees_band),
+            ("NIS of the gauges", check.nis, check.nis_band),
         )
         if value is not None
     ]

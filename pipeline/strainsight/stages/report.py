@@ -275,7 +275,8 @@ def _warnings(up: Mapping[str, Artefact], names: list[str]) -> tuple[str, ...]:
     said = []
     ignored = int(up["import"].summary["ignored"])
     if ignored:
-        said.append(f"{ignored} cards of the deck were not taken over: {', '.join(up['import']['/ignored/card'])}.")
+        cards = ", ".join(up["import"]["/ignored/card"])
+        said.append(f"{ignored} card{'s' * (ignored > 1)} of the deck not taken over: {cards}.")
     summary = up["validate"].summary
     for name in names:
         if summary.get(f"identified.{name}") is False:
