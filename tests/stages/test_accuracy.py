@@ -1,4 +1,4 @@
-"""How near to the truth the cantilever's unknowns come out at 1 % gauge noise; docs/measured.md has the numbers of the full runs."""
+"""How near to the truth the cantilever's unknowns come out at 1 % gauge noise; docs/measured.md has the full runs."""
 
 from __future__ import annotations
 

@@ -164,8 +164,8 @@ class ProcessNoise(Section):
     )
     model_error: NotNegative = Field(
         0.01,
-        description="Noise on the velocities as a share of the training acceleration [-]: without it the filter is sure and wrong "
-        "as soon as the damping is not exact.",
+        description="Noise on the velocities as a share of the training acceleration [-]: without it the filter is sure and "
+        "wrong as soon as the damping is not exact.",
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from strainsight.errors import ArtefactError
 from strainsight.workflow.output import Scalar, Table
+from strainsight.workflow.seal import BLOCK, is_intact, is_sealed
 from strainsight.workflow.slices import canonical
 
 FORMAT = "strainsight"
@@ -65,6 +66,7 @@ class Artefact:
 
     def __init__(self, path: Path):
         self.path = Path(path)
+        _refuse_damaged(self.path)
         try:
             with _opened(self.path) as file:
                 self._read(file)
@@ -152,11 +154,8 @@ def content_digest(file: h5py.File) -> str:
 
 def file_digest(path: Path) -> str:
     """sha256 of an input file; of the content where the file is an artefact of another run."""
-    if path.suffix == ".h5" and h5py.is_hdf5(path):
-        with h5py.File(path, "r") as file:
-            ours = file.attrs.get("format") == FORMAT
-        if ours:
-            return Artefact(path).digest
+    if path.suffix == ".h5" and is_sealed(path):
+        return Artefact(path).digest
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -170,9 +169,20 @@ def _parts(item: h5py.Dataset) -> Iterator[np.ndarray]:
         yield item[start : start + rows]
 
 
-def _opened(path: Path) -> h5py.File:
-    if not Path(path).is_file():
+def _refuse_damaged(path: Path) -> None:
+    if not path.is_file():
         raise ArtefactError("no such results file", where=str(path), remedy="run the stage that writes it")
+    if path.stat().st_size < BLOCK:
+        raise _damaged(path, f"it ends after {path.stat().st_size} bytes")
+    if not is_sealed(path):
+        raise ArtefactError(
+            "this file was not written by strainsight", where=str(path), remedy="give a file from results/"
+        )
+    if not is_intact(path):
+        raise _damaged(path, "its checksum is not the one it was written with")
+
+
+def _opened(path: Path) -> h5py.File:
     try:
         return h5py.File(path, "r")
     except OSError as error:

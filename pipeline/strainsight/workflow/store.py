@@ -20,6 +20,7 @@ import numpy as np
 import strainsight
 from strainsight.workflow.artefact import FORMAT, FORMAT_VERSION, Artefact, Header, content_digest
 from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.seal import BLOCK, seal
 from strainsight.workflow.slices import canonical
 
 TEMPORARY = ".part-"  # prefix of unfinished files; a kill may leave one, the next run removes it
@@ -41,10 +42,11 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     path.parent.mkdir(parents=True, exist_ok=True)
 
     def write(temporary: Path) -> None:
-        with h5py.File(temporary, "w", track_order=False) as file:
+        with h5py.File(temporary, "w", track_order=False, userblock_size=BLOCK) as file:
             _write_content(file, output)
             _write_header(file, header, output.message)
             file.attrs["digest"] = content_digest(file)
+        seal(temporary)
 
     parts: list[tuple[Path, Path]] = []
     try:
@@ -56,11 +58,6 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     finally:
         for part, _ in parts:
             part.unlink(missing_ok=True)
-    return Artefact(path)
-
-
-def read_artefact(path: Path) -> Artefact:
-    """The artefact at `path`, verified; raises ArtefactError (see `Artefact`)."""
     return Artefact(path)
 
 

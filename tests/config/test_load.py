@@ -1,0 +1,129 @@
+"""A config is checked whole: every problem at once, each with its place and its remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from strainsight.config.load import load_config
+from strainsight.errors import ConfigError
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+EXAMPLE = (CONFIGS / "cantilever-youngs-modulus.yaml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def write(tmp_path):
+    def written(text: str) -> Path:
+        path = tmp_path / "own.yaml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
+def refused(path: Path, *overrides: str) -> list[ConfigError]:
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, overrides)
+    return [caught.value, *caught.value.others]
+
+
+def line_of(text: str, part: str) -> int:
+    return text[: text.index(part)].count("\n") + 1
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_example_is_valid_and_named_like_its_file(path):
+    assert load_config(path).model.name == path.stem
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("keep: 4", "kepe: 4", "place.kepe"),
+        ("length_unit: m", "length_unit: metre", "mesh.length_unit"),
+        ("guess: 1.89e+11", "guess: '1.89e+11'", "parameters.E.guess"),
+        ("range: [1.6e+11, 2.4e+11]", "range: [2.4e+11, 1.6e+11]", "parameters.E.range"),
+        ("guess: 1.89e+11", "guess: 2.9e+11", "parameters.E"),
+        ("direction: [0, 0, 1]", "direction: [0, 0, 0]", "loads.tip.direction"),
+        ("node: 2, ", "", "loads.tip"),
+        ("modes: 10", "modes: 0", "rom.modes"),
+        ("ratio: 0.01", "ratio: 1.5", "damping.ratio"),
+        ("aggregate: mean", "aggregate: median", "place.aggregate"),
+        ("parameters: {E: 2.1e+11}", "parameters: {G: 2.1e+11}", "validate.truth.parameters.G"),
+        ("name: cantilever-youngs-modulus", "name: ../elsewhere", "name"),
+        ("initial_std: {E: 0.1}", "initial_std: {}", "validate.initial_std"),
+    ],
+)
+def test_a_problem_names_file_line_column_key_and_remedy(write, old, new, key):
+    assert EXAMPLE.count(old) == 1
+    text = EXAMPLE.replace(old, new)
+    (error, *others) = refused(write(text))
+    assert not others
+    file, line, column = error.where.rsplit(":", 2)
+    assert file.endswith("own.yaml")
+    assert int(line) == line_of(EXAMPLE, old)
+    assert int(column) >= 1
+    assert error.key.startswith(key)
+    assert error.remedy
+
+
+def test_an_unknown_load_that_is_not_estimated_is_refused_where_the_unknowns_are_listed(write):
+    (error,) = refused(write(EXAMPLE.replace("known: true", "known: false")))
+    assert error.key.startswith("place.estimate")
+    assert "tip" in str(error)
+
+
+def test_all_problems_are_told_at_once(write):
+    text = EXAMPLE.replace("keep: 4", "kepe: 4").replace("modes: 10", "modes: -1").replace("seed: 1", "seed: no")
+    keys = {error.key for error in refused(write(text))}
+    assert {"place.kepe", "rom.modes", "seed"} <= keys
+
+
+def test_a_misspelt_key_is_recognised(write):
+    errors = refused(write(EXAMPLE.replace("minimum_spacing", "minimal_spacing")))
+    assert "did you mean minimum_spacing" in errors[0].remedy
+
+
+@pytest.mark.parametrize("number", ["189e9", "1.89e11", "1.89E+11", "189000000000"])
+def test_a_number_is_a_number_however_it_is_written(write, number):
+    assert load_config(write(EXAMPLE.replace("1.89e+11", number))).data["parameters"]["E"]["guess"] == 1.89e11
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "just text",
+        "- a list",
+        "kind: placement\nkind: placement\n",
+        "kind: !!python/object/apply:os.system ['true']\n",
+        "a: &a [*a]\n",
+        "kind: [\n",
+        "kind: \x00\n",
+    ],
+)
+def test_what_is_no_config_is_refused_in_one_message(write, text):
+    assert refused(write(text))[0].where
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    assert "no such" in str(refused(tmp_path / "none.yaml")[0])
+
+
+def test_an_override_counts_and_is_named_as_the_place(write):
+    path = write(EXAMPLE)
+    config = load_config(path, ["place.keep=6", "gauges.direction.angles=[0, 90]"])
+    assert config.data["place"]["keep"] == 6
+    assert config.data["gauges"]["direction"]["angles"] == [0, 90]
+    assert config.locate("place.keep") == "--set place.keep"
+    assert config.locate("place.instants").endswith(
+        f":{line_of(EXAMPLE, 'instants')}:{config.locate('place.instants').rsplit(':')[-1]}"
+    )
+    assert refused(path, "place.keep=four")[0].where == "--set place.keep"
+    assert refused(path, "place.keep")[0].where == "--set"
+
+
+def test_paths_stay_as_written(write):
+    assert load_config(write(EXAMPLE)).data["mesh"]["file"] == "../meshes/cantilever.bdf"

@@ -1,0 +1,41 @@
+"""What is generated from the models: the committed schema and the template."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from strainsight.config.load import load_config
+from strainsight.config.schema import schema_text
+from strainsight.config.template import template
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_committed_schema_is_that_of_the_models():
+    assert (ROOT / "docs" / "config.schema.json").read_text(encoding="utf-8") == schema_text()
+
+
+def test_every_field_of_the_schema_is_described():
+    def fields(node):
+        if isinstance(node, dict):
+            for name, field in node.get("properties", {}).items():
+                yield name, field
+            for value in node.values():
+                yield from fields(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from fields(value)
+
+    found = list(fields(json.loads(schema_text())))
+    assert len(found) > 60
+    assert [name for name, field in found if not (field.get("description") or field.get("$ref"))] == []
+
+
+@pytest.mark.parametrize("deck", ["my deck.bdf", "../parts/hub-7.nas", "ünïcode.bdf", "it's: #1.bdf", "0815.dat"])
+def test_the_template_is_valid_for_any_deck_name(tmp_path, deck):
+    path = tmp_path / "own.yaml"
+    path.write_text(template(deck), encoding="utf-8")
+    assert load_config(path).data["mesh"]["file"] == deck

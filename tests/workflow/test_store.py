@@ -1,0 +1,248 @@
+"""An artefact that exists is complete, and what it holds is what was written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from strainsight.errors import ArtefactError
+from strainsight.workflow import store
+from strainsight.workflow.artefact import Artefact, Header
+from strainsight.workflow.output import Dataset, Output, Table
+from strainsight.workflow.seal import seal
+from strainsight.workflow.store import write_artefact
+
+HEADER = Header("place", 1, "k" * 64, {"place": {"keep": 4}}, {"screen": "s" * 64}, {"mesh.file": "m" * 64}, seed=7)
+
+
+def output(scale: float = 1.0, **changes) -> Output:
+    time = np.arange(5) * 0.1
+    content = {
+        "datasets": {
+            "/time": Dataset(time, "s", "time"),
+            "/strain": Dataset(scale * np.outer(time, [1.0, -2.0]), "strain", "(time × gauge)", ("/time", "/name")),
+            "/name": Dataset(np.array(["σ", "G2"]), "1", "names"),
+            "/flag": Dataset(np.array([True, False]), "1", "flags"),
+            "/empty": Dataset(np.zeros((0, 3)), "m", "nothing"),
+            "/number": Dataset(np.array(3.5), "m", "a scalar"),
+            "/reduced/mass/constant": Dataset(np.eye(2), "1", "constant"),
+            "/reduced/mass/E": Dataset(np.ones((2, 2)), "1", "slope"),
+            "/VTKHDF/Types": Dataset(np.array([10], dtype=np.uint8), "", ""),
+        },
+        "summary": {"pool": 100, "gap": 0.5, "truth": "rich", "identified": True, "std.E": np.float64(2.0)},
+        "message": "100 → 4",
+        "tables": (Table("Gauges", ("gauge", "x [m]"), (("G1", "0.1"),)),),
+        "attributes": {
+            "/VTKHDF": {"Version": (2, 2), "Type": np.bytes_("UnstructuredGrid")},
+            "/strain": {"rule": "mean"},
+        },
+        "files": {"report.html": b"<html>"},
+    }
+    return Output(**(content | changes))
+
+
+def test_what_is_read_is_what_was_written(tmp_path):
+    written = write_artefact(tmp_path / "run" / "place.h5", output(), HEADER)
+    artefact = Artefact(written.path)
+    assert artefact["/strain"].tolist() == output().datasets["/strain"].array.tolist()
+    assert artefact["/name"].tolist() == ["σ", "G2"]
+    assert artefact["/flag"].dtype == bool
+    assert artefact["/empty"].shape == (0, 3)
+    assert artefact["/number"] == 3.5
+    assert sorted(artefact.children("/reduced/mass")) == ["E", "constant"]
+    assert artefact.groups("/reduced") == ("mass",)
+    assert artefact.summary == output().summary
+    assert artefact.tables == output().tables
+    assert artefact.message == "100 → 4"
+    assert artefact.attributes("/strain")["rule"] == "mean"
+    assert (artefact.key, artefact.header.upstream, artefact.header.seed) == (HEADER.key, HEADER.upstream, 7)
+    assert (tmp_path / "run" / "report.html").read_bytes() == b"<html>"
+    assert "/tables" not in artefact.paths()
+
+
+def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
+    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
+    with h5py.File(path) as file:
+        strain = file["strain"]
+        assert strain.attrs["units"] == "strain"
+        assert strain.attrs["description"] == "(time × gauge)"
+        assert [strain.dims[axis][0].name for axis in (0, 1)] == ["/time", "/name"]
+        provenance = {
+            "format",
+            "format_version",
+            "package_version",
+            "stage",
+            "created",
+            "python",
+            "numpy",
+            "h5py",
+            "seed",
+        }
+        assert provenance <= set(file.attrs)
+        assert not any(str(tmp_path) in str(value) for value in file.attrs.values())
+
+
+def test_the_vtkhdf_group_holds_what_was_given_and_no_more(tmp_path):
+    with h5py.File(write_artefact(tmp_path / "a.h5", output(), HEADER).path) as file:
+        group = file["VTKHDF"]
+        assert group.attrs.get_id("Type").dtype == np.dtype("S16")
+        assert group.attrs["Version"].tolist() == [2, 2]
+        assert dict(group["Types"].attrs) == {}
+        assert group["Types"].dtype == np.uint8
+
+
+def test_the_digest_is_of_the_content_alone(tmp_path):
+    first = write_artefact(tmp_path / "a.h5", output(), HEADER)
+    again = write_artefact(tmp_path / "b.h5", output(), Header("place", 2, "other", {}, {}, {}))
+    assert again.digest == first.digest
+    changes = [
+        output(scale=1 + 1e-15),
+        output(summary=output().summary | {"pool": 101}),
+        output(message="100 → 5"),
+        output(datasets={k: v for k, v in output().datasets.items() if k != "/flag"}),
+        output(datasets=output().datasets | {"/flag": Dataset(np.array([1, 0], dtype=np.int8), "1", "flags")}),
+        output(attributes={**output().attributes, "/strain": {"rule": "worst"}}),
+    ]
+    digests = {write_artefact(tmp_path / "c.h5", changed, HEADER).digest for changed in changes}
+    assert len(digests | {first.digest}) == len(changes) + 1
+
+
+def test_a_failure_while_writing_leaves_the_last_good_artefact(tmp_path, monkeypatch):
+    path = tmp_path / "place.h5"
+    good = write_artefact(path, output(), HEADER)
+    before = sorted(tmp_path.iterdir())
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "_write_header", killed)
+        with pytest.raises(KeyboardInterrupt):
+            write_artefact(path, output(scale=2.0), HEADER)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            write_artefact(path, output(scale=2.0), HEADER)
+    assert Artefact(path).digest == good.digest
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_flipped_byte_anywhere_is_refused_before_hdf5_sees_it(tmp_path, monkeypatch):
+    """A byte of HDF5's own metadata can hold its library for ever, so the checksum in front of the file comes first."""
+    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
+    whole = path.read_bytes()
+    monkeypatch.setattr(h5py, "File", None)
+    for spot in np.random.default_rng(0).integers(0, len(whole), 300):
+        path.write_bytes(whole[:spot] + bytes([whole[spot] ^ 0x10]) + whole[spot + 1 :])
+        with pytest.raises(ArtefactError, match=r"damaged|not written by strainsight") as failure:
+            Artefact(path)
+        assert failure.value.where == str(path)
+        assert failure.value.remedy
+
+
+def test_numbers_changed_by_another_program_are_noticed(tmp_path):
+    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
+    with h5py.File(path, "a") as file:
+        file["strain"][0, 0] = 1.0
+    seal(path)
+    with pytest.raises(ArtefactError, match="content digest"):
+        Artefact(path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
+def test_a_file_cut_short_is_refused(tmp_path, share):
+    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    with pytest.raises(ArtefactError, match="damaged"):
+        Artefact(path)
+
+
+def test_a_file_that_is_not_there_or_not_ours_is_refused(tmp_path):
+    with pytest.raises(ArtefactError, match="no such results file"):
+        Artefact(tmp_path / "none.h5")
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["x"] = 1.0
+    with pytest.raises(ArtefactError, match="not written by strainsight"):
+        Artefact(tmp_path / "foreign.h5")
+    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
+    with h5py.File(path, "a") as file:
+        file.attrs["format_version"] = 99
+    seal(path)
+    with pytest.raises(ArtefactError, match="format version 99"):
+        Artefact(path)
+
+
+def outside(file, other):
+    file["link"] = h5py.ExternalLink(str(other), "/secret")
+
+
+def soft(file, other):
+    file["link"] = h5py.SoftLink("/time")
+
+
+def external_storage(file, other):
+    file.create_dataset("raw", (4,), "f8", external=[(str(other), 0, 32)])
+
+
+def virtual(file, other):
+    layout = h5py.VirtualLayout((3,), "f8")
+    layout[:] = h5py.VirtualSource(str(other), "secret", (3,))
+    file.create_virtual_dataset("virtual", layout)
+
+
+def huge(file, other):
+    file.create_dataset("huge", (10**13,), "f8", chunks=(1024,))
+
+
+def huge_contiguous(file, other):
+    file.create_dataset("huge", (10**13,), "f8")
+
+
+def ring(file, other):
+    file["reduced/again"] = file["/"]
+
+
+def compressed(file, other):
+    file.create_dataset("bomb", data=np.zeros(10**6), compression="gzip")
+
+
+@pytest.mark.parametrize("attack", [outside, soft, external_storage, virtual, huge, huge_contiguous, ring, compressed])
+def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused(tmp_path, attack):
+    other = tmp_path / "other.h5"
+    with h5py.File(other, "w") as file:
+        file["secret"] = np.ones(3)
+    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
+    with h5py.File(path, "a") as file:
+        attack(file, other)
+    seal(path)
+    with pytest.raises(ArtefactError, match="damaged"):
+        Artefact(path)
+
+
+def test_an_artefact_may_be_moved(tmp_path):
+    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
+    shutil.move(path, tmp_path / "elsewhere.h5")
+    assert Artefact(tmp_path / "elsewhere.h5")["/number"] == 3.5
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"datasets": {"/x": Dataset(np.ones(2), "", "no unit")}},
+        {"datasets": {"/x": Dataset(np.ones(2), "m", "")}},
+        {"datasets": {"x": Dataset(np.ones(2), "m", "no slash")}},
+        {"datasets": {"/x": Dataset(np.array([{}, 1], dtype=object), "m", "objects")}, "attributes": {}},
+        {"datasets": {"/x": Dataset(np.ones(2), "m", "x", ("/none",))}},
+        {"summary": {"x": [1]}},
+        {"files": {"../report.html": b""}},
+        {"files": {"rom.h5": b""}},
+    ],
+)
+def test_an_output_that_breaks_the_rules_writes_nothing(tmp_path, changes):
+    with pytest.raises(ValueError):
+        write_artefact(tmp_path / "a.h5", output(**changes), HEADER)
+    assert list(tmp_path.iterdir()) == []
