@@ -37,7 +37,7 @@ all-configs: $(READY)
 	@set -e; for config in $(CONFIGS); do echo "== $$config"; $(VENV)/bin/strainsight run $$config $(ARGS); done
 
 test: $(READY)
-	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 -q $(ARGS)
+	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile -q $(ARGS)
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import threading
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -11,6 +14,9 @@ from contextlib import contextmanager
 import typer
 
 INTERNAL, USER, INTERRUPTED = 1, 2, 130
+PATIENCE = 1.0
+"""Seconds that an interrupted command has to end by itself."""
+KEPT = "interrupted; finished stages are kept"
 
 
 @contextmanager
@@ -18,7 +24,7 @@ def reported(verbose: bool = False) -> Iterator[None]:
     """Turn exceptions into a message on stderr and typer.Exit: 2 if the user can mend it, else 1; 130 interrupted."""
     from strainsight.errors import StrainsightError
 
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _interruptible():
         if not verbose:
             warnings.simplefilter("ignore")
             warnings.simplefilter("default", UserWarning)
@@ -30,7 +36,7 @@ def reported(verbose: bool = False) -> Iterator[None]:
         except StrainsightError as error:
             raise _exit(error.exit_code, str(error), verbose and error.exit_code == INTERNAL) from None
         except KeyboardInterrupt:
-            raise _exit(INTERRUPTED, "interrupted; finished stages are kept", False) from None
+            raise _exit(INTERRUPTED, KEPT, False) from None
         except OSError as error:
             if error.filename is None or error.strerror is None:
                 raise _exit(INTERNAL, _internal(error), verbose) from None
@@ -38,6 +44,34 @@ def reported(verbose: bool = False) -> Iterator[None]:
             raise _exit(USER, f"{error.filename}  {error.strerror}\n    {remedy}", verbose) from None
         except Exception as error:
             raise _exit(INTERNAL, _internal(error), verbose) from None
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Make Ctrl-C end the process in any case.
+
+    Python raises KeyboardInterrupt wherever it happens to be; in a callback of a C library it is printed and forgotten.
+    Nothing is lost by ending hard: an artefact is whole or absent, and the next run clears up.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end() -> None:
+        print(KEPT, file=sys.stderr, flush=True)
+        os._exit(INTERRUPTED)
+
+    def stop(*_: object) -> None:
+        timer = threading.Timer(PATIENCE, end)
+        timer.daemon = True
+        timer.start()
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _internal(error: BaseException) -> str:

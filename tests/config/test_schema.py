@@ -21,8 +21,7 @@ def test_the_committed_schema_is_that_of_the_models():
 def test_every_field_of_the_schema_is_described():
     def fields(node):
         if isinstance(node, dict):
-            for name, field in node.get("properties", {}).items():
-                yield name, field
+            yield from node.get("properties", {}).items()
             for value in node.values():
                 yield from fields(value)
         elif isinstance(node, list):

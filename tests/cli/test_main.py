@@ -1,0 +1,127 @@
+"""The command line: what it prints, what it returns, what it leaves alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight_cli import main, pipelines
+from strainsight_cli.main import app
+
+ROOT = Path(__file__).parents[2]
+CONFIG = str(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
+
+
+@pytest.fixture
+def call(tmp_path):
+    def called(*words: str):
+        return CliRunner().invoke(app, [*words, "--results", str(tmp_path / "results")])
+
+    return called
+
+
+def test_import_then_up_to_date_then_forced(call):
+    first = call("import", CONFIG)
+    assert first.exit_code == 0
+    assert first.output.startswith("import    done")
+    assert "up to date" in call("import", CONFIG).output
+    assert "done" in call("import", CONFIG, "--force").output
+
+
+def test_json_is_one_object_a_stage(call):
+    lines = call("import", CONFIG, "--json").output.splitlines()
+    (event,) = (json.loads(line) for line in lines)
+    assert set(event) == {"stage", "status", "reason", "seconds", "artefact", "summary"}
+    assert event["stage"] == "import"
+    assert event["summary"]["elements"] == 640
+    assert Path(event["artefact"]).is_file()
+
+
+def test_a_dry_run_and_status_write_nothing(call, tmp_path):
+    for words in (("run", CONFIG, "--dry-run"), ("status", CONFIG)):
+        done = call(*words)
+        assert done.exit_code == 0
+        assert done.output.count("never run") == 7
+    assert not (tmp_path / "results").exists()
+
+
+def test_init_writes_a_config_that_status_accepts_and_does_not_overwrite(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my deck.bdf").write_bytes((ROOT / "meshes" / "cantilever.bdf").read_bytes())
+    runner = CliRunner()
+    assert runner.invoke(app, ["init", "my deck.bdf", "-o", "own.yaml"]).exit_code == 0
+    assert runner.invoke(app, ["status", "own.yaml"]).exit_code == 0
+    again = runner.invoke(app, ["init", "my deck.bdf", "-o", "own.yaml"])
+    assert again.exit_code == 2
+    assert "--force" in again.output + (again.stderr or "")
+    assert runner.invoke(app, ["init", "none.bdf"]).exit_code == 2
+
+
+def test_schema_prints_the_schema():
+    done = CliRunner().invoke(app, ["schema"])
+    assert json.loads(done.output)["title"] == "PlacementConfig"
+
+
+@pytest.mark.parametrize("name", pipelines.STAGES)
+def test_every_stage_has_a_command(name):
+    assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
+
+
+def test_the_stages_of_the_command_line_are_those_of_the_pipeline():
+    assert tuple(pipelines.STAGES) == tuple(stage.name for stage in pipelines.stages_of("placement"))
+
+
+def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(call, monkeypatch):
+    assert call("run", str(ROOT / "configs" / "none.yaml")).exit_code == 2
+    assert call("run", CONFIG, "--set", "place.keep=0").exit_code == 2
+
+    def broken(*_, **__):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(main, "_job", broken)
+    done = call("run", CONFIG)
+    assert done.exit_code == 1
+    message = done.output + (done.stderr or "")
+    assert "internal error: RuntimeError: a bug" in message
+    assert "Traceback" not in message
+
+
+def test_a_folder_that_cannot_be_written_is_two(tmp_path):
+    (tmp_path / "results").write_text("a file where the folder should be")
+    done = CliRunner().invoke(app, ["import", CONFIG, "--results", str(tmp_path / "results")])
+    assert done.exit_code == 2
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.7, 1.4, 2.1])
+def test_an_interrupt_ends_with_130_and_keeps_what_was_finished(tmp_path, delay):
+    """Whatever library the interrupt meets: one that comes in a callback of C code is forgotten by Python."""
+    command = [sys.executable, "-m", "strainsight_cli.main", "run", CONFIG, "--results", str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    finished = tmp_path / "cantilever-youngs-modulus" / "import.h5"
+    for _ in range(600):
+        if finished.exists():
+            break
+        time.sleep(0.05)
+    time.sleep(delay)
+    os.kill(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "finished stages are kept" in said
+    assert finished.exists()
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys, strainsight_cli.main; "
+        "print(sorted({m.split('.')[0] for m in sys.modules} & {'numpy', 'scipy', 'h5py', 'pydantic', 'pyvista', 'matplotlib'}))"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert loaded.strip() == "[]"

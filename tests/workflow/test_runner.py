@@ -1,0 +1,177 @@
+"""What runs, what does not, and why: on a pipeline of three toy stages."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from strainsight.errors import InfeasibleError, UserError
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.plan import Job, plan
+from strainsight.workflow.runner import run
+from strainsight.workflow.stage import Stage
+
+
+def output(values, **files):
+    array = np.asarray(values, dtype=float)
+    return Output(
+        {"/x": Dataset(array, "m", "numbers")}, {"sum": float(array.sum())}, f"{array.size} numbers", files=files
+    )
+
+
+def read(context):
+    return output([float(line) for line in context.files["mesh.file"].read_text().split()])
+
+
+def halve(context):
+    return output(np.floor(context.upstream["read"]["/x"] / context.config.halve.by))
+
+
+def show(context):
+    if context.config.show.limit < context.upstream["halve"].summary["sum"]:
+        raise InfeasibleError("too much", key="show.limit", remedy="raise it")
+    return output(context.upstream["halve"]["/x"], **{"page.html": b"<html>"})
+
+
+STAGES = (
+    Stage("read", 1, ("mesh",), (), ("mesh.file",), read),
+    Stage("halve", 1, ("halve",), ("read",), (), halve),
+    Stage("show", 1, ("show",), ("halve",), (), show),
+)
+
+
+@pytest.fixture
+def job(tmp_path):
+    (tmp_path / "numbers.txt").write_text("4 6 8")
+    config = {"name": "toy", "mesh": {"file": "numbers.txt"}, "halve": {"by": 2}, "show": {"limit": 100.0}}
+    return Job(config, tmp_path, tmp_path / "results", lambda key: f"own.yaml:3:1#{key}")
+
+
+def changed(job, **sections):
+    return Job({**job.config, **sections}, job.base, job.results, job.locate)
+
+
+def done(job, stages=STAGES, **options):
+    return {e.stage: e.status for e in run(stages, job, **options) if e.artefact is not None}
+
+
+def will_run(job, stages=STAGES):
+    return {s.stage: s.reason for s in plan(stages, job) if s.status == "will run"}
+
+
+def test_first_everything_runs_then_nothing(job):
+    assert will_run(job) == {"read": "never run", "halve": "never run", "show": "never run"}
+    assert set(done(job).values()) == {"done"}
+    assert will_run(job) == {}
+    assert set(done(job).values()) == {"up to date"}
+
+
+def test_a_changed_key_reruns_its_stage_and_what_follows_and_names_both_values(job):
+    done(job)
+    new = changed(job, halve={"by": 4})
+    assert will_run(new) == {"halve": "halve.by 2 → 4 (own.yaml:3)", "show": "halve changed"}
+    assert done(new) == {"read": "up to date", "halve": "done", "show": "done"}
+
+
+def test_an_upstream_that_comes_out_the_same_reruns_nothing_below(job):
+    done(job)
+    (job.base / "numbers.txt").write_text("5 7 9")
+    assert "numbers.txt changed" in will_run(job)["read"]
+    assert done(job) == {"read": "done", "halve": "done", "show": "up to date"}
+
+
+def test_content_decides_not_the_date_of_a_file(job):
+    done(job)
+    os.utime(job.base / "numbers.txt", (1, 1))
+    assert will_run(job) == {}
+
+
+def test_a_new_stage_version_or_force_runs_again(job):
+    done(job)
+    newer = (Stage("read", 2, ("mesh",), (), ("mesh.file",), read), *STAGES[1:])
+    assert will_run(job, newer)["read"] == "stage version 1 → 2"
+    assert done(job, forced=("halve",))["halve"] == "done"
+
+
+def test_a_page_that_was_altered_or_deleted_is_written_again(job):
+    done(job)
+    page = job.folder / "page.html"
+    page.write_bytes(b"other")
+    assert will_run(job) == {"show": "page.html was altered"}
+    page.unlink()
+    assert will_run(job) == {"show": "page.html is missing"}
+    done(job)
+    assert page.read_bytes() == b"<html>"
+
+
+def test_a_damaged_artefact_runs_again(job):
+    done(job)
+    path = job.folder / "read.h5"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    assert "damaged" in will_run(job)["read"]
+    assert done(job)["read"] == "done"
+
+
+def test_a_stage_that_fails_writes_nothing_and_its_key_gets_a_place(job):
+    done(job)
+    before = {path.name: path.read_bytes() for path in job.folder.iterdir()}
+    with pytest.raises(InfeasibleError) as caught:
+        done(changed(job, show={"limit": 1.0}))
+    assert caught.value.where == "own.yaml:3:1#show.limit"
+    assert {path.name: path.read_bytes() for path in job.folder.iterdir()} == before
+
+
+def test_input_files_are_looked_for_before_anything_runs(job):
+    (job.base / "numbers.txt").unlink()
+    with pytest.raises(UserError, match=r"no such file: .*numbers\.txt"):
+        done(job)
+    assert not list(job.results.rglob("*.h5"))
+
+
+def test_another_runs_result_enters_by_its_content(job):
+    done(job)
+    (job.results / "other").mkdir()
+    (job.folder / "read.h5").rename(job.results / "other" / "validate.h5")
+    user = Stage("use", 1, ("guess",), (), ("guess",), lambda c: output(Artefact(c.files["guess"])["/x"]))
+    asking = Job({"name": "next", "guess": "other"}, job.base, job.results, job.locate)
+    assert done(asking, (user,)) == {"use": "done"}
+    assert done(asking, (user,)) == {"use": "up to date"}
+    with pytest.raises(UserError, match="no result of a run 'nobody'"):
+        done(Job({"name": "next", "guess": "nobody"}, job.base, job.results, job.locate), (user,))
+
+
+def test_a_second_run_on_the_folder_is_refused_with_the_others_process(job):
+    events = run(STAGES, job)
+    next(events)
+    with pytest.raises(UserError, match=str(os.getpid())):
+        done(job)
+    events.close()
+    assert set(done(job).values()) == {"done"}
+
+
+def test_a_stage_may_not_read_what_it_does_not_declare(job):
+    def nosy(context):
+        return output([context.config.show.limit])
+
+    with pytest.raises(AttributeError, match=r"reads 'show' without declaring it"):
+        done(job, (*STAGES[:1], Stage("nosy", 1, ("halve",), (), (), nosy)))
+
+
+def test_kernels_and_config_stay_out_of_the_workflow():
+    code = "import sys, strainsight.workflow.runner; print([m for m in sys.modules if m.startswith('strainsight.')])"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert set(json.loads(loaded.replace("'", '"'))) <= {
+        "strainsight.errors",
+        "strainsight.workflow",
+        *(
+            f"strainsight.workflow.{m}"
+            for m in ["artefact", "lock", "output", "plan", "runner", "seal", "slices", "stage", "store"]
+        ),
+    }
