@@ -12,8 +12,8 @@ from strainsight.mesh.check import suspicions
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.reader import read_mesh
 from strainsight.mesh.vtkhdf import unstructured_grid
-from strainsight.stages.mesh_record import mesh_datasets
-from strainsight.stages.vtkhdf_record import vtkhdf_datasets
+from strainsight.stages.records.grids import vtkhdf_datasets
+from strainsight.stages.records.mesh import mesh_datasets
 from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -19,8 +19,8 @@ from strainsight.placement.exchange import exchange
 from strainsight.placement.scenario import thesis_weight
 from strainsight.placement.score import score
 from strainsight.rom.model import modal_basis
-from strainsight.stages.filtering import Problem, filter_model, initial_covariance, problem_of
-from strainsight.stages.place_record import (
+from strainsight.stages.case.problem import Problem, filter_model, initial_covariance, problem_of
+from strainsight.stages.records.placement import (
     augmented_datasets,
     certificate_datasets,
     expected_dataset,

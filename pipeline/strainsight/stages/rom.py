@@ -8,10 +8,10 @@ from strainsight.errors import blame
 from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.rom.reduction import held_out_errors, held_out_samples, reduce_model
-from strainsight.stages.mesh_record import mesh_from
-from strainsight.stages.model_record import model_datasets
-from strainsight.stages.settings import damping_of, load_shapes, parameters_of
-from strainsight.stages.vtkhdf_record import vtkhdf_datasets
+from strainsight.stages.case.settings import damping_of, load_shapes, parameters_of
+from strainsight.stages.records.grids import vtkhdf_datasets
+from strainsight.stages.records.mesh import mesh_from
+from strainsight.stages.records.model import model_datasets
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -13,10 +13,10 @@ from strainsight.gauges.rows import strain_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import hold_coefficients
-from strainsight.stages.gauge_record import candidate_datasets
-from strainsight.stages.mesh_record import mesh_from
-from strainsight.stages.model_record import model_from
-from strainsight.stages.settings import signal_of
+from strainsight.stages.case.settings import signal_of
+from strainsight.stages.records.gauges import candidate_datasets
+from strainsight.stages.records.mesh import mesh_from
+from strainsight.stages.records.model import model_from
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
 

@@ -10,10 +10,10 @@ from strainsight.estimation.consistency import chi_square_band, nees, nis
 from strainsight.estimation.filter import FilterRun, output_std, run_filter
 from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
-from strainsight.stages.filtering import filter_model
-from strainsight.stages.studies import Study, identified, studies_of, study_datasets
-from strainsight.stages.trial import Trial, real_and_claimed, scaled_error, trial_of
-from strainsight.stages.vtkhdf_record import gauge_grid
+from strainsight.stages.case.problem import filter_model
+from strainsight.stages.case.studies import Study, identified, studies_of, study_datasets
+from strainsight.stages.case.trial import Trial, real_and_claimed, scaled_error, trial_of
+from strainsight.stages.records.grids import gauge_grid
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

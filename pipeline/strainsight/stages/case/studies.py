@@ -11,8 +11,8 @@ import numpy as np
 from strainsight.estimation.consistency import not_identified
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import physical
-from strainsight.stages.filtering import filter_model
-from strainsight.stages.trial import Trial, real_and_claimed
+from strainsight.stages.case.problem import filter_model
+from strainsight.stages.case.trial import Trial, real_and_claimed
 from strainsight.workflow.output import Dataset
 
 
@@ -62,7 +62,9 @@ def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed
     }
     for key, pool in (("screened", kept), ("all", np.arange(trial.strain.shape[1]))):
         sets = [rng.choice(pool, len(trial.chosen), replace=False) for _ in range(count)]
-        parts[key] = _runs(np.array(sets, dtype=int).reshape(count, len(trial.chosen)), 1.0, home, np.full(count, first))
+        parts[key] = _runs(
+            np.array(sets, dtype=int).reshape(count, len(trial.chosen)), 1.0, home, np.full(count, first)
+        )
     return _filtered(trial, parts)
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from strainsight.estimation.metrics import input_error, parameter_error
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.signals.histories import hold_coefficients
-from strainsight.stages.filtering import Problem, initial_covariance, problem_of
-from strainsight.stages.gauge_record import candidates_from
-from strainsight.stages.mesh_record import mesh_from
-from strainsight.stages.truth import Truth, truth_of
+from strainsight.stages.case.problem import Problem, initial_covariance, problem_of
+from strainsight.stages.case.truth import Truth, truth_of
+from strainsight.stages.records.gauges import candidates_from
+from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.stage import Context
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from strainsight.augmentation.observability import Observability
 from strainsight.placement.certificate import Certificate
 from strainsight.placement.elimination import Elimination
-from strainsight.stages.filtering import Problem
-from strainsight.stages.vtkhdf_record import gauge_grid
+from strainsight.stages.case.problem import Problem
+from strainsight.stages.records.grids import gauge_grid
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Table
 

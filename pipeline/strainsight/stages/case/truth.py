@@ -16,8 +16,8 @@ from strainsight.gauges.rows import strain_rows
 from strainsight.mesh.model import Mesh
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.reduction import modal_model
-from strainsight.stages.filtering import Problem
-from strainsight.stages.settings import load_shapes, parameters_of
+from strainsight.stages.case.problem import Problem
+from strainsight.stages.case.settings import load_shapes, parameters_of
 from strainsight.workflow.stage import Context
 
 

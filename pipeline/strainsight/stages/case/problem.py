@@ -14,8 +14,8 @@ from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
 from strainsight.rom.model import ReducedModel, damping_matrix, modal_basis
 from strainsight.signals.histories import Signal, hold_coefficients
-from strainsight.stages.model_record import model_from
-from strainsight.stages.settings import characteristic, signal_of, unknowns_of
+from strainsight.stages.case.settings import characteristic, signal_of, unknowns_of
+from strainsight.stages.records.model import model_from
 from strainsight.workflow.stage import Context
 
 REST_SHARE = 1e-3

@@ -1,0 +1,1 @@
+"""Dataclasses as datasets of an artefact, and back."""
