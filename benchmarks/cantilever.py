@@ -44,7 +44,7 @@ def elimination_seconds(results: Path, name: str) -> tuple[float, str]:
     F, H, Q, R, weight = (place[f"/augmented/{key}"][0] for key in ("F", "H", "Q", "R", "weight"))
     start = time.perf_counter()
     result = eliminate((Scenario(F, Q, H, R, weight),), keep=4)
-    return time.perf_counter() - start, f"{len(R)} → 4, {len(F)} states, {result.solves} Riccati solves"
+    return time.perf_counter() - start, f"{len(R)} → 4, {len(F)} states, {result.solves.sum()} Riccati solves"
 
 
 def main() -> None:

@@ -234,6 +234,12 @@ def _warnings(up: Mapping[str, Artefact], names: list[str]) -> tuple[str, ...]:
             said.append(
                 f"{name} is off by {100 * error:.2g} %, more than three times the {100 * std:.2g} % that the filter claims."
             )
+        random = up["validate"][f"/random_sets/all/std/{name}"]
+        if len(random) and np.median(random) < 0.9 * std:
+            said.append(
+                f"Random sets from all candidates claim {100 * np.median(random):.2g} % for {name} in the median, the chosen set "
+                f"{100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
+            )
     return tuple(said)
 
 
