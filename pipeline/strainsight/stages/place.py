@@ -74,6 +74,7 @@ def run(context: Context) -> Output:
             "/pool/candidate": Dataset(candidate, "1", "row of train.h5 of every pool gauge"),
             "/elimination/removed": Dataset(result.removed, "1", "pool gauges in the order of their removal"),
             "/elimination/trace": Dataset(result.trace, "1", "tr(W P), the full pool first"),
+            "/elimination/rise": Dataset(result.rise, "1", "rise of tr(W P) at every removal, with all its digits"),
             "/elimination/blocks": Dataset(result.blocks, "1", "the same by unknown (step × unknown)"),
             "/elimination/solves": Dataset(result.solves, "1", "exact Riccati solves of every removal"),
             "/riccati/residual": Dataset(
@@ -95,6 +96,7 @@ def run(context: Context) -> Output:
         }
         | certificate_datasets(certificate),
         attributes=grid_attributes
+        | {"/augmented": {"aggregate": settings.aggregate}}
         | {
             f"/expected_std/{name}": {"scale": float(scale)}
             for name, scale in zip(names, problem.unknowns.scale, strict=True)
