@@ -9,7 +9,11 @@ import pytest
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 STAGES = ("import", "rom", "train", "screen", "place", "validate", "report")
-BELOW_KIND = {"<kind>": r"(tet4|tet10|hex8|hex20|wedge6|wedge15)", "<name>": r"[\w-]+", "<parameter>": r"(?!constant$)[\w-]+"}
+BELOW_KIND = {
+    "<kind>": r"(tet4|tet10|hex8|hex20|wedge6|wedge15)",
+    "<name>": r"[\w-]+",
+    "<parameter>": r"(?!constant$)[\w-]+",
+}
 
 
 def rows(stage: str) -> list[tuple[str, int, str]]:

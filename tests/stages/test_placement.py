@@ -10,7 +10,7 @@ from scipy.linalg import solve_continuous_are
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import plan
 
-from .conftest import SHORT, finished, job_of
+from .conftest import ROOT, SHORT, finished, job_of
 
 
 def test_a_second_run_finds_everything_up_to_date(artefacts, config, results):
@@ -98,3 +98,27 @@ def test_the_report_is_one_file_with_the_numbers_of_the_artefacts(artefacts):
     for element in artefacts["place"]["/selected/final/element"]:
         assert f">{element}<" in page or f'value="{element}"' in page
     assert artefacts["report"].summary["picture"]
+
+
+def test_the_order_of_loads_and_unknowns_in_the_file_changes_nothing(tmp_path):
+    """Two loads, exchanged, and the unknowns listed the other way round: the same estimate, each trace under its own name."""
+    text = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text().replace("../meshes", str(ROOT / "meshes"))
+    tip = next(line for line in text.splitlines() if line.startswith("  tip:"))
+    side = "  side: {node: 2, direction: [0, 1, 0], known: false, signal: {type: sine, frequency: 31.0, amplitude: 2.0e+3}}"
+    text = text.replace("initial_std: {E: 0.1}", "initial_std: {E: 0.1, side: 0.5}")
+    found = []
+    for lines, estimate in (((tip, side), "[E, side]"), ((side, tip), "[side, E]")):
+        path = tmp_path / f"own{len(found)}.yaml"
+        path.write_text(text.replace(tip, "\n".join(lines)).replace("estimate: [E]", f"estimate: {estimate}"))
+        done = finished(job_of(path, tmp_path / f"results{len(found)}", *SHORT))
+        found.append({stage: artefact for stage, (_, _, artefact) in done.items()})
+    first, second = found
+    assert [str(name) for name in second["place"]["/elimination/unknowns"]] == ["side", "E"]
+    for name in ("E", "side"):
+        assert second["validate"].summary[f"estimate.{name}"] == pytest.approx(
+            first["validate"].summary[f"estimate.{name}"], rel=1e-6
+        )
+    # The same results folder too: what the reduced model was built with stays the order of everything that follows.
+    again = finished(job_of(tmp_path / "own1.yaml", tmp_path / "results0", *SHORT))
+    assert again["rom"][0] == "up to date"
+    assert again["validate"][2].summary["error.E"] == pytest.approx(first["validate"].summary["error.E"], rel=1e-6)

@@ -135,16 +135,21 @@ def test_input_files_are_looked_for_before_anything_runs(job):
     assert not list(job.results.rglob("*.h5"))
 
 
+def test_a_file_without_a_suffix_is_a_file_and_no_other_run(job):
+    (job.base / "numbers.txt").rename(job.base / "numbers")
+    assert done(changed(job, mesh={"file": "numbers"})) == dict.fromkeys(("read", "halve", "show"), "done")
+
+
 def test_another_runs_result_enters_by_its_content(job):
     done(job)
     (job.results / "other").mkdir()
     (job.folder / "read.h5").rename(job.results / "other" / "validate.h5")
-    user = Stage("use", 1, ("guess",), (), ("guess",), lambda c: output(Artefact(c.files["guess"])["/x"]))
-    asking = Job({"name": "next", "guess": "other"}, job.base, job.results, job.locate)
+    user = Stage("use", 1, ("guess",), (), ("guess.from",), lambda c: output(Artefact(c.files["guess.from"])["/x"]))
+    asking = Job({"name": "next", "guess": {"from": "other"}}, job.base, job.results, job.locate)
     assert done(asking, (user,)) == {"use": "done"}
     assert done(asking, (user,)) == {"use": "up to date"}
     with pytest.raises(UserError, match="no result of a run 'nobody'"):
-        done(Job({"name": "next", "guess": "nobody"}, job.base, job.results, job.locate), (user,))
+        done(Job({"name": "next", "guess": {"from": "nobody"}}, job.base, job.results, job.locate), (user,))
 
 
 def test_a_second_run_on_the_folder_is_refused_with_the_others_process(job):

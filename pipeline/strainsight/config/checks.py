@@ -10,6 +10,7 @@ from strainsight.config.loads import Load, MultiSine, Recorded, Sine, Sweep
 from strainsight.config.placement import AxisDirection, GuessFrom, KeepOutBox, MaterialParameter, PlacementConfig
 
 FEWEST_STEPS = 10
+MOST_STEPS = 10_000_000  # a time step in the wrong unit, rather than a run that anyone waits for
 FEWEST_STEPS_A_PERIOD = 8
 RESERVED = {"constant"}  # names the terms of an affine operator that belong to no parameter
 
@@ -118,6 +119,12 @@ def _time(section: str, duration: float, step: float, config: PlacementConfig) -
             f"{section}.time_step",
             f"{duration:g} s are {steps:.3g} steps of {step:g} s",
             f"take at least {FEWEST_STEPS} steps",
+        )
+    elif steps > MOST_STEPS:
+        yield Problem(
+            f"{section}.time_step",
+            f"{duration:g} s are {steps:.3g} steps of {step:g} s",
+            f"take at most {MOST_STEPS} steps",
         )
     elif abs(steps - round(steps)) > 1e-6 * steps:
         yield Problem(

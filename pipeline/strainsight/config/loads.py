@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Positive, Section, Text, Vector, with_defaults
+from strainsight.config.base import NotNegative, Positive, Section, Seed, Text, Vector, with_defaults
 
 
 class Sine(Section):
@@ -36,7 +36,7 @@ class MultiSine(Section):
     highest: Positive = Field(description="Highest frequency [Hz].")
     count: int = Field(ge=1, description="Number of sines [-].")
     amplitude: Positive = Field(description="Amplitude [N] of the one sine that has the power of all of them together.")
-    seed: int = Field(0, ge=0, description="Seed of the phases [-].")
+    seed: Seed = Field(0, description="Seed of the phases [-].")
 
 
 class Recorded(Section):
@@ -55,7 +55,7 @@ class InputNoise(Section):
     frequency: Positive | None = Field(
         None, description="Typical frequency of the load [Hz]; null: that of its signal."
     )
-    amplitude: Positive | None = Field(None, description="Typical amplitude of the load [N]; null: that of its signal.")
+    amplitude: Positive | None = Field(None, description="Typical amplitude of the load [N]; initial_std is relative to it; null: its signal's.")
 
 
 class Load(Section):

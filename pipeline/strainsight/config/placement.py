@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Text, Vector, with_defaults
+from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, Vector, with_defaults
 from strainsight.config.loads import Load
 
 KeepAll = Literal["all"]
@@ -116,7 +116,7 @@ class RelativeNoise(Section):
 class AbsoluteNoise(Section):
     """Noise as a strain."""
 
-    value: Positive = Field(description="Noise standard deviation of one sample [strain].")
+    value: Positive = Field(description="Noise standard deviation of one sample at train.time_step [strain].")
 
 
 class KeepOutBox(Section):
@@ -160,7 +160,7 @@ class ProcessNoise(Section):
     """Process noise of the filter."""
 
     rule: Literal["continuous", "thesis"] = Field(
-        "continuous", description="continuous: intensities q = κωa²; thesis: (hωa)² a step, which depends on the step."
+        "continuous", description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is."
     )
     model_error: NotNegative = Field(
         0.01,
@@ -232,7 +232,7 @@ class PlacementConfig(Section):
 
     kind: Literal["placement"] = Field(description="Which pipeline.")
     name: RunName = Field(description="Name of the run; its results go to results/NAME.")
-    seed: int = Field(0, ge=0, description="Seed of everything that is drawn at random [-].")
+    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
     mesh: MeshFile = Field(description="The finite-element model.")
     parameters: dict[Name, MaterialParameter] = Field({}, description="Material properties that stay free, by name.")
     loads: Annotated[dict[Name, Load], Field(min_length=1)] = Field(description="Loads, by name.")

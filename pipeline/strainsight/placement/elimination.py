@@ -129,7 +129,7 @@ def _least_missed(
 ) -> tuple[int, list[np.ndarray] | None, float, int, tuple[int, ...]]:
     """The gauge of the smallest rise, its D per scenario (None if all are infinite), the rise, solves, ties."""
     # relative to the present aggregate, so that small rises keep their digits
-    level = costs - aggregated(costs, aggregate)
+    level = costs - costs.max() if aggregate == "worst" else np.zeros_like(costs)
     bounds = aggregated(
         np.array([
             lv + gauge_gradients(loop, pool.rows[candidates], pool.scenario.weight)

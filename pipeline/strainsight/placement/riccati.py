@@ -120,6 +120,7 @@ def balance(F: np.ndarray, Q: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np
         # a state on the floor wanders by rounding; the others have converged once their variance is 1
         if np.all(np.abs(np.log(new / d)) < 1e-6):
             return d, P
+        P = P * np.outer(d / new, d / new)
         d = new
     return d, P
 

@@ -100,7 +100,7 @@ class Trend:
 
     count (s,) gauges left, falling; trace (s,) metric, dimensionless (each unknown is 1 with the whole pool);
     blocks: unknown's name → (s,) its share; final_trace after exchange; lower_bound no set of that size can undercut;
-    gap = final_trace / lower_bound − 1.
+    gap = 1 − lower_bound / final_trace.
     """
 
     count: IntArray

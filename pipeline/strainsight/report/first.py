@@ -33,7 +33,7 @@ def answer(report: PlacementReport) -> str:
         errors = _join([f"{share(unknown.error)} for {escape(unknown.name)}" for unknown in tested])
         text += f" In a simulated test the error was {errors}."
     if report.trend.gap is not None:
-        most = share(_attainable(report.trend.gap))
+        most = share(max(report.trend.gap, 0.0))
         text += f" No other set of {gauges} from this pool can lower the metric by more than {most}."
     if len(known) > 1:
         weakest = max(known, key=lambda unknown: _sigma(unknown) or 0.0)
@@ -56,11 +56,6 @@ def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> 
 def _sigma(unknown: Unknown) -> float | None:
     """The standard deviation to show first: the filter's own where it ran, else what placement expects."""
     return unknown.expected_std if unknown.std is None else unknown.std
-
-
-def _attainable(gap: float) -> float:
-    """Largest relative fall of the metric that the bound leaves open: 1 − bound/metric, with gap = metric/bound − 1."""
-    return max(gap, 0.0) / (1.0 + max(gap, 0.0))
 
 
 def _join(parts: list[str]) -> str:
@@ -127,7 +122,7 @@ def _bound_tile(report: PlacementReport) -> str:
     gap = (
         "not certified"
         if trend.gap is None
-        else f"{share(trend.gap)} <small class='under'>at most, above the best set</small>"
+        else f"{share(max(trend.gap, 0.0))} <small class='under'>at most, above the best set</small>"
     )
     size = ' style="font-size:1.3rem"' if trend.gap is None else ""
     return (

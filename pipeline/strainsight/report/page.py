@@ -131,7 +131,7 @@ def _observability(report: PlacementReport) -> str:
             _inside(value, band),
         ]
         for name, value, band in (
-            ("NEES of the estimates", check.nees, check.nees_band),
+            ("NEES of the run; band of one instant", check.nees, check.nees_band),
             ("NIS of the gauges", check.nis, check.nis_band),
         )
         if value is not None

@@ -136,3 +136,17 @@ def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: 
     u = np.stack([evaluate(signal, t) for signal in signals], axis=-1) if signals else np.zeros((len(t), 0))
     left, middle, right = u[:-1:2], u[1::2], u[2::2]
     return np.stack([left, -3 * left + 4 * middle - right, 2 * left - 4 * middle + 2 * right], axis=1)
+
+
+def instant_values(held: np.ndarray) -> np.ndarray:
+    """u at the start of every step and at the end of the last: hold coefficients (steps, 3, n_u) → (steps + 1, n_u)."""
+    return np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
+
+
+def step_means(held: np.ndarray) -> np.ndarray:
+    """Mean of u over the step that begins at every instant, u₀ + u₁/2 + u₂/3; (steps, 3, n_u) → (steps + 1, n_u).
+
+    What a filter that holds an unknown input constant within a step estimates at that instant. The last entry, behind the
+    last step, is u there.
+    """
+    return np.concatenate([held[:, 0] + held[:, 1] / 2 + held[:, 2] / 3, held[-1:].sum(axis=1)])

@@ -19,6 +19,7 @@ from strainsight.placement.exchange import exchange
 from strainsight.placement.scenario import thesis_weight
 from strainsight.placement.score import score
 from strainsight.rom.model import modal_basis
+from strainsight.signals.histories import instant_values
 from strainsight.stages.case.problem import Problem, filter_model, initial_covariance, problem_of
 from strainsight.stages.records.placement import (
     augmented_datasets,
@@ -46,7 +47,8 @@ def run(context: Context) -> Output:
         result = eliminate(scenarios, settings.keep, settings.aggregate, names=names)
     greedy = result.kept
     context.progress("exchange", 0.5)
-    final = exchange(result.pools, greedy, settings.aggregate).gauges if settings.exchange else greedy
+    swapped = exchange(result.pools, greedy, settings.aggregate) if settings.exchange else None
+    final = swapped.gauges if swapped else greedy
     trace_final = score(result.pools, final, settings.aggregate)
     context.progress("certificate", 0.7)
     certificate = certify(result.pools, final, trace_final, settings.aggregate) if settings.certificate else None
@@ -75,10 +77,15 @@ def run(context: Context) -> Output:
             "/elimination/removed": Dataset(result.removed, "1", "pool gauges in the order of their removal"),
             "/elimination/trace": Dataset(result.trace, "1", "tr(W P), the full pool first"),
             "/elimination/rise": Dataset(result.rise, "1", "rise of tr(W P) at every removal, with all its digits"),
-            "/elimination/blocks": Dataset(result.blocks, "1", "the same by unknown (step × unknown)"),
+            "/elimination/unknowns": Dataset(
+                np.array(names, dtype=np.str_), "1", "name of every unknown, inputs first"
+            ),
+            "/elimination/blocks": Dataset(
+                result.blocks, "1", "the same by unknown (step × unknown)", ("", "/elimination/unknowns")
+            ),
             "/elimination/solves": Dataset(result.solves, "1", "exact Riccati solves of every removal"),
             "/riccati/residual": Dataset(
-                np.array(result.residual), "1", "largest relative residual of all Riccati solutions"
+                np.array(result.residual), "1", "largest relative residual of the elimination's Riccati solutions"
             ),
             "/observability/condition": Dataset(
                 np.array(condition.condition), "1", "condition of the scaled PBH matrix at λ = 0"
@@ -112,6 +119,7 @@ def run(context: Context) -> Output:
             "condition": condition.condition,
             "ties": sum(1 for tied in result.ties if tied),
         }
+        | ({"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete} if swapped else {})
         | ({"lower_bound": certificate.lower_bound, "gap": certificate.gap} if certificate else {})
         | {f"std.{name}": float(std[name]) for name in names}
         | ({"null_direction": condition.null_direction} if condition.null_direction else {}),
@@ -132,8 +140,10 @@ def scenarios_of(
 ) -> tuple[Scenario, ...]:
     """One frozen linearisation an instant, with the weight that lets every unknown start at 1 (or the thesis's plain trace)."""
     p = problem
-    u = np.concatenate([p.u[:, 0], p.u[-1:].sum(axis=1)])
-    chosen = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
+    u = instant_values(p.u)
+    # One instant is the thesis's case: any of them, also where a parameter hardly acts.
+    share = 0.0 if instants == 1 else 0.5
+    chosen = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed, share)
     F = linearise(p.model, p.unknowns, p.model.reference, p.x[chosen], u[chosen])
     H = augment_rows(p.rows[candidate], p.unknowns)
     r = gauge_intensity(np.full(len(H), p.noise_std), p.h)
@@ -146,7 +156,7 @@ def scenarios_of(
 
 
 def expected_std(problem: Problem, gauges: np.ndarray) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-    """σ of every unknown, relative to its scale, that the filter will claim along the training run: RMS over its last half.
+    """σ of every unknown, relative to its scale, along the training run from a 100 % prior: RMS over its last half.
 
     gauges (k,) candidates. Returns name → σ with all of them, and name → (k,) σ without each of them in turn; a gauge that
     is left out has its noise raised until it says nothing.
@@ -207,7 +217,6 @@ PLACE = Stage(
     version=1,
     reads=(
         "seed",
-        "loads.*.known",
         "loads.*.signal",
         "loads.*.process_noise",
         "parameters.*.process_noise_scale",

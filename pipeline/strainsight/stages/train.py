@@ -12,7 +12,7 @@ from strainsight.gauges.candidates import Box, NearEdges, Zone, candidates
 from strainsight.gauges.rows import strain_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.rom.modal_step import simulate
-from strainsight.signals.histories import hold_coefficients
+from strainsight.signals.histories import hold_coefficients, instant_values
 from strainsight.stages.case.settings import signal_of
 from strainsight.stages.records.gauges import candidate_datasets
 from strainsight.stages.records.mesh import mesh_from
@@ -40,19 +40,17 @@ def run(context: Context) -> Output:
     h = config.train.time_step
     steps = round(config.train.duration / h)
     with blame("train"):
-        signals = [signal_of(name, entry.signal, context.files) for name, entry in config.loads.items()]
+        signals = [signal_of(name, config.loads[name].signal, context.files) for name in model.inputs]
         held = hold_coefficients(signals, 0.0, h, steps)
     x = simulate(model, model.reference, held, h)
     strain = x[:, : model.size] @ rows.T
-    # The hold gives u at the start of each step; at the end of the last one its polynomial is summed.
-    u = np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
     strongest = float(np.sqrt(np.mean(strain**2, axis=0)).max())
     n = model.size
     return Output(
         datasets=candidate_datasets(pool)
         | {
             "/time": Dataset(h * np.arange(steps + 1), "s", "time of the training run"),
-            "/input": Dataset(u, "N", "training load (time × input)", ("/time", "")),
+            "/input": Dataset(instant_values(held), "N", "training load (time × input)", ("/time", "")),
             "/coordinate": Dataset(x[:, :n], "kg^1/2 m", "reduced coordinates q (time × coordinate)", ("/time", "")),
             "/velocity": Dataset(x[:, n:], "kg^1/2 m/s", "reduced velocities (time × coordinate)", ("/time", "")),
             "/strain": Dataset(strain, "strain", "strain of every candidate (time × candidate)", ("/time", "")),

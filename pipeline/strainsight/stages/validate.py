@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.estimation.consistency import chi_square_band, nees, nis
+from strainsight.estimation.consistency import chi_square_band, nees, nis, whiteness
 from strainsight.estimation.filter import FilterRun, output_std, run_filter
 from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
 from strainsight.stages.case.problem import filter_model
-from strainsight.stages.case.studies import Study, identified, studies_of, study_datasets
+from strainsight.stages.case.studies import Study, identified, sample_noise, studies_of, study_datasets
 from strainsight.stages.case.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.stages.records.grids import gauge_grid
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
@@ -24,8 +24,7 @@ def run(context: Context) -> Output:
     trial = trial_of(context)
     context.progress("filter", 0.2)
     model = filter_model(trial.problem, trial.chosen, trial.h)
-    rng = np.random.default_rng([context.seed, 0])
-    noise = rng.standard_normal((len(trial.time) - 1, len(trial.chosen))) * np.sqrt(model.r / trial.h)
+    noise = sample_noise(context.seed, 0, len(trial.time) - 1, len(trial.chosen)) * np.sqrt(model.r / trial.h)
     measured = trial.strain[1:, trial.chosen] + noise
     main = run_filter(model, np.zeros(model.size), trial.covariance, trial.known, measured, keep="all")
     smoothed = smooth(model, main)
@@ -47,13 +46,15 @@ def run(context: Context) -> Output:
     for name in trial.names:
         summary[f"estimate.{name}"] = _one_number(trial, name, estimate[name][0])
         summary |= {f"{key}.{name}": float(values[name][0]) for key, values in errors.items()}
-    summary |= {f"identified.{name}": answer for name, answer in identified(studies["starts"]).items()}
+    summary |= {f"identified.{name}": answer for name, answer in identified(trial, studies["starts"]).items()}
     summary |= {"nees": float(np.mean(consistency[0])), "nis": float(np.mean(consistency[1]))}
     field = _field(trial, main)
     grid, grid_attributes = gauge_grid(
         context.upstream["train"]["/gauges/position"],
         {path.rpartition("/")[2]: entry.array for path, entry in field.items() if entry.array.ndim},
     )
+    summary["whiteness"] = float(whiteness(main.whitened[:, 0]))
+    summary["lost_runs"] = int(sum(np.isnan(study.real[trial.names[-1]]).sum() for study in studies.values()))
     return Output(
         datasets=grid
         | _histories(trial, estimate, later)
@@ -146,7 +147,7 @@ def _message(trial: Trial, summary: Mapping[str, Scalar]) -> str:
             said.append(
                 f"{name} error {error:.1f} % filtered, {100 * float(summary[f'smoothed.{name}']):.1f} % smoothed"
             )
-        if not summary[f"identified.{name}"]:
+        if summary.get(f"identified.{name}") is False:
             said.append(f"{name} is not identified: other starts end elsewhere")
     return "; ".join(said)
 
@@ -157,7 +158,7 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
 
     def middle(key: str, name: str) -> str:
         errors = studies[key].real[name]
-        return percent(float(np.median(errors))) if len(errors) else "-"
+        return percent(float(np.nanmedian(errors))) if len(errors) else "-"
 
     rows = []
     for name in trial.names:

@@ -162,7 +162,7 @@ def inputs_of(stage: Stage, job: Job, required: bool = True) -> Inputs:
                 continue
             if key not in expand(config, key):
                 raise ValueError(f"stage '{stage.name}' has the file '{key}' without declaring it in Stage.reads")
-            files[key] = _input_path(str(value), job)
+            files[key] = _input_path(key, str(value), job)
     for key, path in files.items():
         if path.is_file():
             try:
@@ -175,9 +175,9 @@ def inputs_of(stage: Stage, job: Job, required: bool = True) -> Inputs:
     return Inputs(config, files, digests)
 
 
-def _input_path(value: str, job: Job) -> Path:
-    """A path as written, from the config's folder; a plain name is another run's validation."""
-    if "/" not in value and "." not in value:
+def _input_path(key: str, value: str, job: Job) -> Path:
+    """A path as written, from the config's folder; a plain name under a key `from` is another run's validation."""
+    if key.endswith(".from") and "/" not in value and "." not in value:
         return job.results / value / "validate.h5"
     return job.base / value
 

@@ -46,7 +46,7 @@ class Stage:
     reads     dotted config paths it may read, `*` for every key of a mapping: ("mesh", "loads.*.node", "seed")
     upstream  names of the stages whose artefacts it may read
     files     dotted keys whose values are input files: ("mesh.file", "loads.*.signal.file"), covered by `reads`; keys
-              that the config lacks are passed over. A value that is a plain name stands for
+              that the config lacks are passed over. A plain name under a key `from` stands for
               results/<that name>/validate.h5
     run       the function
     """

@@ -55,7 +55,8 @@ def problem_of(context: Context) -> Problem:
     model = model_from(rom)
     h, duration = float(config.train.time_step), float(config.train.duration)
     with blame("train"):
-        signals = {name: signal_of(name, entry.signal, context.files) for name, entry in config.loads.items()}
+        # In the order of the reduced model: that of the config may have changed since, which is no change of the config.
+        signals = {name: signal_of(name, config.loads[name].signal, context.files) for name in model.inputs}
         u = hold_coefficients(list(signals.values()), 0.0, h, round(duration / h))
     x = np.hstack([train["/coordinate"], train["/velocity"]])
     unknowns = unknowns_of(config.place.estimate, config.loads, signals, model.reference, duration)

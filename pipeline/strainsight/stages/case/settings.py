@@ -24,10 +24,17 @@ def parameters_of(config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Pat
 
     Raises ConfigError where a region does not exist or a guess cannot be taken from another run.
     """
-    return tuple(
-        Parameter(name, entry.property, _regions(name, entry.region, mesh), reference_value(name, entry.guess, files))
-        for name, entry in config.items()
-    )
+    found = []
+    for name, entry in config.items():
+        value, (low, high) = reference_value(name, entry.guess, files), entry.range
+        if not low <= value <= high:
+            raise ConfigError(
+                f"the guess of {name}, {value:.6g}, lies outside its range {low:g} to {high:g}",
+                key=f"parameters.{name}.range",
+                remedy="widen the range, or take the guess from another run",
+            )
+        found.append(Parameter(name, entry.property, _regions(name, entry.region, mesh), value))
+    return tuple(found)
 
 
 def reference_value(name: str, guess: Any, files: Mapping[str, Path]) -> float:

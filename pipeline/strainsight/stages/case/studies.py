@@ -28,13 +28,17 @@ class Runs:
 
 @dataclass(frozen=True)
 class Study:
-    """What some runs found, by name: real and claimed error (B,), late: mean and mean σ of the last half, estimate (T + 1, B)."""
+    """What some runs found, by name: real and claimed error (B,), estimate and its σ (T + 1, B) [SI]."""
 
     runs: Runs
     real: Mapping[str, np.ndarray]
     claimed: Mapping[str, np.ndarray]
-    late: Mapping[str, tuple[np.ndarray, np.ndarray]]
     estimate: Mapping[str, np.ndarray]
+    std: Mapping[str, np.ndarray]
+
+
+CHOICES = 1 << 31
+"""Stream of the random numbers that choose starts and sets, apart from those of the noise."""
 
 
 def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed: int) -> dict[str, Study]:
@@ -48,29 +52,47 @@ def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed
 
     settings: the config's validate section.
     """
-    rng = np.random.default_rng([seed, 1])
+    rng = np.random.default_rng([seed, CHOICES])
     spread = np.array([float(settings["initial_std"][name]) for name in trial.names])
     repeats, count = int(settings["repeats"]), int(settings["random_sets"])
     factors = np.array(settings["noise_factors"], dtype=float)
     starts = spread * rng.standard_normal((repeats, len(spread)))
     home = np.zeros_like(spread)
-    first, *others = (int(s) for s in rng.integers(1 << 31, size=repeats + 1))
+    own = np.zeros(max(len(factors), repeats, count), dtype=int)
     parts = {
-        "noise": _runs(trial.chosen, factors, home, np.full(len(factors), first)),
-        "repeats": _runs(trial.chosen, 1.0, starts, np.array(others, dtype=int)),
-        "starts": _runs(trial.chosen, 1.0, starts, np.full(repeats, first)),
+        "noise": _runs(trial.chosen, factors, home, own[: len(factors)]),
+        "repeats": _runs(trial.chosen, 1.0, starts, np.arange(1, repeats + 1)),
+        "starts": _runs(trial.chosen, 1.0, starts, own[:repeats]),
     }
     for key, pool in (("screened", kept), ("all", np.arange(trial.strain.shape[1]))):
         sets = [rng.choice(pool, len(trial.chosen), replace=False) for _ in range(count)]
-        parts[key] = _runs(
-            np.array(sets, dtype=int).reshape(count, len(trial.chosen)), 1.0, home, np.full(count, first)
-        )
-    return _filtered(trial, parts)
+        parts[key] = _runs(np.array(sets, dtype=int).reshape(count, len(trial.chosen)), 1.0, home, own[:count])
+    return _filtered(trial, parts, seed)
 
 
-def identified(starts: Study) -> dict[str, bool]:
-    """For every unknown, whether runs that differ only by their start end within 3 σ of each other."""
-    return {name: not bool(not_identified(*late)) for name, late in starts.late.items()}
+def identified(trial: Trial, starts: Study) -> dict[str, bool]:
+    """For every unknown, whether runs that differ only by their start end within 3 σ of each other.
+
+    A parameter by its mean over the last half; an input by the RMS over the last half of (largest − smallest), beside its σ.
+    Empty for fewer than two runs.
+    """
+    if len(starts.runs.seed) < 2:
+        return {}
+    late = slice(len(trial.time) // 2, None)
+    found = {}
+    for name in trial.names:
+        value, std = starts.estimate[name][late], starts.std[name][late]
+        if name in trial.problem.unknowns.parameters:
+            found[name] = not bool(not_identified(value.mean(axis=0), std.mean(axis=0)))
+        else:
+            spread = np.sqrt(np.mean(np.ptp(value, axis=1) ** 2))
+            found[name] = bool(spread <= 3 * np.sqrt(np.mean(std**2)))
+    return found
+
+
+def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:
+    """Unit white noise (samples, gauges); realisation 0 is that of the layout's own measurement."""
+    return np.random.default_rng([seed, realisation]).standard_normal((samples, gauges))
 
 
 def study_datasets(studies: Mapping[str, Study], trial: Trial) -> dict[str, Dataset]:
@@ -123,12 +145,12 @@ def _runs(gauges: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarra
     )
 
 
-def _filtered(trial: Trial, parts: Mapping[str, Runs]) -> dict[str, Study]:
+def _filtered(trial: Trial, parts: Mapping[str, Runs], seed: int) -> dict[str, Study]:
     names = ("gauges", "noise_factor", "start", "seed")
     runs = Runs(*(np.concatenate([getattr(part, name) for part in parts.values()]) for name in names))
     model = filter_model(trial.problem, runs.gauges, trial.h, runs.noise_factor)
     shape = (len(trial.strain) - 1, runs.gauges.shape[1])
-    noise = np.stack([np.random.default_rng(seed).standard_normal(shape) for seed in runs.seed], axis=1)
+    noise = np.stack([sample_noise(seed, int(realisation), *shape) for realisation in runs.seed], axis=1)
     mean = np.zeros((len(runs.seed), model.size))
     mean[:, -len(trial.names) :] = runs.start
     run = run_filter(
@@ -136,7 +158,6 @@ def _filtered(trial: Trial, parts: Mapping[str, Runs]) -> dict[str, Study]:
     )
     real, claimed = real_and_claimed(trial, model, run.mean, run.std)
     values = physical(model, run.mean, run.std)
-    half = len(trial.time) // 2
     found, start = {}, 0
     for key, part in parts.items():
         span = slice(start, start + len(part.seed))
@@ -145,7 +166,7 @@ def _filtered(trial: Trial, parts: Mapping[str, Runs]) -> dict[str, Study]:
             part,
             {name: real[name][span] for name in trial.names},
             {name: claimed[name][span] for name in trial.names},
-            {name: tuple(np.mean(v[half:, span], axis=0) for v in values[name]) for name in trial.names},  # type: ignore[misc]
             {name: values[name][0][:, span] for name in trial.names},
+            {name: values[name][1][:, span] for name in trial.names},
         )
     return found

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.errors import blame
 from strainsight.estimation.metrics import input_error, parameter_error
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.signals.histories import hold_coefficients
+from strainsight.signals.histories import hold_coefficients, step_means
 from strainsight.stages.case.problem import Problem, initial_covariance, problem_of
 from strainsight.stages.case.truth import Truth, truth_of
 from strainsight.stages.records.gauges import candidates_from
@@ -20,7 +21,8 @@ from strainsight.workflow.stage import Context
 @dataclass(frozen=True)
 class Trial:
     """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N] what the filter is told;
-    truth and strain (T + 1, candidates) of every candidate, misplaced as it is glued; history: unknown's name → (T + 1,) [SI];
+    truth and strain (T + 1, candidates) of every candidate, misplaced as it is glued; history: unknown's name →
+    (T + 1,) [SI], of an input the mean over the step that follows, which is what its state stands for;
     chosen (k,) candidates of the layout; covariance P₀ (n*, n*); units: unknown's name → unit."""
 
     problem: Problem
@@ -46,11 +48,13 @@ def trial_of(context: Context) -> Trial:
     settings, names = config.validate, problem.unknowns.names
     h = float(settings.time_step)
     steps = round(settings.duration / h)
-    held = hold_coefficients(list(problem.signals.values()), 0.0, h, steps)
+    with blame("validate.duration"):
+        held = hold_coefficients(list(problem.signals.values()), 0.0, h, steps)
     mesh = mesh_from(context.upstream["import"])
     truth = truth_of(context, problem, mesh, held, h)
-    # The hold gives u at the start of each step; at the end of the last one its polynomial is summed.
-    load = np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
+    with blame("validate.truth.gauge_offset"):
+        strain = truth.strain(mesh, candidates_from(context.upstream["train"]), context.seed)
+    load = step_means(held)
     inputs, place = problem.unknowns.inputs, context.upstream["place"]
     return Trial(
         problem=problem,
@@ -58,7 +62,7 @@ def trial_of(context: Context) -> Trial:
         time=h * np.arange(steps + 1),
         known=held[:, :, problem.columns(problem.known)],
         truth=truth,
-        strain=truth.strain(mesh, candidates_from(context.upstream["train"]), context.seed),
+        strain=strain,
         history={name: load[:, problem.columns([name])[0]] for name in inputs}
         | {name: np.full(steps + 1, truth.theta[name]) for name in problem.unknowns.parameters},
         chosen=place["/pool/candidate"][place["/selected/final/gauge"]],

@@ -59,7 +59,7 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh, u: np.ndarray, h: f
     parameters = _at(theta, parameters_of(context.config.parameters, mesh, context.files))
     with blame("validate.truth"):
         full = build_model(mesh, parameters)
-        S = load_shapes(full, context.config.loads)
+        S = load_shapes(full, {name: context.config.loads[name] for name in problem.model.inputs})
         rich = stated.model == "rich"
         damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
         model, basis = modal_model(full, S, problem.model.inputs, theta, stated.modes, damping)

@@ -46,7 +46,7 @@ def placement_report(context: Context) -> PlacementReport:
         title=f"{context.name}: {len(up['place']['/selected/final/gauge'])} gauges for {' and '.join(names)}",
         unknowns=tuple(_unknown(name, kinds[name], up) for name in names),
         layout=_layout(mesh, up, config.loads),
-        trend=_trend(up["place"], names),
+        trend=_trend(up["place"]),
         histories=tuple(_history(name, validate) for name in names),
         gauge_signals=_gauge_signals(validate, up["place"]),
         random_sets=tuple(
@@ -92,20 +92,23 @@ def _unknown(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
     units = validate.attributes(f"/estimate/{name}")["units"]
     summary = validate.summary
     truth = validate[f"/truth/{name}"]
-    expected = float(place[f"/expected_std/{name}"])
-    scale = float(place.attributes(f"/expected_std/{name}")["scale"])
     return Unknown(
         name=name,
         unit=str(units),
         kind=kind,
-        guess=scale,
+        guess=float(place.attributes(f"/expected_std/{name}")["scale"]),
         truth=float(truth[-1]) if kind == "parameter" else float(np.sqrt(np.mean(truth**2))),
         estimate=float(summary[f"estimate.{name}"]),
         error=float(summary[f"error.{name}"]),
         std=float(summary[f"std.{name}"]),
         smoothed_error=float(summary[f"smoothed.{name}"]),
-        expected_std=expected / scale,
+        expected_std=float(place[f"/expected_std/{name}"]) / _size(name, validate),
     )
+
+
+def _size(name: str, validate: Artefact) -> float:
+    """What errors are relative to: a parameter's true value, the RMS of an input's true history."""
+    return float(np.sqrt(np.mean(validate[f"/truth/{name}"] ** 2)))
 
 
 def _layout(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
@@ -118,7 +121,11 @@ def _layout(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) ->
         key: train[f"/gauges/{key}"][chosen]
         for key in ("element", "facet", "position", "direction", "normal", "angle", "nodes")
     }
-    without = place.children("/without")
+    # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
+    without = {
+        name: values * float(place.attributes(f"/expected_std/{name}")["scale"]) / _size(name, up["validate"])
+        for name, values in place.children("/without").items()
+    }
     gauges = tuple(
         Gauge(
             label=f"G{i + 1}",
@@ -153,7 +160,7 @@ def _load_point(mesh: Mesh, entry: Any) -> np.ndarray:
     return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0)
 
 
-def _trend(place: Artefact, names: list[str]) -> Trend:
+def _trend(place: Artefact) -> Trend:
     trace = place["/elimination/trace"]
     blocks = place["/elimination/blocks"]
     summary = place.summary
@@ -161,10 +168,10 @@ def _trend(place: Artefact, names: list[str]) -> Trend:
     return Trend(
         count=np.arange(int(summary["pool"]), int(summary["pool"]) - len(trace), -1),
         trace=trace,
-        blocks={name: blocks[:, i] for i, name in enumerate(names)},
+        blocks={str(name): blocks[:, i] for i, name in enumerate(place["/elimination/unknowns"])},
         final_trace=float(summary["trace_final"]),
         lower_bound=float(summary["lower_bound"]) if certified else None,
-        gap=float(summary["trace_final"]) / float(summary["lower_bound"]) - 1 if certified else None,
+        gap=float(summary["gap"]) if certified else None,
     )
 
 
@@ -235,11 +242,13 @@ def _warnings(up: Mapping[str, Artefact], names: list[str]) -> tuple[str, ...]:
                 f"{name} is off by {100 * error:.2g} %, more than three times the {100 * std:.2g} % that the filter claims."
             )
         random = up["validate"][f"/random_sets/all/std/{name}"]
-        if len(random) and np.median(random) < 0.9 * std:
+        if len(random) and np.nanmedian(random) < 0.9 * std:
             said.append(
-                f"Random sets from all candidates claim {100 * np.median(random):.2g} % for {name} in the median, the chosen set "
-                f"{100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
+                f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
+                f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
             )
+    if lost := int(summary["lost_runs"]):
+        said.append(f"{lost} runs of the studies diverged and are left out of the medians.")
     return tuple(said)
 
 
