@@ -132,3 +132,17 @@ def test_an_earlier_artefact_survives_a_stage_that_fails(project):
     change(project / "meshes" / "cantilever.bdf", "MAT1", "$AT1")
     refused(project, "import")
     assert (project / "results" / "cantilever-youngs-modulus" / "import.h5").read_bytes() == before
+
+
+def test_a_changed_include_of_the_deck_is_noticed(project):
+    deck, config = project / "meshes" / "cantilever.bdf", str(project / "configs" / "own.yaml")
+    lines = deck.read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("MAT1"))
+    (project / "meshes" / "steel.bdf").write_text("MAT1,1,2.1+11,,.3,7850.\n")
+    lines[at] = "INCLUDE 'steel.bdf'"
+    deck.write_text("\n".join(lines) + "\n")
+    words = [config, "--results", str(project / "results")]
+    assert CliRunner().invoke(app, ["import", *words]).exit_code == 0
+    assert "import    up to date" in CliRunner().invoke(app, ["status", *words]).output
+    (project / "meshes" / "steel.bdf").write_text("MAT1,1,2.0+11,,.3,7850.\n")
+    assert "steel.bdf changed" in CliRunner().invoke(app, ["status", *words]).output

@@ -55,7 +55,9 @@ class InputNoise(Section):
     frequency: Positive | None = Field(
         None, description="Typical frequency of the load [Hz]; null: that of its signal."
     )
-    amplitude: Positive | None = Field(None, description="Typical amplitude of the load [N]; initial_std is relative to it; null: its signal's.")
+    amplitude: Positive | None = Field(
+        None, description="Typical amplitude of the load [N]; initial_std is relative to it; null: that of its signal."
+    )
 
 
 class Load(Section):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import ndtri
 
 
 def nees(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -33,6 +33,8 @@ def chi_square_band(dimension: int, samples: int = 1, level: float = 0.95) -> tu
 
     Runs with other seeds are independent samples; so are the instants for NIS, but not for NEES.
     """
+    from scipy.stats import chi2  # a third of a second to import, which an up-to-date run need not spend
+
     freedom = dimension * samples
     low, high = chi2.ppf([0.5 * (1 - level), 0.5 * (1 + level)], freedom) / freedom
     return float(low), float(high)
@@ -50,7 +52,7 @@ def whiteness(whitened: np.ndarray) -> np.ndarray:
 
 def whiteness_band(steps: int, gauges: int, level: float = 0.95) -> float:
     """Largest |ρ₁| to be expected of white innovations: z/√(T m), by Bartlett's formula."""
-    return float(norm.ppf(0.5 * (1 + level)) / np.sqrt(steps * gauges))
+    return float(ndtri(0.5 * (1 + level)) / np.sqrt(steps * gauges))
 
 
 def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float = 3.0) -> np.ndarray:

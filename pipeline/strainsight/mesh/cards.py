@@ -80,11 +80,12 @@ class Card(NamedTuple):
 
 @dataclass(frozen=True)
 class Deck:
-    """cards by name in file order, the case-control lines, and how many lines stand after ENDDATA."""
+    """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included."""
 
     cards: dict[str, list[Card]]
     case_control: tuple[Line, ...]
     after_end: int
+    included: tuple[str, ...] = ()
 
 
 def parse_integer(token: str) -> int | None:
@@ -118,7 +119,9 @@ def read_deck(path: Path) -> Deck:
     Raises DeckError for a file that is missing, empty or binary, and for lines that are no card.
     """
     path = Path(path)
-    lines = [line for line in _lines(path, path.resolve().parent, ()) if line.text.strip()]
+    everything = list(_lines(path, path.resolve().parent, ()))
+    included = tuple(dict.fromkeys(line.file for line in everything if line.file != str(path)))
+    lines = [line for line in everything if line.text.strip()]
     begins = [i for i, line in enumerate(lines) if _BEGIN.match(line.text)]
     if len(begins) > 1 or (begins and not _BEGIN_BULK.match(lines[begins[0]].text)):
         line = lines[begins[-1]]
@@ -141,7 +144,7 @@ def read_deck(path: Path) -> Deck:
     if not cards:
         raise DeckError("the deck holds no bulk data", where=str(path), remedy="check that this is the right file")
     case_control = tuple(lines[: begins[0]]) if begins else ()
-    return Deck(cards, case_control, max(len(lines) - end - 1, 0))
+    return Deck(cards, case_control, max(len(lines) - end - 1, 0), included)
 
 
 def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:

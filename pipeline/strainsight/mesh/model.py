@@ -78,7 +78,8 @@ class Mesh:
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
     node_ids (n,) of the file; position (n, 3) [m]; blocks of cells; fixed (f, 2) pairs (node index, component 0-5)
-    that are held at zero; node_sets and element_sets name → ids of the file; ignored card → count not taken over.
+    that are held at zero; node_sets and element_sets name → ids of the file; ignored card → count not taken over; included: files that
+    the deck takes in.
     """
 
     node_ids: IntArray
@@ -94,6 +95,7 @@ class Mesh:
     element_sets: Mapping[str, IntArray] = field(default_factory=dict)
     ignored: Mapping[str, int] = field(default_factory=dict)
     source: str = ""
+    included: tuple[str, ...] = ()
 
     def node_index(self, node_id: int) -> int:
         """Index of the node with this id of the file; KeyError where there is none."""

@@ -69,6 +69,7 @@ def read_nastran(path: Path) -> Mesh:
         element_sets=element_sets,
         ignored=dict(sorted(ignored.items())),
         source=str(path),
+        included=deck.included,
     )
 
 

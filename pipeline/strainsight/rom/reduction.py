@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh, svd
-from scipy.stats import qmc
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
@@ -240,6 +239,8 @@ def _latin(
 ) -> tuple[dict[str, float], ...]:
     if not len(levels):
         return ()
+    from scipy.stats import qmc  # a third of a second to import, which an up-to-date run need not spend
+
     order = np.argsort(qmc.Halton(len(reference), scramble=False).random(len(levels) + 1)[1:], axis=0).argsort(axis=0)
     columns = {}
     for i, name in enumerate(reference):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 
@@ -42,6 +43,7 @@ def run(context: Context) -> Output:
         summary={"nodes": len(mesh.node_ids), "elements": len(ids), "mass": float(mass), "ignored": ignored},
         message=f"{len(mesh.node_ids)} nodes, {elements}, {ignored} card{'s' * (ignored != 1)} ignored, mass {mass:.1f} kg",
         tables=_tables(mesh, mass, centre),
+        inputs=tuple(Path(name) for name in mesh.included),
     )
 
 
