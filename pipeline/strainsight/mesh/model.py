@@ -78,8 +78,8 @@ class Mesh:
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
     node_ids (n,) of the file; position (n, 3) [m]; blocks of cells; fixed (f, 2) pairs (node index, component 0-5)
-    that are held at zero; node_sets and element_sets name → ids of the file; ignored card → count not taken over; included: files that
-    the deck takes in.
+    that are held at zero; node_sets and element_sets name → ids of the file; ignored card → count not taken over;
+    included: files that the deck takes in.
     """
 
     node_ids: IntArray
