@@ -14,8 +14,8 @@ from contextlib import contextmanager
 import typer
 
 INTERNAL, USER, INTERRUPTED = 1, 2, 130
-PATIENCE = 1.0
-"""Seconds that an interrupted command has to end by itself."""
+SHOW_CURSOR = b"\x1b[?25h\n"
+"""What a progress bar hides while it is drawn."""
 KEPT = "interrupted; finished stages are kept"
 
 
@@ -48,26 +48,25 @@ def reported(verbose: bool = False) -> Iterator[None]:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Make Ctrl-C end the process in any case.
+    """Make Ctrl-C end the process, at once and in any case.
 
-    Python raises KeyboardInterrupt wherever it happens to be; in a callback of a C library it is printed and forgotten.
-    Nothing is lost by ending hard: an artefact is whole or absent, and the next run clears up.
+    Python raises KeyboardInterrupt wherever it happens to be: in a callback of a C library it is printed and forgotten, and
+    elsewhere it may end the process by the signal instead of the exit code. Nothing is lost by ending hard: an artefact is
+    whole or absent, the kernel drops the lock, and the next run clears up.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    def end() -> None:
-        print(KEPT, file=sys.stderr, flush=True)
+    def end(*_: object) -> None:
+        # Not print: the interrupted code may hold the stream's buffer.
+        for stream in (sys.stdout, sys.stderr):
+            if stream.isatty():
+                os.write(stream.fileno(), SHOW_CURSOR)
+        os.write(2, f"{KEPT}\n".encode())
         os._exit(INTERRUPTED)
 
-    def stop(*_: object) -> None:
-        timer = threading.Timer(PATIENCE, end)
-        timer.daemon = True
-        timer.start()
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, stop)
+    before = signal.signal(signal.SIGINT, end)
     try:
         yield
     finally:
