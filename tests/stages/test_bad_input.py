@@ -146,3 +146,19 @@ def test_a_changed_include_of_the_deck_is_noticed(project):
     assert "import    up to date" in CliRunner().invoke(app, ["status", *words]).output
     (project / "meshes" / "steel.bdf").write_text("MAT1,1,2.0+11,,.3,7850.\n")
     assert "steel.bdf changed" in CliRunner().invoke(app, ["status", *words]).output
+
+
+def test_a_deck_in_other_units_than_the_config_says_is_refused_by_its_modulus(project):
+    """Taken as m-t-s, the deck's modulus is a thousand times the guess."""
+    change(project / "configs" / "own.yaml", "mass_unit: kg", "mass_unit: t")
+    message = refused(project, "rom")
+    assert "parameters.E.guess" in message
+    assert "mesh.mass_unit" in message
+    assert "rom.h5" not in written(project)
+
+
+def test_more_modes_than_the_model_has_is_refused_at_the_number_of_modes(project):
+    line = change(project / "configs" / "own.yaml", "modes: 10", "modes: 20000")
+    message = refused(project, "rom")
+    assert f"own.yaml:{line}:" in message
+    assert "rom.modes" in message

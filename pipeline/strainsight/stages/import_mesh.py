@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
         datasets=mesh_datasets(mesh) | grid,
         attributes=grid_attributes,
         summary={"nodes": len(mesh.node_ids), "elements": len(ids), "mass": float(mass), "ignored": ignored},
-        message=f"{len(mesh.node_ids)} nodes, {elements}, {ignored} card{'s' * (ignored != 1)} ignored, mass {mass:.1f} kg",
+        message=f"{len(mesh.node_ids)} nodes, {elements}, {ignored} card{'s' * (ignored != 1)} ignored, mass {mass:.5g} kg",
         tables=_tables(mesh, mass, centre),
         inputs=tuple(Path(name) for name in mesh.included),
     )

@@ -31,7 +31,7 @@ def run(context: Context) -> Output:
     reference = {p.name: p.reference for p in parameters}
     ranges = {name: tuple(entry.range) for name, entry in config.parameters.items()}
     context.progress("modes", 0.2)
-    with blame("mesh.file"):
+    with blame("rom.modes"):
         reduction = reduce_model(
             model,
             S,

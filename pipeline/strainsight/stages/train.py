@@ -57,7 +57,7 @@ def run(context: Context) -> Output:
             "/gauges/row": Dataset(rows, "strain/(kg^1/2 m)", "strain per reduced coordinate (candidate × coordinate)"),
         },
         summary={"candidates": len(rows), "steps": steps, "strongest_rms": strongest},
-        message=f"{len(rows)} candidates, {steps} steps, strongest RMS {1e6 * strongest:.1f} µm/m",
+        message=f"{len(rows)} candidates, {steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m",
     )
 
 

@@ -182,8 +182,8 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
         "error",
         "claimed σ",
         "smoothed",
-        "random sets, screened",
-        "random sets, all",
+        "random sets, screened: median",
+        "all: median",
     )
     return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))
 

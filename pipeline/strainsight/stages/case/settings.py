@@ -33,7 +33,16 @@ def parameters_of(config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Pat
                 key=f"parameters.{name}.range",
                 remedy="widen the range, or take the guess from another run",
             )
-        found.append(Parameter(name, entry.property, _regions(name, entry.region, mesh), value))
+        regions = _regions(name, entry.region, mesh)
+        for region in regions:
+            deck = float(getattr(mesh.materials[mesh.regions[region].material], entry.property))
+            if not 0.1 <= value / deck <= 10:
+                raise ConfigError(
+                    f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in region {region} (SI units)",
+                    key=f"parameters.{name}.guess",
+                    remedy="check mesh.length_unit and mesh.mass_unit, or the guess",
+                )
+        found.append(Parameter(name, entry.property, regions, value))
     return tuple(found)
 
 

@@ -62,6 +62,7 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh, u: np.ndarray, h: f
         S = load_shapes(full, {name: context.config.loads[name] for name in problem.model.inputs})
         rich = stated.model == "rich"
         damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
+    with blame("validate.truth.modes"):
         model, basis = modal_model(full, S, problem.model.inputs, theta, stated.modes, damping)
     x = simulate(model, model.reference, u, h)
     description = f"{stated.modes} modes of the full model with static terms, {values or 'the same parameters'}"

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from strainsight import __version__
+from strainsight.mesh.check import suspicions
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.report.data import (
@@ -79,7 +80,7 @@ def placement_report(context: Context) -> PlacementReport:
         },
         truth_description=str(validate.summary["description"]),
         consistency=_consistency(validate),
-        warnings=_warnings(up, names),
+        warnings=_warnings(up, names, mesh),
         not_tested=_not_tested(up, config),
         facts=_facts(up),
         provenance={"strainsight": __version__, "seed": str(context.seed)}
@@ -226,8 +227,8 @@ def _consistency(validate: Artefact) -> Consistency:
     return Consistency(float(validate.summary["nees"]), nees_band, float(validate.summary["nis"]), nis_band)
 
 
-def _warnings(up: Mapping[str, Artefact], names: list[str]) -> tuple[str, ...]:
-    said = []
+def _warnings(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
+    said = [f"{text}." for text in suspicions(mesh)]
     ignored = int(up["import"].summary["ignored"])
     if ignored:
         cards = ", ".join(up["import"]["/ignored/card"])
