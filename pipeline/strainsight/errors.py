@@ -45,7 +45,22 @@ class ConfigError(UserError):
 
 
 class DeckError(UserError):
-    """A mesh file that cannot be taken over as it stands."""
+    """A mesh file that cannot be taken over as it stands.
+
+    entity  ("node", id), ("element", id) or ("tie", id) that is at fault, for whoever knows the lines of the file
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str | None = None,
+        key: str | None = None,
+        remedy: str | None = None,
+        entity: tuple[str, int] | None = None,
+    ):
+        super().__init__(what, where=where, key=key, remedy=remedy)
+        self.entity = entity
 
 
 class InfeasibleError(UserError):

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from strainsight.errors import DeckError
+from strainsight.mesh.text import Line, included_file, read_text
 
 _BEGIN = re.compile(r"\s*BEGIN\b", re.IGNORECASE)
 _BEGIN_BULK = re.compile(r"\s*BEGIN\s*(BULK)?\s*$|\s*BEGIN\s+BULK\s*=\s*0*\s*$", re.IGNORECASE)
@@ -21,19 +22,6 @@ _ENDDATA = re.compile(r"\s*ENDDATA\b", re.IGNORECASE)
 _SHORT_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]?([+-]?\d+)")
 _INCLUDE = re.compile(r"\s*INCLUDE\s+(.*)$", re.IGNORECASE)
 _CASE_CONTROL = re.compile(r"\s*(SOL\s+\w+\s*$|CEND\b|SUBCASE\b)", re.IGNORECASE)
-
-
-class Line(NamedTuple):
-    """A line without comment and trailing blanks, and where it stands."""
-
-    text: str
-    file: str
-    number: int
-
-    @property
-    def where(self) -> str:
-        """file:line."""
-        return f"{self.file}:{self.number}"
 
 
 class Card(NamedTuple):
@@ -148,58 +136,22 @@ def read_deck(path: Path) -> Deck:
 
 
 def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:
-    for number, raw in enumerate(_read_text(path).splitlines(), start=1):
+    for number, raw in enumerate(read_text(path).splitlines(), start=1):
         if "INCLUDE" in raw[:40].upper() and (match := _INCLUDE.match(raw)):
             above = (*parents, path.resolve())
-            yield from _lines(_included(match[1], path, number, folder, above), folder, above)
+            name = _file_name(match[1], f"{path}:{number}")
+            yield from _lines(included_file(name, "INCLUDE", path, number, folder, above), folder, above)
             continue
         yield Line(raw.partition("$")[0].expandtabs().rstrip(), str(path), number)
 
 
-def _included(argument: str, path: Path, number: int, folder: Path, parents: tuple[Path, ...]) -> Path:
-    where = f"{path}:{number}"
+def _file_name(argument: str, where: str) -> str:
     quoted = re.match(r"""(['"])(.*?)\1|([^'"\s$]+)\s*(?:\$.*)?$""", argument)
     if not quoted:
         raise DeckError(
             f"INCLUDE {argument.strip()}: no complete file name", where=where, remedy="write INCLUDE 'file' on one line"
         )
-    name = quoted[2] if quoted[1] else quoted[3]
-    target = path.parent / name
-    resolved = target.resolve()
-    if not resolved.is_relative_to(folder):
-        raise DeckError(
-            f"INCLUDE {name!r} leaves the folder of the deck",
-            where=where,
-            remedy="move the included file beside or below the deck",
-        )
-    if resolved in parents:
-        raise DeckError(f"INCLUDE {name!r} includes itself", where=where, remedy="remove the circle")
-    if not resolved.is_file():
-        raise DeckError(f"INCLUDE {name!r}: no such file", where=where, remedy="give the file, or remove the line")
-    return target
-
-
-def _read_text(path: Path) -> str:
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
-    except OSError as error:
-        raise DeckError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
-        ) from None
-    if not content.strip():
-        raise DeckError("the file is empty", where=str(path), remedy="write the deck again")
-    if b"\0" in content[:1_000_000]:
-        raise DeckError(
-            "a binary file, not a text deck",
-            where=str(path),
-            remedy="give the input deck (.bdf), not a results file (.op2, .h5)",
-        )
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
+    return quoted[2] if quoted[1] else quoted[3]
 
 
 def _cards(lines: list[Line]) -> Iterator[Card]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from strainsight.errors import DeckError
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -36,7 +39,7 @@ class Material:
 
 @dataclass(frozen=True)
 class Region:
-    """A property that elements refer to (a PSOLID, an element set, a physical group) and its material id."""
+    """A property that elements refer to (a PSOLID, an element set, a physical group); material id, 0 where the file has none."""
 
     id: int
     name: str
@@ -45,7 +48,10 @@ class Region:
 
 @dataclass(frozen=True)
 class RigidElement:
-    """RBE2: the components (0-2) of `nodes` follow the six motions of node `reference` (all indices)."""
+    """RBE2: the components (0-5) of `nodes` follow the six motions of node `reference` (all indices).
+
+    Rotations of a dependent node count only where it is the reference of another element.
+    """
 
     id: int
     reference: int
@@ -55,22 +61,49 @@ class RigidElement:
 
 @dataclass(frozen=True)
 class AveragingElement:
-    """RBE3: components (0-5) of node `reference` are the weighted mean motion of `nodes`; weight (k,)."""
+    """RBE3: components (0-5) of node `reference` are the weighted mean motion of `nodes` (all indices).
+
+    weight (k,) ≥ 0; directions (k, 3) which translations of each node count, None for all; dependent (c, 2) pairs (node
+    index, component) that the c equations are solved for, as many as components, None for the reference's own.
+    """
 
     id: int
     reference: int
     nodes: IntArray
     weight: FloatArray
     components: tuple[int, ...]
+    directions: NDArray[np.bool_] | None = None
+    dependent: IntArray | None = None
 
 
 @dataclass(frozen=True)
 class PointMass:
-    """CONM2: a mass [kg] on a node (index)."""
+    """CONM2: mass [kg] on a node (index); its centre lies at offset (3,) [m] from the node, inertia (3, 3) [kg m²] about
+    that centre, both along the basic axes."""
 
     id: int
     node: int
     mass: float
+    offset: FloatArray = field(default_factory=lambda: np.zeros(3))
+    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+@dataclass(frozen=True)
+class NodalForces:
+    """A load of the file (the FORCEs of one set): force (k, 3) [N] along the basic axes on nodes (k,) (indices)."""
+
+    nodes: IntArray
+    force: FloatArray
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where entities stand: ids (n,), line (n,) from 1 in file (n,), an index into files."""
+
+    ids: IntArray
+    line: IntArray
+    file: IntArray
+    files: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -78,8 +111,10 @@ class Mesh:
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
     node_ids (n,) of the file; position (n, 3) [m]; blocks of cells; fixed (f, 2) pairs (node index, component 0-5)
-    that are held at zero; node_sets and element_sets name → ids of the file; ignored card → count not taken over;
-    included: files that the deck takes in.
+    that are held at zero; axes: node index → (3, 3) axes, one in a column, that the components of fixed, rigid and
+    averaging mean at that node (CD of a GRID), the basic ones where it has none; node_sets and element_sets name → ids of
+    the file; loads: name → forces of the file; ignored card → count not taken over; notes: sentences on how something was
+    taken over; included: files that the deck takes in; origin: "node", "element", "tie" → lines.
     """
 
     node_ids: IntArray
@@ -91,11 +126,15 @@ class Mesh:
     rigid: tuple[RigidElement, ...] = ()
     averaging: tuple[AveragingElement, ...] = ()
     point_masses: tuple[PointMass, ...] = ()
+    axes: Mapping[int, FloatArray] = field(default_factory=dict)
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
     element_sets: Mapping[str, IntArray] = field(default_factory=dict)
+    loads: Mapping[str, NodalForces] = field(default_factory=dict)
     ignored: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
     source: str = ""
     included: tuple[str, ...] = ()
+    origin: Mapping[str, Origin] = field(default_factory=dict)
 
     def node_index(self, node_id: int) -> int:
         """Index of the node with this id of the file; KeyError where there is none."""
@@ -103,3 +142,19 @@ class Mesh:
         if hits.size == 0:
             raise KeyError(node_id)
         return int(hits[0])
+
+    def where(self, kind: str, number: int) -> str | None:
+        """file:line of the node, element or tie with this id; None where the file has no lines."""
+        origin = self.origin.get(kind)
+        hits = np.flatnonzero(origin.ids == number) if origin else np.zeros(0)
+        return f"{origin.files[origin.file[hits[0]]]}:{origin.line[hits[0]]}" if origin and hits.size else None
+
+    @contextmanager
+    def located(self) -> Iterator[None]:
+        """Give errors that name an entity of this mesh the line where it stands, or the file."""
+        try:
+            yield
+        except DeckError as error:
+            if error.where is None and error.entity:
+                error.where = self.where(*error.entity) or self.source or None
+            raise

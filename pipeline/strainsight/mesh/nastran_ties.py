@@ -9,9 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.mesh.cards import Card, Deck, Line, parse_integer, parse_real
+from strainsight.mesh.cards import Card, Deck, parse_integer, parse_real
 from strainsight.mesh.model import AveragingElement, FloatArray, IntArray, PointMass, RigidElement
 from strainsight.mesh.nastran_sets import expand
+from strainsight.mesh.text import Line
 
 _SPC = re.compile(r"\s*SPC\s*=\s*(\w+)", re.IGNORECASE)
 

@@ -59,7 +59,7 @@ def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
 def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
     """A mesh in deck units → in m, kg, s.
 
-        x [L],   m [M],   E [M/(L s²)],   ρ [M/L³]
+        x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²]
 
     So millimetres go with tonnes where moduli are in MPa. Weights of averaging elements are ratios and stay.
     Raises UserError for an unknown unit.
@@ -69,5 +69,9 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         i: replace(m, youngs_modulus=m.youngs_modulus * M / L, density=m.density * M / L**3)
         for i, m in mesh.materials.items()
     }
-    masses = tuple(replace(point, mass=point.mass * M) for point in mesh.point_masses)
-    return replace(mesh, position=mesh.position * L, materials=materials, point_masses=masses)
+    masses = tuple(
+        replace(point, mass=point.mass * M, offset=point.offset * L, inertia=point.inertia * M * L**2)
+        for point in mesh.point_masses
+    )
+    loads = {name: replace(load, force=load.force * M * L) for name, load in mesh.loads.items()}
+    return replace(mesh, position=mesh.position * L, materials=materials, point_masses=masses, loads=loads)

@@ -1,0 +1,85 @@
+"""Lines of a text deck: reading, unpacking, and the files that a deck takes in."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+from strainsight.errors import DeckError
+
+LARGEST = 4 * 1024**3
+"""[bytes] of text, unpacked."""
+
+
+class Line(NamedTuple):
+    """A line without comment and trailing blanks, and where it stands."""
+
+    text: str
+    file: str
+    number: int
+
+    @property
+    def where(self) -> str:
+        """file:line."""
+        return f"{self.file}:{self.number}"
+
+
+def read_text(path: Path) -> str:
+    """The text of a deck, unpacked where its name ends in .gz.
+
+    Raises DeckError for a file that is missing, empty, binary, damaged or beyond 4 GiB.
+    """
+    try:
+        content = _unpacked(path) if path.suffix.lower() == ".gz" else path.read_bytes()
+    except FileNotFoundError:
+        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise DeckError(f"cannot be unpacked: {error}", where=str(path), remedy="pack the deck again") from None
+    except OSError as error:
+        raise DeckError(
+            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
+        ) from None
+    if not content.strip():
+        raise DeckError("the file is empty", where=str(path), remedy="write the deck again")
+    if b"\0" in content[:1_000_000]:
+        raise DeckError(
+            "a binary file, not a text deck",
+            where=str(path),
+            remedy="give the input deck (.bdf, .inp), not a results file (.op2, .odb, .h5)",
+        )
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def _unpacked(path: Path) -> bytes:
+    with gzip.open(path) as file:
+        content = file.read(LARGEST)
+    if len(content) == LARGEST:
+        raise DeckError("more than 4 GiB of text", where=str(path), remedy="check that this is the deck")
+    return content
+
+
+def included_file(name: str, word: str, path: Path, number: int, folder: Path, parents: tuple[Path, ...]) -> Path:
+    """The file that line `number` of `path` takes in by `word` (INCLUDE, *INCLUDE).
+
+    It must lie in or below `folder`, that of the whole deck, and not be one of `parents`, which are being read.
+    Raises DeckError where it does not, or is not there.
+    """
+    where = f"{path}:{number}"
+    target = path.parent / name
+    resolved = target.resolve()
+    if not resolved.is_relative_to(folder):
+        raise DeckError(
+            f"{word} {name!r} leaves the folder of the deck",
+            where=where,
+            remedy="move the included file beside or below the deck",
+        )
+    if resolved in parents:
+        raise DeckError(f"{word} {name!r} includes itself", where=where, remedy="remove the circle")
+    if not resolved.is_file():
+        raise DeckError(f"{word} {name!r}: no such file", where=where, remedy="give the file, or remove the line")
+    return target
