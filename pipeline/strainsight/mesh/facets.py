@@ -83,7 +83,10 @@ def all_facets(mesh: Mesh) -> Facets:
             kind.append(np.full(count, FACET_KINDS.index(facet_kind)))
             nodes.append(padded)
             region.append(block.region)
-    columns = [np.concatenate(column).astype(np.int64) for column in (element, facet, kind, nodes, region)]
+    nodes.append(np.zeros((0, 8), dtype=np.int64))
+    parts = ([*part, np.zeros(0)] for part in (element, facet, kind, region))
+    *columns, last = (np.concatenate(part).astype(np.int64) for part in parts)
+    columns += [np.concatenate(nodes), last]
     order = np.lexsort((columns[1], columns[0]))
     return Facets(*(column[order] for column in columns))
 
@@ -103,10 +106,12 @@ def exterior_facets(mesh: Mesh) -> Facets:
     group = np.empty(len(key), dtype=np.int64)
     group[order] = np.cumsum(new) - 1
     times = np.bincount(group)
-    if times.max() > 2:
+    if times.max(initial=0) > 2:
         shared = facets.element_id[group == np.argmax(times)]
         raise DeckError(
-            f"elements {', '.join(map(str, shared[:4]))} share one facet", remedy="remove elements that overlap"
+            f"elements {', '.join(map(str, shared[:4]))} share one facet",
+            remedy="remove elements that overlap",
+            entity=("element", int(shared[-1])),
         )
     _check_conforming(facets, order, new)
     outside = times[group] == 1
@@ -125,4 +130,5 @@ def _check_conforming(facets: Facets, order: np.ndarray, new: np.ndarray) -> Non
         raise DeckError(
             f"elements {first} and {second} share a facet's corners but not its mid-side nodes",
             remedy="mesh both with elements of the same order" if mixed else "merge the coincident nodes",
+            entity=("element", int(second)),
         )

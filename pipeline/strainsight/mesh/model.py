@@ -29,12 +29,16 @@ class CellBlock:
 
 @dataclass(frozen=True)
 class Material:
-    """Linear isotropic: youngs_modulus [Pa], poisson_ratio [-], density [kg/m³]."""
+    """Linear isotropic: youngs_modulus [Pa], poisson_ratio [-], density [kg/m³]; name in the words of the file or config."""
 
     id: int
     youngs_modulus: float
     poisson_ratio: float
     density: float
+    name: str = ""
+
+    def __str__(self) -> str:
+        return self.name or f"material {self.id}"
 
 
 @dataclass(frozen=True)
@@ -50,13 +54,15 @@ class Region:
 class RigidElement:
     """RBE2: the components (0-5) of `nodes` follow the six motions of node `reference` (all indices).
 
-    Rotations of a dependent node count only where it is the reference of another element.
+    Rotations of a dependent node count only where it is the reference of another element. name: in the words of the file,
+    as in "RBE2 30" or "*COUPLING".
     """
 
     id: int
     reference: int
     nodes: IntArray
     components: tuple[int, ...]
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,8 @@ class AveragingElement:
     """RBE3: components (0-5) of node `reference` are the weighted mean motion of `nodes` (all indices).
 
     weight (k,) ≥ 0; directions (k, 3) which translations of each node count, None for all; dependent (c, 2) pairs (node
-    index, component) that the c equations are solved for, as many as components, None for the reference's own.
+    index, component) that the c equations are solved for, as many as components, None for the reference's own; name: in the
+    words of the file.
     """
 
     id: int
@@ -74,6 +81,7 @@ class AveragingElement:
     components: tuple[int, ...]
     directions: NDArray[np.bool_] | None = None
     dependent: IntArray | None = None
+    name: str = ""
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import gzip
 import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple, cast
 
 from strainsight.errors import DeckError
 
 LARGEST = 4 * 1024**3
-"""[bytes] of text, unpacked."""
+"""[bytes] of a file, unpacked."""
+_WINDOWS = {i: bytes([i]).decode("cp1252", "ignore") or chr(i) for i in range(0x80, 0xA0)}
+"""Where the code page of Windows differs from Latin-1; its five holes stay."""
+UNPACKING = (gzip.BadGzipFile, EOFError, zlib.error)
+"""What a damaged .gz raises."""
 
 
 class Line(NamedTuple):
@@ -26,23 +30,17 @@ class Line(NamedTuple):
         return f"{self.file}:{self.number}"
 
 
-def read_text(path: Path) -> str:
-    """The text of a deck, unpacked where its name ends in .gz.
+def text_lines(path: Path) -> list[str]:
+    """The lines of a text file, which end in \\n, \\r\\n or \\r and in no other sign (str.splitlines knows eight more).
 
-    Raises DeckError for a file that is missing, empty, binary, damaged or beyond 4 GiB.
+    Raises DeckError for a file that is missing, empty, binary, damaged or unpacks to more than 4 GiB.
     """
-    try:
-        content = _unpacked(path) if path.suffix.lower() == ".gz" else path.read_bytes()
-    except FileNotFoundError:
-        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
-    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        raise DeckError(f"cannot be unpacked: {error}", where=str(path), remedy="pack the deck again") from None
-    except OSError as error:
-        raise DeckError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
-        ) from None
-    if not content.strip():
-        raise DeckError("the file is empty", where=str(path), remedy="write the deck again")
+    return read_text(path).replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
+
+
+def read_text(path: Path) -> str:
+    """The text of a deck in UTF-8, else in the code page 1252 of Windows; DeckError as for `text_lines`."""
+    content = read_bytes(path)
     if b"\0" in content[:1_000_000]:
         raise DeckError(
             "a binary file, not a text deck",
@@ -52,15 +50,44 @@ def read_text(path: Path) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return content.decode("latin-1")
+        return content.decode("latin-1").translate(_WINDOWS)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file, unpacked where its name ends in .gz.
+
+    Raises DeckError for a file that is missing, empty, damaged or unpacks to more than 4 GiB.
+    """
+    try:
+        content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpacked(path)
+    except FileNotFoundError:
+        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+    except UNPACKING as error:
+        raise DeckError(f"cannot be unpacked: {error}", where=str(path), remedy="pack the deck again") from None
+    except OSError as error:
+        raise DeckError(
+            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
+        ) from None
+    if not content.strip():
+        raise DeckError("the file is empty", where=str(path), remedy="write the deck again")
+    return content
 
 
 def _unpacked(path: Path) -> bytes:
-    with gzip.open(path) as file:
-        content = file.read(LARGEST)
-    if len(content) == LARGEST:
-        raise DeckError("more than 4 GiB of text", where=str(path), remedy="check that this is the deck")
-    return content
+    parts: list[bytes] = []
+    size = 0
+    with opened(path) as file:
+        while part := file.read(2**24):
+            parts.append(part)
+            size += len(part)
+            if size > LARGEST:
+                raise DeckError("more than 4 GiB", where=str(path), remedy="check that this is the deck")
+    return b"".join(parts)
+
+
+def opened(path: Path) -> BinaryIO:
+    """The file, open to read its bytes, unpacked where its name ends in .gz."""
+    return cast(BinaryIO, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
 
 
 def included_file(name: str, word: str, path: Path, number: int, folder: Path, parents: tuple[Path, ...]) -> Path:

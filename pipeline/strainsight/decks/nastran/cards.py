@@ -6,20 +6,23 @@ format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of th
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from strainsight.decks.faults import repeated
+from strainsight.decks.numbers import entry, integer_entry, real_entry
+from strainsight.decks.text import Line, included_file, text_lines
 from strainsight.errors import DeckError
-from strainsight.mesh.text import Line, included_file, read_text
+from strainsight.mesh.model import IntArray, Origin
 
 _BEGIN = re.compile(r"\s*BEGIN\b", re.IGNORECASE)
 _BEGIN_BULK = re.compile(r"\s*BEGIN\s*(BULK)?\s*$|\s*BEGIN\s+BULK\s*=\s*0*\s*$", re.IGNORECASE)
 _ENDDATA = re.compile(r"\s*ENDDATA\b", re.IGNORECASE)
-_SHORT_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]?([+-]?\d+)")
 _INCLUDE = re.compile(r"\s*INCLUDE\s+(.*)$", re.IGNORECASE)
 _CASE_CONTROL = re.compile(r"\s*(SOL\s+\w+\s*$|CEND\b|SUBCASE\b)", re.IGNORECASE)
 
@@ -39,27 +42,15 @@ class Card(NamedTuple):
 
     def text(self, i: int) -> str:
         """Data field i from 0; "" where the card is shorter."""
-        return self.fields[i] if i < len(self.fields) else ""
+        return entry(self.fields, i)
 
     def integer(self, i: int, meaning: str, default: int | None = None) -> int:
         """Field i as an integer; a blank one is `default`, or a DeckError."""
-        token = self.text(i)
-        if not token and default is not None:
-            return default
-        value = parse_integer(token)
-        if value is None:
-            raise self.error(f"{meaning} (field {i + 2}) is {token!r}, not an integer")
-        return value
+        return integer_entry(self.fields, i, default, lambda what: self.error(f"{meaning} (field {i + 2}) {what}"))
 
     def real(self, i: int, meaning: str, default: float | None = None) -> float:
         """Field i as a finite real, also in Nastran's short form 1.7-4; a blank one is `default`, or a DeckError."""
-        token = self.text(i)
-        if not token and default is not None:
-            return default
-        value = parse_real(token)
-        if value is None:
-            raise self.error(f"{meaning} (field {i + 2}) is {token!r}, not a number")
-        return value
+        return real_entry(self.fields, i, default, lambda what: self.error(f"{meaning} (field {i + 2}) {what}"))
 
     def error(self, what: str, remedy: str = "correct the card and run again") -> DeckError:
         """A DeckError at this card."""
@@ -68,43 +59,43 @@ class Card(NamedTuple):
 
 @dataclass(frozen=True)
 class Deck:
-    """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included."""
+    """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included,
+    and whether ENDDATA shows that the deck is whole."""
 
     cards: dict[str, list[Card]]
     case_control: tuple[Line, ...]
     after_end: int
-    included: tuple[str, ...] = ()
+    included: tuple[str, ...]
+    ended: bool
 
 
-def parse_integer(token: str) -> int | None:
-    """An integer, or None."""
-    if "_" in token:
-        return None
-    try:
-        return int(token)
-    except ValueError:
-        return None
+def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
+    """First fields (n,) of the cards as ids; DeckError where one is not positive or stands twice."""
+    ids = np.array([card.integer(0, f"the {what} id") for card in cards], dtype=np.int64)
+    if ids.size and ids.min() < 1:
+        raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive")
+    if twice := repeated(ids):
+        first, second = (cards[i] for i in twice)
+        raise DeckError(
+            f"{what} id {second.fields[0]} stands twice (first at {first.where})",
+            where=second.where,
+            remedy=f"give every {what} its own id",
+        )
+    return ids
 
 
-def parse_real(token: str) -> float | None:
-    """A finite real in any of Nastran's forms (1.7E-4, 1.7D-4, 1.7-4), or None."""
-    if "_" in token or not token:
-        return None
-    try:
-        value = float(token)
-    except ValueError:
-        short = _SHORT_REAL.fullmatch(token)
-        if not short:
-            return None
-        value = float(f"{short[1]}e{short[2]}")
-    return value if math.isfinite(value) else None
+def origin(ids: IntArray, cards: Sequence[Card]) -> Origin:
+    """Where the entities with these ids (n,) stand, one a card."""
+    files = {file: i for i, file in enumerate(dict.fromkeys(card.file for card in cards))}
+    line = np.array([card.line for card in cards], dtype=np.int64)
+    return Origin(ids, line, np.array([files[card.file] for card in cards], dtype=np.int64), tuple(files))
 
 
 def read_deck(path: Path) -> Deck:
     """All cards of a deck and of what it includes.
 
-    Without BEGIN BULK the whole file is bulk data. An INCLUDE may not leave the folder of the deck.
-    Raises DeckError for a file that is missing, empty or binary, and for lines that are no card.
+    Without BEGIN BULK the whole file is bulk data, and ENDDATA may be missing. An INCLUDE may not leave the folder of the
+    deck. Raises DeckError for a file that is missing, empty, binary or cut off, and for lines that are no card.
     """
     path = Path(path)
     everything = list(_lines(path, path.resolve().parent, ()))
@@ -126,23 +117,34 @@ def read_deck(path: Path) -> Deck:
                     f"{line.text.strip()!r} without BEGIN BULK", where=line.where, remedy="add the line BEGIN BULK"
                 )
     end = next((i for i in range(start, len(lines)) if _ENDDATA.match(lines[i].text)), len(lines))
+    ended = end < len(lines)
+    if begins and not ended:
+        raise DeckError(
+            "the deck ends without ENDDATA: it may be cut off",
+            where=lines[-1].where,
+            remedy="copy the deck again, or add the line ENDDATA if this is its end",
+        )
     cards: dict[str, list[Card]] = {}
     for card in _cards(lines[start:end]):
         cards.setdefault(card.name, []).append(card)
     if not cards:
         raise DeckError("the deck holds no bulk data", where=str(path), remedy="check that this is the right file")
     case_control = tuple(lines[: begins[0]]) if begins else ()
-    return Deck(cards, case_control, max(len(lines) - end - 1, 0), included)
+    return Deck(cards, case_control, max(len(lines) - end - 1, 0), included, ended)
 
 
-def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:
-    for number, raw in enumerate(read_text(path).splitlines(), start=1):
-        if "INCLUDE" in raw[:40].upper() and (match := _INCLUDE.match(raw)):
+def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Generator[Line, None, bool]:
+    """Lines of a file and, up to ENDDATA, of those it includes; returns whether ENDDATA was among them."""
+    ended = False
+    for number, raw in enumerate(text_lines(path), start=1):
+        if not ended and "INCLUDE" in raw[:40].upper() and (match := _INCLUDE.match(raw)):
             above = (*parents, path.resolve())
             name = _file_name(match[1], f"{path}:{number}")
-            yield from _lines(included_file(name, "INCLUDE", path, number, folder, above), folder, above)
+            ended = yield from _lines(included_file(name, "INCLUDE", path, number, folder, above), folder, above)
             continue
+        ended = ended or _ENDDATA.match(raw) is not None
         yield Line(raw.partition("$")[0].expandtabs().rstrip(), str(path), number)
+    return ended
 
 
 def _file_name(argument: str, where: str) -> str:

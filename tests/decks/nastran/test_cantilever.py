@@ -10,11 +10,11 @@ import meshio
 import numpy as np
 import pytest
 
-from strainsight.mesh.check import suspicions
+from strainsight.decks.reader import read_mesh
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.reader import read_mesh
+from strainsight.mesh.suspicions import suspicions
 
-MESHES = Path(__file__).parents[2] / "meshes"
+MESHES = Path(__file__).parents[3] / "meshes"
 
 
 @pytest.fixture(scope="module")

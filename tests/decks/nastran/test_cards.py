@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
+
 import numpy as np
 import pytest
 from pyyeti import nastran
 
+from strainsight.decks.nastran.cards import read_deck
+from strainsight.decks.nastran.deck import read_nastran
+from strainsight.decks.numbers import parse_integer, parse_real
+from strainsight.decks.text import read_bytes
 from strainsight.errors import DeckError
-from strainsight.mesh.cards import parse_integer, parse_real, read_deck
-from strainsight.mesh.nastran import read_nastran
 
 
 @pytest.fixture
@@ -111,6 +115,8 @@ def test_lines_after_enddata_are_counted(read, tetrahedron):
         ("GRID           1" + " " * 56 + "+A1\n+B2\n", "continuation", 2),
         ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
         ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
+        ("BEGIN BULK\nGRID,1\nGRID,2,,0.", "ends without ENDDATA", 3),
+        ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n\n", "ends without ENDDATA", 4),
         ("BEGIN BULK\nENDDATA\n", "no bulk data", None),
         ("INCLUDE 'there_is_none.bdf'\n", "no such file", 1),
         ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
@@ -124,6 +130,20 @@ def test_a_line_that_cannot_be_taken_is_named(cards, text, what, line):
         cards(text)
     assert caught.value.where.endswith("deck.bdf" if line is None else f"deck.bdf:{line}")
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("kept", [0.3, 0.6, 0.9, 0.99])
+def test_a_deck_that_is_cut_off_anywhere_is_refused(read, tetrahedron, kept):
+    whole = f"SOL 103\nCEND\nSPC = 1\nBEGIN BULK\n{tetrahedron}ENDDATA\n"
+    read(whole)
+    with pytest.raises(DeckError):
+        read(whole[: int(kept * len(whole))])
+
+
+def test_bulk_data_without_begin_and_end_is_taken_with_a_note(read, tetrahedron):
+    (note,) = read(tetrahedron).notes
+    assert "no ENDDATA" in note
+    assert read(tetrahedron + "ENDDATA\n").notes == ()
 
 
 @pytest.mark.parametrize(
@@ -154,6 +174,46 @@ def test_an_include_is_read_in_its_place_and_errors_name_it(tmp_path, read, tetr
     assert caught.value.where.endswith("more.bdf:2")
 
 
+def test_packed_files_and_what_they_include_are_unpacked(tmp_path, tetrahedron):
+    grids, rest = tetrahedron.split("CTETRA")
+    (tmp_path / "grids.bdf.gz").write_bytes(gzip.compress(grids.encode()))
+    deck = gzip.compress(f"BEGIN BULK\nINCLUDE 'grids.bdf.gz'\nCTETRA{rest}ENDDATA\n".encode())
+    (tmp_path / "deck.bdf.gz").write_bytes(deck)
+    mesh = read_nastran(tmp_path / "deck.bdf.gz")
+    assert list(mesh.node_ids) == [1, 2, 3, 4]
+    assert mesh.where("node", 3) == f"{tmp_path / 'grids.bdf.gz'}:3"
+    (tmp_path / "deck.bdf.gz").write_bytes(deck[:-20])
+    with pytest.raises(DeckError, match="cannot be unpacked"):
+        read_nastran(tmp_path / "deck.bdf.gz")
+
+
 def test_comments_in_another_encoding_do_no_harm(read, tetrahedron):
     assert len(read("$ Träger\n".encode("latin-1") + tetrahedron.encode()).node_ids) == 4
     assert len(read(b"\xef\xbb\xbf" + tetrahedron.encode()).node_ids) == 4
+
+
+@pytest.mark.parametrize("sign", ["\x85", "\x0b", "\x0c", "\x1c", "\x1d", "\x1e"])
+def test_a_comment_ends_with_its_line_whatever_signs_it_holds(read, tetrahedron, sign):
+    content = f"$ Nabe {sign}GRID,9,,9.,9.,9.\r\n{tetrahedron}".encode("latin-1")
+    mesh = read(content)
+    assert list(mesh.node_ids) == [1, 2, 3, 4]
+    assert mesh.where("node", 4).endswith(":5")
+
+
+def test_an_include_after_the_end_is_not_opened(read, tetrahedron, tmp_path):
+    mesh = read(f"BEGIN BULK\n{tetrahedron}ENDDATA\nINCLUDE 'none.bdf'\n")
+    assert mesh.ignored == {"lines after ENDDATA": 1}
+    (tmp_path / "end.bdf").write_text(f"{tetrahedron}ENDDATA\n")
+    mesh = read("BEGIN BULK\nINCLUDE 'end.bdf'\nINCLUDE 'none.bdf'\n")
+    assert list(mesh.node_ids) == [1, 2, 3, 4]
+    assert mesh.included == (str(tmp_path / "end.bdf"),)
+
+
+def test_a_packed_deck_beyond_the_limit_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("strainsight.decks.text.LARGEST", 999)
+    path = tmp_path / "deck.bdf.gz"
+    path.write_bytes(gzip.compress(b"GRID,1\n" + b"$" * 992))
+    assert len(read_bytes(path)) == 999
+    path.write_bytes(gzip.compress(b"GRID,1\n" + b"$" * 993))
+    with pytest.raises(DeckError, match="more than 4 GiB"):
+        read_bytes(path)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import io
-
 import meshio
 import numpy as np
 import pytest
-from pyyeti import nastran
 
 from strainsight.errors import DeckError
 
@@ -72,31 +69,6 @@ def test_a_blank_property_id_is_the_element_id(read, tetrahedron):
     assert list(mesh.blocks[0].region) == [1]
 
 
-SYSTEMS = """\
-CORD2R,1,0,1.,2.,3.,1.,2.,4.
-+,2.,3.,3.
-CORD2C,2,1,.1,.2,.3,.4,.1,1.
-+,1.,.5,.2
-CORD2S,3,2,1.,30.,.5,1.,40.,2.
-+,2.,10.,.3
-"""
-
-
-def test_coordinates_in_nested_systems_are_what_pyyeti_computes(read, tetrahedron):
-    local = {1: (0.3, -0.2, 0.7), 2: (1.5, 40.0, -0.3), 3: (2.0, 70.0, -25.0)}
-    grids = "".join(f"GRID,{100 + c},{c},{x},{y},{z}\n" for c, (x, y, z) in local.items())
-    mesh = read(SYSTEMS + grids + tetrahedron)
-    uset, _ = nastran.bulk2uset(io.StringIO(SYSTEMS + grids))
-    for c in local:
-        expected = uset.loc[(100 + c, 1), "x":"z"].to_numpy(dtype=float)
-        np.testing.assert_allclose(mesh.position[mesh.node_index(100 + c)], expected, atol=1e-13)
-
-
-def test_a_quarter_turn_in_a_cylinder_is_the_y_axis(read, tetrahedron):
-    mesh = read("CORD2C,4,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRID,9,4,2.,90.,5.\n" + tetrahedron)
-    np.testing.assert_allclose(mesh.position[mesh.node_index(9)], [0, 2, 5], atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("mat1", "E", "nu", "rho"),
     [
@@ -120,14 +92,12 @@ def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
 
 def test_every_card_not_taken_over_is_counted(read, tetrahedron):
     mesh = read(
-        tetrahedron + "FORCE,1,4,,1.,0.,0.,1.\nCQUAD4,70,2,1,2,3,4\nCQUAD4,71,2,1,2,3,4\nMAT1,9,1.,,.3\nGRID,8,,,,,7\n"
+        tetrahedron
+        + "MOMENT,1,4,,1.,0.,0.,1.\nLOAD,9,1.,1.,1\nPLOAD4,1,10,1.\nCQUAD4,70,2,1,2,3,4\nCQUAD4,71,2,1,2,3,4\n"
+        "MAT1,9,1.,,.3\nEIGRL,1\n"
     )
-    assert mesh.ignored == {
-        "FORCE": 1,
-        "CQUAD4": 2,
-        "MAT1 that no PSOLID refers to": 1,
-        "GRID displacement system CD": 1,
-    }
+    expected = {"MOMENT": 1, "LOAD": 1, "PLOAD4": 1, "CQUAD4": 2, "MAT1 that no PSOLID refers to": 1, "EIGRL": 1}
+    assert mesh.ignored == expected
 
 
 @pytest.mark.parametrize(
@@ -138,8 +108,10 @@ def test_every_card_not_taken_over_is_counted(read, tetrahedron):
         ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,one", "'one', not a number", 4),
         ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,nan", "'nan', not a number", 4),
         ("GRID,4,,0.,0.,1.", "GRID,4.,,0.,0.,1.", "'4.', not an integer", 4),
-        ("GRID,4,,0.,0.,1.", "GRID,4,5,0.,0.,1.", "coordinate system 5 is no CORD2R", 4),
-        ("GRID,4,,0.,0.,1.", "GRDSET,,5", "GRDSET", 4),
+        ("GRID,4,,0.,0.,1.", "GRID,4,5,0.,0.,1.", "coordinate system 5 is no CORD1 or CORD2", 4),
+        ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,1.,6", "coordinate system 6 is no CORD1 or CORD2", 4),
+        ("GRID,4,,0.,0.,1.", "GRDSET,,5\nGRID,4,,0.,0.,1.", "coordinate system 5 is no CORD1 or CORD2", 1),
+        ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,1.\nGRDSET\nGRDSET", "a second one", 6),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,5", "node 5 is not in the deck", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,3", "a node stands twice", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3", "3 nodes, where a CTETRA has 4 or 10", 5),
@@ -173,21 +145,44 @@ def test_what_is_wrong_is_named_with_file_and_line(read, tetrahedron, old, new, 
     assert caught.value.exit_code == 2
 
 
-@pytest.mark.parametrize(
-    ("card", "what"),
-    [
-        ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.", "one line"),
-        ("CORD2R,1,,0.,0.,0.,0.,0.,0.\n+,1.,0.,0.", "one line"),
-        ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "system 2, which is not in the deck"),
-        ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "refers to itself"),
-        ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2C,1,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "stands twice"),
-    ],
-)
-def test_coordinate_systems_that_define_nothing_are_refused(read, tetrahedron, card, what):
-    with pytest.raises(DeckError, match=what):
-        read(card + "\n" + tetrahedron)
+def test_every_node_element_and_tie_knows_its_line(read, tetrahedron, tmp_path):
+    text = tetrahedron + "GRID,50,,5.,5.,5.\nRBE3,98,,50,123,1.,123,1,2\n+,3\nRBE2,99,50,456,4\n"
+    (tmp_path / "more.bdf").write_text("$\nGRID,60,,1.,1.,1.\nCTETRA,3,1,2,3,4,60\n")
+    mesh = read(text + "INCLUDE 'more.bdf'\n")
+    lines = {("node", 4): 4, ("node", 50): 9, ("element", 10): 5, ("tie", 98): 10, ("tie", 99): 12}
+    for (kind, number), line in lines.items():
+        assert mesh.where(kind, number) == f"{tmp_path / 'deck.bdf'}:{line}"
+    assert mesh.where("node", 60) == f"{tmp_path / 'more.bdf'}:2"
+    assert mesh.where("element", 3) == f"{tmp_path / 'more.bdf'}:3"
 
 
 def test_a_deck_without_grids_is_refused(read):
     with pytest.raises(DeckError, match="no GRID"):
         read("MAT1,1,1.,,.3\n")
+
+
+def test_structural_damping_of_a_material_is_noted(read, tetrahedron):
+    damped = tetrahedron.replace(".3,7850.", ".3,7850.,,,.02") + "MAT1,9,1.,,.3,1.,,,.5\nENDDATA\n"
+    assert read(damped).notes == (
+        "MAT1 1 (GE .02): structural damping GE is not taken over: damping comes from the config",
+    )
+    assert read(tetrahedron.replace(".3,7850.", ".3,7850.,,,0.") + "ENDDATA\n").notes == ()
+
+
+def test_another_integration_scheme_of_a_property_is_noted(read, tetrahedron):
+    text = tetrahedron.replace("PSOLID,1,1", "PSOLID,1,1,,2,,1\nPSOLID,2,1,,,GRID\nPSOLID,3,1,,,,FULL\nPSOLID,4,1,,3")
+    (note,) = read(text + "ENDDATA\n").notes
+    assert note.startswith(
+        "PSOLID 1 (IN 2, ISOP 1), 3 (IN blank, ISOP FULL), 4 (IN 3, ISOP blank): the integration scheme is not taken over"
+    )
+
+
+@pytest.mark.parametrize(("cordm", "there"), [("-1", True), ("0", True), ("5", True), ("6", False)])
+def test_a_material_system_has_to_be_in_the_deck(read, tetrahedron, cordm, there):
+    text = f"{tetrahedron.replace('PSOLID,1,1', f'PSOLID,1,1,{cordm}')}CORD2R,5,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\n"
+    if there:
+        assert list(read(text).regions) == [1]
+        return
+    with pytest.raises(DeckError, match="coordinate system 6 is no CORD1 or CORD2") as caught:
+        read(text)
+    assert caught.value.where.endswith("deck.bdf:6")

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.numbers import is_whole, no_integer, parse_integer
 from strainsight.errors import DeckError
-from strainsight.mesh.cards import Card, Deck, parse_integer
 from strainsight.mesh.model import IntArray
 
 _SET = re.compile(r"\s*SET\s+(\d+)\s*=\s*(.*)$", re.IGNORECASE)
@@ -54,13 +55,17 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
         parts.append(np.array([first], dtype=np.int64))
         i += 1
     ids = np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
-    return ids, ids[~np.isin(ids, existing)]
+    if not existing.size:
+        return ids, ids
+    at = np.minimum(np.searchsorted(existing, ids), len(existing) - 1)
+    return ids, ids[existing[at] != ids]
 
 
 def _id(word: str, where: str) -> int:
     value = parse_integer(word)
     if value is None or value < 1:
-        raise DeckError(f"{word!r} is no id", where=where, remedy="ids are positive integers, ranges first THRU last")
+        what = f"an id {no_integer(word)}" if value is None and is_whole(word) else f"{word!r} is no id"
+        raise DeckError(what, where=where, remedy="ids are positive integers, ranges first THRU last")
     return value
 
 
@@ -85,7 +90,8 @@ def sets(
             if members.size and not missing.size:
                 found[f"SET-{number}"] = np.unique(members)
                 taken = True
-        ignored["SET of the case control"] += not taken
+        if not taken:
+            ignored["SET of the case control"] += 1
     for card in deck.cards.get("SET1", []):
         tokens = [token for token in card.fields[1:] if token.upper() != "SKIN"]
         nodes[_name(card, nodes)] = _members(card, tokens, node_ids, "node")
@@ -94,7 +100,12 @@ def sets(
             case "GRID" | "POINT":
                 nodes[_name(card, nodes)] = _members(card, card.fields[2:], node_ids, "node")
             case "ELEM" | "ELEMENT":
-                elements[_name(card, elements)] = _members(card, card.fields[2:], element_ids, "solid element")
+                own = card.fields[2:]
+                if other := _not_solid(deck, own, element_ids, card.where):
+                    ignored["SET3 with elements that are no solids"] += 1
+                    own = [token for token in own if token not in other]
+                if any(own):
+                    elements[_name(card, elements)] = _members(card, own, element_ids, "solid element")
             case _:
                 ignored["SET3"] += 1
     return nodes, elements
@@ -112,6 +123,14 @@ def _members(card: Card, tokens: Sequence[str], existing: IntArray, what: str) -
     if missing.size:
         raise card.error(f"{what} {missing[0]} is not in the deck", f"remove the id, or add the {what}")
     return np.unique(members)
+
+
+def _not_solid(deck: Deck, tokens: Sequence[str], solids: IntArray, where: str) -> set[str]:
+    """The tokens that are single ids of other elements of the deck."""
+    missing = {str(number) for number in expand(tokens, solids, where)[1].tolist()}
+    if not missing:
+        return missing
+    return missing & {card.text(0) for name, cards in deck.cards.items() if name[0] in "CR" for card in cards}
 
 
 def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:

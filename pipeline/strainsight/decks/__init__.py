@@ -1,0 +1,1 @@
+"""Mesh files and decks in, a `Mesh` out."""

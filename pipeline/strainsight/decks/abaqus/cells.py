@@ -1,0 +1,166 @@
+"""Elements of an *ELEMENT keyword as arrays: solids of six kinds, and others that are only counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.decks.abaqus.text import Keyword, integers, split
+from strainsight.decks.faults import IdTable
+from strainsight.decks.numbers import no_integer, parse_integer
+from strainsight.errors import DeckError
+from strainsight.mesh.model import ELEMENT_KINDS, IntArray
+
+_HYBRID, _MODES = "without its hybrid pressure", "with incompatible modes"
+SOLIDS: dict[str, tuple[str, str]] = {
+    "C3D4": ("tet4", ""),
+    "C3D4H": ("tet4", _HYBRID),
+    "C3D6": ("wedge6", ""),
+    "C3D6H": ("wedge6", _HYBRID),
+    "C3D8": ("hex8", f"{_MODES}, as C3D8I"),
+    "C3D8I": ("hex8", ""),
+    "C3D8S": ("hex8", f"{_MODES}, as C3D8I"),
+    "C3D8R": ("hex8", f"{_MODES}: full integration, no hourglass control"),
+    "C3D8H": ("hex8", f"{_MODES}, {_HYBRID}"),
+    "C3D8HS": ("hex8", f"{_MODES}, {_HYBRID}"),
+    "C3D8IH": ("hex8", _HYBRID),
+    "C3D8RH": ("hex8", f"{_MODES}: full integration, no hourglass control, {_HYBRID}"),
+    "C3D10": ("tet10", ""),
+    "C3D10I": ("tet10", "as C3D10"),
+    "C3D10S": ("tet10", "as C3D10"),
+    "C3D10T": ("tet10", "as C3D10"),
+    "C3D10H": ("tet10", _HYBRID),
+    "C3D10HS": ("tet10", _HYBRID),
+    "C3D10M": ("tet10", "as C3D10, without its modified formulation"),
+    "C3D10MH": ("tet10", f"as C3D10, without its modified formulation, {_HYBRID}"),
+    "C3D15": ("wedge15", ""),
+    "C3D15H": ("wedge15", _HYBRID),
+    "C3D20": ("hex20", ""),
+    "C3D20R": ("hex20", "integrated fully"),
+    "C3D20H": ("hex20", _HYBRID),
+    "C3D20RH": ("hex20", f"integrated fully, {_HYBRID}"),
+}
+"""Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""
+NODES = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20, "wedge6": 6, "wedge15": 15}
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Elements of one *ELEMENT keyword: type in capitals; kind, "" where it is no solid taken over; ids (m,); nodes in a
+    flat (c,) array of rows (−1 where there is none), first (m + 1,) where those of each element begin; data line (m,).
+
+    words: position in nodes → entry that is no number (node of an instance, seen from the assembly).
+    """
+
+    keyword: Keyword
+    type: str
+    kind: str
+    ids: IntArray
+    nodes: IntArray
+    first: IntArray
+    line: IntArray
+    words: dict[int, str]
+
+
+def read_cells(keyword: Keyword, table: IdTable) -> Cells:
+    """The elements of an *ELEMENT keyword, on as many lines each as it takes, with the rows of their nodes in `table`.
+
+    Raises DeckError for a wrong number of nodes, a node that is missing, and solids that are not taken over.
+    """
+    type_ = keyword.needs("TYPE").upper()
+    if type_ not in SOLIDS and type_.startswith("C3D"):
+        raise keyword.error(
+            f"{type_} solids are not taken over ({len(keyword.texts)} lines)",
+            "mesh with tetrahedra, hexahedra or wedges (C3D4, C3D10, C3D8, C3D20, C3D6, C3D15)",
+        )
+    if not keyword.texts:
+        keyword.rows()
+    if type_ not in SOLIDS:
+        return _other_cells(keyword, type_, table)
+    kind = SOLIDS[type_][0]
+    width = NODES[kind] + 1
+    tokens, counts = keyword.flat()
+    ends = np.cumsum(counts)
+    first = np.flatnonzero((ends - counts) % width == 0)
+    if len(first) * width != ends[-1]:
+        raise _miscount(keyword, counts, width, type_)
+    values = integers(tokens)
+    if values is None:
+        raise _no_integer(keyword)
+    values = values.reshape(-1, width)
+    if values[:, 0].min() < 1:
+        i = int(np.argmin(values[:, 0]))
+        raise _at(keyword, int(first[i]), f"the element id {values[i, 0]} is not positive")
+    rows, missing = table.rows(values[:, 1:])
+    if missing.any():
+        i, j = np.argwhere(missing)[0]
+        number = values[i, j + 1]
+        raise _at(
+            keyword,
+            int(first[i]),
+            f"{type_} {values[i, 0]}: node {number} is not in the deck",
+            f"add the node {number}, or correct the id",
+        )
+    begin = np.arange(len(values) + 1) * (width - 1)
+    return Cells(keyword, type_, kind, values[:, 0].copy(), rows.ravel(), begin, first, {})
+
+
+def _at(keyword: Keyword, i: int, what: str, remedy: str = "correct the line and run again") -> DeckError:
+    return DeckError(what, where=keyword.where_data(i), remedy=remedy)
+
+
+def _miscount(keyword: Keyword, counts: IntArray, width: int, type_: str) -> DeckError:
+    """The first element whose lines do not hold its id and its nodes."""
+    have = start = 0
+    for i, count in enumerate(counts.tolist()):
+        start = i if have == 0 else start
+        continued = i > start and keyword.texts[i - 1][-1] == ","
+        have += count
+        if have > width or (have < width and i + 1 == len(counts)):
+            own = have if have < width or i == start or continued else have - count
+            element = split(keyword.texts[start])[0]
+            return _at(
+                keyword,
+                start,
+                f"{type_} {element}: {own - 1} nodes, where a {type_} has {width - 1}",
+                "give the nodes of a whole element; the deck may be cut off here",
+            )
+        have %= width
+    raise AssertionError("the lines hold whole elements")
+
+
+def _no_integer(keyword: Keyword) -> DeckError:
+    for row in keyword.rows():
+        for i, entry in enumerate(keyword.texts[row.i].rstrip(", \t").split(",")):
+            if parse_integer(entry.strip()) is None:
+                return row.error(f"entry {i + 1} {no_integer(entry.strip())}", "give the ids of element and nodes")
+    raise AssertionError("all entries are integers")
+
+
+def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
+    """Elements that are only counted, or point masses: nodes that are not there do not matter yet."""
+    lines: list[int] = []
+    tokens: list[list[str]] = []
+    for row in keyword.rows():
+        previous = keyword.texts[row.i - 1] if row.i else ""
+        if tokens and previous[-1:] == "," and previous.count(",") > 7:
+            tokens[-1] += row.entries
+            continue
+        lines.append(row.i)
+        tokens.append(row.entries)
+        if row.integer(0, "the element id") < 1:
+            raise row.error(f"the element id {row.entries[0]} is not positive")
+    ids = np.array([int(entries[0]) for entries in tokens], dtype=np.int64)
+    own = [[entry for entry in entries[1:] if entry] for entries in tokens]
+    first = np.cumsum([0, *map(len, own)])
+    flat = [entry for entries in own for entry in entries]
+    numbers = [parse_integer(entry) for entry in flat]
+    rows, missing = table.rows(np.array([number or 0 for number in numbers], dtype=np.int64))
+    words = {i: entry for i, (entry, number) in enumerate(zip(flat, numbers, strict=True)) if number is None}
+    return Cells(keyword, type_, "", ids, np.where(missing, -1, rows), first, np.array(lines), words)
+
+
+def kind_index(kind: str) -> int:
+    """Position in ELEMENT_KINDS; −1 for elements that are no solids."""
+    return ELEMENT_KINDS.index(kind) if kind else -1

@@ -1,0 +1,205 @@
+"""All nodes and elements of an assembly, and what the names of nodes, elements and sets mean in each of its instances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from strainsight.decks.abaqus.parts import Part
+from strainsight.decks.abaqus.structure import Step
+from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.numbers import is_whole, no_integer, parse_integer
+from strainsight.mesh.model import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Scope:
+    """A part in its place: x = rotation (3, 3) x' + translation (3,); name of the instance, "" for assembly or flat deck;
+    rows of its first node and element among those of the whole deck."""
+
+    name: str
+    part: Part
+    rotation: FloatArray
+    translation: FloatArray
+    first_node: int
+    first_element: int
+
+
+@dataclass
+class Assembly:
+    """All nodes and elements of the deck, row by row, instance after instance, the assembly's own at last.
+
+    node_ids (n,), position (n, 3); element_ids (m,), kind (m,) index into ELEMENT_KINDS or −1, type of each element;
+    nodes (c,) rows of nodes, −1 where there is none, first (m + 1,) where those of each element begin; where they stand;
+    model: keywords outside of steps that belong to no part; notes: sentences on ids and sets.
+    """
+
+    scopes: dict[str, Scope]
+    node_ids: IntArray
+    position: FloatArray
+    node_where: list[tuple[str, int]]
+    element_ids: IntArray
+    kind: IntArray
+    type: list[str]
+    nodes: IntArray
+    first: IntArray
+    element_where: list[tuple[str, int]]
+    model: tuple[Keyword, ...]
+    steps: tuple[Step, ...]
+    notes: list[str] = field(default_factory=list)
+    _known: dict[tuple[str, str, str], IntArray] = field(default_factory=dict)
+
+    @property
+    def flat(self) -> bool:
+        """Is there at most one instance, so that names need not say which?"""
+        return len(self.scopes) <= 2
+
+    def keywords(self, name: str) -> Iterator[tuple[Scope, Keyword]]:
+        """Keywords of this name outside of steps, once for every instance of a part, with the scope of their names."""
+        for scope in self.scopes.values():
+            for keyword in scope.part.keywords:
+                if keyword.name == name:
+                    yield scope, keyword
+
+    def scope_of(self, name: str, row: Keyword | Row) -> Scope:
+        """The instance of this name; DeckError where there is none."""
+        if name.upper() not in self.scopes or not name:
+            raise row.error(f"instance {name!r} is not in the deck", "correct the name")
+        return self.scopes[name.upper()]
+
+    def split_name(self, name: str, scope: Scope) -> tuple[Scope, str]:
+        """WHEEL-1.RIM seen from the assembly → (scope of WHEEL-1, "RIM")."""
+        if not scope.name:
+            for i, letter in enumerate(name):
+                if letter == "." and i and name[:i].upper() in self.scopes:
+                    return self.scopes[name[:i].upper()], name[i + 1 :]
+        return scope, name
+
+    def node_rows(self, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        """Rows of the node or node set that an entry names; DeckError where there is none."""
+        return self._rows("NODE", entry, scope, row)
+
+    def element_rows(self, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        """Rows of the element or element set that an entry names; DeckError where there is none."""
+        return self._rows("ELEMENT", entry, scope, row)
+
+    def node_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        """Rows of the node set of this name, also if it is a number; DeckError where there is none."""
+        return self._named("NODE", name, scope, row)
+
+    def element_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        """Rows of the element set of this name, also if it is a number; DeckError where there is none."""
+        return self._named("ELEMENT", name, scope, row)
+
+    def element_nodes(self, rows: IntArray) -> IntArray:
+        """Rows (k,) of the nodes of elements, each once, sorted."""
+        counts = self.first[rows + 1] - self.first[rows]
+        start = np.repeat(self.first[rows] - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts)
+        nodes = np.unique(self.nodes[start + np.arange(counts.sum())]) if rows.size else rows
+        return nodes[nodes >= 0]
+
+    def set_names(self, kind: str, scope: Scope) -> dict[str, str]:
+        """NAME → as the file writes it first, of the sets of kind NODE or ELEMENT in a scope."""
+        parameter = "NSET" if kind == "NODE" else "ELSET"
+        names: dict[str, str] = {}
+        for keyword in scope.part.keywords:
+            if keyword.name in (kind, parameter) and keyword.parameters.get(parameter):
+                names.setdefault(keyword.parameters[parameter].upper(), keyword.parameters[parameter])
+        return names
+
+    def _rows(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        within, name = self.split_name(entry, scope)
+        number = parse_integer(name)
+        if number is None and is_whole(name):
+            raise row.error(f"the {kind.lower()} id {no_integer(name)}")
+        if number is not None:
+            rows, missing = self._numbered(kind, np.array([number]), within)
+            if missing[0]:
+                place = f" of instance {within.name}" if within.name else ""
+                raise row.error(
+                    f"{kind.lower()} {number}{place} is not in the deck", f"add the {kind.lower()}, or correct the id"
+                )
+            return rows
+        return self._named(kind, entry, scope, row)
+
+    def _named(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        within, name = self.split_name(entry, scope)
+        found = self._set(kind, name.upper(), within, ())
+        if found is None:
+            raise row.error(f"{kind.lower()} set {entry!r} is not in the deck", "correct the name, or add the set")
+        return found
+
+    def _numbered(self, kind: str, ids: IntArray, scope: Scope) -> tuple[IntArray, np.ndarray]:
+        table, first = (
+            (scope.part.nodes, scope.first_node) if kind == "NODE" else (scope.part.elements, scope.first_element)
+        )
+        rows, missing = table.rows(ids)
+        return rows + first, missing
+
+    def _set(self, kind: str, name: str, scope: Scope, above: tuple[str, ...]) -> IntArray | None:
+        """Sorted rows of a set, each once; None where no keyword defines it."""
+        key = (kind, scope.name.upper(), name)
+        if key in self._known:
+            return self._known[key]
+        parameter = "NSET" if kind == "NODE" else "ELSET"
+        parts: list[IntArray] = []
+        defined = False
+        first = scope.first_node if kind == "NODE" else scope.first_element
+        for keyword in scope.part.keywords:
+            named = keyword.parameters.get(parameter, "").upper() == name and bool(name)
+            if keyword.name == kind and named:
+                parts.append(scope.part.rows[id(keyword)] + first)
+            if keyword.name == parameter and named:
+                parts.append(self._listed(kind, keyword, scope, (*above, f"{scope.name}.{name}")))
+            defined |= named and keyword.name in (kind, parameter)
+        if not defined:
+            return None
+        self._known[key] = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *parts]))
+        return self._known[key]
+
+    def _listed(self, kind: str, keyword: Keyword, scope: Scope, above: tuple[str, ...]) -> IntArray:
+        """Members that an *NSET or *ELSET lists."""
+        parameters = keyword.parameters
+        if "INSTANCE" in parameters:
+            scope = self.scope_of(parameters["INSTANCE"], keyword)
+        if kind == "NODE" and "ELSET" in parameters:
+            return self.element_nodes(self.element_set(parameters["ELSET"], scope, keyword))
+        if "GENERATE" in parameters:
+            return self._generated(kind, keyword, scope)
+        entries: list[tuple[str, Row]] = [(e, row) for row in keyword.rows(needed=False) for e in row.entries if e]
+        numbers = [parse_integer(entry) for entry, _ in entries]
+        ids = np.array([number or 0 for number in numbers], dtype=np.int64)
+        rows, missing = self._numbered(kind, ids, scope)
+        parts = [rows[np.array([number is not None for number in numbers], dtype=bool)]]
+        for i in np.flatnonzero(missing):
+            entry, row = entries[i]
+            if numbers[i] is not None:
+                self._rows(kind, entry, scope, row)  # says what is missing
+            within, name = self.split_name(entry, scope)
+            if parse_integer(name) is None:
+                if f"{within.name}.{name.upper()}" in above:
+                    raise row.error(f"set {entry!r} contains itself", "take it out of the sets it is made of")
+                self._set(kind, name.upper(), within, above)
+            parts.append(self._rows(kind, entry, scope, row))
+        return np.concatenate(parts)
+
+    def _generated(self, kind: str, keyword: Keyword, scope: Scope) -> IntArray:
+        table = scope.part.nodes if kind == "NODE" else scope.part.elements
+        parts = [np.zeros(0, dtype=np.int64)]
+        lost = 0
+        for row in keyword.rows():
+            low, high = row.integer(0, "the first id"), row.integer(1, "the last id", row.integer(0, "the first id"))
+            step = row.integer(2, "the increment", 1) or 1
+            if high < low or step < 0:
+                raise row.error(f"{low} to {high} in steps of {step} runs backwards", "write the lower id first")
+            sorted_ids = table.sorted
+            within = sorted_ids[np.searchsorted(sorted_ids, low) : np.searchsorted(sorted_ids, high, side="right")]
+            within = within[(within - low) % step == 0]
+            lost += (high - low) // step + 1 - within.size
+            parts.append(self._numbered(kind, within, scope)[0])
+        if lost:
+            sentence = f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck: left out"
+            self.notes += [sentence] if sentence not in self.notes else []
+        return np.concatenate(parts)

@@ -1,0 +1,244 @@
+"""Supports, nodal axes, concentrated loads and point masses of an Abaqus deck."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from strainsight.decks.abaqus.parts import normal, orthonormal
+from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.text import Row
+from strainsight.errors import DeckError
+from strainsight.mesh.model import FloatArray, IntArray, NodalForces, PointMass
+
+TYPES = {
+    "ENCASTRE": (0, 1, 2, 3, 4, 5),
+    "PINNED": (0, 1, 2),
+    "XSYMM": (0, 4, 5),
+    "YSYMM": (1, 3, 5),
+    "ZSYMM": (2, 3, 4),
+    "XASYMM": (1, 2, 3),
+    "YASYMM": (0, 2, 4),
+    "ZASYMM": (0, 1, 5),
+}
+"""Components 0-5 that a named support holds."""
+
+
+def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
+    """Row of a node → axes (3, 3), one in a column, of its *TRANSFORM.
+
+        TYPE=R   x ∥ a, z ∥ a × b          TYPE=C   r, θ, z about the axis from a to b
+        TYPE=S   r, θ, φ about the centre a with the pole b,   φ = r × θ
+
+    Those of an instance turn with it. Raises DeckError for a node with two, and for points that define no axes.
+    """
+    found: dict[int, FloatArray] = {}
+    for scope, keyword in assembly.keywords("TRANSFORM"):
+        row = keyword.rows()[0]
+        a, b = row.reals(6, "a coordinate").reshape(2, 3)
+        kind = keyword.parameters.get("TYPE", "R").upper() or "R"
+        nodes = assembly.node_set(keyword.needs("NSET"), scope, keyword)
+        if kind not in ("R", "C", "S"):
+            raise keyword.error(f"TYPE={kind} is not R, C or S", "give the type of the system")
+        for node in nodes.tolist():
+            if node in found:
+                raise keyword.error(
+                    f"node {assembly.node_ids[node]} has axes of another *TRANSFORM", "give every node one system"
+                )
+            position = scope.rotation.T @ (assembly.position[node] - scope.translation)
+            try:
+                found[node] = scope.rotation @ _axes(kind, a, b, position, row)
+            except DeckError:
+                if kind == "R":
+                    raise
+                raise row.error(
+                    f"node {assembly.node_ids[node]} lies on the axis: it has no radial direction",
+                    "take it out of the node set",
+                ) from None
+    return found
+
+
+def _axes(kind: str, a: FloatArray, b: FloatArray, position: FloatArray, row: Row) -> FloatArray:
+    if kind == "R":
+        return orthonormal(a, normal(a, b), row)
+    pole, arm = b - a, position - a
+    around = normal(pole, arm)
+    if kind == "C":
+        return orthonormal(np.cross(around, pole), pole, row)
+    return orthonormal(arm, np.cross(arm, around), row)
+
+
+def fixed_components(assembly: Assembly, rotations: dict[int, int], ignored: Counter[str]) -> IntArray:
+    """(f, 2) pairs (row, component 0-5) that *BOUNDARY holds at zero, each once, sorted.
+
+    Those of the model and of the first step that has any count; OP=NEW there removes those of the model. rotations: node
+    whose translations are the rotations of another one (CalculiX) → that node.
+    Raises DeckError for an enforced motion, for nodes that are not there and for a support of unknown name.
+    """
+    own = list(assembly.keywords("BOUNDARY"))
+    flat = assembly.scopes[""]
+    steps = [(step, [k for k in step.keywords if k.name == "BOUNDARY"]) for step in assembly.steps]
+    steps = [(step, found) for step, found in steps if found]
+    if steps:
+        first, found = steps[0]
+        if any(k.parameters.get("OP", "").upper() == "NEW" for k in found) and own:
+            assembly.notes.append(f"step {first.number} replaces the supports of the model (OP=NEW, {found[0].where})")
+            own = []
+        own += [(flat, k) for k in found]
+        assembly.notes += [
+            f"the supports of step {step.number} ({other[0].where}) are left out: those of step {first.number} count"
+            for step, other in steps[1:]
+        ]
+    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    for scope, keyword in own:
+        if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
+            raise keyword.error("enforced motions are not taken over", "only supports at zero are taken over")
+        for row in keyword.rows(needed=False):
+            nodes = assembly.node_rows(row.text(0), scope, row)
+            for component in _held(row, ignored):
+                pairs.append(np.column_stack([nodes, np.full(len(nodes), component)]))
+    fixed = np.concatenate(pairs)
+    for i in np.flatnonzero(np.isin(fixed[:, 0], list(rotations))):
+        fixed[i] = rotations[int(fixed[i, 0])], fixed[i, 1] + 3
+    return np.unique(fixed[fixed[:, 1] < 6], axis=0)
+
+
+def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
+    """Components 0-5 of a data line of *BOUNDARY."""
+    label = row.text(1).upper()
+    if label and not label[0].isdigit():
+        if label not in TYPES:
+            raise row.error(f"{row.text(1)!r} is no support", f"write degrees of freedom, or {', '.join(TYPES)}")
+        return TYPES[label]
+    first = row.integer(1, "the first degree of freedom")
+    last = row.integer(2, "the last degree of freedom", first) or first
+    if first < 1 or last < first:
+        raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
+    if row.real(3, "the value", 0.0) != 0 and first <= 6:
+        raise row.error(f"an enforced displacement of {row.text(3)}", "only supports at zero are taken over")
+    if last > 6:
+        ignored[f"*BOUNDARY of degree of freedom {last}"] += 1
+    return tuple(c - 1 for c in range(first, min(last, 6) + 1))
+
+
+def concentrated_loads(
+    assembly: Assembly, axes: dict[int, FloatArray], rotations: dict[int, int], ignored: Counter[str]
+) -> dict[str, NodalForces]:
+    """The forces of each *CLOAD with any, as CLOAD-1, CLOAD-2, … in the order of the file; along nodal axes, turned to basic.
+
+    Moments are counted, also those that CalculiX means by a force on a ROT NODE; rotations: see `fixed_components`.
+    Raises DeckError for nodes that are not there and for degrees of freedom that are none.
+    """
+    loads: dict[str, NodalForces] = {}
+    scope = assembly.scopes[""]
+    keywords = [(s, k) for s, k in assembly.keywords("CLOAD")]
+    keywords += [(scope, k) for step in assembly.steps for k in step.keywords if k.name == "CLOAD"]
+    for number, (within, keyword) in enumerate(keywords, start=1):
+        force: dict[int, FloatArray] = {}
+        for row in keyword.rows(needed=False):
+            nodes = assembly.node_rows(row.text(0), within, row)
+            component, value = row.integer(1, "the degree of freedom"), row.real(2, "the force")
+            if not 1 <= component <= 6:
+                raise row.error(f"degree of freedom {component} takes no force", "forces act on 1 to 3")
+            for node in nodes.tolist():
+                if component > 3 or node in rotations:
+                    ignored["*CLOAD moment"] += 1
+                    continue
+                direction = axes[node][:, component - 1] if node in axes else np.eye(3)[component - 1]
+                force[node] = force.get(node, np.zeros(3)) + value * direction
+        if force:
+            loads[f"CLOAD-{number}"] = NodalForces(np.array(list(force)), np.array(list(force.values())))
+    return loads
+
+
+def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[PointMass, ...]:
+    """MASS elements with their *MASS; ROTARYI elements give a mass on the same node its inertia, or stand alone.
+
+    I = [I11 I12 I13; · I22 I23; · · I33], its products with the sign of a tensor, turned with the instance.
+    rotations: see `fixed_components`. Raises DeckError for an element without value or node, or on a ROT NODE, whose motions
+    are rotations, and for values that are negative.
+    """
+    masses: dict[int, tuple[int, float]] = {}
+    for row, (_, line) in _valued(assembly, "MASS", "MASS"):
+        mass = line.real(0, "the mass")
+        if mass < 0:
+            raise line.error(f"the mass is {mass:g}, negative", "give a positive mass")
+        masses[row] = (_node_of(assembly, row, rotations), mass)
+    inertias: dict[int, tuple[int, FloatArray]] = {}
+    for row, (scope, line) in _valued(assembly, "ROTARYI", "ROTARYINERTIA"):
+        if line.keyword.parameters.get("ORIENTATION"):
+            raise line.keyword.error("ORIENTATION is not taken over", "write the inertia along the basic axes")
+        a, b, c, ab, ac, bc = line.reals(6, "the inertia")
+        tensor = np.array([[a, ab, ac], [ab, b, bc], [ac, bc, c]])
+        lowest = float(np.linalg.eigvalsh(tensor)[0])
+        if lowest < -1e-9 * np.abs(tensor).max():
+            raise line.error(f"the least principal inertia is {lowest:g}, negative", "correct the six values")
+        inertias[row] = (_node_of(assembly, row, rotations), scope.rotation @ tensor @ scope.rotation.T)
+    points = [PointMass(int(assembly.element_ids[row]), node, mass) for row, (node, mass) in masses.items()]
+    for row, (node, tensor) in inertias.items():
+        i = next((i for i, point in enumerate(points) if point.node == node), None)
+        if i is None:
+            points.append(PointMass(int(assembly.element_ids[row]), node, 0.0, inertia=tensor))
+        else:
+            point = points[i]
+            points[i] = PointMass(point.id, node, point.mass, inertia=point.inertia + tensor)
+    return tuple(sorted(points, key=lambda point: point.id))
+
+
+def _valued(assembly: Assembly, element: str, name: str) -> Iterable[tuple[int, tuple[Scope, Row]]]:
+    """Rows of the elements of a type, with the data line that gives their value."""
+    wanted = np.array([type_ == element for type_ in assembly.type], dtype=bool)
+    given: dict[int, tuple[Scope, Row]] = {}
+    for scope, keyword in assembly.keywords(name):
+        if keyword.parameters.get("TYPE", "ISOTROPIC").upper() not in ("ISOTROPIC", ""):
+            raise keyword.error("masses that differ by direction are not taken over", "give one mass")
+        line = keyword.rows()[0]
+        rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
+        for row in rows[wanted[rows]].tolist():
+            if row in given:
+                raise keyword.error(f"element {assembly.element_ids[row]} has a value already", "give it one value")
+            given[row] = (scope, line)
+    for row in np.flatnonzero(wanted).tolist():
+        if row not in given:
+            file, number = assembly.element_where[row]
+            raise DeckError(
+                f"{element} {assembly.element_ids[row]} has no value",
+                where=f"{file}:{number}",
+                remedy=f"add its *{'MASS' if element == 'MASS' else 'ROTARY INERTIA'}",
+            )
+    return given.items()
+
+
+def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
+    nodes = assembly.nodes[assembly.first[row] : assembly.first[row + 1]]
+    name = f"{assembly.type[row]} {assembly.element_ids[row]}"
+    file, number = assembly.element_where[row]
+    if len(nodes) != 1 or nodes[0] < 0:
+        raise DeckError(
+            f"{name} does not stand on one node of the deck",
+            where=f"{file}:{number}",
+            remedy="give its id and one node",
+        )
+    if int(nodes[0]) in rotations:
+        raise DeckError(
+            f"{name} stands on node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
+            where=f"{file}:{number}",
+            remedy=f"put it on the reference node {assembly.node_ids[rotations[int(nodes[0])]]}",
+        )
+    return int(nodes[0])
+
+
+def component_range(rows: list[Row], start: int) -> tuple[int, ...]:
+    """Components 0-5 of data lines "first, last" that begin at entry `start`; all six where nothing is said."""
+    found: set[int] = set()
+    for row in rows:
+        if not row.text(start):
+            return tuple(range(6))
+        first = row.integer(start, "the first degree of freedom")
+        last = row.integer(start + 1, "the last degree of freedom", first) or first
+        if not 1 <= first <= last <= 6:
+            raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
+        found |= set(range(first - 1, last))
+    return tuple(sorted(found)) or tuple(range(6))

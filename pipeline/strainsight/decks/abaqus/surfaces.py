@@ -1,0 +1,127 @@
+"""Surfaces of an Abaqus deck as nodes, each with its share of the area."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.mesh.facets import CORNERS, FACET_KINDS, FACETS, Facets, exterior_facets
+from strainsight.mesh.model import ELEMENT_KINDS, CellBlock, FloatArray, IntArray, Mesh
+
+
+@dataclass(frozen=True)
+class Surface:
+    """name as the file writes it; scope it is defined in; nodes (k,) rows, sorted; weight (k,): share of the area of the
+    facets, or the area the file states for each node, 1 where it states none."""
+
+    name: str
+    scope: Scope
+    nodes: IntArray
+    weight: FloatArray
+
+
+@dataclass
+class _Builder:
+    assembly: Assembly
+    mesh: Mesh
+    exterior: Facets | None = None
+
+
+def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
+    """Solids by kind: their ids, nodes (rows) and region."""
+    blocks = []
+    for i, kind in enumerate(ELEMENT_KINDS):
+        rows = np.flatnonzero(assembly.kind == i)
+        if rows.size:
+            width = int(assembly.first[rows[0] + 1] - assembly.first[rows[0]])
+            nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(width)]
+            blocks.append(CellBlock(kind, assembly.element_ids[rows], nodes, region[rows]))
+    return tuple(blocks)
+
+
+def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> dict[tuple[str, str], Surface]:
+    """(INSTANCE, NAME) → surface, of *SURFACE with TYPE=ELEMENT (S1 to S6, or the facets outside) and TYPE=NODE.
+
+    Facets of elements that are no solids are left out; other types are counted. A facet's area is shared equally among
+    its nodes. Raises DeckError for sets that are not there and for facets that an element does not have.
+    """
+    builder = _Builder(assembly, mesh)
+    gathered: dict[tuple[str, str], list[tuple[IntArray, FloatArray]]] = {}
+    names: dict[tuple[str, str], tuple[str, Scope]] = {}
+    for scope, keyword in assembly.keywords("SURFACE"):
+        kind = keyword.parameters.get("TYPE", "ELEMENT").upper()
+        if kind not in ("ELEMENT", "NODE") or "COMBINE" in keyword.parameters or "CROP" in keyword.parameters:
+            ignored[f"*SURFACE, {'TYPE=' + kind if kind not in ('ELEMENT', 'NODE') else 'COMBINE'}"] += 1
+            continue
+        key = (scope.name.upper(), keyword.needs("NAME").upper())
+        names.setdefault(key, (keyword.parameters["NAME"], scope))
+        own = gathered.setdefault(key, [])
+        for row in keyword.rows():
+            if kind == "NODE":
+                nodes = assembly.node_rows(row.text(0), scope, row)
+                own.append((nodes, np.full(len(nodes), row.real(1, "the area", 1.0))))
+            else:
+                own += _facets(builder, keyword, row, scope)
+    found = {}
+    for key, parts in gathered.items():
+        nodes = np.concatenate([np.zeros(0, dtype=np.int64), *(nodes for nodes, _ in parts)])
+        weight = np.concatenate([np.zeros(0), *(weight for _, weight in parts)])
+        rows, place = np.unique(nodes, return_inverse=True)
+        found[key] = Surface(*names[key], rows, np.bincount(place, weight, minlength=len(rows)).astype(float))
+    return found
+
+
+def _facets(builder: _Builder, keyword: Keyword, row: Row, scope: Scope) -> list[tuple[IntArray, FloatArray]]:
+    """Nodes and shares of area of the facets that a data line names."""
+    assembly = builder.assembly
+    rows = assembly.element_rows(row.text(0), scope, row)
+    label = row.text(1).upper()
+    rows = rows[assembly.kind[rows] >= 0]
+    if not label:
+        return _outside(builder, rows)
+    found = []
+    for i in np.unique(assembly.kind[rows]):
+        facets = FACETS[ELEMENT_KINDS[i]]
+        if not label.startswith("S") or not label[1:].isdigit() or not 1 <= int(label[1:]) <= len(facets):
+            raise row.error(
+                f"{row.text(1)!r} is no facet of a {ELEMENT_KINDS[i]}", f"write S1 to S{len(facets)}, or nothing"
+            )
+        kind, local = facets[int(label[1:]) - 1]
+        own = rows[assembly.kind[rows] == i]
+        found.append(_shares(assembly, kind, assembly.nodes[assembly.first[own][:, None] + np.array(local)]))
+    return found
+
+
+def _outside(builder: _Builder, rows: IntArray) -> list[tuple[IntArray, FloatArray]]:
+    """Facets of elements that belong to no other element."""
+    if builder.exterior is None:
+        with builder.mesh.located():
+            builder.exterior = exterior_facets(builder.mesh)
+    outside = builder.exterior
+    chosen = np.isin(outside.element_id, builder.assembly.element_ids[rows])
+    found = []
+    for i, kind in enumerate(FACET_KINDS):
+        nodes = outside.nodes[chosen & (outside.kind == i)]
+        if nodes.size:
+            found.append(_shares(builder.assembly, kind, nodes[:, : len(_reference(kind))]))
+    return found
+
+
+def _reference(kind: str) -> tuple[int, ...]:
+    return next(local for facets in FACETS.values() for name, local in facets if name == kind)
+
+
+def _shares(assembly: Assembly, kind: str, nodes: IntArray) -> tuple[IntArray, FloatArray]:
+    """Each node of facets (f, k) with a k-th of the area between the facet's corners."""
+    x = assembly.position[nodes[:, : CORNERS[kind]]]
+    area = 0.5 * np.linalg.norm(
+        np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+        if CORNERS[kind] == 3
+        else np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]),
+        axis=1,
+    )
+    return nodes.ravel(), np.repeat(area / nodes.shape[1], nodes.shape[1])

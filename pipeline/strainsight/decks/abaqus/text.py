@@ -1,0 +1,235 @@
+"""Abaqus and CalculiX decks as keywords with their parameters and data lines; comments, continuations, included files.
+
+Own, because meshio merges the instances of an assembly, loses materials and ends the process at elements it does not know.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from strainsight.decks.numbers import LARGEST_ID, entry, integer_entry, real_entry
+from strainsight.decks.text import Line, included_file, text_lines
+from strainsight.errors import DeckError
+from strainsight.mesh.model import FloatArray, IntArray
+
+WITH_INPUT = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "BOUNDARY", "CLOAD", "ELASTIC", "DENSITY", "MASS", "MPC"}
+"""Keywords that are taken over and whose data may stand in a file of their own."""
+
+_QUOTED = re.compile(r'"[^"]*"')
+_CORRECT = "correct the line and run again"
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """One keyword with its data.
+
+    title as in "*SOLID SECTION"; name the same without asterisk and blanks; parameters in capitals without blanks → value
+    ("" where it has none); file and line of the keyword; texts (n,) of the data lines, with their files and numbers.
+    """
+
+    title: str
+    parameters: dict[str, str]
+    file: str
+    line: int
+    texts: list[str] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """SOLIDSECTION for *SOLID SECTION."""
+        return self.title[1:].replace(" ", "")
+
+    @property
+    def where(self) -> str:
+        """file:line of the keyword."""
+        return f"{self.file}:{self.line}"
+
+    def where_data(self, i: int) -> str:
+        """file:line of data line i."""
+        return f"{self.files[i]}:{self.numbers[i]}"
+
+    def error(self, what: str, remedy: str = _CORRECT) -> DeckError:
+        """A DeckError at the keyword."""
+        return DeckError(f"{self.title}: {what}", where=self.where, remedy=remedy)
+
+    def needs(self, parameter: str) -> str:
+        """The value of a parameter; DeckError where it is missing or empty."""
+        value = self.parameters.get(parameter.replace(" ", ""), "")
+        if not value:
+            raise self.error(f"has no {parameter}", f"give {parameter}=…")
+        return value
+
+    def rows(self, needed: bool = True) -> list[Row]:
+        """The data lines; DeckError where there are none though they are needed."""
+        if needed and not self.texts:
+            raise self.error("no data line follows", "the deck may be cut off here: write it again")
+        return [Row(self, i, split(text)) for i, text in enumerate(self.texts)]
+
+    def flat(self) -> tuple[list[str], IntArray]:
+        """All entries of all data lines, and how many each line has (trailing commas do not count)."""
+        texts = [text.rstrip(", \t") for text in self.texts]
+        return ",".join(texts).split(","), np.array([text.count(",") + 1 for text in texts], dtype=np.int64)
+
+
+class Row(NamedTuple):
+    """A data line: its keyword, its number among the data lines from 0, and its entries."""
+
+    keyword: Keyword
+    i: int
+    entries: list[str]
+
+    @property
+    def where(self) -> str:
+        """file:line."""
+        return self.keyword.where_data(self.i)
+
+    def text(self, i: int) -> str:
+        """Entry i from 0; "" where the line is shorter."""
+        return entry(self.entries, i)
+
+    def integer(self, i: int, meaning: str, default: int | None = None) -> int:
+        """Entry i as an integer; a blank one is `default`, or a DeckError."""
+        return integer_entry(self.entries, i, default, lambda what: self.error(f"{meaning} (entry {i + 1}) {what}"))
+
+    def real(self, i: int, meaning: str, default: float | None = None) -> float:
+        """Entry i as a finite real; a blank one is `default`, or a DeckError."""
+        return real_entry(self.entries, i, default, lambda what: self.error(f"{meaning} (entry {i + 1}) {what}"))
+
+    def reals(self, count: int, meaning: str) -> FloatArray:
+        """The first `count` entries, blank ones zero; DeckError for more than that."""
+        if any(self.entries[count:]):
+            raise self.error(f"{len(self.entries)} entries where {count} belong")
+        return np.array([self.real(i, meaning, 0.0) for i in range(count)])
+
+    def error(self, what: str, remedy: str = _CORRECT) -> DeckError:
+        """A DeckError at this line."""
+        return DeckError(f"{self.keyword.title}: {what}", where=self.where, remedy=remedy)
+
+
+def split(text: str) -> list[str]:
+    """Entries between commas, without blanks around them and without quotation marks (which protect commas)."""
+    return [entry.strip('"') for entry in split_quoted(text)]
+
+
+def integers(tokens: list[str]) -> IntArray | None:
+    """All tokens as integers, or None where one is none."""
+    try:
+        values = np.array(list(map(int, tokens)), dtype=np.int64)
+    except (ValueError, OverflowError):
+        return None
+    return None if np.abs(values).max() >= LARGEST_ID or any("_" in token for token in tokens) else values
+
+
+def read_keywords(path: Path) -> tuple[list[Keyword], tuple[str, ...]]:
+    """The keywords of a deck and of the files it includes, in their order; the names of these files.
+
+    A keyword line that ends in a comma goes on in the next one. Neither *INCLUDE nor INPUT= may leave the folder of the deck.
+    Raises DeckError for files that are missing, empty or binary and for data before the first keyword.
+    """
+    folder = path.resolve().parent
+    keywords: list[Keyword] = []
+    files: dict[str, None] = {}
+    for line in _lines(path, folder, ()):
+        files.setdefault(line.file)
+        if line.text[0] != "*":
+            if not keywords:
+                raise DeckError(
+                    f"{line.text[:24]!r} stands before the first keyword",
+                    where=line.where,
+                    remedy="an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE",
+                )
+            _append(keywords[-1], line)
+            continue
+        keyword = _keyword(line)
+        keywords.append(keyword)
+        if "INPUT" in keyword.parameters and keyword.name in WITH_INPUT:
+            parent = Path(line.file)
+            name = keyword.needs("INPUT")
+            target = included_file(name, "INPUT", parent, line.number, folder, (path.resolve(), parent.resolve()))
+            for own in _lines(target, folder, (path.resolve(), parent.resolve(), target.resolve())):
+                files.setdefault(own.file)
+                if own.text[0] == "*":
+                    raise DeckError(
+                        f"{own.text[:24]!r} in a file that should hold the data of {keyword.title}",
+                        where=own.where,
+                        remedy="take the file in with *INCLUDE, or remove the keyword",
+                    )
+                _append(keyword, own)
+    if not keywords:
+        raise DeckError("the deck holds no keyword", where=str(path), remedy="check that this is the right file")
+    return keywords, tuple(name for name in files if name != str(path))
+
+
+def _append(keyword: Keyword, line: Line) -> None:
+    keyword.texts.append(line.text)
+    keyword.files.append(line.file)
+    keyword.numbers.append(line.number)
+
+
+def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:
+    """Keyword lines, joined with their continuations, and data lines; neither comments nor blank lines."""
+    file = str(path)
+    pending: Line | None = None
+    for number, raw in enumerate(text_lines(path), start=1):
+        text = raw.strip()
+        if not text or text.startswith("**"):
+            continue
+        line = Line(text, file, number)
+        if pending is not None:
+            if text[0] == "*":
+                yield from _taken_in(pending, path, folder, parents)
+            else:
+                line = Line(f"{pending.text} {text}", file, pending.number)
+            pending = None
+        if line.text[0] != "*":
+            yield line
+        elif line.text[-1] == ",":
+            pending = line
+        else:
+            yield from _taken_in(line, path, folder, parents)
+    if pending is not None:
+        yield from _taken_in(pending, path, folder, parents)
+
+
+def _taken_in(line: Line, path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:
+    """The line itself, or, for *INCLUDE, the lines of the file."""
+    if not line.text[1:].lstrip().upper().startswith("INCLUDE"):
+        yield line
+        return
+    above = (*parents, path.resolve())
+    name = _keyword(line).needs("INPUT")
+    yield from _lines(included_file(name, "*INCLUDE", path, line.number, folder, above), folder, above)
+
+
+def _keyword(line: Line) -> Keyword:
+    head, *entries = split_quoted(line.text.rstrip(", \t"))
+    title = "*" + " ".join(head[1:].upper().split())
+    if not title[1:2].isalpha():
+        raise DeckError(f"{line.text[:24]!r} is no keyword", where=line.where, remedy="a comment begins with **")
+    keyword = Keyword(title, {}, line.file, line.number)
+    for part in entries:
+        key, _, value = part.partition("=")
+        key = "".join(key.upper().split())
+        if not key:
+            continue
+        if not key[0].isalpha():
+            raise keyword.error(
+                f"{part!r} is no parameter", "a comma at the end of a keyword line continues it: remove the comma"
+            )
+        keyword.parameters[key] = value.strip().strip('"')
+    return keyword
+
+
+def split_quoted(text: str) -> list[str]:
+    """Entries between commas that no quotation marks protect; the marks stay."""
+    if '"' not in text:
+        return [entry.strip() for entry in text.split(",")]
+    masked = _QUOTED.sub(lambda match: match[0].replace(",", "\0"), text)
+    return [entry.strip().replace("\0", ",") for entry in masked.split(",")]

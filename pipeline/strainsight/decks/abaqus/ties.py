@@ -1,0 +1,217 @@
+"""Rigid bodies, couplings and multi-point constraints of an Abaqus deck as rigid and averaging elements."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.supports import component_range
+from strainsight.decks.abaqus.surfaces import Surface
+from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.numbers import parse_real
+from strainsight.mesh.model import AveragingElement, FloatArray, IntArray, RigidElement
+
+SIX = (0, 1, 2, 3, 4, 5)
+TRANSLATIONS = (0, 1, 2)
+
+
+@dataclass
+class Ties:
+    """Rigid and averaging elements, numbered together from 1, and where each stands; rotations: see `fixed_components`."""
+
+    rigid: list[RigidElement] = field(default_factory=list)
+    averaging: list[AveragingElement] = field(default_factory=list)
+    where: list[tuple[str, int]] = field(default_factory=list)
+    rotations: dict[int, int] = field(default_factory=dict)
+
+    def number(self, at: Keyword | Row) -> int:
+        """The next id, noted with its line."""
+        if isinstance(at, Row):
+            self.where.append((at.keyword.files[at.i], at.keyword.numbers[at.i]))
+        else:
+            self.where.append((at.file, at.line))
+        return len(self.where)
+
+
+def ties(
+    assembly: Assembly,
+    found: dict[tuple[str, str], Surface],
+    axes: dict[int, FloatArray],
+    ignored: Counter[str],
+) -> Ties:
+    """*RIGID BODY, *COUPLING with *KINEMATIC or *DISTRIBUTING, *KINEMATIC COUPLING and *MPC of types BEAM, TIE and PIN.
+
+    Raises DeckError for references that are not one node, sets and surfaces that are not there, and single components of
+    nodes with axes of their own or along an ORIENTATION.
+    """
+    made = Ties()
+    for scope in assembly.scopes.values():
+        keywords = scope.part.keywords
+        for i, keyword in enumerate(keywords):
+            match keyword.name:
+                case "RIGIDBODY":
+                    _rigid_body(assembly, scope, keyword, axes, made)
+                case "COUPLING":
+                    _coupling(assembly, scope, keyword, keywords[i + 1 : i + 2], found, axes, made)
+                case "KINEMATICCOUPLING":
+                    reference = _reference(assembly, scope, keyword)
+                    for row in keyword.rows():
+                        nodes = _without(assembly.node_rows(row.text(0), scope, row), reference, row)
+                        components = component_range([row], 1)
+                        _check_orientation(keyword, row, components)
+                        _add_rigid(assembly, made, row, reference, nodes, components, axes)
+                case "MPC" if option := _other_mpc(keyword):
+                    ignored[f"*MPC, {option}"] += len(keyword.rows())
+                case "MPC":
+                    for row in keyword.rows():
+                        _multi_point(assembly, scope, row, made, ignored)
+    return made
+
+
+def _other_mpc(keyword: Keyword) -> str:
+    """What makes the types of an *MPC mean another thing: "USER", "MODE=DOF", or nothing."""
+    if "USER" in keyword.parameters:
+        return "USER"
+    return "MODE=DOF" if keyword.parameters.get("MODE", "").upper() == "DOF" else ""
+
+
+def _reference(assembly: Assembly, scope: Scope, keyword: Keyword, parameter: str = "REF NODE") -> int:
+    rows = assembly.node_rows(keyword.needs(parameter), scope, keyword)
+    if len(rows) != 1:
+        raise keyword.error(
+            f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} holds {len(rows)} nodes", "give one node"
+        )
+    return int(rows[0])
+
+
+def _without(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
+    rest = nodes[nodes != reference]
+    if not rest.size:
+        raise at.error("holds no node beside its reference node", "give the nodes that follow it")
+    return rest
+
+
+def _add_rigid(
+    assembly: Assembly,
+    made: Ties,
+    at: Keyword | Row,
+    reference: int,
+    nodes: IntArray,
+    components: tuple[int, ...],
+    axes: dict[int, FloatArray],
+) -> None:
+    _check_axes(assembly, at, nodes, components, axes)
+    name = at.keyword.title if isinstance(at, Row) else at.title
+    made.rigid.append(RigidElement(made.number(at), reference, nodes, components, name))
+
+
+def _check_axes(
+    assembly: Assembly, at: Keyword | Row, nodes: IntArray, components: tuple[int, ...], axes: dict[int, FloatArray]
+) -> None:
+    """Abaqus means basic axes here, `Mesh` those of the node: they agree where all three components are tied, or none."""
+    turned = next((node for node in nodes.tolist() if node in axes), None)
+    if turned is not None and _single(components):
+        raise at.error(
+            f"ties single components of node {assembly.node_ids[turned]}, which has axes of its own (*TRANSFORM)",
+            "tie all three components, or take the node out of the *TRANSFORM",
+        )
+
+
+def _check_orientation(keyword: Keyword, at: Keyword | Row, components: tuple[int, ...]) -> None:
+    """The axes of an ORIENTATION do not matter where all three components are tied, or none."""
+    if keyword.parameters.get("ORIENTATION") and _single(components):
+        raise at.error("single components along an ORIENTATION", "tie all three components, or basic ones")
+
+
+def _single(components: tuple[int, ...]) -> bool:
+    """Are some, but not all, of the translations tied, or of the rotations?"""
+    return any(sum(c // 3 == kind for c in components) in (1, 2) for kind in (0, 1))
+
+
+def _rigid_body(assembly: Assembly, scope: Scope, keyword: Keyword, axes: dict[int, FloatArray], made: Ties) -> None:
+    reference = _reference(assembly, scope, keyword)
+    tied, pinned = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for parameter, members in (("TIENSET", tied), ("NSET", tied), ("PINNSET", pinned)):
+        if keyword.parameters.get(parameter):
+            members.append(assembly.node_set(keyword.parameters[parameter], scope, keyword))
+    if keyword.parameters.get("ELSET"):
+        rows = assembly.element_set(keyword.parameters["ELSET"], scope, keyword)
+        tied.append(assembly.element_nodes(rows))
+    if keyword.parameters.get("ROTNODE"):
+        turning = _reference(assembly, scope, keyword, "ROT NODE")
+        if not np.allclose(axes.get(turning, np.eye(3)), axes.get(reference, np.eye(3))):
+            raise keyword.error("REF NODE and ROT NODE have different axes (*TRANSFORM)", "give both the same ones")
+        made.rotations[turning] = reference
+    if keyword.parameters.get("POSITION", "INPUT").upper() != "INPUT":
+        assembly.notes.append(f"{keyword.where}: *RIGID BODY keeps the place of its reference node")
+    whole = np.unique(np.concatenate(tied))
+    points = np.setdiff1d(np.concatenate(pinned), whole)
+    _without(np.concatenate([whole, points]), reference, keyword)
+    for nodes, components in ((whole, SIX), (points, TRANSLATIONS)):
+        if (nodes := nodes[nodes != reference]).size:
+            _add_rigid(assembly, made, keyword, reference, nodes, components, {})
+
+
+def _coupling(
+    assembly: Assembly,
+    scope: Scope,
+    keyword: Keyword,
+    following: tuple[Keyword, ...],
+    found: dict[tuple[str, str], Surface],
+    axes: dict[int, FloatArray],
+    made: Ties,
+) -> None:
+    if not following or following[0].name not in ("KINEMATIC", "DISTRIBUTING"):
+        raise keyword.error("neither *KINEMATIC nor *DISTRIBUTING follows", "add the one that is meant")
+    kind = following[0]
+    reference = _reference(assembly, scope, keyword)
+    within, name = assembly.split_name(keyword.needs("SURFACE"), scope)
+    surface = found.get((within.name.upper(), name.upper()))
+    if surface is None:
+        raise keyword.error(f"surface {name!r} is not in the deck, or of another type", "add the *SURFACE")
+    keep = surface.nodes != reference
+    if keyword.parameters.get("INFLUENCERADIUS"):
+        radius = parse_real(keyword.parameters["INFLUENCERADIUS"])
+        if radius is None:
+            raise keyword.error("INFLUENCE RADIUS is no number", "give a radius")
+        keep &= np.linalg.norm(assembly.position[surface.nodes] - assembly.position[reference], axis=1) <= radius
+    nodes, weight = surface.nodes[keep], surface.weight[keep]
+    _without(nodes, reference, keyword)
+    components = component_range(kind.rows(needed=False), 0)
+    _check_orientation(keyword, keyword, components)
+    if kind.name == "KINEMATIC":
+        _add_rigid(assembly, made, keyword, reference, nodes, components, axes)
+        return
+    method = kind.parameters.get("WEIGHTINGMETHOD", "UNIFORM").upper()
+    if method != "UNIFORM":
+        assembly.notes.append(f"{kind.where}: *DISTRIBUTING with WEIGHTING METHOD={method} taken as UNIFORM")
+    if kind.parameters.get("COUPLING", "CONTINUUM").upper() != "CONTINUUM":
+        assembly.notes.append(f"{kind.where}: *DISTRIBUTING averages displacements only (COUPLING=CONTINUUM)")
+    components = tuple(sorted({*components, *TRANSLATIONS}))
+    _check_axes(assembly, keyword, np.array([reference]), components, axes)
+    made.averaging.append(
+        AveragingElement(made.number(keyword), reference, nodes, weight, components, name=keyword.title)
+    )
+
+
+def _multi_point(assembly: Assembly, scope: Scope, row: Row, made: Ties, ignored: Counter[str]) -> None:
+    """BEAM: the first entry, a node or a set, follows the second, one node; TIE and PIN likewise, PIN in translations only,
+    where all are at the same place. What has other entries or is of another type is counted."""
+    kind = row.text(0).upper()
+    members = [entry for entry in row.entries[1:] if entry]
+    if kind not in ("BEAM", "TIE", "PIN") or len(members) != 2:
+        ignored[f"*MPC {kind}"] += 1
+        return
+    nodes, reference = (assembly.node_rows(entry, scope, row) for entry in members)
+    apart = (
+        len(reference) == 1 and np.linalg.norm(assembly.position[nodes] - assembly.position[reference], axis=1).max()
+    )
+    size = float(np.ptp(assembly.position, axis=0).max())
+    if len(reference) != 1 or (kind != "BEAM" and apart > 1e-9 * size):
+        ignored[f"*MPC {kind}"] += 1
+        return
+    components = TRANSLATIONS if kind == "PIN" else SIX
+    _add_rigid(assembly, made, row, int(reference[0]), _without(nodes, int(reference[0]), row), components, {})

@@ -1,0 +1,133 @@
+"""Faults of ids, positions, connectivity and material constants, found on arrays; what every reader says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from strainsight.errors import DeckError
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray
+
+Where = Callable[[str, int], str]
+"""("node" or "element", id) → its place in the file."""
+
+
+class IdTable:
+    """Ids (n,) of a file, each once, to their rows."""
+
+    def __init__(self, ids: IntArray):
+        self.ids = ids
+        self._order = np.argsort(ids, kind="stable")
+        self.sorted = ids[self._order]
+
+    def rows(self, ids: IntArray) -> tuple[IntArray, np.ndarray]:
+        """Rows for ids of any shape, and where an id is missing (its row then means nothing)."""
+        if not self.sorted.size:
+            return np.zeros(ids.shape, dtype=np.int64), np.ones(ids.shape, dtype=bool)
+        at = np.minimum(np.searchsorted(self.sorted, ids), self.sorted.size - 1)
+        return self._order[at].astype(np.int64), self.sorted[at] != ids
+
+
+def repeated(ids: IntArray) -> tuple[int, int] | None:
+    """Positions of the first id that stands twice, in the order of the file; None where each stands once."""
+    order = np.argsort(ids, kind="stable")
+    again = np.flatnonzero(np.diff(ids[order]) == 0)
+    if not again.size:
+        return None
+    at = again[np.argmin(order[again + 1])]
+    return int(order[at]), int(order[at + 1])
+
+
+def folded(nodes: IntArray) -> int | None:
+    """First row of nodes (m, k) in which a node stands twice."""
+    twice = np.any(np.diff(np.sort(nodes, axis=1), axis=1) == 0, axis=1)
+    return int(np.argmax(twice)) if twice.any() else None
+
+
+def coincident(nodes: IntArray) -> tuple[int, int] | None:
+    """Two rows of nodes (m, k) that hold the same nodes, the earlier one first."""
+    ordered = np.sort(nodes, axis=1)
+    by_nodes = np.lexsort(ordered.T)
+    same = np.flatnonzero(np.all(np.diff(ordered[by_nodes], axis=0) == 0, axis=1))
+    if not same.size:
+        return None
+    a, b = sorted((int(by_nodes[same[0]]), int(by_nodes[same[0] + 1])))
+    return a, b
+
+
+def elastic_fault(youngs_modulus: float, poisson_ratio: float) -> tuple[str, str] | None:
+    """What is wrong with the constants of an isotropic solid, and the remedy: E > 0, −1 < ν < ½."""
+    if not youngs_modulus > 0:
+        return f"Young's modulus is {youngs_modulus:g}, not positive", "give a positive modulus"
+    if not -1 < poisson_ratio < 0.5:
+        return (
+            f"Poisson's ratio is {poisson_ratio:g}, outside -1 to 0.5",
+            "a solid needs a ratio below 0.5 (rubber: 0.49)",
+        )
+    return None
+
+
+def check_nodes(ids: IntArray, position: FloatArray, where: Where) -> None:
+    """Raise DeckError unless node ids (n,) are positive and each once, and positions (n, 3) finite."""
+    _check_ids(ids, "node", where)
+    finite = np.isfinite(position).all(axis=1)
+    if not finite.all():
+        node = int(ids[np.argmin(finite)])
+        raise DeckError(
+            f"node {node} has a coordinate that is not a finite number",
+            where=where("node", node),
+            remedy="correct the coordinate, or write the mesh again",
+            entity=("node", node),
+        )
+
+
+def check_elements(
+    blocks: Sequence[CellBlock], where: Where, name: Callable[[CellBlock, int], str] | None = None
+) -> None:
+    """Raise DeckError unless element ids are positive and each once, no element has a node twice, no two are the same.
+
+    name: a block and a row of it → the element in the words of its format; "element 10 (tet4)" by default.
+    """
+    _check_ids(np.concatenate([np.zeros(0, np.int64), *(block.ids for block in blocks)]), "element", where)
+    called = name or (lambda block, row: f"element {block.ids[row]} ({block.kind})")
+    for block in blocks:
+        if (row := folded(block.nodes)) is not None:
+            element = int(block.ids[row])
+            raise DeckError(
+                f"{called(block, row)}: a node stands twice in the element",
+                where=where("element", element),
+                remedy="replace collapsed elements by wedges or tetrahedra",
+                entity=("element", element),
+            )
+        if (pair := coincident(block.nodes)) is not None:
+            first, second = (int(block.ids[row]) for row in pair)
+            place, other = where("element", second), where("element", first)
+            raise DeckError(
+                f"{called(block, pair[1])}: the same nodes as {called(block, pair[0])}"
+                + (f" at {other}" if other != place else ""),
+                where=place,
+                remedy="remove one of the two: together they count stiffness and mass twice",
+                entity=("element", second),
+            )
+
+
+def _check_ids(ids: IntArray, what: str, where: Where) -> None:
+    if ids.size and ids.min() < 1:
+        number = int(ids.min())
+        raise DeckError(
+            f"{what} number {number} is not positive", where=where(what, number), remedy=f"number the {what}s from 1"
+        )
+    if (pair := repeated(ids)) is not None:
+        number = int(ids[pair[1]])
+        raise DeckError(
+            f"{what} number {number} stands twice",
+            where=where(what, number),
+            remedy=f"give every {what} its own number",
+            entity=(what, number),
+        )
+
+
+def plural(count: int, what: str) -> str:
+    """ "1 element", "2 elements"."""
+    return f"{count} {what}" + ("" if count == 1 else "s")

@@ -1,0 +1,247 @@
+"""Gmsh meshes with the numbers of their nodes and elements, physical groups as regions and sets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.decks.faults import IdTable, Where, check_elements, check_nodes, plural
+from strainsight.decks.gmsh.elements import KINDS, TO_VTK, TYPES, remedy
+from strainsight.decks.gmsh.records import Chunk, NodeRows
+from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
+from strainsight.errors import DeckError
+from strainsight.mesh.model import ELEMENT_KINDS, CellBlock, IntArray, Mesh, Origin, Region
+
+__all__ = ["is_gmsh", "read_gmsh"]
+
+
+def read_gmsh(path: Path, *, required: bool = True) -> Mesh:
+    """A gmsh mesh (formats 2.0 to 2.2, 4.0, 4.1, text or binary) in its own units, with its own numbers.
+
+    Regions are the physical volumes, by their tags; every physical group is a set of nodes, a volume also one of
+    elements, by name or as "2d-5" (dimension, tag). The format knows no materials and no supports.
+    required: there have to be solids. Raises DeckError, in text files with file:line, for what cannot be taken over as it stands.
+    """
+    path = Path(path)
+    file = read_file(path)
+    if file.skipped["$PartitionedEntities"]:
+        raise DeckError(
+            "the mesh is partitioned: its physical groups hang on the partitions",
+            where=str(path),
+            remedy="save it unpartitioned (gmsh: Modules, Mesh, Unpartition)",
+        )
+    nodes, elements = file.nodes, file.elements
+    solids = [chunk for chunk in elements if TYPES[chunk.type].dimension == 3 and len(chunk.ids)]
+    where = _places(str(path), nodes, elements)
+    check_nodes(nodes.ids, nodes.position, where)
+    _check_types(solids, elements if required else None, str(path), where)
+    table = IdTable(nodes.ids)
+    solids, doubled = _merged(solids, file.version)
+    blocks, regions, notes = _blocks(solids, table, file, where)
+    check_elements(blocks, where)
+    node_sets, element_sets, more = _sets(elements, file, table, doubled, where)
+    return Mesh(
+        node_ids=nodes.ids,
+        position=np.ascontiguousarray(nodes.position),
+        blocks=blocks,
+        regions=regions,
+        materials={},
+        fixed=np.zeros((0, 2), dtype=np.int64),
+        node_sets=node_sets,
+        element_sets=element_sets,
+        ignored=dict(sorted(file.skipped.items())),
+        notes=(*_note_doubled(doubled), *notes, *more),
+        source=str(path),
+        origin=_origin(str(path), nodes, solids),
+    )
+
+
+@dataclass(frozen=True)
+class _Doubled:
+    """Elements written once for each of their physical volumes: those left out → the one that stays."""
+
+    dropped: IntArray
+    kept: IntArray
+
+
+def _places(path: str, nodes: NodeRows, elements: list[Chunk]) -> Where:
+    """The line of the last entry with this number, or the file where it has no lines."""
+
+    def where(what: str, number: int) -> str:
+        rows: Iterable[NodeRows | Chunk] = [nodes] if what == "node" else elements
+        for row in reversed(list(rows)):
+            hits = np.flatnonzero(row.ids == number)
+            if hits.size and row.line is not None:
+                return f"{path}:{row.line[hits[-1]]}"
+        return path
+
+    return where
+
+
+def _check_types(solids: list[Chunk], elements: list[Chunk] | None, path: str, where: Where) -> None:
+    """Raise DeckError for solids of other kinds, and where there are none beside `elements`."""
+    if not solids and elements is not None:
+        found = {TYPES[chunk.type].name: 0 for chunk in elements}
+        for chunk in elements:
+            found[TYPES[chunk.type].name] += len(chunk.ids)
+        shown = ", ".join(plural(count, name) for name, count in found.items()) or "no elements"
+        raise DeckError(
+            f"the mesh holds no solid element ({shown})",
+            where=path,
+            remedy="mesh in three dimensions (gmsh -3); where there are physical groups, put every volume in one, "
+            "or set Mesh.SaveAll = 1",
+        )
+    for chunk in solids:
+        if chunk.type not in KINDS:
+            name, count = TYPES[chunk.type].name, sum(len(c.ids) for c in solids if c.type == chunk.type)
+            element = int(chunk.ids[0])
+            raise DeckError(
+                f"element {element} is a {name}, which is not taken over ({count} in the file)",
+                where=where("element", element),
+                remedy=remedy(chunk.type),
+                entity=("element", element),
+            )
+
+
+def _merged(solids: list[Chunk], version: str) -> tuple[list[Chunk], _Doubled]:
+    """Format 2 writes an element once for each of its physical groups, under another number: keep the lowest group's."""
+    nothing = np.zeros(0, dtype=np.int64)
+    tags = {chunk.groups for chunk in solids}
+    if not version.startswith("2") or len(tags) < 2:
+        return solids, _Doubled(nothing, nothing)
+    dropped, kept, left = [nothing], [nothing], []
+    for number in dict.fromkeys(chunk.type for chunk in solids):
+        own = [chunk for chunk in solids if chunk.type == number]
+        group = np.concatenate([np.full(len(c.ids), c.groups[0] if c.groups else 0) for c in own])
+        ids, nodes = np.concatenate([c.ids for c in own]), np.concatenate([c.nodes for c in own])
+        order = np.lexsort((group, *nodes.T))
+        again = np.zeros(len(ids), dtype=bool)
+        again[1:] = np.all(np.diff(nodes[order], axis=0) == 0, axis=1) & (np.diff(group[order]) > 0)
+        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(ids))))
+        dropped.append(ids[order][again])
+        kept.append(ids[order][first[again]])
+        stays = np.ones(len(ids), dtype=bool)
+        stays[order[again]] = False
+        at = 0
+        for chunk in own:
+            rows = stays[at : at + len(chunk.ids)]
+            at += len(chunk.ids)
+            line = None if chunk.line is None else chunk.line[rows]
+            left.append(replace(chunk, ids=chunk.ids[rows], nodes=chunk.nodes[rows], line=line))
+    return [chunk for chunk in left if len(chunk.ids)], _Doubled(np.concatenate(dropped), np.concatenate(kept))
+
+
+def _note_doubled(doubled: _Doubled) -> list[str]:
+    count = len(doubled.dropped)
+    if not count:
+        return []
+    return [
+        f"{plural(count, 'element')} written once more for a further physical volume (element {doubled.dropped[0]} is "
+        f"{doubled.kept[0]} again): counted once, in the region of the lowest tag and in all sets"
+    ]
+
+
+def _blocks(
+    solids: list[Chunk], table: IdTable, file: GmshFile, where: Where
+) -> tuple[tuple[CellBlock, ...], dict[int, Region], list[str]]:
+    """Blocks of one kind each, and the physical volumes that they are in as regions."""
+    tags = sorted({tag for chunk in solids for tag in chunk.groups})
+    regions = {tag: Region(tag, file.names.get((3, tag)) or f"volume {tag}", 0) for tag in tags}
+    notes = []
+    outside = sum(len(chunk.ids) for chunk in solids if not chunk.groups)
+    spare = tags[-1] + 1 if tags else 1
+    if outside and tags:
+        regions[spare] = Region(spare, "no physical volume", 0)
+        notes.append(f"{plural(outside, 'element')} in no physical volume: region {spare}")
+    elif outside:
+        regions[spare] = Region(spare, "solids", 0)
+        notes.append("the file has no physical volumes: all elements are region 1 (solids)")
+    several = [chunk for chunk in solids if len(chunk.groups) > 1]
+    if several:
+        count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
+        notes.append(f"{plural(count, 'element')} in several physical volumes ({both}): region of the lowest tag")
+    blocks = []
+    for kind in ELEMENT_KINDS:
+        own = [chunk for chunk in solids if KINDS[chunk.type] == kind]
+        if not own:
+            continue
+        index = np.concatenate([_indices(chunk, table, where) for chunk in own])
+        region = [np.full(len(chunk.ids), min(chunk.groups, default=spare)) for chunk in own]
+        ids = np.concatenate([chunk.ids for chunk in own])
+        order = TO_VTK.get(kind, np.arange(index.shape[1]))
+        blocks.append(CellBlock(kind, ids, index[:, order], np.concatenate(region).astype(np.int64)))
+    used = {int(tag) for block in blocks for tag in np.unique(block.region)}
+    return tuple(blocks), {tag: region for tag, region in regions.items() if tag in used}, notes
+
+
+def _indices(chunk: Chunk, table: IdTable, where: Where) -> IntArray:
+    index, missing = table.rows(chunk.nodes)
+    if missing.any():
+        row, column = np.argwhere(missing)[0]
+        element = int(chunk.ids[row])
+        raise DeckError(
+            f"element {element} ({TYPES[chunk.type].name}) refers to node {chunk.nodes[row, column]}, "
+            "which is not in the file",
+            where=where("element", element),
+            remedy="write the mesh again with all its nodes",
+            entity=("element", element),
+        )
+    return index
+
+
+def _sets(
+    elements: list[Chunk], file: GmshFile, table: IdTable, doubled: _Doubled, where: Where
+) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
+    """Every physical group as a set of nodes, volumes also as one of elements; and notes on their names."""
+    members: dict[tuple[int, int], list[Chunk]] = {}
+    for chunk in elements:
+        if len(chunk.ids) and chunk.type not in KINDS:
+            _indices(chunk, table, where)
+        for tag in chunk.groups:
+            members.setdefault((TYPES[chunk.type].dimension, tag), []).append(chunk)
+    names, notes = _set_names(members, file.names)
+    node_sets: dict[str, IntArray] = {}
+    element_sets: dict[str, IntArray] = {}
+    for (dimension, tag), chunks in sorted(members.items()):
+        name = names[dimension, tag]
+        numbers = np.unique(np.concatenate([chunk.nodes.ravel() for chunk in chunks]))
+        node_sets[name] = np.union1d(node_sets.get(name, numbers), numbers)
+        if dimension == 3:
+            ids = _kept(np.concatenate([chunk.ids for chunk in chunks]), doubled)
+            element_sets[name] = np.union1d(element_sets.get(name, ids), ids)
+    empty = [name for key, name in file.names.items() if key not in members]
+    notes += [f"physical group {name!r} holds no elements" for name in empty]
+    return node_sets, element_sets, notes
+
+
+def _set_names(
+    members: Mapping[tuple[int, int], object], given: Mapping[tuple[int, int], str]
+) -> tuple[dict[tuple[int, int], str], list[str]]:
+    """Name of every group; where groups of several dimensions share one, the dimension is added to it."""
+    names = {(dimension, tag): given.get((dimension, tag)) or f"{dimension}d-{tag}" for dimension, tag in members}
+    shared = {
+        name for name in names.values() if len({dimension for (dimension, _), n in names.items() if n == name}) > 1
+    }
+    notes = [
+        f"physical groups of several dimensions are called {name!r}: sets '{name} (2d)'…" for name in sorted(shared)
+    ]
+    return {key: f"{name} ({key[0]}d)" if name in shared else name for key, name in names.items()}, notes
+
+
+def _kept(ids: IntArray, doubled: _Doubled) -> IntArray:
+    rows, absent = IdTable(doubled.dropped).rows(ids)
+    return np.where(absent, ids, doubled.kept[rows]) if len(doubled.dropped) else ids
+
+
+def _origin(path: str, nodes: NodeRows, solids: list[Chunk]) -> dict[str, Origin]:
+    if nodes.line is None:
+        return {}
+    ids = np.concatenate([np.zeros(0, np.int64), *(chunk.ids for chunk in solids)])
+    line = np.concatenate([np.zeros(0, np.int64), *(chunk.line for chunk in solids if chunk.line is not None)])
+    return {
+        "node": Origin(nodes.ids, nodes.line, np.zeros(len(nodes.ids), dtype=np.int64), (path,)),
+        "element": Origin(ids, line, np.zeros(len(ids), dtype=np.int64), (path,)),
+    }

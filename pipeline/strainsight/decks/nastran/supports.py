@@ -1,0 +1,139 @@
+"""Supports of a Nastran deck, and the sets of them and of MPC that its case control selects."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+
+import numpy as np
+
+from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.grids import NodeTable
+from strainsight.decks.nastran.sets import expand
+from strainsight.decks.numbers import parse_integer
+from strainsight.decks.text import Line
+from strainsight.errors import DeckError
+from strainsight.mesh.model import IntArray
+
+_SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
+
+
+def components(text: str, card: Card) -> tuple[int, ...]:
+    """Digits 1-6 as components 0-5."""
+    if not text or any(digit not in "123456" for digit in text) or len(set(text)) < len(text):
+        raise card.error(f"components {text!r} are not made of the digits 1 to 6", "write for example 123")
+    return tuple(sorted(int(digit) - 1 for digit in text))
+
+
+def fixed_components(
+    deck: Deck, nodes: NodeTable, permanent: list[tuple[Card, int, str]], ignored: Counter[str]
+) -> IntArray:
+    """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold at zero, each once, sorted.
+
+    The case control selects the set; without a selection the only set counts.
+    Raises DeckError for several sets without a selection, for an enforced motion and for nodes that are not there.
+    """
+    pairs: list[tuple[int, int]] = []
+    for card, row, text in permanent:
+        pairs += [(row, c) for c in components(text, card)]
+    selected = _selected_sets(deck)
+    for card in (*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])):
+        if card.integer(0, "the set id") not in selected:
+            ignored[f"{card.name} of a set that is not selected"] += 1
+            continue
+        for row, wanted in _supports(card, nodes):
+            pairs += [(row, c) for c in wanted]
+    return np.unique(np.array(pairs, dtype=np.int64).reshape(-1, 2), axis=0)
+
+
+def _supports(card: Card, nodes: NodeTable) -> list[tuple[int, tuple[int, ...]]]:
+    if card.name == "SPC1":
+        ids, _ = expand(card.fields[2:], nodes.sorted, card.where)
+        if not ids.size:
+            raise card.error("holds no node of the deck", "correct the ids, or remove the card")
+        rows = nodes.rows_of_cards(ids[None, :], [card])[0]
+        wanted = components(card.text(1), card)
+        return [(int(row), wanted) for row in rows]
+    found = []
+    for i in (1, 4):
+        if not card.text(i):
+            continue
+        if card.real(i + 2, "the enforced displacement", 0.0) != 0:
+            raise card.error(f"an enforced displacement of {card.text(i + 2)}", "only supports at zero are taken over")
+        row, wanted = nodes.row(card.integer(i, "the node id"), card), components(card.text(i + 1), card)
+        found.append((row, wanted))
+    return found
+
+
+def _selected_sets(deck: Deck) -> set[int]:
+    """Ids of the SPC and SPC1 sets that count."""
+    combined = _combined(deck, "SPCADD")
+    supports = [*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])]
+    single = {card.integer(0, "the set id") for card in supports}
+    for card in deck.cards.get("SPCADD", []):
+        if lost := combined[int(card.fields[0])] - single:
+            raise card.error(f"set {min(lost)} has no SPC or SPC1", "add the set, or take it out")
+    chosen = _selections(deck, "SPC")
+    if len(chosen) > 1:
+        raise DeckError(
+            f"the subcases select different supports ({', '.join(chosen)})",
+            where=[*chosen.values()][1].where,
+            remedy="keep one SPC = n in the case control",
+        )
+    for text, line in chosen.items():
+        number = parse_integer(text) or 0
+        if number not in single and number not in combined:
+            raise DeckError(
+                f"SPC = {text} selects a set that is not in the deck",
+                where=line.where,
+                remedy=f"select one of {', '.join(map(str, sorted(single | set(combined)))) or 'the sets you add'}",
+            )
+        return combined.get(number, {number})
+    top = (single | set(combined)) - {member for members in combined.values() for member in members}
+    if len(top) > 1:
+        card = next(card for card in (*supports, *deck.cards.get("SPCADD", [])) if int(card.fields[0]) == max(top))
+        raise DeckError(
+            f"{len(top)} sets of supports ({', '.join(map(str, sorted(top)))}) and no selection",
+            where=card.where,
+            remedy="select one with SPC = n in the case control, before BEGIN BULK",
+        )
+    number = next(iter(top), 0)
+    return combined.get(number, {number})
+
+
+def _selections(deck: Deck, what: str) -> dict[str, Line]:
+    """Set ids, as written, that lines "SPC = n" or "MPC = n" of the case control select, and the first line of each."""
+    chosen: dict[str, Line] = {}
+    for line in deck.case_control:
+        if (match := _SELECTION.match(line.text)) and match[1].upper() == what:
+            chosen.setdefault(match[2], line)
+    return chosen
+
+
+def _combined(deck: Deck, name: str) -> dict[int, set[int]]:
+    """Set id → sets that an SPCADD or MPCADD makes it of."""
+    found: dict[int, set[int]] = {}
+    for card in deck.cards.get(name, []):
+        number = card.integer(0, "the set id")
+        if number in found:
+            raise card.error("the set id stands twice")
+        found[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.fields[1:]) if token}
+    return found
+
+
+def count_relations(deck: Deck, ignored: Counter[str], notes: list[str]) -> None:
+    """Count the MPC and MPCADD cards, and note which are selected; without case control nobody knows, so that all are."""
+    relations = [card for name in ("MPC", "MPCADD") for card in deck.cards.get(name, [])]
+    if not relations:
+        return
+    combined = _combined(deck, "MPCADD")
+    there = {card.integer(0, "the set id") for card in relations}
+    selected: set[int] = set()
+    for text, line in _selections(deck, "MPC").items():
+        number = parse_integer(text) or 0
+        selected |= {number} | combined.get(number, set())
+        if number in there:
+            notes.append(f"MPC = {text} is selected ({line.where}): its relations are missing")
+    for card in relations:
+        counts = not deck.case_control or card.integer(0, "the set id") in selected
+        ignored[card.name if counts else f"{card.name} of a set that is not selected"] += 1

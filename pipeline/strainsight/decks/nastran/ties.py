@@ -1,0 +1,134 @@
+"""Rigid and averaging elements of a Nastran deck."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from strainsight.decks.nastran.cards import Card
+from strainsight.decks.nastran.grids import NodeTable
+from strainsight.decks.nastran.sets import expand
+from strainsight.decks.nastran.supports import components
+from strainsight.decks.numbers import is_whole, no_integer, parse_integer, parse_real
+from strainsight.mesh.model import AveragingElement, FloatArray, IntArray, RigidElement
+
+
+def rigid_elements(cards: dict[str, list[Card]], nodes: NodeTable, notes: list[str]) -> tuple[RigidElement, ...]:
+    """RBE2 with all the components that it states.
+
+    One that ties rotations only, of nodes that are no reference nodes and so have none, becomes a note.
+    """
+    elements = []
+    references = _references(cards)
+    for card in cards.get("RBE2", []):
+        reference = nodes.row(card.integer(1, "the reference node GN"), card)
+        wanted = components(card.text(2), card)
+        tokens = [token for token in card.fields[3:] if token]
+        if tokens and not is_whole(tokens[-1]) and parse_real(tokens[-1]) is not None:
+            tokens = tokens[:-1]  # thermal expansion, of no effect here
+        ids = np.unique(expand(tokens, nodes.sorted, card.where)[0])
+        if not ids.size:
+            raise card.error("has no dependent node", "give the nodes that follow the reference node")
+        rows = nodes.rows_of_cards(ids[None, :], [card])[0]
+        if reference in rows:
+            raise card.error(
+                f"the reference node {card.fields[1]} is also dependent", "take it out of the dependent nodes"
+            )
+        if min(wanted) > 2 and not references.intersection(ids.tolist()):
+            notes.append(
+                f"RBE2 {card.fields[0]} ties rotations only (components {card.text(2)}), which nodes of solids do not have: "
+                "without effect"
+            )
+        number = card.integer(0, "the element id")
+        elements.append(RigidElement(number, reference, rows, wanted, f"RBE2 {number}"))
+    return tuple(elements)
+
+
+def _references(cards: dict[str, list[Card]]) -> set[int]:
+    """Ids of the nodes that an element gives rotations."""
+    fields = (("RBE2", 1), ("RBE3", 2))
+    return {card.integer(i, "the reference node") for name, i in fields for card in cards.get(name, [])}
+
+
+def turning_nodes(rigid: Sequence[RigidElement], averaging: Sequence[AveragingElement]) -> set[int]:
+    """Rows of the nodes whose rotations count: reference nodes, and what follows one of an RBE2 in rotations."""
+    followers = {int(row) for e in rigid if max(e.components) > 2 for row in e.nodes}
+    return followers | {e.reference for e in rigid} | {e.reference for e in averaging}
+
+
+def averaging_elements(cards: dict[str, list[Card]], nodes: NodeTable) -> tuple[AveragingElement, ...]:
+    """RBE3: groups of weight, translations and nodes, and the UM set where it has one."""
+    elements = []
+    for card in cards.get("RBE3", []):
+        reference = nodes.row(card.integer(2, "the reference node"), card)
+        wanted = components(card.text(3), card)
+        tokens = [token.upper() for token in card.fields[4:] if token]
+        if "ALPHA" in tokens:
+            tokens = tokens[: tokens.index("ALPHA")]
+        split = tokens.index("UM") if "UM" in tokens else len(tokens)
+        ids, weights, directions = _groups(card, tokens[:split])
+        rows = nodes.rows_of_cards(ids[None, :], [card])[0]
+        _, place = np.unique(rows, return_inverse=True)
+        counts = np.zeros((place.max() + 1, 3), dtype=int)
+        np.add.at(counts, place, directions)
+        if counts.max() > 1 or reference in rows:
+            raise card.error(
+                "a node stands twice", "give every node once in a direction, and not the reference node among them"
+            )
+        dependent = _um_set(card, tokens[split + 1 :], nodes, len(wanted)) if split < len(tokens) else None
+        whole = None if directions.all() else directions
+        number = card.integer(0, "the element id")
+        name = f"RBE3 {number}"
+        elements.append(AveragingElement(number, reference, rows, weights, wanted, whole, dependent, name))
+    return tuple(elements)
+
+
+def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.ndarray]:
+    """Ids (k,), weights (k,) and directions (k, 3) of the groups weight, components, nodes."""
+    ids: list[int] = []
+    weights: list[float] = []
+    directions: list[list[bool]] = []
+    weight: float | None = None
+    wanted: tuple[int, ...] = ()
+    i = 0
+    while i < len(tokens):
+        node = parse_integer(tokens[i])
+        if node is not None and weight is not None:
+            ids.append(node)
+            weights.append(weight)
+            directions.append([c in wanted for c in range(3)])
+            i += 1
+            continue
+        if node is None and is_whole(tokens[i]):
+            raise card.error(f"a node id {no_integer(tokens[i])}")
+        weight = parse_real(tokens[i]) if node is None else None
+        if weight is None or weight <= 0:
+            raise card.error(f"{tokens[i]!r} where a positive weight (with a decimal point) should stand")
+        wanted = components(tokens[i + 1] if i + 1 < len(tokens) else "", card)
+        if max(wanted) > 2:
+            raise card.error(
+                f"components {tokens[i + 1]} after weight {tokens[i]} hold rotations",
+                "average translations only, for example 123 (solids have no rotations)",
+            )
+        i += 2
+    if not ids:
+        raise card.error("has no nodes to average")
+    return np.array(ids, dtype=np.int64), np.array(weights), np.array(directions)
+
+
+def _um_set(card: Card, tokens: list[str], nodes: NodeTable, count: int) -> IntArray:
+    """(row, component) of the motions that depend on the others: pairs of a node and its components."""
+    found: list[tuple[int, int]] = []
+    for i in range(0, len(tokens), 2):
+        node = parse_integer(tokens[i])
+        if node is None:
+            raise card.error(f"{tokens[i]!r} in the UM set is no node id")
+        wanted = components(tokens[i + 1] if i + 1 < len(tokens) else "", card)
+        found += [(nodes.row(node, card), c) for c in wanted]
+    if len(found) != count or len(set(found)) != count:
+        raise card.error(
+            f"the UM set holds {len(set(found))} motions, the reference components are {count}",
+            "give as many different motions as reference components",
+        )
+    return np.array(found, dtype=np.int64)

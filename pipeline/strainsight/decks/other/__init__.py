@@ -1,0 +1,1 @@
+"""Meshes of any format that meshio reads."""

@@ -1,0 +1,229 @@
+"""Reading with meshio so that whatever it meets comes back as a message: it prints, exits and drops cells on its own."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import tempfile
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+from strainsight.decks.text import LARGEST
+from strainsight.errors import DeckError
+
+NOT_HERE = ("nastran", "abaqus", "gmsh", "mdpa")
+"""Formats with a reader of their own, because meshio loses too much; and one in which it takes numbers for positions."""
+INSTEAD = "write the mesh as gmsh .msh 4.1, Abaqus .inp or VTU (zlib or text)"
+HDF5 = ("med", "h5m", "hmf", "cgns")
+
+# meshio knows these cells by name and fails on them because it does not list their dimension.
+_UNLISTED = {"wedge15": 3, "pyramid13": 3, "wedge12": 3, "hexahedron24": 3, "penta_prism": 3, "hexa_prism": 3}
+_UNLISTED |= {"triangle7": 2, "quad6": 2, "pixel": 2, "voxel": 3}
+_VOXEL = 11
+"""VTK's number of an axis-aligned hexahedron, which meshio does not know and `ImageData` is made of."""
+_DROPPED = re.compile(r"cannot handle \(type (\d+)\)")
+_FLAT = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35)
+_ARRAY = re.compile(rb"^((?:SCALARS +\S+|\S+ +\d+ +\d+) +)(\w+)", re.M)
+# VTK's names of integers against those that meshio's two readers of VTK know.
+_SIZES = {b"char": b"8", b"signed_char": b"8", b"short": b"16", b"int": b"32", b"long": b"64"}
+_TO_5 = {word: b"vtktypeint" + size for word, size in _SIZES.items()}
+_TO_5 |= {b"unsigned_" + word: b"vtktypeuint" + size for word, size in _SIZES.items()}
+_TO_4 = {b"signed_char": b"char", b"vtktypeint64": b"long", b"vtktypeuint64": b"unsigned_long"}
+_COUNTS = re.compile(rb"^(?:POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_TABLE \S+|FIELD \S+) +(.*)", re.M)
+
+
+class Loaded(NamedTuple):
+    """What meshio read: its mesh, its name of the format, what it said meanwhile, and files that belong to this one."""
+
+    mesh: Any
+    format: str
+    said: str
+    included: tuple[str, ...]
+
+
+def load(path: Path) -> Loaded:
+    """Read a mesh with meshio. Raises DeckError for whatever it cannot read or would drop."""
+    formats = _formats(path)
+    if not path.is_file():
+        raise DeckError("no such file", where=str(path), remedy="check the name and the folder")
+    if path.stat().st_size == 0:
+        raise DeckError("the file is empty", where=str(path), remedy="write the mesh again")
+    name = formats[0]
+    included = _checked(path, name)
+    out, err = io.StringIO(), io.StringIO()
+    try:
+        with warnings.catch_warnings(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            warnings.simplefilter("ignore")
+            import meshio
+
+            for kind, dimension in _UNLISTED.items():
+                meshio._mesh.topological_dimension.setdefault(kind, dimension)
+            meshio._vtk_common.vtk_to_meshio_type.setdefault(_VOXEL, "voxel")
+            meshio._common.num_nodes_per_cell.setdefault("voxel", 8)
+            with _readable(path, name) as file:
+                mesh = meshio.read(file, file_format=name)
+    except (Exception, SystemExit) as error:
+        raise _failure(path, name, error, f"{out.getvalue()} {err.getvalue()}") from None
+    said = " ".join(f"{out.getvalue()} {err.getvalue()}".split())
+    lost = [int(number) for number in _DROPPED.findall(said) if int(number) not in _FLAT]
+    if lost:
+        raise DeckError(
+            f"cells of VTK's type {lost[0]} are not taken over",
+            where=str(path),
+            remedy="mesh with tetrahedra, hexahedra or wedges",
+        )
+    return Loaded(mesh, name, said, included)
+
+
+def _formats(path: Path) -> list[str]:
+    import meshio
+
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    endings = ["".join(suffixes[i:]) for i in range(len(suffixes))]
+    known = meshio.extension_to_filetypes
+    found = [name for ending in endings for name in known.get(ending, []) if name not in NOT_HERE]
+    if not found and endings[-1:] == [".gz"]:
+        raise DeckError(
+            "a packed mesh of this format is not taken over",
+            where=str(path),
+            remedy="unpack it (gunzip) and give the mesh",
+        )
+    if not found:
+        raise DeckError(
+            f"no mesh format that is known by its ending {path.suffix or '(none)'}", where=str(path), remedy=INSTEAD
+        )
+    return found
+
+
+def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckError:
+    if isinstance(error, KeyError) and re.match("pyramid|wedge|hexa|penta|tetra|poly|VTK_", str(error.args[0])):
+        return DeckError(
+            f"{error.args[0]} cells are not taken over",
+            where=str(path),
+            remedy="mesh with tetrahedra, hexahedra or wedges of first or second order",
+        )
+    if isinstance(error, ModuleNotFoundError):
+        return DeckError(
+            f"reading {name} needs the package {error.name}", where=str(path), remedy=f"install it, or {INSTEAD}"
+        )
+    reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
+    reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "its content is not that format's, or damaged"
+    return DeckError(f"cannot be read as {name}: {reason[:300]}", where=str(path), remedy=INSTEAD)
+
+
+def _checked(path: Path, name: str) -> tuple[str, ...]:
+    """Refuse what meshio would get wrong or should not follow; returns the files that the mesh takes in."""
+    try:
+        if name == "vtk":
+            _check_vtk(path)
+        elif name == "vtu":
+            if (pieces := path.read_bytes().count(b"<Piece")) > 1:
+                raise DeckError(
+                    f"the file is in {pieces} pieces, of which only one would be read",
+                    where=str(path),
+                    remedy="merge the pieces and save them as one",
+                )
+        elif name == "xdmf":
+            return _check_xdmf(path)
+        elif name == "tetgen":
+            pair = path.with_suffix(".node" if path.suffix.lower() == ".ele" else ".ele")
+            return (str(pair),) if pair.is_file() else ()
+        elif name in HDF5:
+            check_hdf5(path)
+    except (OSError, ElementTree.ParseError, ValueError) as error:
+        raise DeckError(f"cannot be read as {name}: {error}", where=str(path), remedy=INSTEAD) from None
+    return ()
+
+
+def _check_vtk(path: Path) -> None:
+    content = path.read_bytes()
+    dataset = re.search(rb"^\s*DATASET\s+(\w+)", content[:5000], re.M | re.I)
+    if dataset and dataset[1].upper() != b"UNSTRUCTURED_GRID":
+        raise DeckError(
+            f"a {dataset[1].decode()} is no mesh of elements",
+            where=str(path),
+            remedy="convert it to an unstructured grid",
+        )
+    for match in _COUNTS.finditer(content):
+        for word in match[1].split():
+            if word.isdigit() and int(word) > len(content):
+                line = content.count(b"\n", 0, match.start()) + 1
+                raise DeckError(
+                    f"{int(word)} entries are claimed in a file of {len(content)} bytes",
+                    where=f"{path}:{line}",
+                    remedy="write the mesh again: the file is damaged",
+                )
+
+
+def _check_xdmf(path: Path) -> tuple[str, ...]:
+    """The data files of an XDMF file lie in or below its folder."""
+    folder, found = path.resolve().parent, dict[str, None]()
+    for item in ElementTree.parse(path).iter("DataItem"):
+        form, text = item.get("Format"), (item.text or "").strip()
+        if form == "Binary":
+            raise DeckError(
+                "raw binary data are not taken over", where=str(path), remedy="write the data as HDF or XML"
+            )
+        if form == "HDF":
+            target = folder / text.rpartition(":")[0]
+            if not target.resolve().is_relative_to(folder):
+                raise DeckError(
+                    f"the data file {text!r} leaves the folder of the mesh",
+                    where=str(path),
+                    remedy="move the data file beside or below the mesh",
+                )
+            found[str(target)] = None
+    for name in found:
+        check_hdf5(Path(name))
+    return tuple(found)
+
+
+def check_hdf5(path: Path) -> None:
+    """Raise DeckError for an HDF5 file that takes data from other files or claims more than 4 GiB in one array."""
+    import h5py
+
+    found: list[str] = []
+
+    def look(name: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink):
+            found.append(f"{name} is a link to another file ({link.filename})")
+
+    def weigh(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            if item.external or item.is_virtual:
+                found.append(f"{name} takes its data from another file")
+            elif item.nbytes > LARGEST:
+                found.append(f"{name} claims {item.nbytes / 1024**3:.1f} GiB")
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems_links(look)
+            file.visititems(weigh)
+    except Exception as error:  # the library has no class of its own for damaged files
+        reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:300]}"
+        raise DeckError(reason, where=str(path), remedy=INSTEAD) from None
+    if found:
+        raise DeckError(found[0], where=str(path), remedy="write the data into the file itself, without links")
+
+
+@contextlib.contextmanager
+def _readable(path: Path, name: str) -> Iterator[Path]:
+    """The file, or a copy without the words that meshio stumbles over."""
+    content = path.read_bytes() if name in ("vtk", "vtu") else b""
+    ours = content
+    if name == "vtk":
+        words = _TO_5 if content.startswith(b"# vtk DataFile Version 5") else _TO_4
+        ours = _ARRAY.sub(lambda match: match[1] + words.get(match[2], match[2]), content)
+    elif name == "vtu":
+        ours = content.replace(b'type="String"', b'type="UInt8"')
+    if ours == content:
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(ours)
+        yield copy

@@ -1,0 +1,246 @@
+"""Solid meshes of any format that meshio reads: VTU, VTK, XDMF, MED, Medit, Netgen and others."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.decks.faults import check_elements, check_nodes, plural
+from strainsight.decks.other.arrays import Labels, labels, numbers_of, switches
+from strainsight.decks.other.load import Loaded, load
+from strainsight.decks.other.orders import MIRRORED, in_our_order
+from strainsight.errors import DeckError
+from strainsight.mesh.model import ELEMENT_KINDS, CellBlock, FloatArray, IntArray, Mesh, Region
+
+KINDS = {
+    "tetra": "tet4",
+    "tetra10": "tet10",
+    "hexahedron": "hex8",
+    "voxel": "hex8",
+    "hexahedron20": "hex20",
+    "wedge": "wedge6",
+    "wedge15": "wedge15",
+}
+NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
+ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
+
+
+def read_meshio(path: Path, region_data: str | None = None, *, required: bool = True) -> Mesh:
+    """A mesh of a format that meshio reads, in its own units; such files know no materials and no supports.
+
+    Node and element numbers come from point and cell data (node_id, GlobalNodeId, … element_id, …) where they are
+    positive and unique, else they count from 1. Regions are the cell data `region_data`, or the first usual one there is
+    (region, gmsh:physical, MaterialIds, …). Sets are those of the file, and data that are 0 or 1 everywhere.
+    required: there have to be solids. Raises DeckError for what cannot be read or taken over as it stands.
+    """
+    path = Path(path)
+    loaded = load(path)
+    raw = loaded.mesh
+    ignored: Counter[str] = Counter()
+    notes = [f"meshio says: {loaded.said[:500]}"] if loaded.said else []
+    solids = _solids(raw, str(path), required)
+    position = _position(raw, str(path), notes)
+    _check_cells(raw, solids, len(position), str(path))
+    node_ids, used_nodes = numbers_of(raw.point_data, NODE_IDS, len(position), "node", notes)
+    check_nodes(node_ids, position, lambda *_: str(path))
+    cells = _CellData(raw, solids)
+    element_ids, used_elements = numbers_of(cells.data, ELEMENT_IDS, cells.total, "element", notes)
+    tags = labels(cells.data, region_data, cells.total, str(path), notes)
+    region = tags.values if tags else np.ones(cells.total, dtype=np.int64)
+    blocks = _blocks(loaded, solids, cells, element_ids, region, position, notes)
+    check_elements(blocks, lambda *_: str(path))
+    taken = {used_nodes, used_elements, tags.name if tags else ""}
+    node_sets, element_sets = _sets(raw, tags, cells, solids, node_ids, element_ids, ignored, taken)
+    return Mesh(
+        node_ids=node_ids,
+        position=position,
+        blocks=blocks,
+        regions=_regions(raw, tags, region),
+        materials={},
+        fixed=np.zeros((0, 2), dtype=np.int64),
+        node_sets=node_sets,
+        element_sets=element_sets,
+        ignored=dict(sorted(ignored.items())),
+        notes=tuple(notes),
+        source=str(path),
+        included=loaded.included,
+    )
+
+
+class _CellData:
+    """Cell data of the solids, block after block; rows[b] are those of block b among them."""
+
+    def __init__(self, raw: Any, solids: list[int]):
+        sizes = [len(raw.cells[b].data) for b in solids]
+        ends = np.cumsum([0, *sizes])
+        self.total = int(ends[-1])
+        self.rows = {b: slice(int(ends[i]), int(ends[i + 1])) for i, b in enumerate(solids)}
+        self.data = {
+            name: np.concatenate([np.asarray(values[b]) for b in solids])
+            for name, values in raw.cell_data.items()
+            if len({np.shape(values[b])[1:] for b in solids}) == 1 and all(values[b] is not None for b in solids)
+        }
+
+
+def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
+    points = np.asarray(raw.points)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        raise DeckError(
+            f"the points have {points.shape[-1] if points.ndim else 0} coordinates, not 3",
+            where=path,
+            remedy="solids need a mesh in three dimensions",
+        )
+    if points.dtype == np.float32:
+        notes.append("coordinates are in single precision, good to 7 digits")
+    return np.ascontiguousarray(points, dtype=np.float64)
+
+
+def _solids(raw: Any, path: str, required: bool) -> list[int]:
+    """Which blocks of cells are solids that are taken over."""
+    found = []
+    for i, block in enumerate(raw.cells):
+        if block.dim == 3 and block.type not in KINDS and len(block.data):
+            raise DeckError(
+                f"{plural(len(block.data), block.type + ' cell')}: not taken over",
+                where=path,
+                remedy="mesh with tetrahedra, hexahedra or wedges, of first order or of second without nodes on facets",
+            )
+        if block.type in KINDS and len(block.data):
+            found.append(i)
+    if not found and required:
+        shown = ", ".join(plural(len(block.data), block.type + " cell") for block in raw.cells) or "no cells"
+        raise DeckError(f"the mesh holds no solid element ({shown})", where=path, remedy="mesh in three dimensions")
+    return found
+
+
+def _check_cells(raw: Any, solids: list[int], points: int, path: str) -> None:
+    remedy = "write the mesh again: the file is damaged"
+    for b in solids:
+        kind, nodes = raw.cells[b].type, np.asarray(raw.cells[b].data)
+        width = MIRRORED[KINDS[kind]].size
+        if nodes.ndim != 2 or nodes.shape[1] != width or nodes.dtype.kind not in "iu":
+            raise DeckError(f"the {kind} cells do not have {width} nodes each", where=path, remedy=remedy)
+        wrong = nodes[(nodes < 0) | (nodes >= points)]
+        if wrong.size:
+            what = f"a {kind} refers to point {wrong[0]} (counted from 0), but there are {points} points"
+            raise DeckError(what, where=path, remedy=remedy)
+
+
+def _blocks(
+    loaded: Loaded,
+    solids: list[int],
+    cells: _CellData,
+    ids: IntArray,
+    region: IntArray,
+    position: FloatArray,
+    notes: list[str],
+) -> tuple[CellBlock, ...]:
+    raw = loaded.mesh
+    blocks = []
+    for kind in ELEMENT_KINDS:
+        own = [b for b in solids if KINDS[raw.cells[b].type] == kind]
+        if own:
+            nodes = [
+                in_our_order(kind, _corners_in_rings(raw.cells[b]), loaded.format, position, notes) for b in own
+            ]
+            rows = [cells.rows[b] for b in own]
+            blocks.append(
+                CellBlock(
+                    kind,
+                    np.concatenate([ids[r] for r in rows]),
+                    np.concatenate(nodes),
+                    np.concatenate([region[r] for r in rows]),
+                )
+            )
+    return tuple(blocks)
+
+
+def _corners_in_rings(block: Any) -> IntArray:
+    """Nodes of a block; a voxel's, which VTK counts row by row, as those of a hexahedron."""
+    nodes = np.asarray(block.data, dtype=np.int64)
+    return nodes[:, [0, 1, 3, 2, 4, 5, 7, 6]] if block.type == "voxel" else nodes
+
+
+def _regions(raw: Any, tags: Labels | None, region: IntArray) -> dict[int, Region]:
+    if tags is None:
+        return {1: Region(1, "solids", 0)}
+    names = tag_names(raw, 3)
+    return {
+        int(tag): Region(int(tag), ", ".join(names.get(int(tag), ())) or f"region {tag}", 0)
+        for tag in np.unique(region)
+    }
+
+
+def tag_names(raw: Any, dimension: int) -> dict[int, list[str]]:
+    """Tag → names of it on cells of this dimension: field data name → (tag, dimension), and the families of MED."""
+    names: dict[int, list[str]] = {}
+    for name, value in (raw.field_data or {}).items():
+        pair = np.asarray(value).ravel() if not isinstance(value, list) else np.zeros(0)
+        if pair.size == 2 and pair.dtype.kind in "iu" and pair[1] == dimension:
+            names.setdefault(int(pair[0]), []).append(str(name))
+    for tag, family in (getattr(raw, "cell_tags", None) or {}).items():
+        names.setdefault(int(tag), []).extend(family)
+    return names
+
+
+def _sets(
+    raw: Any,
+    tags: Labels | None,
+    cells: _CellData,
+    solids: list[int],
+    node_ids: IntArray,
+    element_ids: IntArray,
+    ignored: Counter[str],
+    taken: set[str],
+) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Sets of nodes and of elements; cells that are no solids give sets of nodes where they have a name."""
+    points: dict[str, list[IntArray]] = {}
+    members: dict[str, list[IntArray]] = {}
+    for name, rows in (raw.point_sets or {}).items():
+        points.setdefault(name, []).append(np.asarray(rows, dtype=np.int64).ravel())
+    for tag, family in (getattr(raw, "point_tags", None) or {}).items():
+        for name in family:
+            points.setdefault(name, []).append(np.flatnonzero(np.asarray(raw.point_data["point_tags"]) == tag))
+            taken.add("point_tags")
+    for b, block in enumerate(raw.cells):
+        named = False
+        for name, rows in _named_cells(raw, b, tags):
+            named = True
+            points.setdefault(name, []).append(np.unique(np.asarray(block.data)[rows]))
+            if b in cells.rows:
+                members.setdefault(name, []).append(element_ids[cells.rows[b]][rows])
+        if b not in solids and not named and len(block.data):
+            ignored[f"{block.type} cells"] += len(block.data)
+    for name, values in raw.point_data.items():
+        if name not in taken:
+            if (on := switches(values)) is not None:
+                points.setdefault(name, []).append(np.flatnonzero(on))
+            else:
+                ignored[f"point data {name}"] += 1
+    for name in raw.cell_data:
+        if name not in taken:
+            if name in cells.data and (on := switches(cells.data[name])) is not None:
+                members.setdefault(name, []).append(element_ids[on])
+            else:
+                ignored[f"cell data {name}"] += 1
+    return (
+        {name: np.unique(node_ids[np.concatenate(rows)]) for name, rows in points.items()},
+        {name: np.unique(np.concatenate(ids)) for name, ids in members.items()},
+    )
+
+
+def _named_cells(raw: Any, b: int, tags: Labels | None) -> list[tuple[str, IntArray]]:
+    """Name → rows of block b that belong to it: sets of cells, and tags with names."""
+    found = []
+    for name, per_block in (raw.cell_sets or {}).items():
+        if b < len(per_block) and per_block[b] is not None and len(per_block[b]):
+            found.append((name, np.asarray(per_block[b], dtype=np.int64)))
+    if tags:
+        values = np.asarray(raw.cell_data[tags.name][b]).ravel()
+        for tag, names in tag_names(raw, raw.cells[b].dim).items():
+            if (rows := np.flatnonzero(values == tag)).size:
+                found += [(name, rows) for name in names]
+    return found

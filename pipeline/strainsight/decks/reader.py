@@ -1,0 +1,78 @@
+"""Any mesh file in, a `Mesh` in SI units out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from strainsight.errors import DeckError
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.units import length_factor, mass_factor, to_si
+
+FORMATS = {
+    "nastran": (".bdf", ".nas", ".dat", ".blk", ".bulk"),
+    "abaqus": (".inp",),
+    "gmsh": (".msh",),
+}
+"""Reader → endings of the names it reads; meshio reads the rest."""
+
+
+def read_mesh(
+    path: Path,
+    length_unit: str = "m",
+    mass_unit: str = "kg",
+    *,
+    format: str = "auto",
+    region_data: str | None = None,
+    solids: bool = True,
+) -> Mesh:
+    """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
+
+    format: nastran, abaqus, gmsh, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
+    the cell data that holds region ids, for meshio. solids: there has to be one.
+    Raises DeckError for a file that cannot be taken over, UserError for an unknown unit.
+    """
+    length_factor(length_unit)
+    mass_factor(mass_unit)
+    path = Path(path)
+    if not path.is_file():
+        raise DeckError(
+            "no such file" if not path.exists() else "not a file",
+            where=str(path),
+            remedy="check the name; a relative path counts from the config file",
+        )
+    mesh = _read(path, format_of(path) if format == "auto" else format, region_data, solids)
+    with mesh.located():
+        exterior_facets(mesh)  # so that elements that do not fit together show here
+    return to_si(mesh, length_unit, mass_unit)
+
+
+def format_of(path: Path) -> str:
+    """Which reader a file is for: by the ending of its name, and for .msh by its first line."""
+    endings = [ending.lower() for ending in path.suffixes if ending.lower() != ".gz"]
+    ending = endings[-1] if endings else ""
+    found = next((name for name, known in FORMATS.items() if ending in known), "meshio")
+    if found == "gmsh":
+        from strainsight.decks.gmsh.mesh import is_gmsh
+
+        return found if is_gmsh(path) else "meshio"
+    return found
+
+
+def _read(path: Path, format: str, region_data: str | None, solids: bool) -> Mesh:
+    match format:
+        case "nastran":
+            from strainsight.decks.nastran.deck import read_nastran
+
+            return read_nastran(path, required=solids)
+        case "abaqus":
+            from strainsight.decks.abaqus.deck import read_abaqus
+
+            return read_abaqus(path, required=solids)
+        case "gmsh":
+            from strainsight.decks.gmsh.mesh import read_gmsh
+
+            return read_gmsh(path, required=solids)
+    from strainsight.decks.other.mesh import read_meshio
+
+    return read_meshio(path, region_data, required=solids)

@@ -1,0 +1,143 @@
+"""What is odd about a mesh though it can be taken over."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from strainsight.mesh.model import IntArray, Material, Mesh
+from strainsight.mesh.units import length_factor, mass_factor
+
+MODULUS = (1e6, 1e13)
+"""[Pa], from soft rubber to ten times diamond."""
+DENSITY = (1.0, 1e5)
+"""[kg/m³], from light foam to four times osmium."""
+EXTENT = (1e-3, 100.0)
+"""[m], from a crystal to a rotor blade: what is tested with strain gauges."""
+WAVE_SPEED = (10.0, 2.5e4)
+"""√(E/ρ) [m/s], from soft rubber to beyond diamond: whatever the material, a modulus and a density that fit each other."""
+LIKELY_MODULUS = (1e9, 6e11)
+LIKELY_DENSITY = (500.0, 2.5e4)
+USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft", "slug"), ("cm", "kg"), ("m", "t"))
+
+_STRUCTURAL = re.compile(
+    r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT"
+    r"|\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|TEMPERATURE|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT|INITIAL|AMPLITUDE)"
+)
+_UNUSED = re.compile(r" that no | not selected$")
+_CONTROL = re.compile(
+    r"PARAM$|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
+    r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA|\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)"
+)
+
+
+def unused_nodes(mesh: Mesh) -> IntArray:
+    """Indices of the nodes that no cell, rigid or averaging element, mass or support refers to."""
+    used = np.zeros(len(mesh.node_ids), dtype=bool)
+    for block in mesh.blocks:
+        used[block.nodes] = True
+    ties = [(e.reference, e.nodes) for e in mesh.rigid] + [(e.reference, e.nodes) for e in mesh.averaging]
+    for reference, nodes in ties:
+        used[nodes] = True
+        used[reference] = True
+    used[[point.node for point in mesh.point_masses]] = True
+    used[mesh.fixed[:, 0]] = True
+    return np.flatnonzero(~used)
+
+
+def empty_regions(mesh: Mesh) -> tuple[int, ...]:
+    """Ids of the regions that no cell belongs to."""
+    filled = {int(i) for block in mesh.blocks for i in np.unique(block.region)}
+    return tuple(i for i in mesh.regions if i not in filled)
+
+
+def suspicions(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -> tuple[str, ...]:
+    """Sentences for a warning: values that speak of a wrong unit, what is not used, structural cards not taken over.
+
+    length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense.
+    """
+    found = []
+    for material in mesh.materials.values():
+        found += _odd_material(material, length_unit, mass_unit)
+    extent = float(np.max(np.ptp(mesh.position, axis=0)))
+    found += _outside("the structure's extent", extent, EXTENT, "m", "check mesh.length_unit")
+    found += _far_references(mesh)
+    if (unused := unused_nodes(mesh)).size:
+        shown = ", ".join(str(mesh.node_ids[i]) for i in unused[:5]) + (", …" if unused.size > 5 else "")
+        found.append(f"{unused.size} nodes belong to nothing and are left out of the model: {shown}")
+    found += [f"region {i} ({mesh.regions[i].name}) has no elements" for i in empty_regions(mesh)]
+    if len(mesh.fixed) == 0:
+        found.append("nothing is fixed")
+    found += [
+        f"{count} × {card} not taken over: the stiffness, mass or tie it may add is missing"
+        for card, count in mesh.ignored.items()
+        if _STRUCTURAL.match(card) and not _UNUSED.search(card)
+    ]
+    return tuple(found)
+
+
+def only_control(card: str) -> bool:
+    """A card or keyword that steers an analysis or loads the structure, and changes neither its stiffness nor its mass."""
+    return bool(_CONTROL.match(card))
+
+
+def _far_references(mesh: Mesh) -> list[str]:
+    """Reference nodes that lie farther from the nodes of their tie than three times the size of the solids."""
+    nodes = [block.nodes.ravel() for block in mesh.blocks]
+    if not nodes:
+        return []
+    size = float(np.linalg.norm(np.ptp(mesh.position[np.unique(np.concatenate(nodes))], axis=0)))
+    ties = [(e.name or f"rigid element {e.id}", e.reference, e.nodes) for e in mesh.rigid]
+    ties += [(e.name or f"averaging element {e.id}", e.reference, e.nodes) for e in mesh.averaging]
+    found = []
+    for name, reference, others in ties:
+        distance = float(np.linalg.norm(mesh.position[others] - mesh.position[reference], axis=1).min())
+        if distance > 3 * size:
+            found.append(
+                f"node {mesh.node_ids[reference]} of {name} lies {distance:.3g} m from its nodes, the solids are {size:.3g} m "
+                "long: positions in the config are in m, whatever the unit of the file"
+            )
+    return found
+
+
+def _odd_material(material: Material, length_unit: str, mass_unit: str) -> list[str]:
+    name, E, rho = str(material), material.youngs_modulus, material.density
+    own = name.startswith("mesh.materials.")
+    remedy = "values of the config are in Pa and kg/m³" if own else _likely_units(E, rho, length_unit, mass_unit)
+    found = _outside(f"{name}: Young's modulus", E, MODULUS, "Pa", remedy)
+    if rho == 0:
+        return [*found, f"{name} has no density: it adds stiffness and no mass"]
+    found += _outside(f"{name}: density", rho, DENSITY, "kg/m³", remedy)
+    if not found:
+        found = _outside(f"{name}: the speed of sound √(E/ρ)", float(np.sqrt(E / rho)), WAVE_SPEED, "m/s", remedy)
+    return found
+
+
+def usual_units(E: float, rho: float) -> tuple[str, str] | None:
+    """Units of length and mass that make a structural material of E and ρ as a deck has them, the most usual first."""
+    for length, mass in USUAL_UNITS:
+        L, M = length_factor(length), mass_factor(mass)
+        fits = LIKELY_DENSITY[0] <= rho * M / L**3 <= LIKELY_DENSITY[1] or rho == 0
+        if fits and LIKELY_MODULUS[0] <= E * M / L <= LIKELY_MODULUS[1]:
+            return length, mass
+    return None
+
+
+def _likely_units(E: float, rho: float, length_unit: str, mass_unit: str) -> str:
+    """Which usual units would make a structural material of these numbers in m and kg, in words."""
+    L, M = length_factor(length_unit), mass_factor(mass_unit)
+    if units := usual_units(E * L / M, rho * L**3 / M):
+        l, m = length_factor(units[0]) / L, mass_factor(units[1]) / M
+        in_words = f"with mesh.length_unit {units[0]} and mesh.mass_unit {units[1]}"
+        return f"{in_words} it is {E * m / l:.4g} Pa and {rho * m / l**3:.4g} kg/m³"
+    if LIKELY_MODULUS[0] <= E * 1e6 <= LIKELY_MODULUS[1]:
+        return f"{E:.4g} looks like MPa beside another unit of density: check the deck, mesh.length_unit and mesh.mass_unit"
+    return "check mesh.mass_unit and mesh.length_unit"
+
+
+def _outside(what: str, value: float, limits: tuple[float, float], unit: str, remedy: str) -> list[str]:
+    low, high = limits
+    if low <= value <= high:
+        return []
+    return [f"{what} is {value:.3g} {unit}, outside {low:g} to {high:g}: {remedy}"]

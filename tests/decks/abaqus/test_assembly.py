@@ -1,0 +1,194 @@
+"""Parts in their places: instances are where the translation and the rotation put them, with ids and sets of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from strainsight.errors import DeckError
+from strainsight.mesh.suspicions import unused_nodes
+
+POINTS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], dtype=float)
+UP = np.array([0.0, 0.0, 5.0])
+MESH = """\
+*NODE, NSET=All
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 0., 1., 0.
+4, 0., 0., 1.
+5, 1., 1., 1.
+*NSET, NSET=Foot, GENERATE
+1, 3, 1
+*ELEMENT, TYPE=C3D4, ELSET=Body
+1, 1, 2, 3, 4
+2, 2, 3, 4, 5
+*SOLID SECTION, ELSET=Body, MATERIAL=Steel
+"""
+MATERIAL = "*MATERIAL, NAME=Steel\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7850.\n"
+
+
+def assembly(*instances: str, inside: str = "", after: str = "", mesh: str = MESH) -> str:
+    """A part W and its instances, each given by its lines ("" for one at its origin)."""
+    placed = "".join(
+        f"*INSTANCE, NAME=W-{i}, PART=w\n{lines}\n*END INSTANCE\n" for i, lines in enumerate(instances, start=1)
+    )
+    return f"*PART, NAME=W\n{mesh}*END PART\n*ASSEMBLY, NAME=A\n{placed}{inside}*END ASSEMBLY\n{MATERIAL}{after}"
+
+
+def test_one_instance_at_its_origin_is_the_flat_deck(read):
+    support = "*BOUNDARY\n{}Foot, 1, 3\n"
+    flat = read(MESH + MATERIAL + support.format(""))
+    placed = read(assembly("", after=support.format("W-1.")))
+    np.testing.assert_array_equal(placed.node_ids, flat.node_ids)
+    np.testing.assert_array_equal(placed.position, flat.position)
+    np.testing.assert_array_equal(placed.blocks[0].nodes, flat.blocks[0].nodes)
+    np.testing.assert_array_equal(placed.fixed, flat.fixed)
+    assert placed.regions == flat.regions
+    assert placed.materials == flat.materials
+    assert {n: list(ids) for n, ids in placed.node_sets.items()} == {n: list(i) for n, i in flat.node_sets.items()}
+    assert {n: list(ids) for n, ids in placed.element_sets.items()} == {
+        n: list(i) for n, i in flat.element_sets.items()
+    }
+    assert placed.notes == flat.notes == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_instance_is_translated_and_then_turned_about_an_axis_of_the_assembly(read, seed):
+    rng = np.random.default_rng(seed)
+    t, a, b, angle = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3), rng.uniform(-180, 180)
+    numbers = ", ".join(map(str, [*a.tolist(), *b.tolist(), angle]))
+    mesh = read(assembly(f"{', '.join(map(str, t.tolist()))}\n{numbers}"))
+    turn = Rotation.from_rotvec(np.radians(angle) * (b - a) / np.linalg.norm(b - a))
+    np.testing.assert_allclose(mesh.position, a + turn.apply(POINTS + t - a), atol=1e-13)
+
+
+def test_a_quarter_turn_about_a_line_that_passes_beside_the_origin(read):
+    mesh = read(assembly("2., 0., 0.\n1., 0., 0., 1., 0., 1., 90."))
+    np.testing.assert_allclose(mesh.position[:2], [(1, 1, 0), (1, 2, 0)], atol=1e-15)
+
+
+@pytest.mark.parametrize("lines", ["0., 0., 5.", "0,0,5.,", ",,5."])
+def test_a_translation_alone(read, lines):
+    np.testing.assert_allclose(read(assembly(lines)).position, POINTS + UP)
+
+
+def test_a_turn_alone(read):
+    np.testing.assert_allclose(read(assembly("0.,0.,0., 0.,0.,2., 180.")).position, POINTS * [-1, -1, 1], atol=1e-15)
+
+
+def test_instances_with_the_same_ids_are_set_apart(read):
+    mesh = read(assembly("", "0., 0., 5.", after="*BOUNDARY\nw-2.foot, 1, 1\nW-1.4, 2\n"))
+    assert list(mesh.node_ids) == [1, 2, 3, 4, 5, 11, 12, 13, 14, 15]
+    assert list(mesh.blocks[0].ids) == [1, 2, 11, 12]
+    np.testing.assert_allclose(mesh.position[5:], POINTS + UP)
+    np.testing.assert_array_equal(mesh.blocks[0].nodes[2:], mesh.blocks[0].nodes[:2] + 5)
+    assert {name: list(ids) for name, ids in mesh.node_sets.items()} == {
+        "W-1.All": [1, 2, 3, 4, 5],
+        "W-1.Foot": [1, 2, 3],
+        "W-2.All": [11, 12, 13, 14, 15],
+        "W-2.Foot": [11, 12, 13],
+    }
+    assert {i: (r.name, r.material) for i, r in mesh.regions.items()} == {1: ("W-1.Body", 1), 2: ("W-2.Body", 1)}
+    assert list(mesh.blocks[0].region) == [1, 1, 2, 2]
+    assert {tuple(pair) for pair in mesh.fixed.tolist()} == {(5, 0), (6, 0), (7, 0), (3, 1)}
+    assert [n for n in mesh.notes if n.startswith("instance W-2: node ids + 10, element ids + 10")]
+    assert mesh.where("node", 13) == mesh.where("node", 3)
+
+
+def test_instances_with_ids_of_their_own_keep_them(read):
+    other = MESH
+    for i in (5, 4, 3, 2, 1):
+        other = other.replace(f"\n{i}, ", f"\n{i + 100}, ")
+    other = other.replace("1, 2, 3, 4\n", "101, 102, 103, 104\n").replace("2, 3, 4, 5\n", "102, 103, 104, 105\n")
+    other = other.replace("101, 3, 1", "101, 103, 1").replace("102, 101, 102", "102, 102")
+    text = assembly("", inside="*INSTANCE, NAME=V-1, PART=V\n9., 9., 9.\n*END INSTANCE\n")
+    mesh = read(f"*PART, NAME=V\n{other}*END PART\n{text}")
+    assert list(mesh.node_ids) == [1, 2, 3, 4, 5, 101, 102, 103, 104, 105]
+    assert list(mesh.element_sets["V-1.Body"]) == [101, 102]
+    assert mesh.notes == ()
+
+
+def test_sets_of_the_assembly_reach_into_instances(read):
+    inside = (
+        "*NODE, NSET=Pilot\n1, 9., 9., 9.\n"
+        "*NSET, NSET=Ends, INSTANCE=W-1\n4, Foot\n*NSET, NSET=Ends, INSTANCE=W-2, GENERATE\n4, 5, 1\n"
+        "*NSET, NSET=Mixed\nW-2.1, W-1.Foot, Pilot, 1\n*ELSET, ELSET=Upper, INSTANCE=W-2\n2,\n"
+        "*NSET, NSET=Foot, INSTANCE=W-1\n5,\n"
+    )
+    mesh = read(assembly("", "0., 0., 5.", inside=inside))
+    assert list(mesh.node_sets["Ends"]) == [1, 2, 3, 4, 14, 15]
+    assert list(mesh.node_sets["Mixed"]) == [1, 2, 3, 11, 21]
+    assert list(mesh.node_sets["Pilot"]) == [21]
+    assert list(mesh.element_sets["Upper"]) == [12]
+    assert list(mesh.node_sets["Foot"]) == [5]
+    assert list(unused_nodes(mesh)) == [10]
+
+
+def test_a_set_of_the_assembly_keeps_its_name_where_the_only_part_has_the_same(read):
+    mesh = read(assembly("", inside="*NSET, NSET=foot, INSTANCE=W-1\n5,\n"))
+    assert list(mesh.node_sets["foot"]) == [5]
+    assert list(mesh.node_sets["W-1.Foot"]) == [1, 2, 3]
+
+
+def test_an_instance_with_a_mesh_of_its_own(read):
+    own = assembly(MESH.strip(), mesh="")
+    moved = assembly("0., 0., 5.\n" + MESH.strip(), mesh="")
+    np.testing.assert_array_equal(read(own).position, POINTS)
+    np.testing.assert_allclose(read(moved).position, POINTS + UP)
+    assert read(own).regions[1].name == "Body"
+
+
+def test_a_section_of_the_assembly_names_its_instance(read):
+    mesh = MESH[: MESH.index("*SOLID")]
+    section = "*SOLID SECTION, ELSET=W-1.Body, MATERIAL=Steel\n*SOLID SECTION, ELSET=w-2.body, MATERIAL=Steel\n"
+    regions = read(assembly("", "0., 0., 5.", inside=section, mesh=mesh)).regions
+    assert [region.name for region in regions.values()] == ["W-1.Body", "W-2.Body"]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_axes_of_a_part_turn_with_its_instance(read, turned):
+    mesh = MESH + "*TRANSFORM, NSET=Foot, TYPE=R\n0., 1., 0., -1., 0., 0.\n"
+    lines = "0., 0., 0.\n1., 0., 0., 1., 1., 0., 90." if turned else ""
+    expected = np.array([(0, 1, 0), (-1, 0, 0), (0, 0, 1)], dtype=float).T
+    turn = Rotation.from_euler("y", 90, degrees=True).as_matrix() if turned else np.eye(3)
+    axes = read(assembly(lines, mesh=mesh)).axes
+    assert set(axes) == {0, 1, 2}
+    np.testing.assert_allclose(axes[1], turn @ expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "line"),
+    [
+        ("PART=w", "PART=v", "part 'v' is not in the deck", 16),
+        ("*END PART\n", "", "stands inside \\*PART at .*deck.inp:1", 14),
+        ("*END INSTANCE\n", "", "there is no \\*ASSEMBLY to end", 18),
+        ("*END ASSEMBLY\n", "", "no \\*END ASSEMBLY follows", 15),
+        ("*ASSEMBLY, NAME=A\n", "", "outside \\*ASSEMBLY", 15),
+        ("*END INSTANCE\n", "*END INSTANCE\n*INSTANCE, NAME=w-1, PART=W\n*END INSTANCE\n", "stands twice", 19),
+        ("*END PART\n", "*END PART\n*PART, NAME=w\n*END PART\n", "part 'w' stands twice", 15),
+        ("NAME=W-1, ", "", "has no NAME", 16),
+        ("PART=w\n\n", "PART=w\n1., 2., x\n", "'x', not a number", 17),
+        ("PART=w\n\n", "PART=w\n0.,0.,0.\n1.,1.,1.,1.,1.,1.,30.\n", "points of the axis coincide", 18),
+        ("PART=w\n\n", "PART=w\n0.,0.,0.\n1.,1.,1.\n", "more lines than", 18),
+        ("PART=w\n\n", "PART=w\n0.,0.,0.\n1.,1.,1.,2.,2.,2.,30.,4.\n", "8 entries where 7 belong", 18),
+        ("*END ASSEMBLY\n", "*NSET, NSET=A, INSTANCE=X\n1\n*END ASSEMBLY\n", "instance 'X' is not in the deck", 19),
+        ("*END ASSEMBLY\n", "*NSET, NSET=A\nW-1.9\n*END ASSEMBLY\n", "node 9 of instance W-1 is not", 20),
+        ("*END ASSEMBLY\n", "*NSET, NSET=A\nW-1.Head\n*END ASSEMBLY\n", "set 'W-1.Head' is not in the deck", 20),
+        ("*END ASSEMBLY\n", "*NSET, NSET=A\n1\n*END ASSEMBLY\n", "node 1 is not in the deck", 20),
+        ("MATERIAL=Steel", "MATERIAL=Iron", "material 'Iron' is not", 13),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(read, old, new, what, line):
+    text = assembly("")
+    assert old in text
+    with pytest.raises(DeckError, match=what) as caught:
+        read(text.replace(old, new))
+    assert caught.value.where.endswith(f"deck.inp:{line}")
+    assert caught.value.remedy
+
+
+def test_parts_without_an_instance_are_no_model(read):
+    with pytest.raises(DeckError, match="no \\*INSTANCE") as caught:
+        read(f"*PART, NAME=W\n{MESH}*END PART\n{MATERIAL}")
+    assert caught.value.where.endswith("deck.inp:1")

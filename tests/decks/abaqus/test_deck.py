@@ -1,0 +1,352 @@
+"""Solids, sections and materials of flat Abaqus decks arrive as written; what is wrong is named with its line."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+
+from strainsight.decks.abaqus.deck import read_abaqus
+from strainsight.errors import DeckError
+from strainsight.fem.elements import MIDSIDE_EDGES
+
+TETRAHEDRON = """\
+*HEADING
+ one tetrahedron
+** a comment
+*NODE, NSET=NALL
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 0., 1., 0.
+4, 0., 0., 1.
+*ELEMENT, TYPE=C3D4, ELSET=EALL
+10, 1, 2, 3, 4
+*MATERIAL, NAME=Steel
+*ELASTIC
+2.1e11, .3
+*DENSITY
+7850.,
+*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL
+*BOUNDARY
+1, 1, 3
+"""
+SECTION = "*MATERIAL, NAME=M\n*ELASTIC\n1.,.3\n*DENSITY\n1.\n*SOLID SECTION, ELSET=E, MATERIAL=M\n"
+CORNERS = {
+    "C3D4": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "C3D8": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
+    "C3D6": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+}
+# From the figures of the element library, one-based as printed there: 5 between 1 and 2, and so on.
+ABAQUS_EDGES = {
+    "C3D10": "1-2 2-3 3-1 1-4 2-4 3-4",
+    "C3D20": "1-2 2-3 3-4 4-1 5-6 6-7 7-8 8-5 1-5 2-6 3-7 4-8",
+    "C3D15": "1-2 2-3 3-1 4-5 5-6 6-4 1-4 2-5 3-6",
+}
+LINEAR = {"C3D10": "C3D4", "C3D20": "C3D8", "C3D15": "C3D6"}
+
+
+def one_element(type_: str, per_line: int = 16) -> str:
+    """A deck of one element with shuffled node ids, `per_line` entries on a line."""
+    corners = np.array(CORNERS[LINEAR.get(type_, type_)], dtype=float) * [1.0, 1.25, 1.5]
+    edges = [tuple(int(n) - 1 for n in edge.split("-")) for edge in ABAQUS_EDGES.get(type_, "").split()]
+    points = np.array([*corners, *[(corners[a] + corners[b]) / 2 for a, b in edges]])
+    ids = [50 - i for i in range(len(points))]
+    nodes = "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in zip(ids, points.tolist(), strict=True))
+    entries = [str(i) for i in (7, *ids)]
+    lines = [", ".join(entries[i : i + per_line]) for i in range(0, len(entries), per_line)]
+    return f"*NODE\n{nodes}*ELEMENT, TYPE={type_}, ELSET=E\n" + ",\n".join(lines) + "\n" + SECTION
+
+
+@pytest.mark.parametrize("type_", ABAQUS_EDGES)
+@pytest.mark.parametrize("per_line", [16, 8, 5, 30])
+def test_mid_side_nodes_lie_on_the_edges_of_the_shape_functions(read, type_, per_line):
+    (block,) = read(one_element(type_, per_line)).blocks
+    x = read(one_element(type_, per_line)).position[block.nodes[0]]
+    for node, (a, b) in MIDSIDE_EDGES[block.kind].items():
+        np.testing.assert_allclose(x[node], (x[a] + x[b]) / 2, atol=1e-14)
+
+
+@pytest.mark.parametrize("type_", ["C3D6", "C3D15"])
+def test_the_first_triangle_of_a_wedge_faces_the_second(read, type_):
+    mesh = read(one_element(type_))
+    x = mesh.position[mesh.blocks[0].nodes[0]]
+    assert np.cross(x[1] - x[0], x[2] - x[0]) @ (x[3] - x[0]) > 0
+
+
+@pytest.mark.parametrize("type_", ["C3D4", "C3D8", "C3D6", "C3D10", "C3D20"])
+def test_connectivity_is_what_meshio_reads(read, type_, tmp_path):
+    mesh = read(one_element(type_))
+    other = meshio.read(tmp_path / "deck.inp", file_format="abaqus")
+    np.testing.assert_allclose(mesh.position[mesh.blocks[0].nodes[0]], other.points[other.cells[0].data[0]])
+
+
+def test_a_block_that_meshio_writes_comes_back(tmp_path):
+    rng = np.random.default_rng(3)
+    points, cells = rng.random((60, 3)), np.array([rng.permutation(60)[:10] for _ in range(40)])
+    path = tmp_path / "block.inp"
+    meshio.write_points_cells(path, points, [("tetra10", cells)], file_format="abaqus")
+    text = re.sub(r"type=C3D10\w*", "TYPE=C3D10, ELSET=E", path.read_text(), flags=re.IGNORECASE) + SECTION
+    path.write_text(text)
+    mesh = read_abaqus(path)
+    np.testing.assert_allclose(mesh.position, points, rtol=1e-15)
+    np.testing.assert_array_equal(mesh.blocks[0].nodes, cells)
+
+
+def test_a_deck_in_full(read):
+    mesh = read(TETRAHEDRON)
+    assert list(mesh.node_ids) == [1, 2, 3, 4]
+    assert list(mesh.blocks[0].ids) == [10]
+    assert mesh.regions[1].name == "EALL"
+    material = mesh.materials[mesh.regions[1].material]
+    assert (material.youngs_modulus, material.poisson_ratio, material.density) == (2.1e11, 0.3, 7850.0)
+    assert {tuple(pair) for pair in mesh.fixed.tolist()} == {(0, 0), (0, 1), (0, 2)}
+    assert (mesh.ignored, mesh.notes) == ({}, ())
+    assert mesh.where("node", 3).endswith("deck.inp:7")
+    assert mesh.where("element", 10).endswith("deck.inp:10")
+
+
+@pytest.mark.parametrize(
+    "alter",
+    [
+        str.lower,
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace(", ", " ,\t"),
+        lambda text: text.replace("*SOLID SECTION", "*solidsection").replace("*ELEMENT", "* element"),
+        lambda text: text.replace("\n", "\n** between\n\n"),
+        lambda text: text.replace("*ELEMENT, TYPE=C3D4, ELSET=EALL", "*ELEMENT,\nTYPE=C3D4,\n ELSET=EALL"),
+        lambda text: text.replace("2.1e11", "2.1D+11").replace("1., 0., 0.\n", "1.D0,,\n"),
+        lambda text: text.replace("MATERIAL=STEEL", 'MATERIAL="Steel"').replace("NAME=Steel", 'NAME="Steel"'),
+        lambda text: "\ufeff" + text,
+    ],
+)
+def test_case_blanks_comments_and_continuations_do_not_matter(read, alter):
+    plain, altered = read(TETRAHEDRON), read(alter(TETRAHEDRON))
+    np.testing.assert_array_equal(altered.position, plain.position)
+    np.testing.assert_array_equal(altered.blocks[0].nodes, plain.blocks[0].nodes)
+    np.testing.assert_array_equal(altered.fixed, plain.fixed)
+    assert replace(altered.materials[1], name="") == replace(plain.materials[1], name="")
+    assert altered.materials[1].name.lower() == "material steel"
+    assert altered.ignored == {}
+
+
+def test_included_files_and_data_in_files_of_their_own(read, tmp_path):
+    plain = read(TETRAHEDRON)
+    start, end = TETRAHEDRON.index("1, 0., 0., 0."), TETRAHEDRON.index("*ELEMENT")
+    head, nodes, rest = TETRAHEDRON[:start], TETRAHEDRON[start:end], TETRAHEDRON[end:]
+    (tmp_path / "nodes.txt").write_text("** nodes\n" + nodes)
+    (tmp_path / "rest.inp").write_text(rest)
+    mesh = read(head.replace("NSET=NALL", "NSET=NALL, INPUT=nodes.txt") + "*INCLUDE, INPUT=rest.inp\n")
+    np.testing.assert_array_equal(mesh.position, plain.position)
+    assert [name.rsplit("/")[-1] for name in mesh.included] == ["nodes.txt", "rest.inp"]
+    assert mesh.where("node", 2).endswith("nodes.txt:3")
+    assert mesh.where("element", 10).endswith("rest.inp:2")
+
+
+def test_generated_and_nested_sets_are_what_they_say(read):
+    nodes = "".join(f"{i}, {i}., {i * i}., {i**3}.\n" for i in range(11, 60, 2))
+    sets = (
+        "*NSET, NSET=G, GENERATE\n11, 31, 4\n40, 59\n*NSET, NSET=g\n13, 15,\n*NSET, NSET=ALL, UNSORTED\nG, 57, nall\n"
+    )
+    mesh = read(TETRAHEDRON.replace("4, 0., 0., 1.\n", "4, 0., 0., 1.\n" + nodes) + sets)
+    there = set(range(11, 60, 2))
+    G = {i for i in there if (11 <= i <= 31 and (i - 11) % 4 == 0) or 40 <= i <= 59 or i in (13, 15)}
+    assert list(mesh.node_sets["G"]) == sorted(G)
+    assert set(mesh.node_sets["ALL"]) == G | there | {1, 2, 3, 4}
+    assert [note for note in mesh.notes if "generates 10 ids that are not in the deck" in note]
+
+
+def test_a_node_set_of_an_element_set(read):
+    more = "*ELEMENT, TYPE=S3, ELSET=SHELL\n20, 2, 3, 4\n*NSET, NSET=S, ELSET=SHELL\n*NSET, NSET=T, ELSET=EALL\n"
+    mesh = read(TETRAHEDRON + more)
+    assert list(mesh.node_sets["S"]) == [2, 3, 4]
+    assert list(mesh.node_sets["T"]) == [1, 2, 3, 4]
+    assert "SHELL" not in mesh.element_sets
+    assert mesh.ignored == {"*ELEMENT, TYPE=S3": 1}
+
+
+@pytest.mark.parametrize(
+    ("lines", "point"),
+    [
+        ("*SYSTEM\n1., 2., 3.", (1.0, 2.0, 4.0)),
+        ("*SYSTEM\n1., 0., 0., 1., 1., 0.", (1.0, 0.0, 1.0)),
+        ("*SYSTEM\n0., 0., 0., 0., 0., 1.\n1., 0., 0.", (0.0, 1.0, 0.0)),
+        ("*SYSTEM\n1., 2., 3.\n*SYSTEM", (0.0, 0.0, 1.0)),
+    ],
+)
+def test_nodes_after_a_system_are_given_in_it(read, lines, point):
+    mesh = read(TETRAHEDRON.replace("4, 0., 0., 1.", f"{lines}\n*NODE\n4, 0., 0., 1."))
+    np.testing.assert_allclose(mesh.position[mesh.node_index(4)], point, atol=1e-15)
+    np.testing.assert_allclose(mesh.position[mesh.node_index(2)], [1, 0, 0])
+
+
+def test_nodes_in_cylindrical_coordinates(read):
+    mesh = read(TETRAHEDRON.replace("4, 0., 0., 1.", "*NODE, SYSTEM=C\n4, 2., 60., 1."))
+    np.testing.assert_allclose(mesh.position[3], [1.0, np.sqrt(3), 1.0])
+
+
+def test_every_reinterpretation_is_said_with_its_count(read):
+    assert "1 C3D20R taken as hex20 integrated fully" in read(one_element("C3D20").replace("C3D20", "C3D20R")).notes
+    assert any("no hourglass control" in n for n in read(one_element("C3D8").replace("C3D8", "C3D8R")).notes)
+    assert read(one_element("C3D8").replace("C3D8", "C3D8I")).notes == ()
+    assert read(one_element("C3D10")).notes == ()
+
+
+def test_a_temperature_table_counts_with_its_first_line(read):
+    mesh = read(TETRAHEDRON.replace("2.1e11, .3", "2.1e11, .3, 20.\n1.9e11, .3, 300."))
+    assert mesh.materials[1].youngs_modulus == 2.1e11
+    assert any("first of 2 lines" in note for note in mesh.notes)
+
+
+def test_a_material_without_density_is_said(read):
+    mesh = read(TETRAHEDRON.replace("*DENSITY\n7850.,\n", ""))
+    assert mesh.materials[1].density == 0
+    assert any("no *DENSITY" in note for note in mesh.notes)
+
+
+def test_regions_follow_the_sections(read):
+    text = TETRAHEDRON.replace(
+        "10, 1, 2, 3, 4\n", "10, 1, 2, 3, 4\n*NODE\n5, 1.,1.,1.\n*ELEMENT, TYPE=C3D4, ELSET=Upper\n11, 2, 3, 4, 5\n"
+    )
+    mesh = read(text + "*SOLID SECTION, ELSET=UPPER, MATERIAL=steel\n*MATERIAL, NAME=spare\n")
+    assert {i: region.name for i, region in mesh.regions.items()} == {1: "EALL", 2: "Upper"}
+    assert dict(zip(mesh.blocks[0].ids, mesh.blocks[0].region, strict=True)) == {10: 1, 11: 2}
+    assert len(mesh.materials) == 1
+    assert mesh.ignored == {"*MATERIAL that no solid section refers to": 1}
+
+
+def test_what_changes_the_structure_is_counted_and_output_is_not(read):
+    text = TETRAHEDRON.replace("*DENSITY", "*PLASTIC\n1., 0.\n*DENSITY")
+    mesh = read(
+        text + "*ELEMENT, TYPE=SPRING1, ELSET=SP\n30, 4\n31, 3\n*SPRING, ELSET=SP\n3\n100.\n*TIE, NAME=T\na, b\n"
+        "*EQUATION\n2\n3, 1, 1., 4, 1, -1.\n3\n3, 2, 1., 4, 2, -1., 2, 2, 1.\n"
+        "*RESTART, WRITE\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*NODE FILE\nU\n*EL PRINT\nS\n*NODE OUTPUT\nU\n*OUTPUT, FIELD\n"
+        "*DLOAD\nEALL, GRAV, 9.81, 0., 0., -1.\n*END STEP\n"
+    )
+    assert mesh.ignored == {
+        "*DLOAD": 1,
+        "*ELEMENT, TYPE=SPRING1": 2,
+        "*EQUATION": 2,
+        "*PLASTIC": 1,
+        "*SPRING": 1,
+        "*TIE": 1,
+    }
+
+
+ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "line"),
+    [
+        ("4, 0., 0., 1.", "3, 0., 0., 1.", "node id 3 stands twice .*deck.inp:7", 8),
+        ("4, 0., 0., 1.", "-4, 0., 0., 1.", "-4 is not positive", 8),
+        ("4, 0., 0., 1.", "4, 0., 0., one", "'one', not a number", 8),
+        ("4, 0., 0., 1.", "4, 0., 0., nan", "'nan', not a number", 8),
+        ("4, 0., 0., 1.", "4., 0., 0., 1.", "'4.', not an integer", 8),
+        ("4, 0., 0., 1.", "4_0, 0., 0., 1.", "'4_0', not an integer", 8),
+        ("4, 0., 0., 1.", "99999999999999999999, 0., 0., 1.", "99999999999999999999, too large", 8),
+        ("4, 0., 0., 1.", "4, 0., 0., 1.\n1000000000000, 0., 0., 1.", "1000000000000, too large", 9),
+        (ELEMENT, ELEMENT[:-1] + "1000000000000", "entry 5 is 1000000000000, too large", 10),
+        ("4, 0., 0., 1.", "*NGEN\n1, 3, 1", "NGEN: generated meshes", 8),
+        ("4, 0., 0., 1.", "*NODE, SYSTEM=S\n4, 0., 0., 1.", "SYSTEM=S", 8),
+        ("4, 0., 0., 1.", "*SYSTEM\n0.,0.,0.,1.,0.,0.\n2.,0.,0.", "on one line", 9),
+        (ELEMENT, ELEMENT + "\n*ELGEN\n10, 2", "ELGEN: generated", 11),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 5", "C3D4 10: node 5 is not in the deck", 10),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 3", "C3D4 10: a node stands twice", 10),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3", "C3D4 10: 3 nodes, where a C3D4 has 4", 10),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4, 1", "C3D4 10: 5 nodes, where a C3D4 has 4", 10),
+        ("10, 1, 2, 3, 4", "9, 4, 2, 3, 1\n10, 1, 2, 3\n11, 2, 1, 3, 4", "C3D4 10: 3 nodes", 11),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, x", "'x', not an integer", 10),
+        ("10, 1, 2, 3, 4", "10, 1, 2, , 4", "'', not an integer", 10),
+        ("10, 1, 2, 3, 4", ",\n11, 1, 2, 3", "'', not an integer", 10),
+        ("10, 1, 2, 3, 4", '10, "1, 2, 3, 4', "not an integer", 10),
+        ("10, 1, 2, 3, 4", "0, 1, 2, 3, 4", "0 is not positive", 10),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n10, 2, 1, 3, 4", "element id 10 stands twice .*deck.inp:10", 11),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n11, 2, 3, 1, 4", "C3D4 11: the same nodes as C3D4 10 at .*:10", 11),
+        ("10, 1, 2, 3, 4\n", "", "no data line", 9),
+        ("TYPE=C3D4, ", "", "has no TYPE", 9),
+        ("C3D4", "C3D5", "C3D5 solids are not taken over", 9),
+        ("C3D4", "C3D8T", "C3D8T solids are not taken over", 9),
+        ("C3D4", "S4R", "no solid element", None),
+        ("C3D4, ELSET=EALL", "C3D4, ELSET=OTHER", "element set 'EALL' is not in the deck", 16),
+        (ELEMENT, ELEMENT + "\n*ELEMENT, TYPE=C3D4\n11, 4, 1, 2, 3", "C3D4 11 has no section", 12),
+        ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", "C3D4 10 has no section", 10),
+        (", MATERIAL=STEEL", "", "has no MATERIAL", 16),
+        ("MATERIAL=STEEL", "MATERIAL=IRON", "material 'IRON' is not in the deck", 16),
+        ("MATERIAL=STEEL", "MATERIAL=STEEL, COMPOSITE", "composite", 16),
+        ("*BOUNDARY", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n*BOUNDARY", "in the section of EALL already", 17),
+        ("*ELASTIC\n2.1e11, .3\n", "", "'Steel' of a solid section has no \\*ELASTIC", 11),
+        ("*ELASTIC", "*ELASTIC, TYPE=ENGINEERING CONSTANTS", "TYPE=ENGINEERING", 12),
+        ("*MATERIAL, NAME=Steel\n", "", "stands before any \\*MATERIAL", 11),
+        ("*DENSITY", "*ELASTIC\n1., .3\n*DENSITY", "stands twice in the material", 14),
+        ("2.1e11, .3", "-2.1e11, .3", "Young's modulus is -2.1e\\+11", 13),
+        ("2.1e11, .3", "2.1e11, .5", "Poisson's ratio is 0.5", 13),
+        ("2.1e11, .3", "2.1e11, -1", "Poisson's ratio is -1", 13),
+        ("2.1e11, .3", "", "no data line", 12),
+        ("7850.", "-7850.", "density is -7850", 15),
+        ("*HEADING", "1, 2\n*HEADING", "before the first keyword", 1),
+        ("** a comment", "*INCLUDE, INPUT=deck.inp", "includes itself", 3),
+        ("** a comment", "*INCLUDE, INPUT=../deck.inp", "leaves the folder", 3),
+        ("** a comment", "*INCLUDE, INPUT=none.inp", "no such file", 3),
+        ("** a comment", "*INCLUDE", "has no INPUT", 3),
+        ("** a comment", "*PARAMETER\na=1", "parameters are not taken over", 3),
+        ("** a comment", "*PART, NAME=P", "no \\*END PART follows", 3),
+        ("** a comment", "*END PART", "no \\*PART to end", 3),
+        ("** a comment", "*STEP\n*NODE\n1,2,3,4", "inside a \\*STEP", 4),
+        ("*BOUNDARY", "*STEP\n*BOUNDARY", "no \\*END STEP follows", 17),
+        ("*BOUNDARY", "*NSET, NSET=A\n1, 77\n*BOUNDARY", "node 77 is not in the deck", 18),
+        ("*BOUNDARY", "*NSET, NSET=A\n1, B\n*BOUNDARY", "node set 'B' is not in the deck", 18),
+        ("*BOUNDARY", "*NSET, NSET=A\n1, B\n*NSET, NSET=B\nA\n*BOUNDARY", "contains itself", 20),
+        ("*BOUNDARY", "*NSET, NSET=A, GENERATE\n4, 2\n*BOUNDARY", "runs backwards", 18),
+        ("*BOUNDARY", "*NSET, NSET=A, ELSET=B\n*BOUNDARY", "element set 'B' is not in the deck", 17),
+        ("*ELEMENT, TYPE=C3D4, ELSET=EALL", "*ELEMENT, TYPE=C3D4, ELSET=EALL,", "'10' is no parameter", 9),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
+    assert old in TETRAHEDRON
+    with pytest.raises(DeckError, match=what) as caught:
+        read(TETRAHEDRON.replace(old, new))
+    assert caught.value.where.endswith("deck.inp" if line is None else f"deck.inp:{line}")
+    assert caught.value.remedy
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"  \n", b"\0\1\2*NODE", b"hello\n", b"** only a comment\n", b"*NODE\n", b"*\n"]
+)
+def test_files_that_are_no_deck_are_refused(read, content):
+    with pytest.raises(DeckError):
+        read(content)
+
+
+@pytest.mark.parametrize("type_", ["C3D10", "C3D20"])
+def test_a_deck_cut_off_before_its_material_is_complete_is_refused(read, type_):
+    text = one_element(type_)
+    for end in range(0, text.index("*DENSITY"), 7):
+        with pytest.raises(DeckError) as caught:
+            read(text[:end])
+        assert caught.value.remedy
+
+
+def test_a_circle_of_included_files_is_named(read, tmp_path):
+    (tmp_path / "a.inp").write_text("*INCLUDE, INPUT=deck.inp\n")
+    with pytest.raises(DeckError, match="includes itself") as caught:
+        read("*INCLUDE, INPUT=a.inp\n")
+    assert caught.value.where.endswith("a.inp:1")
+
+
+@pytest.mark.parametrize("sign", ["\x85", "\x0b", "\x0c", "\x1c", "\x1d", "\x1e"])
+def test_a_comment_ends_with_its_line_whatever_signs_it_holds(read, sign):
+    content = f"** Nabe {sign}*NODE\r\n{TETRAHEDRON}".encode("latin-1")
+    assert read(content).where("node", 4).endswith(":9")
+
+
+def test_names_in_the_code_page_of_windows_are_kept(read):
+    text = TETRAHEDRON.replace("EALL", "Größe „5€“")
+    assert list(read(text.encode("cp1252")).element_sets) == ["Größe „5€“"]
+    assert list(read(text.encode()).element_sets) == ["Größe „5€“"]
+    hole = TETRAHEDRON.replace("EALL", "N\x81\xfc").encode("latin-1")
+    assert list(read(hole).element_sets) == ["N\x81ü"]

@@ -1,0 +1,415 @@
+"""Gmsh meshes keep their numbers and groups in every format of the file; what is wrong is named with its line."""
+
+from __future__ import annotations
+
+import gzip
+import struct
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from strainsight.decks.gmsh.mesh import is_gmsh, read_gmsh
+from strainsight.errors import DeckError
+from strainsight.mesh.facets import FACETS
+
+DATA = Path(__file__).parents[1] / "data"
+REAL = sorted(DATA.glob("pin-*.msh"))
+
+OLD = """\
+$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+2 4 "foot"
+3 9 "steel part"
+$EndPhysicalNames
+$Nodes
+5
+10 0 0 0
+7 1 0 0
+30 0 1 0
+4 0 0 1
+5 1 1 1
+$EndNodes
+$Elements
+3
+1 2 2 4 1 10 7 30
+6 4 2 9 1 10 7 30 4
+8 4 2 9 2 7 30 4 5
+$EndElements
+"""
+NEW = """\
+$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+2 4 "foot"
+3 9 "steel part"
+$EndPhysicalNames
+$Entities
+0 0 1 2
+1 0 0 0 1 1 0 1 4 0
+1 0 0 0 1 1 1 1 9 1 1
+2 0 0 0 1 1 1 1 9 0
+$EndEntities
+$Nodes
+2 5 4 30
+2 1 0 3
+10
+7
+30
+0 0 0
+1 0 0
+0 1 0
+3 1 0 2
+4
+5
+0 0 1
+1 1 1
+$EndNodes
+$Elements
+3 3 1 8
+2 1 2 1
+1 10 7 30
+3 1 4 1
+6 10 7 30 4
+3 2 4 1
+8 7 30 4 5
+$EndElements
+"""
+# The same with counts of blocks only, entities' tags before dimensions, and nodes in one line (format 4.0).
+FORMER = """\
+$MeshFormat
+4 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+2 4 "foot"
+3 9 "steel part"
+$EndPhysicalNames
+$Entities
+1 0 1 2
+1 0 0 0 0 0 0 0
+1 0 0 0 1 1 0 1 4 0
+1 0 0 0 1 1 1 1 9 1 1
+2 0 0 0 1 1 1 1 9 0
+$EndEntities
+$Nodes
+2 5
+1 2 0 3
+10 0 0 0
+7 1 0 0
+30 0 1 0
+1 3 0 2
+4 0 0 1
+5 1 1 1
+$EndNodes
+$Elements
+3 3
+1 2 2 1
+1 10 7 30
+1 3 4 1
+6 10 7 30 4
+2 3 4 1
+8 7 30 4 5
+$EndElements
+"""
+
+
+def check_same(mesh, other):
+    np.testing.assert_array_equal(mesh.node_ids, other.node_ids)
+    np.testing.assert_allclose(mesh.position, other.position, rtol=1e-15, atol=1e-15)
+    assert [b.kind for b in mesh.blocks] == [b.kind for b in other.blocks]
+    for a, b in zip(mesh.blocks, other.blocks, strict=True):
+        order, other_order = np.argsort(a.ids), np.argsort(b.ids)
+        for x, y in ((a.ids, b.ids), (a.nodes, b.nodes), (a.region, b.region)):
+            np.testing.assert_array_equal(x[order], y[other_order])
+    assert mesh.regions == other.regions
+    for sets, others in ((mesh.node_sets, other.node_sets), (mesh.element_sets, other.element_sets)):
+        assert {k: v.tolist() for k, v in sets.items()} == {k: v.tolist() for k, v in others.items()}
+
+
+# Ends of the edges of mid-side nodes: the figures of the gmsh manual ("Node ordering"), and the class descriptions of
+# vtkQuadraticTetra, vtkQuadraticHexahedron and vtkQuadraticWedge.
+GMSH_EDGES = {
+    "tet10": [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)],
+    "hex20": [(0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)],
+    "wedge15": [(0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 5), (4, 5)],
+}
+VTK_EDGES = {
+    "tet10": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "hex20": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
+    "wedge15": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+}
+CORNERS = {
+    "tet": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "hex": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
+    "wed": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+}
+NUMBER = {"tet4": 4, "hex8": 5, "wedge6": 6, "tet10": 11, "hex20": 17, "wedge15": 18}
+
+
+def one_element(kind: str) -> str:
+    corners = np.array(CORNERS[kind[:3]]) * [1.0, 1.25, 1.5]
+    x = np.vstack([corners, *[(corners[a] + corners[b]) / 2 for a, b in GMSH_EDGES.get(kind, [])]])
+    nodes = [f"{i} {p[0]} {p[1]} {p[2]}" for i, p in enumerate(x, 1)]
+    element = f"1 {NUMBER[kind]} 2 1 1 " + " ".join(str(i) for i in range(1, len(x) + 1))
+    parts = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(x)), *nodes, "$EndNodes"]
+    return "\n".join([*parts, "$Elements", "1", element, "$EndElements", ""])
+
+
+@pytest.mark.parametrize("kind", GMSH_EDGES)
+def test_mid_side_nodes_lie_on_the_edges_that_vtk_says(read, kind):
+    mesh = read(one_element(kind))
+    (block,) = mesh.blocks
+    x = mesh.position[block.nodes[0]]
+    k = len(CORNERS[kind[:3]])
+    assert block.kind == kind
+    np.testing.assert_allclose(x[k:], [(x[a] + x[b]) / 2 for a, b in VTK_EDGES[kind]], atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", NUMBER)
+def test_normals_of_all_facets_point_outward(read, kind):
+    mesh = read(one_element(kind))
+    x = mesh.position[mesh.blocks[0].nodes[0]]
+    for _, local in FACETS[kind]:
+        a, b, c = x[list(local[:3])]
+        assert np.cross(b - a, c - a) @ (a - x.mean(axis=0)) > 0
+
+
+def test_every_format_that_gmsh_writes_gives_the_same_mesh():
+    meshes = [read_gmsh(path) for path in REAL]
+    assert len(meshes) == 4
+    for mesh in meshes[1:]:
+        check_same(mesh, meshes[0])
+
+
+def test_volumes_of_named_solids_are_those_of_the_geometry():
+    mesh = read_gmsh(REAL[0])
+    (block,) = mesh.blocks
+    x = mesh.position[block.nodes[:, :4]]
+    volume = np.linalg.det(x[:, 1:] - x[:, :1]) / 6
+    found = {mesh.regions[int(i)].name: volume[block.region == i].sum() for i in np.unique(block.region)}
+    assert found == pytest.approx({"block": 1.0, "pin": 0.25}, rel=1e-12)
+    foot = np.isin(mesh.node_ids, mesh.node_sets["foot"])
+    np.testing.assert_array_equal(foot, mesh.position[:, 2] < 1e-9)
+    assert {k: len(v) for k, v in mesh.element_sets.items()} == {
+        "block": np.count_nonzero(block.region == 7),
+        "pin": np.count_nonzero(block.region == 3),
+    }
+
+
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem)
+def test_connectivity_is_what_meshio_reads(path):
+    mesh, other = read_gmsh(path), meshio.read(path)
+    expected = np.concatenate([other.points[b.data] for b in other.cells if b.type == "tetra10"])
+    own = mesh.position[np.concatenate([b.nodes for b in mesh.blocks])]
+    keys = [np.lexsort(x.mean(axis=1).round(9).T) for x in (own, expected)]
+    np.testing.assert_allclose(own[keys[0]], expected[keys[1]], atol=1e-15)
+
+
+@pytest.mark.parametrize("text", [OLD, NEW, FORMER], ids=["2.2", "4.1", "4.0"])
+def test_numbers_groups_and_lines_of_the_file_are_kept(read, text):
+    mesh = read(text)
+    assert mesh.node_ids.tolist() == [10, 7, 30, 4, 5]
+    assert mesh.position[mesh.node_index(5)].tolist() == [1, 1, 1]
+    (block,) = mesh.blocks
+    assert (block.kind, block.ids.tolist(), block.region.tolist()) == ("tet4", [6, 8], [9, 9])
+    assert mesh.node_ids[block.nodes[1]].tolist() == [7, 30, 4, 5]
+    assert (mesh.regions[9].name, mesh.regions[9].material) == ("steel part", 0)
+    assert {k: v.tolist() for k, v in mesh.node_sets.items()} == {"foot": [7, 10, 30], "steel part": [4, 5, 7, 10, 30]}
+    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"steel part": [6, 8]}
+    lines = text.splitlines()
+    for kind, number, entry in (("node", 30, "0 1 0"), ("element", 8, "7 30 4 5")):
+        assert entry in lines[int(mesh.where(kind, number).rpartition(":")[2]) - 1]
+    assert (mesh.notes, mesh.ignored) == ((), {})
+
+
+def test_windows_line_ends_and_blank_lines_change_nothing(read):
+    check_same(read(OLD.replace("\n", "\r\n")), read(OLD))
+    check_same(read(NEW.replace("\n", "\n\n")), read(NEW))
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_binary_of_either_byte_order(read, order):
+    def section(name, body):
+        return b"$" + name + b"\n" + body + b"\n$End" + name + b"\n"
+
+    def pack(form, *values):
+        return struct.pack(order + form, *values)
+
+    x = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    rows = b"".join(pack("iddd", i, *p) for i, p in enumerate(x, 1))
+    elements = b"1\n" + pack("iii", 4, 1, 2) + pack("7i", 6, 9, 1, 1, 2, 3, 4)
+    mesh = read(
+        section(b"MeshFormat", b"2.2 1 8\n" + pack("i", 1))
+        + section(b"Nodes", b"4\n" + rows)
+        + section(b"Elements", elements)
+    )
+    np.testing.assert_array_equal(mesh.position, x)
+    assert (mesh.blocks[0].ids.tolist(), mesh.blocks[0].region.tolist()) == ([6], [9])
+
+
+def test_parameters_of_nodes_on_their_entities_are_left(read):
+    parametric = NEW.replace("2 1 0 3\n", "2 1 1 3\n")
+    for row in ("0 0 0\n", "1 0 0\n", "0 1 0\n"):
+        parametric = parametric.replace("\n" + row, "\n" + row[:-1] + " 0.5 0.25\n", 1)
+    check_same(read(parametric), read(NEW))
+    old = (
+        OLD.replace("Nodes", "ParametricNodes")
+        .replace("10 0 0 0", "10 0 0 0 0 1")
+        .replace("7 1 0 0", "7 1 0 0 1 5 0.5")
+    )
+    old = (
+        old.replace("30 0 1 0", "30 0 1 0 2 5 0.5 0.25")
+        .replace("4 0 0 1", "4 0 0 1 3 1")
+        .replace("5 1 1 1", "5 1 1 1 3 1")
+    )
+    check_same(read(old), read(OLD))
+
+
+def test_an_entity_in_two_physical_volumes_is_in_both_sets_and_the_lower_region(read):
+    mesh = read(NEW.replace("2 0 0 0 1 1 1 1 9 0", "2 0 0 0 1 1 1 2 9 -3 0"))
+    assert mesh.blocks[0].region.tolist() == [9, 3]
+    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"3d-3": [8], "steel part": [6, 8]}
+    assert mesh.regions[3].name == "volume 3"
+    assert any("1 element in several physical volumes (3, 9)" in note for note in mesh.notes)
+
+
+def test_an_element_that_format_2_repeats_for_its_second_group_counts_once(read):
+    text = OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", "9 4 2 3 2 7 30 4 5\n$EndEl")
+    mesh = read(text)
+    assert (mesh.blocks[0].ids.tolist(), mesh.blocks[0].region.tolist()) == ([9, 6], [3, 9])
+    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"3d-3": [9], "steel part": [6, 9]}
+    assert "element 8 is 9 again" in mesh.notes[0]
+
+
+def test_without_physical_volumes_all_is_one_region(read):
+    mesh = read(OLD.replace("4 2 9 1", "4 2 0 1").replace("4 2 9 2", "4 0"))
+    assert {i: r.name for i, r in mesh.regions.items()} == {1: "solids"}
+    assert mesh.element_sets == {}
+    assert "no physical volumes" in mesh.notes[0]
+
+
+def test_elements_outside_all_physical_volumes_are_a_region_of_their_own(read):
+    mesh = read(OLD.replace("4 2 9 2", "4 2 0 2"))
+    assert mesh.blocks[0].region.tolist() == [10, 9]
+    assert mesh.regions[10].name == "no physical volume"
+    assert mesh.notes == ("1 element in no physical volume: region 10",)
+
+
+def test_groups_of_several_dimensions_with_one_name_are_told_apart(read):
+    mesh = read(OLD.replace('"foot"', '"steel part"').replace("$PhysicalNames\n2", '$PhysicalNames\n3\n1 5 "spare"'))
+    assert {k: len(v) for k, v in mesh.node_sets.items()} == {"steel part (2d)": 3, "steel part (3d)": 5}
+    assert any("several dimensions" in note for note in mesh.notes)
+    assert "physical group 'spare' holds no elements" in mesh.notes
+
+
+def test_sections_that_are_not_taken_over_are_counted(read):
+    extra = "$Comments\n$Nodes are below\n$EndComments\n" + OLD + '$NodeData\n1\n"u"\n0\n0\n$EndNodeData\n'
+    assert read(extra).ignored == {"$NodeData": 1}
+    check_same(read(extra), read(OLD))
+
+
+BROKEN = {
+    "missing node": (OLD, "7 30 4 5\n", "7 30 4 6\n", 21, "element 8 (4-node tetrahedron) refers to node 6"),
+    "missing node of a face": (OLD, "1 10 7 30\n6", "1 10 7 31\n6", 19, "refers to node 31"),
+    "missing node, 4.1": (NEW, "8 7 30 4 5", "8 7 30 4 6", 37, "refers to node 6"),
+    "node twice": (OLD, "\n4 0 0 1", "\n7 0 0 1", 14, "node number 7 stands twice"),
+    "element twice": (OLD, "8 4 2 9", "6 4 2 9", 21, "element number 6 stands twice"),
+    "same element again": (
+        OLD,
+        "2 7 30 4 5",
+        "2 10 30 4 7",
+        21,
+        "element 8 (tet4): the same nodes as element 6 (tet4) at ",
+    ),
+    "collapsed": (OLD, "2 7 30 4 5", "2 7 30 4 4", 21, "element 8 (tet4): a node stands twice"),
+    "not finite": (OLD, "5 1 1 1", "5 1 nan 1", 15, "node 5 has a coordinate that is not a finite"),
+    "number 0": (OLD, "4 0 0 1\n5", "0 0 0 1\n5", 14, "node number 0 is not positive"),
+    "a word": (OLD, "7 1 0 0", "7 1 O 0", 12, "'O' is no number"),
+    "a fraction": (OLD, "8 4 2 9", "8 4.5 2 9", 21, "4.5 stands where a whole number belongs"),
+    "run together": (OLD, "7 1 0 0", "7 1 0-0 0", 12, "'0-0' is no number"),
+    "too many claimed": (OLD, "$Nodes\n5", "$Nodes\n900000000000", 11, "more numbers are claimed"),
+    "too few claimed": (OLD, "$Nodes\n5", "$Nodes\n4", 15, "numbers more than the counts claim"),
+    "elements claimed": (OLD, "$Elements\n3", "$Elements\n4", 21, "4 elements are claimed, 3 are there"),
+    "blocks claimed": (NEW, "2 5 4 30", "2 6 4 30", None, "6 nodes are claimed, the blocks hold 5"),
+    "unknown type": (OLD, "8 4 2 9", "8 77 2 9", 21, "element type 77 is unknown"),
+    "no end": (OLD, "$EndElements\n", "", 17, "$Elements does not end"),
+    "no nodes": (OLD, "Nodes", "Knots", 1, "there is no section $Nodes"),
+    "nodes twice": (OLD, "$Elements", "$Nodes\n0\n$EndNodes\n$Elements", 17, "$Nodes stands twice"),
+    "prose": (OLD, "$Elements", "Elements", 17, "a section ($Nodes) should begin here"),
+    "format 1": (OLD, OLD, "$NOD\n0\n$ENDNOD\n", 1, "format 1 of gmsh"),
+    "format 5": (OLD, "2.2 0 8", "5.0 0 8", 2, "format 5.0 of gmsh"),
+    "partitions": (NEW, "$Nodes", "$PartitionedEntities\n2\n$EndPartitionedEntities\n$Nodes", None, "is partitioned"),
+    "bad name": (OLD, '"foot"', "foot", 6, "should read like"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_what_is_wrong_is_named_with_its_line(read, case):
+    text, old, new, line, message = BROKEN[case]
+    with pytest.raises(DeckError) as error:
+        read(text.replace(old, new))
+    assert message in error.value.what
+    assert error.value.remedy
+    assert line is None or error.value.where.endswith(f"part.msh:{line}")
+
+
+@pytest.mark.parametrize(
+    ("number", "nodes", "name", "remedy"),
+    [
+        (7, 5, "5-node pyramid", "without pyramids"),
+        (12, 27, "27-node hexahedron", "Mesh.SecondOrderIncomplete = 1"),
+        (13, 18, "18-node prism", "Mesh.SecondOrderIncomplete = 1"),
+        (19, 13, "13-node pyramid", "without pyramids"),
+        (29, 20, "20-node tetrahedron", "Mesh.ElementOrder = 2"),
+    ],
+)
+def test_solids_that_are_not_taken_over_are_refused_with_the_way_out(read, number, nodes, name, remedy):
+    extra = f"17 {number} 0 " + " ".join(["10"] * nodes)
+    with pytest.raises(DeckError, match=name) as error:
+        read(OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", extra + "\n$EndEl"))
+    assert "element 17" in error.value.what
+    assert remedy in error.value.remedy
+
+
+def test_a_mesh_of_surfaces_is_refused(read):
+    with pytest.raises(DeckError, match=r"no solid element \(1 3-node triangle\)") as error:
+        read(OLD.replace("$Elements\n3", "$Elements\n1").replace("\n6 4 2 9 1 10 7 30 4\n8 4 2 9 2 7 30 4 5", ""))
+    assert "gmsh -3" in error.value.remedy
+
+
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem)
+def test_a_truncated_file_is_refused(read, path):
+    content = path.read_bytes().rstrip()
+    for end in range(0, len(content), 97):
+        with pytest.raises(DeckError):
+            read(content[:end])
+
+
+def test_binary_counts_beyond_the_file_are_refused(read):
+    content = (DATA / "pin-4.1-binary.msh").read_bytes()
+    at = content.index(b"$Nodes\n") + len(b"$Nodes\n") + 4 * 8 + 3 * 4
+    for claimed in (2**40, 2**62, 2**64 - 1):
+        with pytest.raises(DeckError, match=r"\$Nodes: .*(claimed|beyond)"):
+            read(content[:at] + struct.pack("<Q", claimed) + content[at + 8 :])
+
+
+def test_a_file_of_gmsh_is_told_from_others_of_its_ending(tmp_path):
+    path = tmp_path / "part.msh"
+    assert is_gmsh(REAL[0])
+    assert not is_gmsh(path)
+    path.write_text('(0 "GAMBIT to Fluent File")\n')
+    assert not is_gmsh(path)
+
+
+def test_a_packed_binary_mesh_is_the_mesh(tmp_path):
+    path = next(path for path in REAL if b"4.1 1 8" in path.read_bytes()[:60])
+    (tmp_path / "pin.msh.gz").write_bytes(gzip.compress(path.read_bytes()))
+    assert is_gmsh(tmp_path / "pin.msh.gz")
+    check_same(read_gmsh(tmp_path / "pin.msh.gz"), read_gmsh(path))

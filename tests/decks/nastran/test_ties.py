@@ -1,0 +1,237 @@
+"""Supports, rigid and averaging elements, masses and sets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError
+
+ALL = {(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (2, 2)}
+
+
+def pairs(mesh):
+    return {tuple(map(int, pair)) for pair in mesh.fixed}
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        "SPC1,1,123,1,2,3",
+        "SPC1,1,123,1,THRU,3",
+        "SPC1,1,321,1,THRU,3",
+        "SPC,1,1,123,,2,123\nSPC,1,3,123,0.",
+        "SPC1,1,1,1,2,3\nSPC1,1,23,1,2,3\nSPC1,1,12,1",
+        "SPCADD,7,1,2\nSPC1,1,12,1,2,3\nSPC1,2,3,1,2,3",
+        "SPC1,1,123,2,THRU,3\nGRDX",
+    ],
+)
+def test_supports_in_every_form_are_the_same_pairs(read, tetrahedron, cards):
+    text = tetrahedron.replace("SPC1,1,123,1,2,3", cards)
+    if "GRDX" in cards:
+        text = text.replace("GRDX\n", "").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,0.,,123")
+    assert pairs(read(text)) == ALL
+
+
+def test_a_range_takes_the_nodes_that_exist(read, tetrahedron):
+    mesh = read(tetrahedron.replace("SPC1,1,123,1,2,3", "SPC1,1,3,3,THRU,99999999"))
+    assert pairs(mesh) == {(2, 2), (3, 2)}
+
+
+def test_the_case_control_selects_the_set(read, tetrahedron):
+    bulk = tetrahedron + "SPC1,2,3,4\nSPC1,3,1,4\nSPCADD,9,2,3\n"
+    bulk += "ENDDATA\n"
+    assert pairs(read(f"SPC = 2\nBEGIN BULK\n{bulk}")) == {(3, 2)}
+    assert pairs(read(f"CEND\nspc=9\nSPCFORCES = ALL\nBEGIN BULK\n{bulk}")) == {(3, 0), (3, 2)}
+    assert read(f"SPC = 1\nBEGIN BULK\n{bulk}").ignored == {"SPC1 of a set that is not selected": 2}
+
+
+def test_no_support_at_all_is_an_empty_list(read, tetrahedron):
+    assert read(tetrahedron.replace("SPC1,1,123,1,2,3\n", "")).fixed.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("head", "cards", "what"),
+    [
+        ("", "SPC1,2,3,4", "2 sets of supports \\(1, 2\\) and no selection"),
+        ("SPC = 5\nBEGIN BULK\n", "", "SPC = 5 selects a set that is not in the deck"),
+        ("SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 2\nBEGIN BULK\n", "SPC1,2,3,4", "different supports"),
+        ("", "SPCADD,9,1,2", "set 2 has no SPC"),
+        ("", "SPC1,1,123,9", "node 9 is not in the deck"),
+        ("", "SPC1,1,127,4", "components '127'"),
+        ("", "SPC1,1,,4", "components ''"),
+        ("", "SPC1,1,113,4", "components '113'"),
+        ("", "SPC1,1,123,8,THRU,9", "holds no node"),
+        ("", "SPC1,1,123,4,THRU,2", "runs backwards"),
+        ("", "SPC1,1,123,4,TO,2", "'TO' is no id"),
+        ("", "SPC,1,4,123,.1", "enforced displacement"),
+    ],
+)
+def test_supports_that_cannot_be_taken_are_named(read, tetrahedron, head, cards, what):
+    with pytest.raises(DeckError, match=what) as caught:
+        read(head + tetrahedron + cards + "\nENDDATA\n")
+    assert "deck.bdf:" in caught.value.where
+
+
+CYLINDER = "CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\n"
+
+
+def test_a_turned_node_keeps_the_components_of_its_system(read, tetrahedron):
+    mesh = read(tetrahedron + CYLINDER + "GRID,5,,0.,2.,1.,6\nSPC1,1,2,5\n")
+    assert (4, 1) in pairs(mesh)
+    np.testing.assert_allclose(mesh.axes[4], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+    assert mesh.ignored == {}
+
+
+@pytest.mark.parametrize("components", ["123456", "1", "135", "46"])
+def test_rbe2_keeps_reference_dependents_and_components(read, tetrahedron, components):
+    (rigid,) = read(tetrahedron + f"GRID,50,,5.,5.,5.\nRBE2,99,50,{components},2,THRU,4,1.-5\n").rigid
+    assert (rigid.id, rigid.reference, rigid.components) == (99, 4, tuple(int(c) - 1 for c in components))
+    assert sorted(rigid.nodes) == [1, 2, 3]
+
+
+def test_rbe2_of_rotations_that_nodes_do_not_have_is_a_note(read, tetrahedron):
+    cards = "GRID,50,,5.,5.,5.\nRBE2,99,50,456,4\nENDDATA\n"
+    assert read(tetrahedron + cards).notes == (
+        "RBE2 99 ties rotations only (components 456), which nodes of solids do not have: without effect",
+    )
+    assert read(tetrahedron + "GRID,51,,4.,4.,4.\nRBE2,98,4,123,51\n" + cards).notes == ()
+
+
+def test_rbe3_weights_belong_to_their_groups(read, tetrahedron):
+    card = "RBE3,98,,50,123456,1.5,123,1,2\n+,.5,123,3,4,ALPHA,1.-5\n"
+    (averaging,) = read(tetrahedron + "GRID,50,,5.,5.,5.\n" + card).averaging
+    assert (averaging.reference, averaging.components) == (4, (0, 1, 2, 3, 4, 5))
+    assert list(averaging.nodes) == [0, 1, 2, 3]
+    np.testing.assert_array_equal(averaging.weight, [1.5, 1.5, 0.5, 0.5])
+    assert averaging.directions is None
+    assert averaging.dependent is None
+
+
+def test_rbe3_groups_of_single_directions_and_a_um_set(read, tetrahedron):
+    card = "RBE3,98,,50,123,1.5,12,1,2\n+,,,.5,3,2,3,,4\n+,UM,1,12,50,3\n+,ALPHA,1.-5\n"
+    (averaging,) = read(tetrahedron + "GRID,50,,5.,5.,5.\n" + card).averaging
+    assert list(averaging.nodes) == [0, 1, 1, 2, 3]
+    np.testing.assert_array_equal(averaging.weight, [1.5, 1.5, 0.5, 0.5, 0.5])
+    np.testing.assert_array_equal(averaging.directions, [[1, 1, 0], [1, 1, 0], [0, 0, 1], [0, 0, 1], [0, 0, 1]])
+    np.testing.assert_array_equal(averaging.dependent, [[0, 0], [0, 1], [4, 2]])
+
+
+@pytest.mark.parametrize(
+    ("cards", "what"),
+    [
+        ("RBE2,99,51,123,4", "node 51 is not in the deck"),
+        ("RBE2,99,50,123,4,77", "node 77 is not in the deck"),
+        ("RBE2,99,50,123", "no dependent node"),
+        ("RBE2,99,50,123,4,50", "also dependent"),
+        ("RBE2,99,50,,4", "components ''"),
+        ("RBE2,99,50,123,4\nRBE2,99,50,123,3", "rigid element id 99 stands twice"),
+        ("RBE3,98,,50,123,1.,123456,1,2", "hold rotations"),
+        ("RBE3,98,,50,123,1.,123", "no nodes"),
+        ("RBE3,98,,50,123,-1.,123,1,2", "positive weight"),
+        ("RBE3,98,,50,123,1,123,1,2", "positive weight"),
+        ("RBE3,98,,50,123,1.,123,1,1", "stands twice"),
+        ("RBE3,98,,50,123,1.,12,1,2\n+,,,2.,2,1", "stands twice"),
+        ("RBE3,98,,50,123,1.,127,1,2", "components '127'"),
+        ("RBE3,98,,50,123,1.", "components ''"),
+        ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", "UM set holds 1 motions, the reference components are 3"),
+        ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,12,1,2", "UM set holds 2 motions"),
+        ("RBE3,98,,50,123,1.,123,1,2\n+,UM,77,123", "node 77 is not in the deck"),
+        ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1.,123", "'1.' in the UM set is no node id"),
+        ("CONM2,90,4,,-3.", "mass is -3"),
+        ("CONM2,90,7,,3.", "node 7 is not in the deck"),
+        ("CONM2,90,4,,3.\nCONM2,90,3,,3.", "id 90 stands twice"),
+        ("SET1,5,1,2,77", "node 77 is not in the deck"),
+        ("SET1,5,1,2\nSET1,5,3", "set id stands twice"),
+    ],
+)
+def test_ties_masses_and_sets_that_cannot_be_taken_are_named(read, tetrahedron, cards, what):
+    with pytest.raises(DeckError, match=what) as caught:
+        read(tetrahedron + "GRID,50,,5.,5.,5.\n" + cards + "\n")
+    assert "deck.bdf:" in caught.value.where
+
+
+def test_sets_of_bulk_data_and_case_control(read, tetrahedron):
+    head = "SET 1 = 1, 2,\n 4\nSET 2 = 10\nSET 3 = ALL\nSET 4 = 1 THRU 4 EXCEPT 3\n"
+    head += "SET 6 = 1 THRU 12 EXCEPT 2, 3, 4\nBEGIN BULK\n"
+    mesh = read(head + tetrahedron + "SET1,7,1,THRU,3\nSET3,8,ELEM,10\nSET3,9,GRID,4,2\nSET3,10,PROP,1\nENDDATA\n")
+    expected = {"SET-1": [1, 2, 4], "SET-4": [1, 2, 4], "SET-6": [1], "SET1-7": [1, 2, 3], "SET3-9": [2, 4]}
+    assert {name: list(ids) for name, ids in mesh.node_sets.items()} == expected
+    assert {name: list(ids) for name, ids in mesh.element_sets.items()} == {
+        "SET-2": [10],
+        "SET-6": [10],
+        "SET3-8": [10],
+    }
+    assert mesh.ignored == {"SET of the case control": 1, "SET3": 1}
+
+
+SHELL = "GRID,1\nGRID,2,,1.\nGRID,3,,1.,1.\nGRID,4,,,1.\nCQUAD4,7,1,1,2,3,4\n"
+
+
+def test_element_sets_of_a_deck_without_solids(read):
+    head = "SET 1 = 7\nSET 2 = 1, 2\nBEGIN BULK\n"
+    mesh = read(f"{head}{SHELL}SET3,5,ELEM,7\nSET3,6,ELEM,1,THRU,9\nENDDATA\n", required=False)
+    assert {name: list(ids) for name, ids in mesh.node_sets.items()} == {"SET-2": [1, 2]}
+    assert {name: list(ids) for name, ids in mesh.element_sets.items()} == {"SET3-6": []}
+    assert mesh.ignored["SET3 with elements that are no solids"] == 1
+    with pytest.raises(DeckError, match="solid element 8 is not in the deck"):
+        read(SHELL + "SET3,5,ELEM,8\n", required=False)
+
+
+def test_a_set_of_solids_and_shells_keeps_its_solids(read, tetrahedron):
+    mesh = read(tetrahedron + "CQUAD4,7,1,1,2,3,4\nSET3,5,ELEM,7,10\n")
+    assert list(mesh.element_sets["SET3-5"]) == [10]
+    assert mesh.ignored["SET3 with elements that are no solids"] == 1
+
+
+@pytest.mark.parametrize("card", ["SPC1,1,0,4,9", "SPC1,1,123,9", "SPC,1,9,0", "SPC,1,10,,0.", "CONM2,90,9,,1."])
+@pytest.mark.parametrize("points", ["SPOINT,9,10", "SPOINT,8,THRU,20"])
+def test_a_scalar_point_is_said_to_be_one(read, tetrahedron, card, points):
+    with pytest.raises(DeckError, match=r"node (9|10) is a scalar point: scalar points are not taken over") as caught:
+        read(f"{tetrahedron}{points}\n{card}\n")
+    assert caught.value.where.endswith(":10")
+
+
+RELATIONS = "MPC,3,1,1,1.,2,1,-1.\nMPC,4,1,2,1.,2,2,-1.\nMPCADD,5,3,4\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "counted", "selected"),
+    [
+        ("", {"MPC": 2, "MPCADD": 1}, None),
+        ("SOL 103\nCEND\n", {"MPC": 0, "MPCADD": 0}, None),
+        ("CEND\nMPC = 3\n", {"MPC": 1, "MPCADD": 0}, 3),
+        ("CEND\nmpc=5\nSPC = 1\n", {"MPC": 2, "MPCADD": 1}, 5),
+    ],
+)
+def test_relations_are_counted_by_what_the_case_control_selects(read, tetrahedron, head, counted, selected):
+    mesh = read((f"{head}BEGIN BULK\n" if head else "") + tetrahedron + RELATIONS + "ENDDATA\n")
+    total = {"MPC": 2, "MPCADD": 1}
+    expected = {name: n for name, n in counted.items() if n}
+    expected |= {
+        f"{name} of a set that is not selected": total[name] - n for name, n in counted.items() if n < total[name]
+    }
+    assert mesh.ignored == expected
+    notes = [note for note in mesh.notes if "MPC" in note]
+    assert len(notes) == (selected is not None)
+    assert all(note.startswith(f"MPC = {selected} is selected (") and "are missing" in note for note in notes)
+
+
+def test_ties_are_named_by_card_and_id(read, tetrahedron):
+    mesh = read(tetrahedron + "GRID,50,,5.,5.,5.\nRBE2,30,50,123456,4\nRBE3,31,,50,123,1.,123,1,2\n+,3\n")
+    assert [e.name for e in (*mesh.rigid, *mesh.averaging)] == ["RBE2 30", "RBE3 31"]
+
+
+@pytest.mark.parametrize(
+    "card",
+    [
+        "RBE2,99,50,123,4,1000000000000",
+        "RBE3,98,,50,123,1.,123,1,1000000000000",
+        "RBE3,98,,50,123,1000000000000,123,1",
+        "SET1,5,1000000000000",
+        "CONM2,90,1000000000000,,1.",
+    ],
+)
+def test_an_id_beyond_the_limit_is_said_to_be_too_large(read, tetrahedron, card):
+    with pytest.raises(DeckError, match="is 1000000000000, too large"):
+        read(f"{tetrahedron}GRID,50,,5.,5.,5.\n{card}\n")

@@ -1,0 +1,301 @@
+"""Meshes through meshio keep numbers, regions and sets where the format has them, and never lose a cell in silence."""
+
+from __future__ import annotations
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+import pyvista
+
+from strainsight.decks.other.mesh import read_meshio
+from strainsight.errors import DeckError
+from strainsight.mesh.facets import FACETS
+
+TETRAHEDRON = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
+CELLS = [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]]), ("triangle", [[0, 1, 2]])]
+CORNERS = {
+    "tet": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "hex": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
+    "wed": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+}
+VTK_EDGES = {
+    "tet10": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "hex20": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
+    "wedge15": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+}
+VTK_TYPE = {"tet4": 10, "hex8": 12, "wedge6": 13, "tet10": 24, "hex20": 25, "wedge15": 26}
+MESHIO_TYPE = {"tet4": "tetra", "tet10": "tetra10", "hex8": "hexahedron", "hex20": "hexahedron20", "wedge6": "wedge"}
+
+
+def nodes_of(kind: str, mirrored: bool = False) -> np.ndarray:
+    """Nodes of one element; mirrored: numbered the other way round, so that its volume is negative."""
+    corners = np.array(CORNERS[kind[:3]]) * [1.0, 1.25, 1.5]
+    if mirrored:
+        corners = corners[:, [1, 0, 2]]
+    return np.vstack([corners, *[(corners[a] + corners[b]) / 2 for a, b in VTK_EDGES.get(kind, [])]])
+
+
+def grid(kind: str, x: np.ndarray) -> pyvista.UnstructuredGrid:
+    return pyvista.UnstructuredGrid(np.r_[len(x), np.arange(len(x))], [VTK_TYPE[kind]], x)
+
+
+def check_element(mesh, kind):
+    """Mid-side nodes on their edges and all facets outward."""
+    (block,) = mesh.blocks
+    x = mesh.position[block.nodes[0]]
+    k = len(CORNERS[kind[:3]])
+    assert block.kind == kind
+    np.testing.assert_allclose(x[k:], [(x[a] + x[b]) / 2 for a, b in VTK_EDGES.get(kind, [])] or x[k:], atol=1e-6)
+    for _, local in FACETS[kind]:
+        a, b, c = x[list(local[:3])]
+        assert np.cross(b - a, c - a) @ (a - x.mean(axis=0)) > 0
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write the two tetrahedra and their triangle with meshio, other arguments as to meshio.Mesh; returns the path."""
+
+    def to(name: str, cells=CELLS, points=TETRAHEDRON, **data):
+        path = tmp_path / name
+        meshio.Mesh(points, cells, **data).write(path)
+        return path
+
+    return to
+
+
+@pytest.mark.parametrize("name", ["part.vtu", "part.vtk"])
+@pytest.mark.parametrize("kind", VTK_TYPE)
+def test_vtk_wedges_point_away_from_their_far_triangle_and_others_do_not(tmp_path, name, kind):
+    grid(kind, nodes_of(kind, mirrored=kind.startswith("wedge"))).save(tmp_path / name)
+    mesh = read_meshio(tmp_path / name)
+    check_element(mesh, kind)
+    assert not any("turned" in note for note in mesh.notes)
+
+
+@pytest.mark.parametrize("kind", ["wedge6", "wedge15"])
+def test_wedges_of_the_other_convention_are_turned_round_and_said(tmp_path, kind):
+    grid(kind, nodes_of(kind)).save(tmp_path / "part.vtu")
+    mesh = read_meshio(tmp_path / "part.vtu")
+    check_element(mesh, kind)
+    assert f"1 {kind} element numbered against the convention of vtu: turned round" in mesh.notes
+
+
+@pytest.mark.parametrize("kind", ["tet4", "hex8"])
+def test_solids_that_are_inside_out_stay_so_for_the_checks_to_find(tmp_path, kind):
+    grid(kind, nodes_of(kind, mirrored=True)).save(tmp_path / "part.vtu")
+    with pytest.raises(AssertionError):
+        check_element(read_meshio(tmp_path / "part.vtu"), kind)
+
+
+@pytest.mark.parametrize("mirrored", [True, False], ids=["as Salome writes", "as meshio writes"])
+@pytest.mark.parametrize("kind", MESHIO_TYPE)
+def test_med_counts_every_solid_the_other_way_round(write, kind, mirrored):
+    x = nodes_of(kind, mirrored)
+    mesh = read_meshio(write("part.med", [(MESHIO_TYPE[kind], [np.arange(len(x))])], x))
+    check_element(mesh, kind)
+    assert any("against the convention of med" in note for note in mesh.notes) is not mirrored
+
+
+@pytest.mark.parametrize("kind", MESHIO_TYPE)
+@pytest.mark.parametrize("name", ["part.vtu", "part.vtk", "part.xdmf", "part.vol"])
+def test_what_meshio_writes_comes_back(write, name, kind):
+    x = nodes_of(kind)
+    check_element(read_meshio(write(name, [(MESHIO_TYPE[kind], [np.arange(len(x))])], x)), kind)
+
+
+@pytest.mark.parametrize("name", ["part.mesh", "part.meshb", "part.avs", "part.su2", "part.f3grid", "part.dato"])
+@pytest.mark.parametrize("kind", ["tet4", "hex8", "wedge6"])
+def test_linear_solids_of_other_formats(write, name, kind):
+    x = nodes_of(kind)
+    check_element(read_meshio(write(name, [(MESHIO_TYPE[kind], [np.arange(len(x))])], x)), kind)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.int32, np.float64, np.int16])
+@pytest.mark.parametrize("binary", [True, False])
+@pytest.mark.parametrize("name", ["part.vtu", "part.vtk"])
+def test_numbers_regions_and_sets_are_data_of_the_grid(tmp_path, name, binary, dtype):
+    part = pyvista.UnstructuredGrid(np.array([4, 0, 1, 2, 3, 4, 1, 2, 3, 4]), [10, 10], TETRAHEDRON)
+    part.point_data["node_id"] = np.array([70, 3, 9, 12, 5], dtype=dtype)
+    part.point_data["foot"] = np.array([1, 1, 0, 0, 0], dtype=dtype)
+    part.point_data["temperature"] = np.linspace(0.0, 1.0, 5)
+    part.cell_data["GlobalElementId"] = np.array([40, 8], dtype=dtype)
+    part.cell_data["MaterialIds"] = np.array([2, 5], dtype=dtype)
+    part.cell_data["tip"] = np.array([0, 1], dtype=dtype)
+    part.save(tmp_path / name, binary=binary)
+    mesh = read_meshio(tmp_path / name)
+    assert mesh.node_ids.tolist() == [70, 3, 9, 12, 5]
+    assert (mesh.blocks[0].ids.tolist(), mesh.blocks[0].region.tolist()) == ([40, 8], [2, 5])
+    assert {i: (r.name, r.material) for i, r in mesh.regions.items()} == {2: ("region 2", 0), 5: ("region 5", 0)}
+    assert {k: v.tolist() for k, v in mesh.node_sets.items()} == {"foot": [3, 70]}
+    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"tip": [8]}
+    assert mesh.ignored == {"point data temperature": 1}
+    assert mesh.notes == ("regions are the cell data MaterialIds",)
+
+
+def test_without_data_everything_counts_from_one_and_is_one_region(write):
+    mesh = read_meshio(write("part.vtu"))
+    assert (mesh.node_ids.tolist(), mesh.blocks[0].ids.tolist()) == ([1, 2, 3, 4, 5], [1, 2])
+    assert {i: r.name for i, r in mesh.regions.items()} == {1: "solids"}
+    assert len(mesh.notes) == 3
+    assert mesh.ignored == {"triangle cells": 1}
+    assert mesh.origin == {}
+
+
+def test_numbers_that_are_not_positive_and_unique_are_left_with_a_note(write):
+    mesh = read_meshio(write("part.vtu", point_data={"ids": np.arange(5)}))
+    assert mesh.node_ids.tolist() == [1, 2, 3, 4, 5]
+    assert any("node data ids are not positive and unique" in note for note in mesh.notes)
+
+
+def test_the_data_that_say_the_regions_can_be_named(write):
+    path = write("part.vtu", cell_data={"region": [[1, 2], [0]], "layer": [[7, 8], [0]], "x": [[0.5, 1.5], [0.0]]})
+    assert read_meshio(path).blocks[0].region.tolist() == [1, 2]
+    assert read_meshio(path, "layer").blocks[0].region.tolist() == [7, 8]
+    with pytest.raises(DeckError, match="no cell data 'colour'") as error:
+        read_meshio(path, "colour")
+    assert "region, layer" in error.value.remedy
+    with pytest.raises(DeckError, match="'x' are not whole numbers"):
+        read_meshio(path, "x")
+
+
+def test_families_of_med_are_regions_and_sets_by_name(tmp_path):
+    part = meshio.Mesh(TETRAHEDRON, CELLS, {"point_tags": np.array([2, 2, 0, 0, 0])}, {"cell_tags": [[-6, -7], [-8]]})
+    part.cell_tags = {-6: ["steel", "all"], -7: ["pin", "all"], -8: ["foot"]}
+    part.point_tags = {2: ["edge"]}
+    part.write(tmp_path / "part.med")
+    mesh = read_meshio(tmp_path / "part.med")
+    assert {i: r.name for i, r in mesh.regions.items()} == {-7: "pin, all", -6: "steel, all"}
+    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"steel": [1], "pin": [2], "all": [1, 2]}
+    assert mesh.node_sets["foot"].tolist() == [1, 2, 3]
+    assert mesh.node_sets["edge"].tolist() == [1, 2]
+    assert mesh.node_sets["all"].tolist() == [1, 2, 3, 4, 5]
+    assert mesh.ignored == {}
+
+
+def test_single_precision_is_said(write):
+    assert any(
+        "single precision" in note for note in read_meshio(write("part.vtu", points=TETRAHEDRON.astype("f4"))).notes
+    )
+
+
+def test_other_files_of_an_xdmf_mesh_are_named_and_may_not_lie_elsewhere(write, tmp_path):
+    path = write("part.xdmf")
+    assert read_meshio(path).included == (str(tmp_path / "part.h5"),)
+    (tmp_path / "deep").mkdir()
+    inner = tmp_path / "deep" / "part.xdmf"
+    inner.write_text(path.read_text().replace("part.h5:", "../part.h5:"))
+    with pytest.raises(DeckError, match="leaves the folder of the mesh"):
+        read_meshio(inner)
+
+
+def test_links_out_of_an_hdf5_file_are_refused(write, tmp_path):
+    path = write("part.med")
+    with h5py.File(path, "a") as file:
+        file["away"] = h5py.ExternalLink("/tmp/other.h5", "/x")
+    with pytest.raises(DeckError, match="away is a link to another file"):
+        read_meshio(path)
+
+
+PYRAMID = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1.0)])
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "points", "message"),
+    [
+        ("part.vtu", [("pyramid", [[0, 1, 2, 3, 4]])], PYRAMID, "1 pyramid cell: not taken over"),
+        ("part.vtk", [*CELLS, ("pyramid", [[0, 1, 2, 3, 4]])], PYRAMID, "1 pyramid cell: not taken over"),
+        ("part.vtu", [("triangle", [[0, 1, 2]])], TETRAHEDRON, r"no solid element \(1 triangle cell\)"),
+        ("part.vtu", [("tetra", [[0, 1, 2, 9]])], TETRAHEDRON, "refers to point 9 .*there are 5 points"),
+        ("part.vtu", [("tetra", [[0, 1, 2, 2]])], TETRAHEDRON, "element 1 \\(tet4\\): a node stands twice"),
+        (
+            "part.vtu",
+            [("tetra", [[0, 1, 2, 3], [1, 0, 2, 3]])],
+            TETRAHEDRON,
+            "element 2 \\(tet4\\): the same nodes as element 1 \\(tet4\\)\n",
+        ),
+        ("part.vtu", CELLS, TETRAHEDRON * [1, 1, np.nan], "node 1 has a coordinate that is not a finite"),
+        ("part.xdmf", [("triangle", [[0, 1, 2]])], TETRAHEDRON[:, :2], r"no solid element"),
+        ("part.xdmf", [("tetra", [[0, 1, 2, 3]])], TETRAHEDRON[:, :2], "the points have 2 coordinates"),
+    ],
+)
+def test_what_cannot_be_taken_over_is_refused(write, name, cells, points, message):
+    path = write(name, cells, points)
+    with pytest.raises(DeckError, match=message) as error:
+        read_meshio(path)
+    assert error.value.where == str(path)
+    assert error.value.remedy
+
+
+@pytest.mark.parametrize("name", ["Polyhedron", "QuadraticPyramid", "HexagonalPrism"])
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
+def test_cells_that_meshio_would_drop_are_refused(tmp_path, name, suffix):
+    getattr(pyvista.examples.cells, name)().save(tmp_path / f"part{suffix}")
+    with pytest.raises(DeckError):
+        read_meshio(tmp_path / f"part{suffix}")
+
+
+def test_a_file_in_pieces_is_refused_because_only_one_would_be_read(write):
+    path = write("part.vtu")
+    text = path.read_text()
+    piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]
+    path.write_text(text.replace(piece, piece + piece))
+    with pytest.raises(DeckError, match="in 2 pieces"):
+        read_meshio(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("part.vtu", "", "the file is empty"),
+        ("part.vtu", "no mesh", "cannot be read as vtu"),
+        (
+            "part.vtk",
+            "# vtk DataFile Version 4.2\nx\nASCII\nDATASET STRUCTURED_POINTS\n",
+            "STRUCTURED_POINTS is no mesh",
+        ),
+        (
+            "part.vtk",
+            "# vtk DataFile Version 4.2\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n",
+            "90000000000 entries are claimed in a file of",
+        ),
+        ("part.med", "no mesh", "cannot be read as HDF5"),
+        ("part.msh", '(0 "GAMBIT to Fluent File")\n', "no solid element|cannot be read as ansys"),
+        ("part.step", "ISO-10303-21;", "no mesh format that is known by its ending .step"),
+        ("part.bdf", "CEND\n", "no mesh format"),
+    ],
+)
+def test_other_files_are_refused_without_a_word_from_meshio(tmp_path, capfd, name, content, message):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(DeckError, match=message):
+        read_meshio(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", ["part.vtu", "part.vtk", "part.mesh", "part.med", "part.xdmf"])
+def test_a_truncated_file_is_refused(write, tmp_path, name):
+    path = write(name)
+    content = path.read_bytes().rstrip()
+    for end in range(0, len(content) - 200, 211):
+        path.write_bytes(content[:end])
+        with pytest.raises(DeckError):
+            read_meshio(path)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(DeckError, match="no such file"):
+        read_meshio(tmp_path / "part.vtu")
+
+
+@pytest.mark.parametrize("name", ["grid.vtu", "grid.vtk"])
+def test_voxels_are_hexahedra(tmp_path, name):
+    """pyvista's ImageData: boxes of 1 × 2 × 3 cells, and VTK's own volume of them."""
+    grid = pyvista.ImageData(dimensions=(2, 3, 4), spacing=(0.1, 0.2, 0.3)).cast_to_unstructured_grid()
+    grid.save(tmp_path / name)
+    (block,) = read_meshio(tmp_path / name).blocks
+    assert (block.kind, len(block.ids)) == ("hex8", 6)
+    corners = grid.points[block.nodes]
+    edges = np.stack([corners[:, i] - corners[:, 0] for i in (1, 3, 4)], axis=1)
+    np.testing.assert_allclose(np.linalg.det(edges), 0.1 * 0.2 * 0.3, rtol=1e-6)
+    np.testing.assert_allclose(corners[:, 6] - corners[:, 0], [[0.1, 0.2, 0.3]] * 6, atol=1e-6)

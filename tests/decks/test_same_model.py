@@ -1,0 +1,378 @@
+"""One model, written as Nastran, Abaqus, gmsh and VTU files, comes back with the same K, M, numbers and sets."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import pyvista
+
+from strainsight.decks.abaqus.deck import read_abaqus
+from strainsight.decks.gmsh.mesh import read_gmsh
+from strainsight.decks.nastran.deck import read_nastran
+from strainsight.decks.other.mesh import read_meshio
+from strainsight.fem.assembly import assemble
+from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.model import build_model
+from strainsight.mesh.model import Material, Mesh
+
+STEEL = Material(1, 2.1e11, 0.3, 7850.0)
+RUBBER = Material(2, 5.0e6, 0.45, 1100.0)
+REGIONS = {11: ("STEEL", STEEL), 12: ("RUBBER", RUBBER)}
+
+# Edges on which the mid-side nodes lie one after the other: figures of the manuals (Nastran Quick Reference Guide,
+# Abaqus Elements Guide, gmsh "Node ordering", vtkQuadraticTetra, vtkQuadraticHexahedron, vtkQuadraticWedge).
+TET = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+HEX = ([(0, 1), (1, 2), (2, 3), (3, 0)], [(4, 5), (5, 6), (6, 7), (7, 4)], [(0, 4), (1, 5), (2, 6), (3, 7)])
+WEDGE = ([(0, 1), (1, 2), (2, 0)], [(3, 4), (4, 5), (5, 3)], [(0, 3), (1, 4), (2, 5)])
+EDGES = {
+    "vtk": {"tet": TET, "hex": HEX[0] + HEX[1] + HEX[2], "wedge": WEDGE[0] + WEDGE[1] + WEDGE[2]},
+    "nastran": {"tet": TET, "hex": HEX[0] + HEX[2] + HEX[1], "wedge": WEDGE[0] + WEDGE[2] + WEDGE[1]},
+    "gmsh": {
+        "tet": [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)],
+        "hex": sorted((min(e), max(e)) for part in HEX for e in part),
+        "wedge": sorted((min(e), max(e)) for part in WEDGE for e in part),
+    },
+}
+EDGES["abaqus"] = EDGES["vtk"]
+CUBE = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+
+
+@dataclass(frozen=True)
+class Element:
+    """shape tet, hex or wedge; corners by node number; mid-side nodes by the pair of their corners, none if linear."""
+
+    id: int
+    shape: str
+    region: int
+    corners: list[int]
+    middle: dict[frozenset[int], int]
+
+    def nodes(self, form: str) -> list[int]:
+        edges = EDGES[form][self.shape] if self.middle else []
+        return self.corners + [self.middle[frozenset((self.corners[a], self.corners[b]))] for a, b in edges]
+
+    @property
+    def kind(self) -> tuple[str, int]:
+        return self.shape, len(self.corners) + len(self.middle)
+
+
+class Model:
+    """Tetrahedra, linear hexahedra and wedges, and a quadratic hexahedron beside a wedge, curved; numbers out of order."""
+
+    def __init__(self):
+        self.x: dict[int, tuple[float, float, float]] = {}
+        self.elements: list[Element] = []
+        self._at: dict[tuple[float, ...], int] = {}
+        cube, beside = CUBE.tolist(), [(1, 0, 0), (2, 0, 0), (1, 1, 0), (1, 0, 1), (2, 0, 1), (1, 1, 1)]
+        self.add("hex", 11, [(x, y, z) for x, y, z in cube], False)
+        self.add("hex", 12, [(x, y, z + 1) for x, y, z in cube], False)
+        self.add("wedge", 12, beside, False)
+        self.add("hex", 12, [(x + 4, y, z) for x, y, z in cube], True)
+        self.add("wedge", 11, [(x + 4, y, z) for x, y, z in beside], True)
+        self.add("tet", 11, [(8, 0, 0), (9, 0, 0), (8, 1, 0), (8, 0, 1)], True)
+        self.add("tet", 11, [(9, 0, 0), (9, 1, 1), (8, 1, 0), (8, 0, 1)], True)
+        self.foot = self.elements[0].corners[:4]
+
+    def add(self, shape, region, corners, quadratic):
+        ids = [self.node(p) for p in corners]
+        pairs = EDGES["vtk"][shape] if quadratic else []
+        middle = {
+            frozenset((ids[a], ids[b])): self.node((np.array(corners[a], float) + corners[b]) / 2) for a, b in pairs
+        }
+        self.elements.append(Element(900 - 37 * len(self.elements), shape, region, ids, middle))
+
+    def node(self, point) -> int:
+        """The node at a point of the straight model; coordinates are multiples of 1/128, which every format writes exactly."""
+        key = tuple(map(float, point))
+        if key not in self._at:
+            k = len(self._at)
+            self._at[key] = 1 + (k * 59) % 199 * 3
+            x, y, z = key
+            bent = (x + y * z / 16, y + x / 32, z + x * y / 32 + (x % 1) / 64)
+            self.x[self._at[key]] = tuple(float(np.round(128 * v) / 128) for v in bent)
+        return self._at[key]
+
+
+MODEL = Model()
+
+
+def nastran(path, turned=(), more=()):
+    cards = {
+        ("tet", 10): "CTETRA",
+        ("hex", 8): "CHEXA",
+        ("hex", 20): "CHEXA",
+        ("wedge", 6): "CPENTA",
+        ("wedge", 15): "CPENTA",
+    }
+    lines = ["SOL 103", "CEND", "SPC = 4", "BEGIN BULK"]
+    lines += [f"GRID,{i},,{x!r},{y!r},{z!r}{',7' * (i in turned)}" for i, (x, y, z) in MODEL.x.items()]
+    for e in MODEL.elements:
+        fields = [str(e.id), str(e.region), *map(str, e.nodes("nastran"))]
+        rows = [fields[i : i + 8] for i in range(0, len(fields), 8)]
+        lines += [",".join([cards[e.kind] if i == 0 else "+", *row]) for i, row in enumerate(rows)]
+    for i, (_, m) in REGIONS.items():
+        lines += [f"PSOLID,{i},{m.id}", f"MAT1,{m.id},{m.youngs_modulus!r},,{m.poisson_ratio!r},{m.density!r}"]
+    lines += [
+        "SPC1,4,123," + ",".join(map(str, MODEL.foot)),
+        "SET1,5," + ",".join(map(str, MODEL.foot)),
+        *more,
+        "ENDDATA",
+        "",
+    ]
+    path.write_text("\n".join(lines))
+    return read_nastran(path)
+
+
+def abaqus(path, more=()):
+    names = {
+        ("tet", 10): "C3D10",
+        ("hex", 8): "C3D8I",
+        ("hex", 20): "C3D20",
+        ("wedge", 6): "C3D6",
+        ("wedge", 15): "C3D15",
+    }
+    lines = ["*NODE", *(f"{i}, {x!r}, {y!r}, {z!r}" for i, (x, y, z) in MODEL.x.items())]
+    for e in MODEL.elements:
+        fields = [str(e.id), *map(str, e.nodes("abaqus"))]
+        lines += [f"*ELEMENT, TYPE={names[e.kind]}, ELSET={REGIONS[e.region][0]}", ", ".join(fields[:12])]
+        lines[-1] += "," if fields[12:] else ""
+        lines += [", ".join(fields[12:])] if fields[12:] else []
+    lines += ["*NSET, NSET=FOOT", ", ".join(map(str, MODEL.foot))]
+    for name, m in REGIONS.values():
+        lines += [f"*MATERIAL, NAME=M-{name}", "*ELASTIC", f"{m.youngs_modulus!r}, {m.poisson_ratio!r}"]
+        lines += ["*DENSITY", f"{m.density!r}", f"*SOLID SECTION, ELSET={name}, MATERIAL=M-{name}"]
+    path.write_text("\n".join([*lines, *more, "*BOUNDARY", "FOOT, 1, 3", ""]))
+    return read_abaqus(path)
+
+
+GMSH = {("tet", 10): 11, ("hex", 8): 5, ("hex", 20): 17, ("wedge", 6): 6, ("wedge", 15): 18}
+NAMES = '$PhysicalNames\n3\n2 4 "FOOT"\n3 11 "STEEL"\n3 12 "RUBBER"\n$EndPhysicalNames\n'
+QUADRANGLE = 3
+
+
+def section(name: str, body: bytes) -> bytes:
+    return f"${name}\n".encode() + body + f"\n$End{name}\n".encode()
+
+
+def gmsh_2(path, binary):
+    rows = [(1, QUADRANGLE, 4, MODEL.foot), *((e.id, GMSH[e.kind], e.region, e.nodes("gmsh")) for e in MODEL.elements)]
+    if binary:
+        head = b"2.2 1 8\n" + struct.pack("<i", 1)
+        nodes = b"".join(struct.pack("<iddd", i, *x) for i, x in MODEL.x.items())
+        elements = b"".join(struct.pack(f"<6i{len(n)}i", t, 1, 2, i, g, g, *n) for i, t, g, n in rows)
+    else:
+        head = b"2.2 0 8"
+        nodes = "\n".join(f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in MODEL.x.items()).encode()
+        elements = "\n".join(f"{i} {t} 2 {g} {g} " + " ".join(map(str, n)) for i, t, g, n in rows).encode()
+    counted = [f"{len(part)}\n".encode() + body for part, body in ((MODEL.x, nodes), (rows, elements))]
+    content = (
+        section("MeshFormat", head) + NAMES.encode() + section("Nodes", counted[0]) + section("Elements", counted[1])
+    )
+    path.write_bytes(content)
+    return read_gmsh(path)
+
+
+def gmsh_4(path, binary):
+    """Numbers as (kind, values): int, size and double are told apart only in binary."""
+
+    def body(*parts: tuple[str, list]) -> bytes:
+        if binary:
+            return b"".join(
+                struct.pack(f"<{len(v)}{ {'int': 'i', 'size': 'Q', 'double': 'd'}[k] }", *v) for k, v in parts
+            )
+        return "\n".join(" ".join(map(repr, values)) for _, values in parts).encode()
+
+    entities = [("size", [0, 0, 1, 2])]
+    for tag, group, bounds in ((1, 4, 1), (1, 11, 0), (2, 12, 0)):
+        entities += [("int", [tag]), ("double", [0.0] * 6), ("size", [1]), ("int", [group]), ("size", [bounds])]
+        entities += [("int", [7] * bounds)]
+    ids = list(MODEL.x)
+    nodes = [("size", [1, len(ids), min(ids), max(ids)]), ("int", [3, 1, 0]), ("size", [len(ids)]), ("size", ids)]
+    nodes += [("double", list(MODEL.x[i])) for i in ids]
+    elements = [("size", [1 + len(MODEL.elements), 1 + len(MODEL.elements), 1, 900])]
+    elements += [("int", [2, 1, QUADRANGLE]), ("size", [1]), ("size", [1, *MODEL.foot])]
+    for e in MODEL.elements:
+        elements += [("int", [3, e.region - 10, GMSH[e.kind]]), ("size", [1]), ("size", [e.id, *e.nodes("gmsh")])]
+    head = b"4.1 1 8\n" + struct.pack("<i", 1) if binary else b"4.1 0 8"
+    parts = [section(n, body(*p)) for n, p in (("Entities", entities), ("Nodes", nodes), ("Elements", elements))]
+    path.write_bytes(section("MeshFormat", head) + NAMES.encode() + b"".join(parts))
+    return read_gmsh(path)
+
+
+def grid(path, binary=True):
+    """VTK's wedges are written mirrored: the normal of their first triangle points out of the cell."""
+    types = {("tet", 10): 24, ("hex", 8): 12, ("hex", 20): 25, ("wedge", 6): 13, ("wedge", 15): 26}
+    index = {i: k for k, i in enumerate(MODEL.x)}
+    cells = []
+    for e in MODEL.elements:
+        turned = replace(e, corners=[e.corners[i] for i in (0, 2, 1, 3, 5, 4)]) if e.shape == "wedge" else e
+        nodes = turned.nodes("vtk")
+        cells += [len(nodes), *(index[i] for i in nodes)]
+    out = pyvista.UnstructuredGrid(
+        np.array(cells), [types[e.kind] for e in MODEL.elements], np.array([*MODEL.x.values()])
+    )
+    out.point_data["node_id"] = list(MODEL.x)
+    out.point_data["FOOT"] = [int(i in MODEL.foot) for i in MODEL.x]
+    out.cell_data["element_id"] = [e.id for e in MODEL.elements]
+    out.cell_data["region"] = [e.region for e in MODEL.elements]
+    for number, (name, _) in REGIONS.items():
+        out.cell_data[name] = [int(e.region == number) for e in MODEL.elements]
+    out.save(path, binary=binary)
+    return read_meshio(path)
+
+
+FORMATS = {
+    "nastran": lambda folder: nastran(folder / "part.bdf"),
+    "abaqus": lambda folder: abaqus(folder / "part.inp"),
+    "gmsh 2.2": lambda folder: gmsh_2(folder / "part.msh", False),
+    "gmsh 2.2 binary": lambda folder: gmsh_2(folder / "part.msh", True),
+    "gmsh 4.1": lambda folder: gmsh_4(folder / "part.msh", False),
+    "gmsh 4.1 binary": lambda folder: gmsh_4(folder / "part.msh", True),
+    "vtu": lambda folder: grid(folder / "part.vtu"),
+    "vtu text": lambda folder: grid(folder / "part.vtu", False),
+    "vtk": lambda folder: grid(folder / "part.vtk"),
+}
+
+
+def with_materials(mesh: Mesh) -> Mesh:
+    """Materials where the format has none."""
+    if mesh.materials:
+        return mesh
+    regions = {i: replace(region, material=REGIONS[i][1].id) for i, region in mesh.regions.items()}
+    return replace(mesh, regions=regions, materials={m.id: m for _, m in REGIONS.values()})
+
+
+def by_number(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """K and M with rows in the order of the node numbers."""
+    order = (3 * np.argsort(mesh.node_ids)[:, None] + np.arange(3)).ravel()
+    return tuple(operator.constant.toarray()[np.ix_(order, order)] for operator in assemble(with_materials(mesh)))
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    return {name: read(tmp_path_factory.mktemp("same")) for name, read in FORMATS.items()}
+
+
+@pytest.mark.parametrize(("first", "second"), list(pairwise(FORMATS)))
+def test_stiffness_and_mass_are_the_same(meshes, first, second):
+    for own, other in zip(by_number(meshes[first]), by_number(meshes[second]), strict=True):
+        assert np.abs(own - other).max() <= 1e-12 * np.abs(own).max()
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_element_has_its_material(meshes, name):
+    mesh = with_materials(meshes[name])
+    found = {}
+    for block in mesh.blocks:
+        for element, region in zip(block.ids, block.region, strict=True):
+            material = mesh.materials[mesh.regions[int(region)].material]
+            found[int(element)] = (material.youngs_modulus, material.poisson_ratio, material.density)
+    stated = {i: (m.youngs_modulus, m.poisson_ratio, m.density) for i, (_, m) in REGIONS.items()}
+    assert found == {e.id: stated[e.region] for e in MODEL.elements}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_numbers_positions_and_connectivity_are_those_of_the_model(meshes, name):
+    mesh = meshes[name]
+    assert sorted(mesh.node_ids.tolist()) == sorted(MODEL.x)
+    assert {int(i): tuple(x.tolist()) for i, x in zip(mesh.node_ids, mesh.position, strict=True)} == MODEL.x
+    found = {int(i): mesh.node_ids[n].tolist() for b in mesh.blocks for i, n in zip(b.ids, b.nodes, strict=True)}
+    assert {i: set(n) for i, n in found.items()} == {e.id: set(e.nodes("vtk")) for e in MODEL.elements}
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if name != "nastran"])
+def test_sets_are_the_same(meshes, name):
+    mesh = meshes[name]
+    assert mesh.node_sets["FOOT"].tolist() == sorted(MODEL.foot)
+    for number, (title, _) in REGIONS.items():
+        own = sorted(e.id for e in MODEL.elements if e.region == number)
+        assert np.sort(mesh.element_sets[title]).tolist() == own
+
+
+def test_supports_are_the_same_where_the_format_has_them(meshes):
+    held = [
+        sorted((int(mesh.node_ids[node]), int(component)) for node, component in mesh.fixed)
+        for mesh in (meshes["nastran"], meshes["abaqus"])
+    ]
+    assert held[0] == held[1] == sorted((node, component) for node in MODEL.foot for component in range(3))
+    assert meshes["nastran"].node_sets["SET1-5"].tolist() == sorted(MODEL.foot)
+
+
+TURNED = MODEL.elements[3].corners[:4]
+TOP = ",".join(map(str, MODEL.elements[1].corners[4:]))
+AVERAGED = ",".join(map(str, MODEL.elements[4].corners[:3]))
+FACE = ",".join(map(str, TURNED))
+TIED_NASTRAN = (
+    "CORD2R,7,,0.,0.,0.,2.,-2.,1.",
+    "+,1.,2.,2.",
+    "GRID,1001,,.5,.5,3.,7",
+    "GRID,1002,,6.,2.,.5",
+    f"RBE2,30,1001,123456,{TOP}",
+    f"RBE3,31,,1002,123456,1.,123,{AVERAGED.split(',')[0]},{AVERAGED.split(',')[1]}",
+    f"+,{AVERAGED.split(',')[2]}",
+    f"SPC1,4,2,{FACE}",
+    "SPC1,4,15,1001",
+    "CONM2,2001,1001,,3.5",
+    "+,1.5,.1,2.5,.2,.3,3.5",
+    "CONM2,2002,1002,,.25",
+)
+TIED_ABAQUS = (
+    "*NODE",
+    "1001, .5, .5, 3.",
+    "1002, 6., 2., .5",
+    "*NSET, NSET=TURNED",
+    f"{FACE}, 1001",
+    "*TRANSFORM, NSET=TURNED",
+    "1., 2., 2., -2., -1., 2.",
+    "*NSET, NSET=TOP",
+    TOP,
+    "*RIGID BODY, REF NODE=1001, TIE NSET=TOP",
+    "*SURFACE, NAME=AVERAGED, TYPE=NODE",
+    *AVERAGED.split(","),
+    "*COUPLING, REF NODE=1002, SURFACE=AVERAGED",
+    "*DISTRIBUTING",
+    "*ELEMENT, TYPE=MASS, ELSET=P",
+    "2001, 1001",
+    "*MASS, ELSET=P",
+    "3.5",
+    "*ELEMENT, TYPE=MASS, ELSET=Q",
+    "2002, 1002",
+    "*MASS, ELSET=Q",
+    ".25",
+    "*ELEMENT, TYPE=ROTARYI, ELSET=I",
+    "2003, 1001",
+    "*ROTARY INERTIA, ELSET=I",
+    "1.5, 2.5, 3.5, -.1, -.2, -.3",
+    "*BOUNDARY",
+    *(f"{node}, 2" for node in TURNED),
+    "1001, 1",
+    "1001, 5",
+)
+
+
+@pytest.fixture(scope="module")
+def tied(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tied")
+    return nastran(folder / "part.bdf", TURNED, TIED_NASTRAN), abaqus(folder / "part.inp", TIED_ABAQUS)
+
+
+def test_ties_axes_and_supports_of_two_decks_are_one_transformation(tied):
+    own, other = (constraint_transform(mesh) for mesh in tied)
+    np.testing.assert_array_equal(own.free_rows, other.free_rows)
+    assert own.reference_rows == other.reference_rows
+    assert len(own.reference_rows) == 2
+    np.testing.assert_allclose(own.transform.toarray(), other.transform.toarray(), atol=1e-13)
+    bare = constraint_transform(replace(tied[0], axes={})).transform
+    assert np.abs(own.transform.toarray() - bare.toarray()).max() > 0.1  # the axes matter
+
+
+def test_point_masses_of_two_decks_weigh_alike(tied):
+    own, other = (build_model(mesh, supported=False) for mesh in tied)
+    for a, b in ((own.mass, other.mass), (own.stiffness, other.stiffness)):
+        assert abs(a.constant - b.constant).max() <= 1e-12 * abs(a.constant).max()
+    bare = build_model(replace(tied[0], point_masses=()), supported=False)
+    assert abs(own.mass.constant - bare.mass.constant).max() > 3.0
