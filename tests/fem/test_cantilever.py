@@ -10,11 +10,11 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from strainsight.decks.reader import read_mesh
 from strainsight.fem.assembly import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.mesh.model import RigidElement
-from strainsight.mesh.reader import read_mesh
 
 L, B, H = 2.0, 0.25, 0.19
 E, NU, RHO = 2.1e11, 0.3, 7850.0

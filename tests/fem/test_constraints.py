@@ -184,9 +184,53 @@ def test_clamped_rotation_of_a_solid_node_means_nothing(box):
     assert np.array_equal(constraint_transform(mesh).free_rows, constraint_transform(more).free_rows)
 
 
-def refused(mesh, message, **change):
-    with pytest.raises(DeckError, match=message):
+@pytest.mark.parametrize("clamped", [(0, 1, 2, 3, 4, 5), (0, 3, 5)])
+def test_dependents_turn_with_a_reference_that_is_partly_clamped(box, clamped):
+    """A reference that follows another one in rotations only, and moves the tip: z of the tip by hand."""
+    mesh, a = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.2, 0.5, 0.5])
+    tip = tip_of(replace(mesh, position=mesh.position[:-1]))
+    mesh, b = with_reference(mesh, [2.0, -1.0, 0.3])
+    mesh = replace(
+        mesh,
+        rigid=(RigidElement(1, a, tip, (0, 1, 2)), RigidElement(2, b, np.array([a]), (3, 4, 5))),
+        fixed=np.vstack([mesh.fixed, [(b, c) for c in clamped]]),
+    )
+    constraint = constraint_transform(mesh)
+    T = constraint.transform.toarray()
+    spin = T[constraint.reference_rows[b] :][:3]
+    assert np.array_equal(T[constraint.reference_rows[a] :][:3], spin)
+    assert [bool(row.any()) for row in spin] == [c not in clamped for c in (3, 4, 5)]
+    for node in tip:
+        arm = mesh.position[node] - mesh.position[a]
+        turned = np.cross(spin.T, arm).T
+        np.testing.assert_allclose(T[3 * node : 3 * node + 3], T[3 * a : 3 * a + 3] + turned, atol=1e-15)
+    # translations of b lead nothing
+    assert not T[3 * b : 3 * b + 3].any()
+
+
+def test_rows_of_other_matrices_have_rotations_and_supports_of_their_own(box):
+    """Stiffness stated row by row: what has none is left out; rotations follow a reference like those of a chain."""
+    mesh, r = with_reference(box("hex8", (1, 1, 1), clamp_root=True), [1.5, 0.5, 0.5])
+    one, other = tip_of(replace(mesh, position=mesh.position[:-1]))[:2]
+    rigid = RigidElement(1, r, np.array([other]), (0, 1, 2, 3, 4, 5))
+    mesh = replace(mesh, rigid=(rigid,), fixed=np.vstack([mesh.fixed, [one, 5]]))
+    order = sorted([one, other, r])
+    first = {node: 27 + 3 * order.index(node) for node in order}
+    supported = np.zeros(36, dtype=bool)
+    supported[[3 * one, 3 * one + 1, *range(first[one], first[one] + 3), *range(first[other], first[other] + 3)]] = True
+    constraint = constraint_transform(mesh, supported=supported, rotations=[one, other])
+    assert dict(constraint.reference_rows) == first
+    # of the reference only what the other node's rotations feel; the one node's third rotation is clamped
+    free = [3 * one, 3 * one + 1, first[one], first[one] + 1, *range(first[r], first[r] + 3)]
+    assert list(constraint.free_rows) == sorted(free)
+    T = constraint.transform.toarray()
+    assert np.array_equal(T[first[other] :][:3], T[first[r] :][:3])
+
+
+def refused(mesh, entity, message, **change):
+    with pytest.raises(DeckError, match=message) as caught:
         constraint_transform(replace(mesh, **change))
+    assert caught.value.entity == entity
 
 
 def test_contradictions_name_the_nodes(box):
@@ -197,32 +241,46 @@ def test_contradictions_name_the_nodes(box):
     root = int(mesh.fixed[0, 0])
     refused(
         mesh,
+        ("tie", 2),
         f"node {mesh.node_ids[tip[0]]} is dependent in RBE2 1 and in RBE2 2",
         rigid=(rigid, RigidElement(2, b, tip[:1], (0,))),
     )
     refused(
         mesh,
+        ("tie", 1),
         f"node {mesh.node_ids[root]} is clamped in component 1 and dependent in RBE2 1",
         rigid=(RigidElement(1, a, np.array([root]), (0,)),),
     )
     refused(
         mesh,
+        ("tie", 2),
         f"circle through nodes {mesh.node_ids[a]}, {mesh.node_ids[b]}",
         rigid=(
             RigidElement(1, a, np.array([b]), (0, 1, 2, 3, 4, 5)),
             RigidElement(2, b, np.array([a]), (0, 1, 2, 3, 4, 5)),
         ),
     )
-    refused(mesh, "RBE2 1 depends on its own reference", rigid=(RigidElement(1, a, np.array([a]), (0,)),))
-    refused(mesh, "RBE2 1 has no dependent nodes", rigid=(RigidElement(1, a, np.array([], dtype=int), (0,)),))
-    refused(mesh, "RBE3 3 needs nodes", averaging=(AveragingElement(3, a, tip, np.zeros(len(tip)), (0,)),))
+    refused(mesh, ("tie", 1), "RBE2 1 depends on its own reference", rigid=(RigidElement(1, a, np.array([a]), (0,)),))
+    refused(
+        mesh, ("tie", 1), "RBE2 1 has no dependent nodes", rigid=(RigidElement(1, a, np.array([], dtype=int), (0,)),)
+    )
+    refused(mesh, ("tie", 3), "RBE3 3 needs nodes", averaging=(AveragingElement(3, a, tip, np.zeros(len(tip)), (0,)),))
     line = tip[np.isclose(mesh.position[tip, 1], 0)]
     refused(
-        mesh, "do not hold rotation z of its reference", averaging=(AveragingElement(3, a, line[:1], np.ones(1), (5,)),)
+        mesh,
+        ("tie", 3),
+        "do not hold rotation z of its reference",
+        averaging=(AveragingElement(3, a, line[:1], np.ones(1), (5,)),),
     )
     refused(
         mesh,
+        ("tie", 3),
         f"RBE3 3 averages node {mesh.node_ids[b]}, which no element holds",
         averaging=(AveragingElement(3, a, np.append(tip, b), np.ones(len(tip) + 1), (0, 1, 2)),),
     )
-    refused(mesh, f"point mass 4 sits on node {mesh.node_ids[a]}", point_masses=(PointMass(4, a, 1.0),))
+    refused(
+        mesh,
+        ("node", int(mesh.node_ids[a])),
+        f"point mass 4 sits on node {mesh.node_ids[a]}",
+        point_masses=(PointMass(4, a, 1.0),),
+    )

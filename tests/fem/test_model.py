@@ -11,7 +11,7 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
-from strainsight.mesh.model import PointMass, RigidElement
+from strainsight.mesh.model import NodalForces, PointMass, RigidElement
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +27,11 @@ def bar(box):
         rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
         point_masses=(PointMass(2, n, 3.0),),
         node_sets={"tip": mesh.node_ids[tip], "nothing": np.array([], dtype=np.int64)},
+        loads={
+            "FORCE-1": NodalForces(np.array([n, tip[0]]), np.array([[0.0, 3.0, 0.0], [0.0, 0.0, -4.0]])),
+            "FORCE-2": NodalForces(tip[:2], np.array([[0.0, 3.0, 0.1], [0.0, -3.0, -0.1]])),
+            "FORCE-3": NodalForces(np.flatnonzero(mesh.position[:, 0] == 0), np.ones((8, 3))),
+        },
     )
 
 
@@ -43,6 +48,14 @@ def test_a_tip_force_does_the_work_of_its_displacement(bar):
     z = nodal(model, field).reshape(-1, 3)
     tip = np.isin(bar.node_ids, bar.node_sets["tip"])
     assert np.allclose((S.T @ field)[:, 0], [z[-1, 0], z[tip, 2].mean(), (z[-1, 0] + z[-1, 1]) / np.sqrt(2)])
+
+
+def test_a_load_of_the_deck_has_a_unit_resultant_and_its_distribution(bar):
+    model = build_model(bar)
+    reference, node = bar.node_ids[bar.loads["FORCE-1"].nodes]
+    parts = [PointLoad("a", (0, 1, 0), node_id=int(reference)), PointLoad("b", (0, 0, -1), node_id=int(node))]
+    S = input_shape(model, [PointLoad("F", deck_load="FORCE-1"), *parts])
+    assert np.allclose(S[:, 0], 0.6 * S[:, 1] + 0.8 * S[:, 2], rtol=0, atol=1e-15)
 
 
 def test_stretching_a_bar(bar):
@@ -82,6 +95,12 @@ def test_operators_are_symmetric(bar):
         (PointLoad("F", (0, 0, 1), node_id=1), "node 1, which cannot move in its direction"),
         (PointLoad("F", (0, 0, 1)), "needs a node or a node set"),
         (PointLoad("F", (0, 0, 1), node_id=1, node_set="tip"), "needs a node or a node set"),
+        (PointLoad("F", node_id=1, deck_load="FORCE-1"), "needs a node or a node set, or a load of the deck"),
+        (PointLoad("F", node_id=1000), "direction"),
+        (PointLoad("F", (0, 0, 1), deck_load="FORCE-1"), "direction"),
+        (PointLoad("F", deck_load="FORCE-9"), "'FORCE-9' of the deck, which is not there"),
+        (PointLoad("F", deck_load="FORCE-2"), "add up to nothing"),
+        (PointLoad("F", deck_load="FORCE-3"), "cannot move"),
     ],
 )
 def test_loads_that_cannot_act_are_refused(bar, load, message):
@@ -95,3 +114,12 @@ def test_a_mesh_with_nothing_to_move_is_refused(box):
         build_model(replace(mesh, blocks=()))
     with pytest.raises(DeckError, match="every node is clamped"):
         build_model(replace(mesh, fixed=np.array([(i, c) for i in range(8) for c in range(3)])))
+
+
+def test_forces_of_a_deck_on_clamped_nodes_are_said_and_push_only_the_support(bar):
+    root, tip = int(np.flatnonzero(bar.position[:, 0] == 0)[0]), len(bar.position) - 1
+    both = NodalForces(np.array([root, tip]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]))
+    model = build_model(replace(bar, loads={"FORCE-4": both}))
+    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of its resultant"):
+        S = input_shape(model, [PointLoad("F", deck_load="FORCE-4")])
+    np.testing.assert_allclose(S, 0.75 * input_shape(model, [PointLoad("F", (0, 0, 1), node_id=1000)]), atol=1e-15)

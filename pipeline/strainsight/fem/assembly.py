@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.element_matrices import element_masses, element_stiffnesses
+from strainsight.fem.point_masses import check
 from strainsight.mesh.model import CellBlock, Mesh
 
 CHUNK = 2048
@@ -29,9 +30,9 @@ class Pattern:
 
 
 def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOperator, AffineOperator]:
-    """Stiffness and consistent mass of the whole mesh, clamped nodes included:
+    """Stiffness and consistent mass of the elements, clamped nodes included:
 
-        K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃ + point masses
+        K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃
 
     D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³];
     everything else is in the constant part [N/m, kg]. Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
@@ -53,22 +54,32 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
     M = {name: _mass(mesh, regions, pattern(regions)) for name, regions in densities.items()}
     empty = sparse.csr_array((3 * len(mesh.position),) * 2)
     K0, M0 = K.pop("", empty), M.pop("", empty)
-    return AffineOperator(K0, K), AffineOperator(M0 + _point_masses(mesh) if mesh.point_masses else M0, M)
+    return AffineOperator(K0, K), AffineOperator(M0, M)
 
 
 def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
-    """Total mass m = eᵀMe and centre of mass x̄ = eᵀM x / m, from the assembled mass and the rigid translation e.
+    """Total mass m = Σ_i m_i and centre of mass x̄ = Σ_i m_i x_i / m, m_i the row sums Σ_j ∫ ρ N_i N_j dV of the elements
+    on node i, and the point masses at their centres.
 
     Returns ([kg], (3,) [m]). Raises DeckError where the mass is zero.
     """
     check_mesh(mesh)
-    regions = {number: mesh.materials[mesh.regions[number].material].density for number in _present(mesh)}
-    M = _mass(mesh, regions, _pattern(mesh, regions))
-    per_node = (M + _point_masses(mesh)).sum(axis=0)[::3]
-    mass = float(per_node.sum())
+    density = {number: mesh.materials[mesh.regions[number].material].density for number in _present(mesh)}
+    per_node = np.zeros(len(mesh.position))
+    for part in _chunks(mesh, density):
+        a, b = np.triu_indices(part.nodes.shape[1])
+        values = element_masses(part.kind, mesh.position[part.nodes], part.ids)[:, :, 0] * _factors(part, density)
+        other = values * (a != b)
+        per_node += np.bincount(part.nodes[:, a].ravel(), values.ravel(), len(per_node))
+        per_node += np.bincount(part.nodes[:, b].ravel(), other.ravel(), len(per_node))
+    mass, moment = float(per_node.sum()), per_node @ mesh.position
+    for point in mesh.point_masses:
+        check(point)
+        mass += point.mass
+        moment = moment + point.mass * (mesh.position[point.node] + point.offset)
     if not mass > 0.0:
         raise DeckError(f"the total mass is {mass:g} kg", remedy="give the materials a density (RHO on MAT1)")
-    return mass, per_node @ mesh.position / mass
+    return mass, moment / mass
 
 
 def _targets(mesh: Mesh, parameters: Sequence[Parameter], property: str) -> dict[str, dict[int, float]]:
@@ -113,6 +124,19 @@ def _parts(mesh: Mesh, regions: Mapping[int, float]) -> list[CellBlock]:
     return parts
 
 
+def _chunks(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[CellBlock]:
+    """The elements in these regions, a few at a time, in the order of `_parts`."""
+    for block in _parts(mesh, regions):
+        for start in range(0, len(block.ids), CHUNK):
+            cut = slice(start, start + CHUNK)
+            yield CellBlock(block.kind, block.ids[cut], block.nodes[cut], block.region[cut])
+
+
+def _factors(part: CellBlock, regions: Mapping[int, float]) -> np.ndarray:
+    """(e, 1): the value of each element's region."""
+    return np.array([regions[int(number)] for number in part.region])[:, None]
+
+
 def _pattern(mesh: Mesh, regions: Mapping[int, float]) -> Pattern:
     """Node pairs of every element in these regions, each unordered pair once (a ≤ b locally)."""
     nodes = len(mesh.position)
@@ -153,14 +177,10 @@ def _accumulate(
     """Σ over elements of factor × kernel (e, pairs, width) into the node pairs (p, width)."""
     local = np.empty((len(pattern.place), width))
     at = 0
-    for block in _parts(mesh, regions):
-        for start in range(0, len(block.ids), CHUNK):
-            cut = slice(start, start + CHUNK)
-            part = CellBlock(block.kind, block.ids[cut], block.nodes[cut], block.region[cut])
-            factor = np.array([regions[int(number)] for number in part.region])
-            values = kernel(mesh.position[part.nodes], part) * factor[:, None, None]
-            local[at : at + values.shape[0] * values.shape[1]] = values.reshape(-1, width)
-            at += values.shape[0] * values.shape[1]
+    for part in _chunks(mesh, regions):
+        values = kernel(mesh.position[part.nodes], part) * _factors(part, regions)[:, :, None]
+        local[at : at + values.shape[0] * values.shape[1]] = values.reshape(-1, width)
+        at += values.shape[0] * values.shape[1]
     if width == 9:
         flipped = np.flatnonzero(pattern.flipped)
         local[flipped] = local[flipped].reshape(-1, 3, 3).swapaxes(1, 2).reshape(-1, 9)
@@ -178,7 +198,9 @@ def _full_pattern(nodes: int, pattern: Pattern) -> tuple[np.ndarray, np.ndarray,
     columns = np.concatenate([pattern.row[below], pattern.column])[order]
     source = np.concatenate([below, np.arange(pairs)])[order]
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=nodes))])
-    return indptr, columns, source, order < len(below)
+    # half the memory of the column numbers of K: 9 entries a pair
+    index = np.int32 if 9 * len(columns) < 2**31 else np.int64
+    return indptr.astype(index), columns.astype(index), source, order < len(below)
 
 
 def _block_csr(nodes: int, pattern: Pattern, blocks: np.ndarray) -> sparse.csr_array:
@@ -198,22 +220,15 @@ def _scalar_csr(nodes: int, pattern: Pattern, values: np.ndarray) -> sparse.csr_
 
 def expand(m: sparse.csr_array) -> sparse.csr_array:
     """m ⊗ I₃, rows 3·node + component: m (n, n) → (3n, 3n)."""
-    per_row = np.diff(m.indptr)
-    indptr = np.concatenate([[0], np.cumsum(np.repeat(per_row, 3))])
-    starts = np.repeat(m.indptr[:-1], 3)
-    entry = np.arange(indptr[-1]) + np.repeat(starts - indptr[:-1], np.repeat(per_row, 3))
-    component = np.repeat(np.tile(np.arange(3), m.shape[0]), np.repeat(per_row, 3))
     size = 3 * m.shape[0]
-    index = np.int32 if max(size, len(entry)) < 2**31 else np.int64
-    return sparse.csr_array(
-        (m.data[entry], (3 * m.indices[entry] + component).astype(index), indptr.astype(index)), shape=(size, size)
-    )
-
-
-def _point_masses(mesh: Mesh) -> sparse.csr_array:
-    diagonal = np.zeros(3 * len(mesh.position))
-    for point in mesh.point_masses:
-        if not point.mass >= 0:
-            raise DeckError(f"point mass {point.id} is {point.mass:g} kg", remedy="it must not be negative")
-        diagonal[3 * point.node : 3 * point.node + 3] += point.mass
-    return sparse.diags_array(diagonal).tocsr()
+    index = np.int32 if max(size, 3 * m.nnz) < 2**31 else np.int64
+    per_row = np.repeat(np.diff(m.indptr), 3)
+    indptr = np.concatenate([[0], np.cumsum(per_row)]).astype(index)
+    entry = np.arange(indptr[-1], dtype=index)
+    entry += np.repeat(np.subtract(np.repeat(m.indptr[:-1], 3), indptr[:-1], dtype=index), per_row)
+    data = m.data[entry]
+    columns = m.indices.astype(index)[entry]
+    del entry
+    columns *= 3
+    columns += np.repeat(np.tile(np.arange(3, dtype=index), m.shape[0]), per_row)
+    return sparse.csr_array((data, columns, indptr), shape=(size, size))

@@ -15,9 +15,19 @@ MIDSIDE_LIMIT = 0.3
 def check_mesh(mesh: Mesh) -> None:
     """Raise DeckError unless every element has a known kind, its mid-side nodes near the middle of its sides, finite
     positions, and a material with E > 0, −1 < ν < ½, ρ ≥ 0."""
+    check_geometry(mesh)
+    check_materials(mesh)
+
+
+def check_geometry(mesh: Mesh) -> None:
+    """Raise DeckError unless every element has a known kind and a region, and its nodes are where they should be."""
     if not np.all(np.isfinite(mesh.position)):
         node = mesh.node_ids[np.argmin(np.isfinite(mesh.position).all(axis=1))]
-        raise DeckError(f"node {node} has a position that is not finite", remedy="correct its coordinates")
+        raise DeckError(
+            f"node {node} has a position that is not finite",
+            remedy="correct its coordinates",
+            entity=("node", int(node)),
+        )
     for block in mesh.blocks:
         if block.kind not in SOLID_KINDS:
             raise DeckError(f"element {block.ids[0]} is a {block.kind}", remedy=f"use {', '.join(SOLID_KINDS)}")
@@ -26,14 +36,26 @@ def check_mesh(mesh: Mesh) -> None:
             if int(number) not in mesh.regions:
                 element = block.ids[np.argmax(block.region == number)]
                 raise DeckError(
-                    f"element {element} refers to region {number}, which is not there", remedy="add its PSOLID"
+                    f"element {element} refers to region {number}, which is not there",
+                    remedy="add its property",
+                    entity=("element", int(element)),
                 )
-    for region in mesh.regions.values():
+
+
+def check_materials(mesh: Mesh) -> None:
+    """Raise DeckError unless every region with elements has a material that solids can be made of."""
+    present = {int(number) for block in mesh.blocks for number in np.unique(block.region)}
+    for region in (mesh.regions[number] for number in sorted(present)):
         m = mesh.materials.get(region.material)
         if m is None:
+            known = (
+                f"refers to material {region.material}, which is not there" if region.material else "has no material"
+            )
             raise DeckError(
-                f"region {region.id} refers to material {region.material}, which is not there",
-                remedy="add its MAT1, or state the material in the config",
+                f"region {region.id} ({region.name}) {known}",
+                where=mesh.source or None,
+                remedy=f"state it in the config: mesh.materials: {{NAME: {{regions: [{region.id}], youngs_modulus: …, "
+                "poisson_ratio: …, density: …}}",
             )
         _check_material(m)
 
@@ -61,4 +83,5 @@ def _check_midsides(mesh: Mesh, block: CellBlock) -> None:
                 f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} is "
                 f"{off[worst]:.2g} side lengths off the middle of its side",
                 remedy="the mid-side nodes of the file are missing or in another order",
+                entity=("element", int(block.ids[worst])),
             )

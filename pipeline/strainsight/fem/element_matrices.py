@@ -70,6 +70,7 @@ def jacobians(kind: str, position: np.ndarray, xi: np.ndarray, ids: np.ndarray) 
             f"{bad.sum()} {kind} elements are flat or turned inside out: {names} "
             f"(least Jacobian {det[worst].min():.3g} m³ in element {ids[worst]})",
             remedy="check the order of their nodes and how far their mid-side nodes are off the middle",
+            entity=("element", int(ids[worst])),
         )
     return J, det
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
+from strainsight.fem.point_masses import point_mass_matrix, turning_masses
 from strainsight.fem.support import require_support
 from strainsight.mesh.model import Mesh
 
@@ -33,43 +35,73 @@ class FiniteElementModel:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """A force of unit resultant on a node, or shared equally by the nodes of a set; direction (3,), not all zero."""
+    """A force of unit resultant: in a direction (3,), not all zero, on a node or shared equally by the nodes of a set, or
+    as a load of the deck distributes it (without a direction of its own)."""
 
     name: str
-    direction: tuple[float, float, float]
+    direction: tuple[float, float, float] | None = None
     node_id: int | None = None
     node_set: str | None = None
+    deck_load: str | None = None
 
 
 def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True) -> FiniteElementModel:
     """Assemble, constrain, and make sure that nothing moves freely (`supported=False` leaves that out).
 
-        K_free(θ) = Tᵀ K(θ) T,     M_free(θ) = Tᵀ M(θ) T     term by term (5.8)
+        K_free(θ) = Tᵀ K(θ) T,     M_free(θ) = Tᵀ (M(θ) + M_p) T     term by term (5.8), M_p the point masses
 
     Raises DeckError and UserError of `assemble`, `constraint_transform` and `require_support`.
     """
     if not any(len(block.ids) for block in mesh.blocks):
         raise DeckError("the mesh has no solid elements", remedy="give it tetrahedra, hexahedra or wedges")
-    constraint = constraint_transform(mesh)
+    constraint = constraint_transform(mesh, rotations=turning_masses(mesh))
     if constraint.transform.shape[1] == 0:
         raise DeckError("every node is clamped", remedy="free the nodes that are to move")
     if supported:
         require_support(mesh, constraint)
     stiffness, mass = assemble(mesh, parameters)
     T = constraint.transform[: 3 * len(mesh.position)]
-    return FiniteElementModel(mesh, constraint, _restricted(stiffness, T), _restricted(mass, T))
+    # one after the other, so that the matrices of all nodes go as soon as those of the free motions are there
+    stiffness = restricted(stiffness, T)
+    mass = restricted(mass, T)
+    if mesh.point_masses:
+        points = congruence(point_mass_matrix(mesh, constraint.reference_rows), constraint.transform)
+        mass = AffineOperator(mass.constant + points, mass.terms)
+    return FiniteElementModel(mesh, constraint, stiffness, mass)
+
+
+def restricted(operator: AffineOperator, T: sparse.csr_array) -> AffineOperator:
+    """Tᵀ X(θ) T term by term; X (n, n), T CSR (n, n_free)."""
+    terms = {name: congruence(term, T) for name, term in operator.terms.items()}
+    return AffineOperator(congruence(operator.constant, T), terms)
+
+
+def congruence(X: sparse.csr_array, T: sparse.csr_array) -> sparse.csr_array:
+    """Tᵀ X T, CSR with sorted columns."""
+    reduced = sparse.csr_array(T.T.tocsr() @ (X @ T))
+    reduced.sort_indices()
+    return reduced
 
 
 def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.ndarray:
-    """S = Tᵀe (n_free, n_u) [-]: e puts a unit force on the node, or 1/k of it on each of the k nodes of a set.
+    """S = Tᵀe (n_free, n_u) [-]: e puts a unit force on the node, or 1/k of it on each of the k nodes of a set; a load f of the
+    deck is e = f / |Σ f|.
 
-    Raises UserError for a node or set that is not there, a direction of no length, and a node that is clamped in the
-    direction.
+    Raises UserError for a node, set or load that is not there, a direction of no length, a load of the deck without
+    resultant, and a node that is clamped in the direction.
     """
     mesh, T = model.mesh, model.constraint.transform
     e = np.zeros((T.shape[0], len(loads)))
     for column, load in enumerate(loads):
-        direction = np.asarray(load.direction, dtype=float)
+        if sum(given is not None for given in (load.node_id, load.node_set, load.deck_load)) != 1:
+            raise UserError(
+                f"load {load.name} needs a node or a node set, or a load of the deck", remedy="give one of them"
+            )
+        if load.deck_load is not None:
+            e[: 3 * len(mesh.position), column] = _deck_load(mesh, load)
+            _check_acts(mesh, T, load, e[: 3 * len(mesh.position), column].reshape(-1, 3))
+            continue
+        direction = np.asarray(() if load.direction is None else load.direction, dtype=float)
         length = np.linalg.norm(direction)
         if direction.shape != (3,) or not (length > 0 and np.isfinite(length)):
             raise UserError(
@@ -87,14 +119,54 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
     return T.T @ e
 
 
+def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, force: np.ndarray) -> None:
+    """Raise UserError where none of a deck's forces (n, 3) acts on a free motion, warn where some do not."""
+    loaded = np.flatnonzero(force.any(axis=1))
+    idle = [int(i) for i in loaded if not np.any(T[3 * i : 3 * i + 3].T @ force[i])]
+    if len(idle) == len(loaded):
+        raise UserError(
+            f"load {load.name} ({load.deck_load}) acts on nodes which cannot move in its direction",
+            remedy="they are clamped or in no element: take another load",
+        )
+    if idle:
+        share = np.linalg.norm(force[idle].sum(axis=0))
+        warnings.warn(
+            f"load {load.name} ({load.deck_load}): {len(idle)} of its {len(loaded)} nodes cannot move in its direction "
+            f"(node {mesh.node_ids[idle[0]]}, …); {100 * share:.3g} % of its resultant moves nothing",
+            stacklevel=2,
+        )
+
+
 def nodal(model: FiniteElementModel, free_vectors: np.ndarray) -> np.ndarray:
     """Displacements of all nodes z = T z_free without the rotations: (n_free, r) → (3n, r), row 3·node + component."""
     return model.constraint.transform[: 3 * len(model.mesh.position)] @ free_vectors
 
 
+def _deck_load(mesh: Mesh, load: PointLoad) -> np.ndarray:
+    """f / |Σ f| (3n,)."""
+    if load.deck_load is None or load.deck_load not in mesh.loads:
+        known = ", ".join(sorted(mesh.loads)) or "none"
+        raise UserError(
+            f"load {load.name} refers to load {load.deck_load!r} of the deck, which is not there",
+            remedy=f"loads of the deck: {known}",
+        )
+    if load.direction is not None:
+        raise UserError(
+            f"load {load.name} has a direction, and {load.deck_load} one of its own", remedy="leave the direction out"
+        )
+    forces = mesh.loads[load.deck_load]
+    total = np.linalg.norm(forces.force.sum(axis=0))
+    if not total > 1e-9 * np.abs(forces.force).sum():
+        raise UserError(
+            f"load {load.name}: the forces of {load.deck_load} add up to nothing",
+            remedy="a load has a unit resultant: take one whose forces do not balance, or load nodes one by one",
+        )
+    f = np.zeros((len(mesh.position), 3))
+    np.add.at(f, forces.nodes, forces.force / total)
+    return f.ravel()
+
+
 def _loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
-    if (load.node_id is None) == (load.node_set is None):
-        raise UserError(f"load {load.name} needs a node or a node set", remedy="give one of the two")
     if load.node_id is not None:
         ids = [load.node_id]
     elif load.node_set is not None and load.node_set in mesh.node_sets:
@@ -114,15 +186,3 @@ def _loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
             remedy="node numbers are the ids of the mesh file",
         )
     return [index[node] for node in ids]
-
-
-def _restricted(operator: AffineOperator, T: sparse.csr_array) -> AffineOperator:
-    return AffineOperator(
-        _congruence(operator.constant, T), {name: _congruence(term, T) for name, term in operator.terms.items()}
-    )
-
-
-def _congruence(X: sparse.csr_array, T: sparse.csr_array) -> sparse.csr_array:
-    reduced = sparse.csr_array(T.T.tocsr() @ (X @ T))
-    reduced.sort_indices()
-    return reduced

@@ -7,7 +7,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import UserError
-from strainsight.fem.constraints import Constraint, describe_row, rigid_rows
+from strainsight.fem.constraints import Constraint, describe_row
+from strainsight.fem.ties import rigid_rows
 from strainsight.mesh.model import Mesh
 
 AXES = "xyz"
@@ -18,9 +19,9 @@ def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
     """Rigid motions that the constraints allow, in words ("translation x", "rotation about z"); empty where none.
 
     With z = R c on the nodes of an element body (six motions c) and y the motions of reference nodes outside the
-    elements, the constraint holds where T (R c, y) = R c on the clamped and dependent rows. The null vectors (c, y) of
-    that system, its columns scaled to unit motion, are what moves freely. First the whole structure is one body; if it
-    is held, each part that shares no node with the others is a body of its own.
+    elements, the constraint holds where T (R c, y) = R c on the clamped and dependent rows, all along the axes of the node
+    they belong to. The null vectors (c, y) of that system, its columns scaled to unit motion, are what moves freely. First
+    the whole structure is one body; if it is held, each part that shares no node with the others is a body of its own.
     Raises UserError for more than 300 parts.
     """
     nodes = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
@@ -45,7 +46,7 @@ def require_support(mesh: Mesh, constraint: Constraint) -> None:
         more = f" and {len(motions) - 8} more" if len(motions) > 8 else ""
         raise UserError(
             f"the structure can move freely: {', '.join(motions[:8])}{more}",
-            remedy="add supports (SPC1) or connections (RBE2) that hold these motions",
+            remedy="add supports or ties that hold these motions, in the deck or under mesh.supports and mesh.ties",
         )
 
 
@@ -66,9 +67,9 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> tupl
     centre = np.array([mesh.position[label == b].mean(axis=0) for b in range(bodies)])
     radius = np.array([np.linalg.norm(mesh.position[label == b] - centre[b], axis=1).max() for b in range(bodies)])
     nodes = np.flatnonzero(label >= 0)
-    R = _motions(mesh, nodes, label[nodes], centre, radius)
-
-    T, free = constraint.transform, constraint.free_rows
+    # along the axes of each node, in which its components are held and follow
+    R = constraint.along_own_axes(_motions(mesh, nodes, label[nodes], centre, radius, constraint.transform.shape[0]))
+    T, free = constraint.along_own_axes(constraint.transform), constraint.free_rows
     supported = np.zeros(T.shape[0], dtype=bool)
     supported[(3 * nodes[:, None] + np.arange(3)).ravel()] = True
     held = supported.copy()
@@ -92,14 +93,14 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> tupl
 
 
 def _motions(
-    mesh: Mesh, nodes: np.ndarray, label: np.ndarray, centre: np.ndarray, radius: np.ndarray
+    mesh: Mesh, nodes: np.ndarray, label: np.ndarray, centre: np.ndarray, radius: np.ndarray, size: int
 ) -> sparse.csr_array:
-    """R: six motions of each body about its centre, rotations divided by its radius, on all rows of z."""
+    """R (size, 6b): six motions of each body about its centre, rotations divided by its radius, on all rows of z."""
     blocks = rigid_rows(mesh.position[nodes] - centre[label])
     blocks[:, :, 3:] /= radius[label][:, None, None]
     rows = np.broadcast_to((3 * nodes[:, None] + np.arange(3))[:, :, None], blocks.shape)
     columns = np.broadcast_to(6 * label[:, None, None] + np.arange(6), blocks.shape)
-    shape = (3 * len(mesh.position), 6 * len(centre))
+    shape = (size, 6 * len(centre))
     return sparse.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
 
 

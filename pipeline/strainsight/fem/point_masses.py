@@ -1,0 +1,63 @@
+"""Point masses with offset and inertia on the motions of their nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.errors import DeckError
+from strainsight.fem.ties import rigid_rows
+from strainsight.mesh.model import Mesh, PointMass
+
+
+def point_mass_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
+    """Mass of the point masses on z (3n + 3r)², rotations of node i from row rotation_rows[i] [kg, kg m, kg m²]:
+
+        M = [m I, −m d×; m d×, J − m d×d×],   d offset of the centre, J inertia about it
+
+    At a node without rotations only m I counts.
+    Raises DeckError for a negative mass and for an inertia that is not symmetric.
+    """
+    rows, columns, values = [], [], []
+    for point in mesh.point_masses:
+        M = block(point)
+        at = 3 * point.node + np.arange(3)
+        if point.node in rotation_rows:
+            at = np.concatenate([at, rotation_rows[point.node] + np.arange(3)])
+        i, j = np.meshgrid(at, at, indexing="ij")
+        rows.append(i.ravel())
+        columns.append(j.ravel())
+        values.append(M[: len(at), : len(at)].ravel())
+    size = 3 * len(mesh.position) + 3 * len(rotation_rows)
+    if not rows:
+        return sparse.csr_array((size, size))
+    places = np.concatenate(rows), np.concatenate(columns)
+    found = sparse.csr_array((np.concatenate(values), places), shape=(size, size))
+    found.eliminate_zeros()
+    return found
+
+
+def block(point: PointMass) -> np.ndarray:
+    """M (6, 6) of one point mass on the translations and rotations of its node."""
+    check(point)
+    D = rigid_rows(np.asarray(point.offset, dtype=float)[None, :])[0]  # motion of the centre
+    M = point.mass * D.T @ D
+    M[3:, 3:] += point.inertia
+    return M
+
+
+def check(point: PointMass) -> None:
+    """Raise DeckError for a negative mass and for an inertia that is not symmetric."""
+    if not point.mass >= 0:
+        raise DeckError(f"point mass {point.id} is {point.mass:g} kg", remedy="it must not be negative")
+    J = np.asarray(point.inertia)
+    if not np.abs(J - J.T).max() <= 1e-9 * np.abs(J).max():
+        raise DeckError(f"the inertia of point mass {point.id} is not symmetric", remedy="give six moments")
+
+
+def turning_masses(mesh: Mesh) -> list[int]:
+    """Nodes that are no reference nodes but turn with one (a RigidElement's rotations), and whose mass resists that."""
+    turned = {int(node) for e in mesh.rigid if max(e.components, default=0) > 2 for node in e.nodes}
+    return sorted({p.node for p in mesh.point_masses if np.any(p.offset) or np.any(p.inertia)} & turned)

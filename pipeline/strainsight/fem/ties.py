@@ -1,0 +1,275 @@
+"""Rigid and averaging elements as equations: motions that follow others, in the components of each node."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.errors import DeckError
+from strainsight.mesh.model import AveragingElement, Mesh, RigidElement
+
+MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
+HELD = 1e-10
+"""Least over largest strength with which the nodes of an RBE3, or its UM set, hold a motion."""
+ROUNDING = 1e-13
+
+Tie = RigidElement | AveragingElement
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where motions stand in z': 3·node + component, then three rotations of each node that has them.
+
+    nodes n; first: node → row of its first rotation; axes: node → (3, 3) axes of its components, one in a column, the
+    basic ones where it has none.
+    """
+
+    nodes: int
+    first: Mapping[int, int]
+    axes: Mapping[int, np.ndarray]
+
+    @property
+    def size(self) -> int:
+        """3n + 3r."""
+        return 3 * self.nodes + 3 * len(self.first)
+
+    def of(self, nodes: np.ndarray, components: np.ndarray | int) -> np.ndarray:
+        """Rows of components 0-5 of nodes (k,); −1 for a rotation of a node that has none."""
+        nodes, components = np.broadcast_arrays(np.asarray(nodes, dtype=np.int64), components)
+        rows = 3 * nodes + components
+        turning = components > 2
+        rows[turning] = [
+            self.first[node] + c - 3 if node in self.first else -1
+            for node, c in zip(nodes[turning].tolist(), components[turning].tolist(), strict=True)
+        ]
+        return rows
+
+    def translations(self, nodes: np.ndarray | list[int]) -> np.ndarray:
+        """Rows (3k,) of the translations of nodes (k,)."""
+        return (3 * np.asarray(nodes, dtype=np.int64)[:, None] + np.arange(3)).ravel()
+
+    def axes_of(self, nodes: np.ndarray) -> np.ndarray:
+        """Axes (k, 3, 3) of nodes (k,)."""
+        axes = np.tile(np.eye(3), (len(nodes), 1, 1))
+        if self.axes:
+            for i, node in enumerate(np.asarray(nodes).tolist()):
+                axes[i] = self.axes.get(node, axes[i])
+        return axes
+
+    def turn(self) -> sparse.csr_array | None:
+        """Q (size, size) of z = Q z', the axes of every node on its diagonal; None where all are basic."""
+        if not self.axes:
+            return None
+        starts = [
+            (row, axes) for node, axes in self.axes.items() for row in (3 * node, self.first.get(node, -1)) if row >= 0
+        ]
+        first = np.array([row for row, _ in starts])
+        plain = np.ones(self.size, dtype=bool)
+        plain[(first[:, None] + np.arange(3)).ravel()] = False
+        same = np.flatnonzero(plain)
+        rows = np.concatenate([same, (first[:, None, None] + np.arange(3)[:, None] + np.zeros(3, int)).ravel()])
+        columns = np.concatenate([same, (first[:, None, None] + np.arange(3) + np.zeros((3, 1), int)).ravel()])
+        values = np.concatenate([np.ones(len(same)), np.array([axes for _, axes in starts]).ravel()])
+        return sparse.csr_array((values, (rows, columns)), shape=(self.size, self.size))
+
+
+@dataclass
+class Equations:
+    """z'[row] = Σ value z'[column] for the dependent rows; by: row → the element that says so."""
+
+    size: int
+    rows: list[np.ndarray] = field(default_factory=list)
+    columns: list[np.ndarray] = field(default_factory=list)
+    values: list[np.ndarray] = field(default_factory=list)
+    by: dict[int, Tie] = field(default_factory=dict)
+
+    def add(
+        self, mesh: Mesh, e: Tie, nodes: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray
+    ) -> None:
+        """Let rows (m,), motions of nodes (m,), follow columns (c,) by values (m, c).
+
+        Raises DeckError for a row that follows already.
+        """
+        for row, node in zip(rows.tolist(), nodes.tolist(), strict=True):
+            if row in self.by:
+                raise DeckError(
+                    f"node {mesh.node_ids[node]} is dependent in {name_of(self.by[row])} and in {name_of(e)}",
+                    remedy="let it follow one of them only",
+                    entity=("tie", e.id),
+                )
+            self.by[row] = e
+        i, j = np.nonzero(values)
+        self.rows.append(rows[i])
+        self.columns.append(columns[j])
+        self.values.append(values[i, j])
+
+    def matrix(self) -> sparse.csr_array:
+        """D (size, size) of z' = D z' on the dependent rows."""
+        if not self.by:
+            return sparse.csr_array((self.size, self.size))
+        places = np.concatenate(self.rows), np.concatenate(self.columns)
+        return sparse.csr_array((np.concatenate(self.values), places), shape=(self.size, self.size))
+
+
+def name_of(e: Tie) -> str:
+    """The element in the words of its file, else in those of a Nastran deck."""
+    return e.name or f"{'RBE2' if isinstance(e, RigidElement) else 'RBE3'} {e.id}"
+
+
+def references(mesh: Mesh) -> set[int]:
+    """Nodes (indices) whose six motions lead or follow others."""
+    return {e.reference for e in mesh.rigid} | {e.reference for e in mesh.averaging}
+
+
+def rotation_rows(mesh: Mesh, rotations: Sequence[int] | np.ndarray = ()) -> dict[int, int]:
+    """Node → row of z of its first rotation, for reference nodes and the nodes `rotations`: behind the 3n translations."""
+    nodes = sorted(references(mesh).union(int(node) for node in rotations))
+    return {node: 3 * len(mesh.position) + 3 * i for i, node in enumerate(nodes)}
+
+
+def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
+    """Axes of the nodes whose components are held or in ties; for all others they do not matter."""
+    if not mesh.axes:
+        return {}
+    named: set[int] = set(mesh.fixed[:, 0].tolist())
+    for rigid in mesh.rigid:
+        named.update((rigid.reference, *np.asarray(rigid.nodes).tolist()))
+    for e in mesh.averaging:
+        named.add(e.reference)
+        if e.directions is not None or e.dependent is not None:
+            named.update(np.asarray(e.nodes).tolist())
+    return {node: np.asarray(axes, dtype=float) for node, axes in mesh.axes.items() if node in named}
+
+
+def equations(mesh: Mesh, rows: Rows) -> Equations:
+    """What the rigid and averaging elements of a mesh say, with Q_i the axes of node i:
+
+        RBE2   Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r               in the stated components of u'_i, θ'_i
+        RBE3   (u_r, θ_r) = (Σ w_i R_iᵀR_i)⁻¹ Σ w_i R_iᵀ u'_i,   R_i = Q_iᵀ[I, −(x_i − x_r)×], rows of the directions that count
+
+    An RBE3 with a UM set is solved for the motions of that. Raises DeckError, naming element and nodes, for a motion that two
+    elements prescribe, for an RBE3 whose nodes do not hold its reference, and for a UM set that cannot be solved for.
+    """
+    found = Equations(rows.size)
+    for rigid in mesh.rigid:
+        _add_rigid(mesh, rigid, rows, found)
+    for averaging in mesh.averaging:
+        _add_averaging(mesh, averaging, rows, found)
+    return found
+
+
+def rigid_rows(arm: np.ndarray) -> np.ndarray:
+    """Six motions of a reference node → displacement at distance r: [I, −r×] (k, 3, 6), arm r (k, 3) [m]."""
+    rows = np.zeros((len(arm), 3, 6))
+    rows[:, :, :3] = np.eye(3)
+    x, y, z = arm.T
+    rows[:, 0, 4], rows[:, 0, 5] = z, -y
+    rows[:, 1, 3], rows[:, 1, 5] = -z, x
+    rows[:, 2, 3], rows[:, 2, 4] = y, -x
+    return rows
+
+
+def _both(axes: np.ndarray) -> np.ndarray:
+    """Axes (..., 3, 3) of translations and rotations alike (..., 6, 6)."""
+    twice = np.zeros((*axes.shape[:-2], 6, 6))
+    twice[..., :3, :3] = twice[..., 3:, 3:] = axes
+    return twice
+
+
+def _cleared(values: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Values with those that are rounding beside `size` made zero, so that nothing seems to carry what nothing does."""
+    return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
+
+
+def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> None:
+    nodes = np.asarray(e.nodes, dtype=np.int64)
+    if len(nodes) == 0 or e.reference in nodes:
+        own = f"depends on its own reference node {mesh.node_ids[e.reference]}"
+        fault = "has no dependent nodes" if len(nodes) == 0 else own
+        raise DeckError(f"{name_of(e)} {fault}", remedy="correct its nodes", entity=("tie", e.id))
+    arm = mesh.position[nodes] - mesh.position[e.reference]
+    motion = np.zeros((len(nodes), 6, 6))
+    motion[:, :3] = rigid_rows(arm)
+    motion[:, 3:, 3:] = np.eye(3)
+    if rows.axes:
+        reference = _both(rows.axes_of(np.array([e.reference])))[0]
+        motion = _both(rows.axes_of(nodes)).swapaxes(1, 2) @ motion @ reference
+    size = np.ones((len(nodes), 6, 6))
+    size[:, :3, 3:] = np.linalg.norm(arm, axis=1)[:, None, None]
+    motion = _cleared(motion, size)
+    source = rows.of(np.full(6, e.reference), np.arange(6))
+    for component in sorted(set(e.components)):
+        own_rows = rows.of(nodes, component)
+        there = own_rows >= 0
+        found.add(mesh, e, nodes[there], own_rows[there], source, motion[there, component])
+
+
+def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations) -> None:
+    wanted = sorted(set(e.components))
+    mean, length = _mean_motion(mesh, e, rows, wanted)
+    nodes = np.asarray(e.nodes, dtype=np.int64)
+    own = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
+    if e.dependent is None:
+        found.add(mesh, e, np.full(len(wanted), e.reference), own, rows.translations(nodes), mean)
+        return
+    # C z' = 0 on the reference's and the nodes' motions, rotations times a length so that all entries compare
+    columns, place = np.unique(np.concatenate([own, rows.translations(nodes)]), return_inverse=True)
+    C = np.zeros((len(wanted), len(columns)))
+    np.add.at(C.T, place, np.hstack([np.eye(len(wanted)), -mean]).T)
+    scale = np.where(np.array(wanted) > 2, length, 1.0)
+    unit = np.where(columns >= 3 * rows.nodes, length, 1.0)
+    C *= scale[:, None] / unit
+    dependent = np.asarray(e.dependent, dtype=np.int64).reshape(-1, 2)
+    solved = rows.of(dependent[:, 0], dependent[:, 1])
+    chosen = np.isin(columns, solved)
+    A = C[:, np.searchsorted(columns, solved[np.isin(solved, columns)])]
+    strength = np.linalg.svd(A, compute_uv=False) if A.shape == (len(wanted),) * 2 else np.zeros(1)
+    if not strength[-1] > HELD * np.linalg.norm(C, 2):
+        named = ", ".join(f"{mesh.node_ids[node]} component {c + 1}" for node, c in dependent.tolist())
+        raise DeckError(
+            f"{name_of(e)} cannot be solved for its UM set (nodes {named})",
+            remedy="choose as many motions of its nodes as it has reference components, not all on a line",
+            entity=("tie", e.id),
+        )
+    values = -np.linalg.solve(A, C[:, ~chosen])
+    values = _cleared(values, np.abs(values).max(axis=1, keepdims=True))
+    values *= unit[~chosen] / unit[np.searchsorted(columns, solved)][:, None]
+    found.add(mesh, e, dependent[:, 0], solved, columns[~chosen], values)
+
+
+def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection[int]) -> tuple[np.ndarray, float]:
+    """Wanted motions of the reference as means of the translations of the nodes (c, 3k), and the length of the arms [m]."""
+    nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
+    if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
+        raise DeckError(
+            f"{name_of(e)} needs nodes other than its reference and weights that are not negative",
+            remedy="correct its nodes and weights",
+            entity=("tie", e.id),
+        )
+    arm = mesh.position[nodes] - mesh.position[e.reference]
+    length = float(np.linalg.norm(arm, axis=1).max()) or 1.0
+    scale = np.array([1.0, 1.0, 1.0, length, length, length])
+    R = rigid_rows(arm) / scale
+    if rows.axes:
+        R = rows.axes_of(nodes).swapaxes(1, 2) @ R
+    weight = np.repeat(w[:, None] / w.sum(), 3, axis=1)
+    if e.directions is not None:
+        weight = weight * e.directions
+    A = np.einsum("kc,kci,kcj->ij", weight, R, R)
+    strength, V = np.linalg.eigh(A)
+    held = strength > HELD * strength[-1]
+    own = _both(rows.axes_of(np.array([e.reference])))[0].T
+    loose = np.abs((own @ V[:, ~held])[list(wanted)]) > 1e-6
+    if loose.any():
+        motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
+        raise DeckError(
+            f"the {len(nodes)} nodes of {name_of(e)} do not hold {motion} of its reference node {mesh.node_ids[e.reference]}",
+            remedy="they lie on a line or a point: add nodes off it, or drop rotations from its components",
+            entity=("tie", e.id),
+        )
+    inverse = (V[:, held] / strength[held]) @ V[:, held].T
+    mean = np.einsum("ij,kc,kcj->ikc", own @ (inverse / scale[:, None]), weight, R).reshape(6, -1)[list(wanted)]
+    return _cleared(mean, np.abs(mean).max(axis=1, keepdims=True)), length
