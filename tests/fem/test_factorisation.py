@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from scipy import sparse
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem import factorisation
+from strainsight.fem import factorisation, memory, pardiso
 from strainsight.fem.factorisation import factorise
 
 
@@ -19,6 +20,13 @@ def spd(n=400, seed=0, units=0.0):
     X = sparse.random_array((n, n), density=0.01, rng=np.random.default_rng(seed))
     scale = sparse.diags_array(10.0 ** np.random.default_rng(1).uniform(-units, units, n))
     return sparse.csr_array(scale @ (X.T @ X + sparse.eye_array(n)) @ scale)
+
+
+def laplacian(n):
+    """The seven-point stencil on n³ points: a factor of far more entries than the matrix has."""
+    line = sparse.diags_array([np.full(n, 2.0), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    square = sparse.kron(line, sparse.eye_array(n)) + sparse.kron(sparse.eye_array(n), line)
+    return sparse.csr_array(sparse.kron(square, sparse.eye_array(n)) + sparse.kron(sparse.eye_array(n * n), line))
 
 
 @pytest.fixture(params=["PARDISO", "SuperLU"])
@@ -95,3 +103,48 @@ def test_memory_goes_with_the_factor(monkeypatch):
     del other
     gc.collect()
     assert released == [True]
+
+
+def test_every_solution_is_as_good_as_the_arithmetic_without_refinement():
+    """Backward error ‖b − Ax‖ / ‖A‖‖x‖ of a few roundings."""
+    A = laplacian(20)
+    B = np.random.default_rng(0).normal(size=(A.shape[0], 3))
+    X = factorise(A).solve(B)
+    assert np.all(np.linalg.norm(B - A @ X, axis=0) < 1e-15 * 12 * np.linalg.norm(X, axis=0))
+
+
+@pytest.mark.parametrize("available", [1e6, 2e7])
+def test_too_little_memory_is_refused_before_it_is_taken(monkeypatch, available):
+    """1 MB is less than the matrix itself needs; with 20 MB PARDISO's analysis can say that its factor needs more."""
+    phases = []
+    interface = pardiso._interface
+
+    def watched(solver, upper):
+        call = interface(solver, upper)
+        return lambda phase, B, X: phases.append(phase) or call(phase, B, X)
+
+    monkeypatch.setattr(pardiso, "_interface", watched)
+    monkeypatch.setattr(memory, "available_memory", lambda: available)
+    with pytest.raises(UserError, match=r"27000 unknowns.*: .* GiB of memory are needed, .* GiB are available"):
+        factorise(laplacian(30))
+    assert phases == ([] if available < 2e6 else [pardiso.ANALYSE])
+
+
+def test_the_estimate_is_what_the_factor_takes(monkeypatch):
+    """Growth of the resident memory in PARDISO's factorisation against what its analysis announced."""
+    statm = memory.PROC / "self" / "statm"
+    if not statm.exists():
+        pytest.skip("the system does not say how much memory a process has")
+    page = os.sysconf("SC_PAGE_SIZE")
+    noted = []
+
+    def note(needed, what):
+        noted.append((needed, int(statm.read_text().split()[1]) * page))
+
+    monkeypatch.setattr(pardiso, "require_memory", note)
+    factor = factorise(laplacian(40))
+    announced, before = noted[0]
+    growth = int(statm.read_text().split()[1]) * page - before
+    assert factor.size == 64000
+    assert announced > 1e8
+    assert 0.7 * announced < growth < 1.3 * announced

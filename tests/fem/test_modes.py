@@ -9,6 +9,8 @@ import pytest
 from scipy import sparse
 
 from strainsight.errors import NumericalError, UserError
+from strainsight.fem import memory
+from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.mesh.model import RigidElement
@@ -67,6 +69,14 @@ def test_indefinite_stiffness_is_refused():
     K, M, _ = chain(50)
     with pytest.raises(NumericalError, match="not positive definite"):
         modes(sparse.csr_array(K - sparse.eye_array(50)), M, 3)
+
+
+def test_too_little_memory_for_the_lanczos_vectors_is_refused(monkeypatch):
+    K, M, _ = chain(2000)
+    factor = factorise(K)
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
+    with pytest.raises(UserError, match=r"5 modes of 2000 unknowns: .* GiB of memory are needed"):
+        modes(K, M, 5, factor=factor)
 
 
 @pytest.mark.parametrize("kind", ["hex20", "tet10"])

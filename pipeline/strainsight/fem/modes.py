@@ -9,6 +9,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem.factorisation import Factor, factorise
+from strainsight.fem.memory import require_memory
 
 DENSE_LIMIT = 300
 GUARD = 4
@@ -24,8 +25,8 @@ def modes(
     K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M; shift σ ≤ 0
     [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid motions then come first); factor of
     K − σM, where there is one. Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
-    Raises UserError for too large a count and for a mechanism (a mode without stiffness), NumericalError where a mode
-    does not converge or K − σM is not positive definite.
+    Raises UserError for too large a count, for a mechanism (a mode without stiffness) and where the memory is not enough,
+    NumericalError where a mode does not converge or K − σM is not positive definite.
     """
     n = K.shape[0]
     massive = int(np.count_nonzero(M.diagonal() > 0))
@@ -63,9 +64,11 @@ def _lanczos(A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Facto
     # a few modes more than asked for keep the copies of a repeated frequency from being cut off
     wanted = min(count + GUARD, int(np.count_nonzero(M.diagonal() > 0)))
     start = M @ np.random.default_rng(0).standard_normal(n)
+    basis = min(n, 2 * wanted + 10)
+    require_memory(8.0 * n * (basis + 3 * wanted), f"{count} modes of {n} unknowns")
     solve = LinearOperator((n, n), matvec=factor.solve, matmat=factor.solve, dtype=float)
     try:
-        lam, V = eigsh(A, wanted, M=M, sigma=0.0, OPinv=solve, v0=factor.solve(start), ncv=min(n, 2 * wanted + 10))
+        lam, V = eigsh(A, wanted, M=M, sigma=0.0, OPinv=solve, v0=factor.solve(start), ncv=basis)
     except ArpackError as error:
         raise NumericalError(
             f"the Lanczos iterations did not converge: {error}",
