@@ -14,7 +14,7 @@ from strainsight.errors import StrainsightError
 from strainsight.report import scene
 from strainsight.report.data import Layout, Load
 from strainsight.report.drawing import gauge_colour
-from strainsight.report.picture import _arrow, _free_end, spread_labels
+from strainsight.report.picture import LINES, _arrow, _free_end, spread_labels
 
 
 def colours(png):
@@ -34,6 +34,21 @@ def test_a_plate_of_other_facets_without_loads_clamps_pool_or_hostile_labels_is_
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0], [2, 0.5, 0.1]], dtype=float)
     faces = np.array([[0, 1, 2, 3, -1, -1, -1, -1], [1, 4, 2, -1, -1, -1, -1, -1]])
     scene.render(Layout(points, faces, np.empty((0, 3)), ()))
+
+
+def test_a_structure_without_facets_is_pictured_with_its_nodes_and_gauges_of_no_direction(beam):
+    """What comes as matrices: nodes on a line, gauges that lie on no surface."""
+    points = np.column_stack([np.linspace(0, 2, 41), np.zeros(41), np.zeros(41)])
+    nowhere = np.zeros(3)
+    gauges = tuple(
+        replace(gauge, position=np.array([0.4 * (i + 1), 0, 0.02]), normal=nowhere, direction=direction)
+        for i, (gauge, direction) in enumerate(zip(beam.gauges, [*np.eye(3), nowhere], strict=True))
+    )
+    bare = Layout(points, np.full((0, 8), -1), np.empty((0, 3)), gauges, loose=points)
+    pixels = colours(scene.render(bare))
+    for colour in (*map(gauge_colour, range(4)), LINES):
+        wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+        assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
 
 
 def test_a_large_pool_is_thinned_and_arrays_survive_the_way_to_the_child(beam):

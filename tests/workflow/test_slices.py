@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from strainsight.workflow.slices import Slice, canonical, differences, prune
+from strainsight.workflow.slices import Slice, canonical, differences, expand, look_up, prune
 
 CONFIG = {
     "seed": 1,
@@ -21,6 +21,15 @@ def test_a_pattern_keeps_the_nesting_and_drops_the_rest():
 
 def test_an_empty_mapping_below_a_star_stays_readable():
     assert prune(CONFIG, ("parameters.*.guess",)) == {"parameters": {}}
+
+
+def test_a_pattern_goes_through_lists_by_their_places():
+    config = {"mesh": {"terms": [{"file": "k0.op4"}, {"file": "k1.mtx", "name": "KGG"}], "other": None}}
+    assert expand(config, "mesh.terms.*.file") == ["mesh.terms.0.file", "mesh.terms.1.file"]
+    assert expand(config, "mesh.*.*.name") == ["mesh.terms.1.name"]
+    assert expand(config, "mesh.other.*.file") == []
+    assert [look_up(config, key) for key in expand(config, "mesh.terms.*.file")] == ["k0.op4", "k1.mtx"]
+    assert prune(config, ("mesh.terms",)) == {"mesh": {"terms": config["mesh"]["terms"]}}
 
 
 def test_a_declared_key_that_the_config_lacks_is_a_mistake_of_the_stage():

@@ -89,7 +89,7 @@ def candidates(
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
     outside = np.any(normal != 0, axis=1)
     for zone in exclude:
-        outside &= ~_inside(zone, mesh, facets, centre)
+        outside &= ~inside(zone, mesh, facets, centre)
     keep = np.flatnonzero(chosen & free & outside)
     if keep.size == 0:
         raise InfeasibleError(
@@ -156,9 +156,11 @@ def _among(facets: Facets, chosen: np.ndarray) -> np.ndarray:
     return chosen[facets.nodes] & (facets.nodes >= 0)
 
 
-def _inside(zone: Zone, mesh: Mesh, facets: Facets, centre: np.ndarray) -> np.ndarray:
+def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray) -> np.ndarray:
+    """Which centres (m, 3) [m] a zone takes in; without facets there are no edges to be near to."""
     match zone:
         case Box():
             return np.all((centre >= np.asarray(zone.minimum)) & (centre <= np.asarray(zone.maximum)), axis=1)
         case NearEdges():
-            return near_segments(centre, sharp_edges(mesh.position, facets), zone.distance)
+            edges = np.zeros((0, 2, 3)) if facets is None else sharp_edges(mesh.position, facets)
+            return near_segments(centre, edges, zone.distance)

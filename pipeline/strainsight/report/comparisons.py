@@ -163,8 +163,14 @@ def repeats_figure(repeats: Repeats) -> Drawing:
     ratio = float(np.sqrt(np.mean(scaled[np.isfinite(scaled)]))) if np.isfinite(scaled).any() else np.nan
     caption = (
         f"{len(error)} runs with other noise and other starting values: {int(outside.sum())} outside "
-        f"twice the claimed σ, RMS of error over σ {number(ratio, 3)}. Verdict: {repeats.verdict}."
+        f"twice the claimed σ, RMS of error over σ {number(ratio, 3)}. {_agreement(repeats.verdict, ratio)}"
     )
     ending = f"{int(outside.sum())} outside their band, {repeats.verdict}"
     alt = f"Chart of {len(error)} repeated runs for {repeats.name}, {ending}."
     return Drawing(f"repeats-{repeats.name}", f"{repeats.name}: other seeds, other starts", caption, alt, image)
+
+
+def _agreement(verdict: str, ratio: float) -> str:
+    if verdict == "not identified":
+        return "The starting values end apart: not identified."
+    return "The starting values agree" + (", on a wrong value: the claim does not hold." if ratio > 3 else ".")

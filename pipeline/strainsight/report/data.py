@@ -83,7 +83,7 @@ class Layout:
 
     points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
     (told apart by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
-    gauges were chosen from; fixed (k, 3) [m] clamped nodes.
+    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid.
     """
 
     points: FloatArray
@@ -92,6 +92,7 @@ class Layout:
     gauges: tuple[Gauge, ...]
     loads: tuple[Load, ...] = ()
     fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True)

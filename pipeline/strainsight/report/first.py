@@ -153,6 +153,8 @@ def _picture(report: PlacementReport, scene: bytes | None, problem: str) -> str:
             )
         if len(layout.fixed):
             key.append((picture.CLAMP, "", "clamped nodes"))
+        if len(layout.loose):
+            key.append((picture.LINES, "", "nodes outside the solids"))
         items = "".join(
             f'<li><i class="{shape}" style="background:{colour}"></i>{escape(text)}</li>' for colour, shape, text in key
         )
@@ -184,7 +186,7 @@ def gauge_table(report: PlacementReport) -> str:
         nodes = " ".join(str(node) for node in gauge.nodes) or "–"
         left_out = [share(gauge.without.get(name, math.nan)) for name in names]
         return [
-            badge(gauge.label, index), str(gauge.element), str(gauge.facet), nodes,
+            badge(gauge.label, index), str(gauge.element), str(gauge.facet or "–"), nodes,
             _whole(_coordinates(gauge.position, places)), _whole(_direction(gauge.direction)),
             f"{number(gauge.angle, 3)}°", *left_out,
         ]  # fmt: skip

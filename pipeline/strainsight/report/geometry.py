@@ -55,10 +55,10 @@ def seen_from(
 ) -> IntArray:
     """Which gauges an eye in direction `view` (3,) sees: facing it and with nothing in between.
 
-    position, normal (g, 3). Returns (g,) 0 or 1.
+    position, normal (g, 3), zero where a gauge lies on no surface and faces every way. Returns (g,) 0 or 1.
     """
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    seen = normal @ view > 0.12
+    seen = (normal @ view > 0.12) | ~np.any(normal, axis=1)
     if not seen.any():
         return seen.astype(int)
     # Only triangles whose shadow along the view holds the gauge can hide it.

@@ -50,18 +50,12 @@ def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int
         light = pv.Light(light_type="camera light", intensity=strength)
         light.position = direction
         plotter.add_light(light)
-    surface = pv.PolyData(layout.points, np.column_stack([np.full(len(triangle), 3), triangle]).ravel())
-    shaded = surface.compute_normals(
-        split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
-    )
-    plotter.add_mesh(shaded, color=STEEL, smooth_shading=True, ambient=0.32, diffuse=0.8, specular=0.05)
     # Lines lie in the surface: lift them towards the eye by less than a pixel's worth, so that they do not flicker.
     lift = 4e-4 * diagonal * corner
-    if len(layout.faces) <= DRAWN_FACETS:
-        _add_lines(plotter, layout.points + lift, mesh_lines(layout.faces), LINES, 1.0)
-    creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
-    if creases.n_points:
-        plotter.add_mesh(creases.translate(lift), color=CREASES, line_width=1.6, lighting=False)
+    if len(triangle):
+        _add_surface(plotter, layout, triangle, lift)
+    if len(layout.loose):
+        plotter.add_mesh(pv.PolyData(layout.loose + lift), color=LINES, point_size=13, lighting=False)
     if len(layout.pool):
         plotter.add_mesh(
             pv.PolyData(layout.pool + 2 * lift), color=POOL, point_size=5, render_points_as_spheres=True, lighting=False
@@ -97,6 +91,22 @@ def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int
     return image, pixels
 
 
+def _add_surface(plotter: Any, layout: Layout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
+    """Shaded facets with their outlines and the sharp edges of the body."""
+    import pyvista as pv
+
+    surface = pv.PolyData(layout.points, np.column_stack([np.full(len(triangle), 3), triangle]).ravel())
+    shaded = surface.compute_normals(
+        split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
+    )
+    plotter.add_mesh(shaded, color=STEEL, smooth_shading=True, ambient=0.32, diffuse=0.8, specular=0.05)
+    if len(layout.faces) <= DRAWN_FACETS:
+        _add_lines(plotter, layout.points + lift, mesh_lines(layout.faces), LINES, 1.0)
+    creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
+    if creases.n_points:
+        plotter.add_mesh(creases.translate(lift), color=CREASES, line_width=1.6, lighting=False)
+
+
 def _add_lines(plotter: Any, points: FloatArray, lines: Any, colour: str, width: float) -> None:
     import pyvista as pv
 
@@ -107,9 +117,18 @@ def _add_lines(plotter: Any, points: FloatArray, lines: Any, colour: str, width:
 
 
 def _bar(position: FloatArray, direction: FloatArray, normal: FloatArray, length: float) -> Any:
-    """A gauge as a flat bar of this length along its direction, a third as wide, just proud of the surface."""
+    """A gauge as a flat bar of this length along its direction, a third as wide, just proud of the surface.
+
+    Without a direction (3,) it is a ball; without a normal the bar lies as flat as it can.
+    """
     import pyvista as pv
 
+    if not np.any(direction):
+        return pv.Sphere(radius=0.25 * length, center=position)
+    if not np.any(normal):
+        upright = np.eye(3)[2 if abs(direction[2]) < 0.9 else 0]
+        normal = upright - (upright @ direction) * direction
+        normal = normal / np.linalg.norm(normal)
     across = np.cross(normal, direction)
     frame = np.eye(4)
     frame[:3, :3] = np.column_stack([direction, across, normal])

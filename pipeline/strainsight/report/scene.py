@@ -63,6 +63,7 @@ def pack(layout: Layout) -> dict[str, np.ndarray]:
         "faces": np.asarray(layout.faces, dtype=np.int64),
         "pool": np.asarray(layout.pool, dtype=float).reshape(-1, 3)[::stride],
         "fixed": np.asarray(layout.fixed, dtype=float).reshape(-1, 3)[:: max(1, -(-len(layout.fixed) // DOTS))],
+        "loose": np.asarray(layout.loose, dtype=float).reshape(-1, 3)[:: max(1, -(-len(layout.loose) // DOTS))],
         "gauge_label": np.array([gauge.label for gauge in gauges], dtype=str),
         "gauge_position": np.array([gauge.position for gauge in gauges], dtype=float).reshape(-1, 3),
         "gauge_direction": np.array([gauge.direction for gauge in gauges], dtype=float).reshape(-1, 3),
@@ -88,7 +89,7 @@ def unpack(arrays: dict[str, np.ndarray]) -> Layout:
             *(arrays[f"load_{name}"] for name in ("name", "point", "direction", "known")), strict=True
         )
     )
-    return Layout(arrays["points"], arrays["faces"], arrays["pool"], gauges, loads, arrays["fixed"])
+    return Layout(arrays["points"], arrays["faces"], arrays["pool"], gauges, loads, arrays["fixed"], arrays["loose"])
 
 
 def _environments() -> list[dict[str, str]]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.errors import blame
-from strainsight.fem.model import build_model, nodal
+from strainsight.fem.model import nodal
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.rom.reduction import held_out_errors, held_out_samples, reduce_model
+from strainsight.stages.case.full_model import FILES, READS, full_model
 from strainsight.stages.case.settings import damping_of, load_shapes, parameters_of
 from strainsight.stages.records.grids import vtkhdf_datasets
 from strainsight.stages.records.mesh import mesh_from
@@ -23,10 +24,10 @@ def run(context: Context) -> Output:
     """Assemble, constrain, find the modes and the static responses over the parameter box, project, check at held-out values."""
     config = context.config
     mesh = mesh_from(context.upstream["import"])
-    parameters = parameters_of(config.parameters, mesh, context.files)
+    parameters = parameters_of(config.parameters, mesh, context.files, config.mesh.matrices)
     context.progress("assembly", 0.0)
-    with blame("mesh.file"):
-        model = build_model(mesh, parameters)
+    built = full_model(config, mesh, parameters, context.files)
+    model = built.model
     S = load_shapes(model, config.loads)
     reference = {p.name: p.reference for p in parameters}
     ranges = {name: tuple(entry.range) for name, entry in config.parameters.items()}
@@ -75,6 +76,13 @@ def run(context: Context) -> Output:
             ),
         }
     )
+    if built.motion is not None:
+        datasets |= {
+            "/matrices/basis": Dataset(
+                built.motion @ reduction.basis, "kg^-1/2", "basis Ψ on the rows of the matrices (row × coordinate)"
+            ),
+            "/matrices/notes": Dataset(np.array(built.notes, dtype=np.str_), "1", "how the matrices were taken over"),
+        }
     worst = float(max(np.max(np.abs(held_out.frequency)), np.max(held_out.static)))
     return Output(
         datasets=datasets,
@@ -90,17 +98,18 @@ def run(context: Context) -> Output:
         f"held-out error {worst:.1e}",
         tables=(
             Table(
-                "natural frequencies at the reference",
+                f"natural frequencies at {', '.join(f'{name} = {value:.6g}' for name, value in reference.items()) or 'the deck'}",
                 ("mode", "Hz"),
                 tuple((str(i), f"{f:.3f}") for i, f in enumerate(reduction.frequency, start=1)),
             ),
+            *((Table("the ready matrices", ("warning",), tuple((text,) for text in built.notes)),) * bool(built.notes)),
         ),
     )
 
 
 ROM = Stage(
     "rom",
-    version=1,
+    version=2,
     reads=(
         "parameters.*.property",
         "parameters.*.region",
@@ -108,11 +117,13 @@ ROM = Stage(
         "parameters.*.range",
         "loads.*.node",
         "loads.*.set",
+        "loads.*.deck_load",
         "loads.*.direction",
         "damping",
         "rom",
+        *READS,
     ),
     upstream=("import",),
-    files=("parameters.*.guess.from",),
+    files=("parameters.*.guess.from", *FILES),
     run=run,
 )

@@ -6,15 +6,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
-from strainsight.errors import blame
-from strainsight.gauges.candidates import Box, NearEdges, Zone, candidates
+from strainsight.decks.matrices.files import read_numbering
+from strainsight.errors import ConfigError, blame
+from strainsight.gauges.candidates import Box, Candidates, NearEdges, Zone, candidates
+from strainsight.gauges.given import without
 from strainsight.gauges.rows import strain_rows
 from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.units import length_factor
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import hold_coefficients, instant_values
+from strainsight.stages.case.given_gauges import read_given
 from strainsight.stages.case.settings import signal_of
-from strainsight.stages.records.gauges import candidate_datasets
+from strainsight.stages.records.gauges import candidate_datasets, given_datasets
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.records.model import model_from
 from strainsight.workflow.output import Dataset, Output
@@ -26,17 +32,12 @@ def run(context: Context) -> Output:
     config = context.config
     mesh, rom = mesh_from(context.upstream["import"]), context.upstream["rom"]
     model = model_from(rom)
-    facets = exterior_facets(mesh)
-    with blame("gauges.surface"):
-        pool = candidates(
-            mesh,
-            facets,
-            config.gauges.direction.axis,
-            config.gauges.direction.angles,
-            exclude=[_zone(entry) for entry in config.gauges.exclude],
-            surface=config.gauges.surface,
-        )
-    rows = strain_rows(mesh.position, pool, rom["/basis"])
+    if config.gauges.given is None:
+        pool, given = _on_surface(mesh, config), None
+        rows = strain_rows(mesh.position, pool, rom["/basis"])
+    else:
+        pool, given = _given(context, mesh)
+        rows = given @ rom["/matrices/basis"]
     h = config.train.time_step
     steps = round(config.train.duration / h)
     with blame("train"):
@@ -48,6 +49,7 @@ def run(context: Context) -> Output:
     n = model.size
     return Output(
         datasets=candidate_datasets(pool)
+        | ({} if given is None else given_datasets(given))
         | {
             "/time": Dataset(h * np.arange(steps + 1), "s", "time of the training run"),
             "/input": Dataset(instant_values(held), "N", "training load (time × input)", ("/time", "")),
@@ -61,15 +63,64 @@ def run(context: Context) -> Output:
     )
 
 
+def _on_surface(mesh: Mesh, config: Any) -> Candidates:
+    if not mesh.blocks:
+        raise ConfigError(
+            "the mesh has no solids, and so no surface",
+            key="gauges.surface",
+            remedy="give mesh.matrices and gauges.given: strain rows of the gauges",
+        )
+    facets = exterior_facets(mesh)
+    with blame("gauges.surface"):
+        return candidates(
+            mesh,
+            facets,
+            config.gauges.direction.axis,
+            config.gauges.direction.angles,
+            exclude=[_zone(entry) for entry in config.gauges.exclude],
+            surface=config.gauges.surface,
+        )
+
+
+def _given(context: Context, mesh: Mesh) -> tuple[Candidates, sparse.csr_array]:
+    """Gauges by their strain rows, without those in excluded zones."""
+    gauges = context.config.gauges
+    if gauges.surface != "all":
+        raise ConfigError(
+            "given gauges lie on no surface of the mesh", key="gauges.surface", remedy="remove the key, or gauges.given"
+        )
+    _, components = read_numbering(context.files["mesh.matrices.numbering"])
+    with blame("gauges.given"):
+        given = read_given(
+            context.files["gauges.given.rows"],
+            context.files["gauges.given.table"],
+            components,
+            length_factor(context.config.mesh.length_unit),
+        )
+    with blame("gauges.exclude"):
+        facets = exterior_facets(mesh) if mesh.blocks else None
+        given = without(given, mesh, facets, [_zone(entry) for entry in gauges.exclude])
+    return given.pool, given.rows
+
+
 def _zone(entry: Mapping[str, Any]) -> Zone:
     return Box(*entry["box"]) if "box" in entry else NearEdges(float(entry["near_edges"]))
 
 
 TRAIN = Stage(
     "train",
-    version=1,
-    reads=("loads.*.signal", "train", "gauges.surface", "gauges.direction", "gauges.exclude"),
+    version=2,
+    reads=(
+        "loads.*.signal",
+        "train",
+        "gauges.surface",
+        "gauges.direction",
+        "gauges.exclude",
+        "gauges.given",
+        "mesh.length_unit",
+        "mesh.matrices",
+    ),
     upstream=("import", "rom"),
-    files=("loads.*.signal.file",),
+    files=("loads.*.signal.file", "gauges.given.rows", "gauges.given.table", "mesh.matrices.numbering"),
     run=run,
 )

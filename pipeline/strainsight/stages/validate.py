@@ -10,6 +10,7 @@ from strainsight.estimation.consistency import chi_square_band, nees, nis, white
 from strainsight.estimation.filter import FilterRun, output_std, run_filter
 from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
+from strainsight.stages.case.full_model import FILES, READS
 from strainsight.stages.case.problem import filter_model
 from strainsight.stages.case.studies import Study, identified, sample_noise, studies_of, study_datasets
 from strainsight.stages.case.trial import Trial, real_and_claimed, scaled_error, trial_of
@@ -142,7 +143,9 @@ def _message(trial: Trial, summary: Mapping[str, Scalar]) -> str:
         error = 100 * float(summary[f"error.{name}"])
         if name in trial.problem.unknowns.parameters:
             value, truth = float(summary[f"estimate.{name}"]), trial.truth.theta[name]
-            said.append(f"{name} {value:.4g} {trial.units[name]} (truth {truth:.4g}), error {error:.2f} %")
+            std = 100 * float(summary[f"std.{name}"])
+            doubt = f": {error / std:.0f} σ, the claim does not hold" if error > 3 * std else ""
+            said.append(f"{name} {value:.4g} {trial.units[name]} (truth {truth:.4g}), error {error:.2f} %{doubt}")
         else:
             said.append(
                 f"{name} error {error:.1f} % filtered, {100 * float(summary[f'smoothed.{name}']):.1f} % smoothed"
@@ -190,9 +193,9 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
 
 VALIDATE = Stage(
     "validate",
-    version=1,
-    reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "validate"),
+    version=2,
+    reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "validate", *READS),
     upstream=("import", "rom", "train", "screen", "place"),
-    files=("parameters.*.guess.from", "loads.*.signal.file"),
+    files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),
     run=run,
 )

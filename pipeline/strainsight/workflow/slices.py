@@ -59,14 +59,14 @@ def _view(value: Any, stage: str, path: str) -> Any:
 
 
 def expand(data: Any, pattern: str) -> list[str]:
-    """Dotted paths of `data` that match `pattern`; `*` stands for every key of a mapping."""
+    """Dotted paths of `data` that match `pattern`; `*` stands for every key of a mapping, every place of a list."""
     found: list[tuple[str, Any]] = [("", data)]
     for part in pattern.split("."):
         step: list[tuple[str, Any]] = []
         for path, value in found:
-            if isinstance(value, Mapping):
-                keys = list(value) if part == "*" else [part] * (part in value)
-                step += [(f"{path}.{key}" if path else key, value[key]) for key in keys]
+            below = _below(value)
+            keys = list(below) if part == "*" else [part] * (part in below)
+            step += [(f"{path}.{key}" if path else key, below[key]) for key in keys]
         found = step
     return [path for path, _ in found]
 
@@ -74,14 +74,22 @@ def expand(data: Any, pattern: str) -> list[str]:
 def look_up(data: Any, path: str) -> Any:
     """Value at a dotted path."""
     for part in path.split("."):
-        data = data[part]
+        data = _below(data)[part]
     return data
+
+
+def _below(value: Any) -> Mapping[str, Any]:
+    """What a dotted path can go on with: the keys of a mapping, the places of a list from 0."""
+    if isinstance(value, list | tuple):
+        return {str(place): item for place, item in enumerate(value)}
+    return value if isinstance(value, Mapping) else {}
 
 
 def prune(data: Mapping[str, Any], reads: tuple[str, ...]) -> dict[str, Any]:
     """The declared part of `data`, nested as in `data`. A pattern without `*` that matches nothing is a ValueError.
 
-    Below a `*` the empty mapping itself stays, so that "no parameters" is a fact the stage can read.
+    Below a `*` the empty mapping itself stays, so that "no parameters" is a fact the stage can read. Lists are declared
+    whole.
     """
     kept: dict[str, Any] = {}
     for pattern in reads:

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from strainsight.augmentation.linearisation import Unknowns
-from strainsight.errors import ArtefactError, ConfigError, blame
+from strainsight.errors import ArtefactError, ConfigError, blame, did_you_mean
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
+from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.rom.model import Damping
 from strainsight.signals.histories import FromSamples, MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
 
-def parameters_of(config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Path]) -> tuple[Parameter, ...]:
+def parameters_of(
+    config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Path], matrices: Any = None
+) -> tuple[Parameter, ...]:
     """The free material properties, each with the regions it belongs to and its reference value [SI].
 
-    Raises ConfigError where a region does not exist or a guess cannot be taken from another run.
+    matrices: the config's ready matrices, whose terms say what belongs to a parameter; it has no regions then.
+    Raises ConfigError where a region does not exist, a guess is far from the file's value or cannot be taken from another
+    run.
     """
     found = []
     for name, entry in config.items():
@@ -33,7 +37,12 @@ def parameters_of(config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Pat
                 key=f"parameters.{name}.range",
                 remedy="widen the range, or take the guess from another run",
             )
-        regions = _regions(name, entry.region, mesh)
+        if matrices is not None:
+            _check_against_terms(name, value, matrices)
+            found.append(Parameter(name, entry.property, (), value))
+            continue
+        with blame(f"parameters.{name}.region"):
+            regions = region_ids(mesh, entry.region if isinstance(entry.region, tuple) else (entry.region,))
         for region in regions:
             deck = float(getattr(mesh.materials[mesh.regions[region].material], entry.property))
             if not 0.1 <= value / deck <= 10:
@@ -44,6 +53,22 @@ def parameters_of(config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Pat
                 )
         found.append(Parameter(name, entry.property, regions, value))
     return tuple(found)
+
+
+def _check_against_terms(name: str, value: float, matrices: Any) -> None:
+    terms = [
+        (f"mesh.matrices.{kind}.{i}", term)
+        for kind in ("stiffness", "mass")
+        for i, term in enumerate(matrices[kind])
+        if term.parameter == name
+    ]
+    for key, term in terms:
+        if term.at is not None and not 0.1 <= value / term.at <= 10:
+            raise ConfigError(
+                f"the guess of {name} is {value:.4g}, the matrix was made at {term.at:.4g} (SI units)",
+                key=f"{key}.at",
+                remedy="give both in SI units",
+            )
 
 
 def reference_value(name: str, guess: Any, files: Mapping[str, Path]) -> float:
@@ -62,31 +87,19 @@ def reference_value(name: str, guess: Any, files: Mapping[str, Path]) -> float:
     return float(summary[f"estimate.{name}"])
 
 
-def _regions(name: str, region: Any, mesh: Mesh) -> tuple[int, ...]:
-    by_name = {entry.name: entry.id for entry in mesh.regions.values()}
-    found = []
-    for wanted in region if isinstance(region, tuple) else (region,):
-        if wanted in mesh.regions:
-            found.append(wanted)
-        elif wanted in by_name:
-            found.append(by_name[wanted])
-        else:
-            known = [str(entry) for entry in (*mesh.regions, *by_name)]
-            close = get_close_matches(str(wanted), known, n=1)
-            raise ConfigError(
-                f"the mesh has no region {wanted!r}",
-                key=f"parameters.{name}.region",
-                remedy=f"did you mean {close[0]}?" if close else f"it has {', '.join(sorted(set(known)))}",
-            )
-    return tuple(found)
-
-
 def load_shapes(model: FiniteElementModel, config: Mapping[str, Any]) -> np.ndarray:
     """Input shape S (n_free, n_u) [-] of every load, in the order of the config."""
     columns = []
     for name, entry in config.items():
         with blame(f"loads.{name}"):
-            load = PointLoad(name, tuple(entry.direction), entry.get("node"), entry.get("set"))
+            direction = entry.get("direction")
+            load = PointLoad(
+                name,
+                None if direction is None else tuple(direction),
+                entry.get("node"),
+                entry.get("set"),
+                entry.get("deck_load"),
+            )
             columns.append(input_shape(model, (load,)))
     return np.hstack(columns)
 
@@ -117,12 +130,11 @@ def _recorded(name: str, config: Mapping[str, Any], path: Path) -> FromSamples:
         columns = []
         for wanted in (config["time_column"], config["value_column"]):
             if wanted not in header:
-                close = get_close_matches(wanted, header, n=1)
                 raise ConfigError(
                     f"{path.name} has no column {wanted!r}",
                     key=key,
                     where=f"{path}:1",
-                    remedy=f"did you mean {close[0]!r}?" if close else f"it has {', '.join(header)}",
+                    remedy=did_you_mean(wanted, header, f"it has {', '.join(header)}"),
                 )
             columns.append(header.index(wanted))
         rows = []

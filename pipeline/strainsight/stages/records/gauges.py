@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from scipy import sparse
+
 from strainsight.gauges.candidates import Candidates
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset
@@ -27,3 +30,26 @@ def candidate_datasets(pool: Candidates) -> dict[str, Dataset]:
 def candidates_from(artefact: Artefact) -> Candidates:
     """The candidates that `candidate_datasets` wrote."""
     return Candidates(**{name: artefact[f"{GROUP}/{name}"] for name in COLUMNS})
+
+
+GIVEN = f"{GROUP}/given"
+
+
+def given_datasets(rows: sparse.csr_array) -> dict[str, Dataset]:
+    """Given strain rows (candidate × row of the matrices), as the three arrays of a CSR matrix."""
+    return {
+        f"{GIVEN}/value": Dataset(rows.data, "1/m or 1/rad", "given strain per motion of a row of the matrices"),
+        f"{GIVEN}/size": Dataset(np.array(rows.shape[1]), "1", "rows of the matrices"),
+        f"{GIVEN}/column": Dataset(rows.indices.astype("int64"), "1", "row of the matrices of every value"),
+        f"{GIVEN}/offset": Dataset(
+            rows.indptr.astype("int64"), "1", "values of candidate i are [offset[i], offset[i + 1])"
+        ),
+    }
+
+
+def given_from(artefact: Artefact) -> sparse.csr_array | None:
+    """The rows (m, r) that `given_datasets` wrote; None where the candidates lie on the mesh."""
+    if f"{GIVEN}/value" not in artefact:
+        return None
+    value, column, offset = (artefact[f"{GIVEN}/{name}"] for name in ("value", "column", "offset"))
+    return sparse.csr_array((value, column, offset), shape=(len(offset) - 1, int(artefact[f"{GIVEN}/size"])))

@@ -1,0 +1,230 @@
+"""Matrices and tables that another program wrote: OP4, Matrix Market, NumPy and SciPy archives, and CSV beside them."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from scipy import sparse
+from scipy.io import mminfo, mmread
+
+from strainsight.decks.matrices.op4 import read_op4
+from strainsight.decks.matrices.op4_parts import LARGEST
+from strainsight.decks.numbers import no_integer, parse_integer
+from strainsight.decks.text import text_lines
+from strainsight.errors import DeckError
+
+SUFFIXES = ".op4, .mtx, .mtx.gz, .npz"
+SYMMETRIC = 1e-8
+"""Largest |X − Xᵀ| over the largest |X| that is rounding of the file."""
+NOTED = 1e-12
+"""An asymmetry below this is rounding of the sums in memory: nobody need read of it."""
+PACKING = 1100
+"""The most that deflate can make of one byte."""
+DAMAGE = (
+    *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, NotImplementedError),
+    *(BadZipFile, zlib.error, struct.error),
+)
+"""What the readers of NumPy and SciPy raise on altered bytes."""
+
+
+def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
+    """A real matrix from a file; `name` which of several (OP4, .npz), None the only one.
+
+    Raises DeckError for a file that is missing, damaged, of another kind, or holds complex numbers, NaN or text, and for
+    a name that is not there or is needed.
+    """
+    ending = "".join(path.suffixes[-2:]).lower()
+    reader = next((r for suffix, r in _READERS.items() if ending.endswith(suffix)), None)
+    if reader is None:
+        raise DeckError(f"no matrix file by its name: {path.name}", where=str(path), remedy=f"known: {SUFFIXES}")
+    try:
+        matrix = reader(path, name)
+    except FileNotFoundError:
+        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+    except DeckError as error:
+        error.where = error.where or str(path)
+        raise
+    except DAMAGE as error:
+        said = " ".join(str(error).split())[:200]
+        raise DeckError(f"cannot be read: {said}", where=str(path), remedy="write the matrix again") from None
+    except MemoryError:
+        raise DeckError(
+            "the matrix does not fit into memory", where=str(path), remedy="write it sparse, or check the file"
+        ) from None
+    if not np.isfinite(matrix.data).all():
+        entry = matrix.tocoo()
+        first = int(np.argmin(np.isfinite(entry.data)))
+        raise DeckError(
+            f"entry ({entry.row[first] + 1}, {entry.col[first] + 1}) is {entry.data[first]}",
+            where=str(path),
+            remedy="write finite numbers",
+        )
+    return matrix
+
+
+def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]:
+    """½(X + Xᵀ) and how far X was from it, max|X − Xᵀ| / max|X|.
+
+    Raises DeckError for a matrix that is not square, of which only one triangle is there, or that is off by more than 1e-8.
+    """
+    if X.shape[0] != X.shape[1]:
+        raise DeckError(
+            f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns", where=str(path), remedy="give a square one"
+        )
+    apart = abs(X - X.T)
+    off = float(apart.max() / (abs(X).max() or 1.0)) if X.nnz else 0.0
+    if off == 0.0:
+        return X, off
+    if off > SYMMETRIC:
+        below, above = sparse.tril(X, -1), sparse.triu(X, 1)
+        for there, other in ((below, above), (above, below)):
+            if abs(there).sum() == 0 and abs(other).sum() > 0:
+                which = "lower" if other is below else "upper"
+                raise DeckError(
+                    f"only the {which} triangle of the matrix is in the file",
+                    where=str(path),
+                    remedy="write both triangles, or declare the file symmetric (Matrix Market header)",
+                )
+        worst = apart.tocoo()
+        at = int(np.argmax(worst.data))
+        raise DeckError(
+            f"the matrix is not symmetric: entries ({worst.row[at] + 1}, {worst.col[at] + 1}) and transposed differ by "
+            f"{off:.1e} of the largest entry",
+            where=str(path),
+            remedy="a stiffness or mass without gyroscopic, follower or control terms is symmetric",
+        )
+    return sparse.csr_array(0.5 * (X + X.T)), off
+
+
+def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """What each row of the matrices is: node id (r,) and component 0-5 (r,); line i + 2 of the CSV is row i.
+
+    Raises DeckError with file:line for anything but "node,component" lines, a scalar point (component 0), and a pair that
+    occurs twice.
+    """
+    rows = []
+    for number, cells in csv_lines(path, ("node", "component")):
+        node, component = (_integer(cell, path, number) for cell in cells)
+        if component == 0:
+            raise DeckError(
+                f"row {node} is a scalar point (component 0), which has no place in space",
+                where=f"{path}:{number}",
+                remedy="condense it into the nodes, or number it as a component of a node of its own",
+            )
+        if not (1 <= component <= 6 and node >= 1):
+            raise DeckError(
+                f"node {node}, component {component}",
+                where=f"{path}:{number}",
+                remedy="components are 1-3 for translations x, y, z and 4-6 for rotations",
+            )
+        rows.append((node, component - 1))
+    pairs = np.array(rows, dtype=np.int64).reshape(-1, 2)
+    if len(pairs) == 0:
+        raise DeckError("no row is numbered", where=str(path), remedy="one line a row: node,component")
+    _, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))
+    if again.size:
+        row = int(again[0])
+        raise DeckError(
+            f"node {pairs[row, 0]}, component {pairs[row, 1] + 1} is numbered twice",
+            where=f"{path}:{row + 2}",
+            remedy=f"line {first[inverse.ravel()[row]] + 2} has it too: every row has its own",
+        )
+    return pairs[:, 0], pairs[:, 1]
+
+
+def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of every line below the header, which must say `header` (in any case).
+
+    Raises DeckError with file:line for another header and for lines with more or fewer cells.
+    """
+    lines = text_lines(path)
+    while not lines[-1].strip():
+        lines.pop()
+    wanted = ",".join(header)
+    if [cell.strip().lower() for cell in lines[0].split(",")] != list(header):
+        raise DeckError(
+            f"the first line is {lines[0].strip()[:60]!r}", where=f"{path}:1", remedy=f"write {wanted!r} there"
+        )
+    for number, line in enumerate(lines[1:], start=2):
+        cells = [cell.strip() for cell in line.split(",")]
+        if len(cells) != len(header):
+            raise DeckError(
+                f"{line.strip()[:60]!r} has {len(cells)} cells", where=f"{path}:{number}", remedy=f"give {wanted}"
+            )
+        yield number, cells
+
+
+def _integer(cell: str, path: Path, number: int) -> int:
+    value = parse_integer(cell)
+    if value is None:
+        remedy = "give node ids and components"
+        raise DeckError(f"an entry {no_integer(cell[:40])}", where=f"{path}:{number}", remedy=remedy)
+    return value
+
+
+def _from_op4(path: Path, name: str | None) -> sparse.csr_array:
+    return read_op4(path, name)
+
+
+def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
+    if name is not None:
+        raise DeckError(f"a Matrix Market file has no matrix names, such as {name!r}", remedy="remove the name")
+    rows, columns, entries, layout, field, kind = mminfo(path)
+    if field not in ("real", "integer", "double", "unsigned-integer") or kind not in ("general", "symmetric"):
+        raise DeckError(f"a {kind} {field} matrix", where=f"{path}:1", remedy="write it real, and general or symmetric")
+    bytes_there = path.stat().st_size * (PACKING if path.suffix.lower() == ".gz" else 1)
+    # a line of one entry has two bytes at least; of a symmetric array one half is there
+    if max(rows, columns) > LARGEST or (entries if layout == "array" else 4 * entries) > bytes_there:
+        raise DeckError(
+            f"it claims {rows} × {columns} with {entries} entries, more than it can hold",
+            where=str(path),
+            remedy="write the matrix again",
+        )
+    return _csr(mmread(path))
+
+
+def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
+    with path.open("rb") as file:
+        if file.read(2) != b"PK":
+            raise DeckError(
+                "it is no .npz archive", where=str(path), remedy="write it by scipy.sparse.save_npz or numpy.savez"
+            )
+    with np.load(path, allow_pickle=False) as archive:
+        names = list(archive.files)
+        if "format" in names:
+            if name is not None:
+                raise DeckError(f"a SciPy archive has no matrix names, such as {name!r}", remedy="remove the name")
+            return _csr(sparse.load_npz(path))
+        if name is None and len(names) != 1:
+            raise DeckError(
+                f"it holds {len(names)} arrays: {', '.join(names)}", where=str(path), remedy="give the name of one"
+            )
+        if name is not None and name not in names:
+            raise DeckError(f"it holds no array {name!r}", where=str(path), remedy=f"it has {', '.join(names)}")
+        return _csr(archive[name or names[0]])
+
+
+def _csr(matrix: Any) -> sparse.csr_array:
+    if matrix.ndim != 2 or matrix.dtype.kind not in "fiub":
+        raise DeckError(
+            f"an array of {matrix.ndim} dimensions of {matrix.dtype}", remedy="give a matrix of real numbers"
+        )
+    if max(matrix.shape) > LARGEST or min(matrix.shape) == 0:
+        raise DeckError(f"a matrix of {matrix.shape[0]} × {matrix.shape[1]}", remedy="check how it was written")
+    if hasattr(matrix, "check_format"):
+        # without the full check indices beyond the matrix would be followed into foreign memory
+        matrix.check_format(full_check=True)
+    found = sparse.csr_array(matrix).astype(float)
+    found.sum_duplicates()
+    found.eliminate_zeros()
+    return found
+
+
+_READERS = {".op4": _from_op4, ".mtx": _from_matrix_market, ".mtx.gz": _from_matrix_market, ".npz": _from_archive}

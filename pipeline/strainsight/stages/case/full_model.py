@@ -1,0 +1,81 @@
+"""The whole finite-element model of a case: assembled from the solids of the mesh, or from ready matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from scipy import sparse
+
+from strainsight.decks.matrices.files import NOTED, read_matrix, read_numbering, symmetric
+from strainsight.errors import DeckError, blame
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import FiniteElementModel, build_model
+from strainsight.fem.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.units import length_factor, mass_factor
+
+READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices")
+FILES = ("mesh.matrices.numbering", "mesh.matrices.stiffness.*.file", "mesh.matrices.mass.*.file")
+"""What a stage that calls `full_model` declares."""
+
+
+@dataclass(frozen=True)
+class FullModel:
+    """model; motion (r, n_free) of the rows of ready matrices, None for an assembled model; notes: sentences for a warning."""
+
+    model: FiniteElementModel
+    motion: sparse.csr_array | None = None
+    notes: tuple[str, ...] = ()
+
+
+def full_model(config: Any, mesh: Mesh, parameters: Sequence[Parameter], files: Mapping[str, Path]) -> FullModel:
+    """Assemble, or read matrices where `mesh.matrices` says so; either way constrained and affine in the parameters.
+
+    config: a slice that has READS.
+    """
+    if config.mesh.matrices is None:
+        with blame("mesh.file"), mesh.located():
+            return FullModel(build_model(mesh, parameters))
+    ready, said = _read(config.mesh, files)
+    with blame("mesh.matrices.numbering"), mesh.located():
+        built = build_ready_model(mesh, ready)
+    return FullModel(built.model, built.motion, (*said, *built.notes))
+
+
+def _read(config: Any, files: Mapping[str, Path]) -> tuple[ReadyMatrices, list[str]]:
+    with blame("mesh.matrices.numbering"):
+        path = files["mesh.matrices.numbering"]
+        node_ids, components = read_numbering(path)
+    said: list[str] = []
+    terms: dict[str, list[Term]] = {"stiffness": [], "mass": []}
+    for kind, found in terms.items():
+        for i, entry in enumerate(config.matrices[kind]):
+            key = f"mesh.matrices.{kind}.{i}.file"
+            with blame(key):
+                X = read_matrix(files[key], entry.name)
+                if X.shape != (len(node_ids),) * 2:
+                    raise DeckError(
+                        f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns, {path.name} numbers {len(node_ids)}",
+                        where=str(files[key]),
+                        remedy="give the matrix and the numbering of one and the same set",
+                    )
+                X, off = symmetric(X, files[key])
+            if off > NOTED:
+                said.append(
+                    f"{files[key].name} is off symmetry by {off:.1e} of its largest entry and is made symmetric"
+                )
+            found.append(Term(X, entry.parameter, 1.0 if entry.at is None else float(entry.at)))
+    with blame("mesh.matrices"):
+        ready = ready_matrices(
+            node_ids,
+            components,
+            terms["stiffness"],
+            terms["mass"],
+            length_factor(config.length_unit),
+            mass_factor(config.mass_unit),
+            str(path),
+        )
+    return ready, said

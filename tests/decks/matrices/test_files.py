@@ -1,0 +1,189 @@
+"""Matrices and numberings from files: what is read, what is refused, and what is said of a triangle."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zipfile
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.io import mmwrite
+
+from strainsight.decks.matrices.files import read_matrix, read_numbering, symmetric
+from strainsight.errors import DeckError
+
+
+@pytest.fixture
+def K() -> sparse.csr_array:
+    A = sparse.random_array((8, 8), density=0.3, rng=np.random.default_rng(1))
+    return sparse.csr_array(A + A.T)
+
+
+def market(path, K, symmetry="general", packed=False):
+    stream = io.BytesIO()
+    mmwrite(stream, K, symmetry=symmetry, precision=17)
+    path.write_bytes(gzip.compress(stream.getvalue()) if packed else stream.getvalue())
+    return path
+
+
+@pytest.mark.parametrize("symmetry", ["general", "symmetric"])
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("name", ["k.mtx", "K.MTX", "k.mtx.gz"])
+def test_matrix_market(tmp_path, K, symmetry, dense, name):
+    path = market(tmp_path / name, K.toarray() if dense else K.tocoo(), symmetry, name.endswith(".gz"))
+    assert np.array_equal(read_matrix(path).toarray(), K.toarray())
+
+
+@pytest.mark.parametrize("form", ["csr", "csc", "coo", "dia", "bsr"])
+@pytest.mark.parametrize("dtype", [float, np.float32, int])
+def test_scipy_archives(tmp_path, K, form, dtype):
+    K = sparse.csr_array((100 * K).astype(dtype))
+    sparse.save_npz(tmp_path / "k.npz", K.asformat(form))
+    assert np.array_equal(read_matrix(tmp_path / "k.npz").toarray(), K.toarray())
+
+
+def test_numpy_archives_by_name(tmp_path, K):
+    np.savez(tmp_path / "k.npz", K=K.toarray(), M=2 * K.toarray())
+    assert np.array_equal(read_matrix(tmp_path / "k.npz", "M").toarray(), 2 * K.toarray())
+    with pytest.raises(DeckError, match="2 arrays: K, M"):
+        read_matrix(tmp_path / "k.npz")
+    with pytest.raises(DeckError, match="no array 'X'") as caught:
+        read_matrix(tmp_path / "k.npz", "X")
+    assert "K, M" in caught.value.remedy
+    np.savez(tmp_path / "one.npz", K.toarray())
+    assert np.array_equal(read_matrix(tmp_path / "one.npz").toarray(), K.toarray())
+
+
+def archive(tmp_path, **arrays):
+    np.savez(tmp_path / "k.npz", **arrays)
+    return tmp_path / "k.npz"
+
+
+def compressed(tmp_path, data, indices, indptr, shape, form=b"csr"):
+    return archive(tmp_path, data=data, indices=indices, indptr=indptr, shape=shape, format=np.array(form))
+
+
+def text(tmp_path, content, name="k.mtx"):
+    (tmp_path / name).write_bytes(content)
+    return tmp_path / name
+
+
+HEAD = b"%%MatrixMarket matrix coordinate real general\n"
+HOSTILE = {
+    "column beyond the matrix": lambda p: compressed(p, np.ones(1), np.array([10**6]), np.array([0, 1, 1]), (2, 2)),
+    "negative column": lambda p: compressed(p, np.ones(1), np.array([-1]), np.array([0, 1, 1]), (2, 2)),
+    "offsets that fall": lambda p: compressed(p, np.ones(2), np.array([0, 1]), np.array([0, 2, 1]), (2, 2)),
+    "rows without number": lambda p: archive(
+        p, data=np.ones(1), row=np.array([5]), col=np.array([0]), shape=(2, 2), format=np.array(b"coo")
+    ),
+    "a format of no name": lambda p: compressed(p, np.ones(1), np.array([0]), np.array([0, 1]), (1, 1), b"lil"),
+    "no format at all": lambda p: compressed(p, np.ones(1), np.array([0]), np.array([0, 1]), (1, 1), b"\xff"),
+    "a format in numbers": lambda p: archive(p, format=np.array(3)),
+    "pickled": lambda p: archive(p, a=np.array([[object()]], dtype=object)),
+    "one row only": lambda p: archive(p, a=np.ones(3)),
+    "text": lambda p: archive(p, a=np.array([["a"]])),
+    "complex archive": lambda p: archive(p, a=np.array([[1j]])),
+    "no archive": lambda p: text(p, b"PK\x03\x04 and nothing else", "k.npz"),
+    "not even that": lambda p: text(p, b"\x93NUMPY", "k.npz"),
+    "a cut archive": lambda p: text(p, archive(p, a=np.ones((9, 9))).read_bytes()[:300], "k.npz"),
+    "NaN": lambda p: archive(p, a=np.array([[np.nan]])),
+    "cut text": lambda p: text(p, HEAD + b"3 3 3\n1 1 1.0\n"),
+    "index beyond": lambda p: text(p, HEAD + b"3 3 1\n4 1 1.0\n"),
+    "no number": lambda p: text(p, HEAD + b"3 3 1\n1 1 one\n"),
+    "absurd rows": lambda p: text(p, HEAD + b"99999999999 99999999999 1\n1 1 1.0\n"),
+    "absurd entries": lambda p: text(p, HEAD + b"300000 300000 90000000000\n1 1 1.0\n"),
+    "absurd array": lambda p: text(p, b"%%MatrixMarket matrix array real general\n300000 300000\n1.0\n"),
+    "negative size": lambda p: text(p, HEAD + b"-3 -3 1\n1 1 1.0\n"),
+    "complex": lambda p: text(p, HEAD.replace(b"real", b"complex") + b"1 1 1\n1 1 1.0 1.0\n"),
+    "pattern": lambda p: text(p, HEAD.replace(b"real", b"pattern") + b"1 1 1\n1 1\n"),
+    "skew": lambda p: text(p, HEAD.replace(b"general", b"skew-symmetric") + b"2 2 1\n2 1 1.0\n"),
+    "infinite": lambda p: text(p, HEAD + b"1 1 1\n1 1 inf\n"),
+    "binary": lambda p: text(p, bytes(range(256)) * 9),
+    "empty": lambda p: text(p, b""),
+    "no gzip": lambda p: text(p, HEAD + b"1 1 1\n1 1 1.0\n", "k.mtx.gz"),
+    "cut gzip": lambda p: text(p, gzip.compress(HEAD + b"1 1 1\n1 1 1.0\n" * 99)[:60], "k.mtx.gz"),
+    "other ending": lambda p: text(p, b"1 2 3", "k.csv"),
+    "missing": lambda p: p / "none.mtx",
+    "folder": lambda p: (p / "d.mtx").mkdir() or p / "d.mtx",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_is_no_matrix_is_refused_with_its_path(tmp_path, name):
+    path = HOSTILE[name](tmp_path)
+    with pytest.raises(DeckError) as caught:
+        read_matrix(path)
+    assert caught.value.where.startswith(str(path))
+    assert caught.value.remedy
+
+
+def test_an_archive_that_claims_more_than_there_is_memory(tmp_path):
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (4000000, 4000000), }".ljust(117) + b"\n"
+    with zipfile.ZipFile(tmp_path / "k.npz", "w") as archive:
+        archive.writestr("a.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+    with pytest.raises(DeckError):
+        read_matrix(tmp_path / "k.npz")
+
+
+def test_a_name_in_a_file_without_names_is_a_mistake(tmp_path, K):
+    sparse.save_npz(tmp_path / "k.npz", K)
+    for path in (market(tmp_path / "k.mtx", K.tocoo()), tmp_path / "k.npz"):
+        with pytest.raises(DeckError, match="no matrix names"):
+            read_matrix(path, "K")
+
+
+@pytest.mark.parametrize(("part", "which"), [(sparse.tril, "lower"), (sparse.triu, "upper")])
+def test_one_triangle_is_said_to_be_one(tmp_path, K, part, which):
+    with pytest.raises(DeckError, match=f"only the {which} triangle"):
+        symmetric(sparse.csr_array(part(K)), tmp_path)
+
+
+def test_rounding_is_made_symmetric_and_measured_and_more_is_refused(tmp_path, K):
+    largest = abs(K).max()
+    for off in (1e-10, 3e-8):
+        X = K.tolil()
+        X[2, 5] += off * largest
+        if off < 1e-8:
+            S, measured = symmetric(sparse.csr_array(X), tmp_path)
+            assert abs(S - S.T).max() == 0
+            assert measured == pytest.approx(off, rel=1e-3)
+        else:
+            with pytest.raises(DeckError, match=r"\(3, 6\)|\(6, 3\)") as caught:
+                symmetric(sparse.csr_array(X), tmp_path)
+            assert "3.0e-08" in caught.value.what
+    assert symmetric(K, tmp_path)[1] == 0
+    with pytest.raises(DeckError, match="8 rows and 5 columns"):
+        symmetric(K[:, :5], tmp_path)
+
+
+def test_a_numbering_is_nodes_and_components(tmp_path):
+    (tmp_path / "rows.csv").write_text("Node, Component\n7,1\n 7 , 6\n12,3\n\n")
+    node, component = read_numbering(tmp_path / "rows.csv")
+    assert node.tolist() == [7, 7, 12]
+    assert component.tolist() == [0, 5, 2]
+
+
+@pytest.mark.parametrize(
+    ("lines", "said", "line"),
+    [
+        ("7,1\n8,1\n", "first line is '7,1'", 1),
+        ("node,component\n7,1\n7,one\n", "'one', not an integer", 3),
+        ("node,component\n7,1\n1000000000000,1\n", "1000000000000, too large", 3),
+        ("node,component\n7\v,1\n7,one\n", "'one', not an integer", 3),
+        ("node,component\n7,1\n7\n", "1 cells", 3),
+        ("node,component\n7,1\n\n8,1\n", "1 cells", 3),
+        ("node,component\n7,7\n", "component 7", 2),
+        ("node,component\n7,0\n", "scalar point", 2),
+        ("node,component\n-7,1\n", "node -7", 2),
+        ("node,component\n7,1\n8,1\n7,1\n", "node 7, component 1 is numbered twice", 4),
+        ("node,component\n", "no row", None),
+    ],
+)
+def test_a_numbering_that_is_none_is_refused_at_its_line(tmp_path, lines, said, line):
+    path = tmp_path / "rows.csv"
+    path.write_text(lines)
+    with pytest.raises(DeckError, match=said) as caught:
+        read_numbering(path)
+    assert caught.value.where == (f"{path}:{line}" if line else str(path))

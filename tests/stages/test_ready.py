@@ -1,0 +1,213 @@
+"""Ready matrices through the whole pipeline: the same layout as by assembly, and a beam that has no solids."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.io import mmwrite
+from typer.testing import CliRunner
+
+from strainsight.decks.reader import read_mesh
+from strainsight.fem.assembly import assemble
+from strainsight.fem.model import build_model
+from strainsight_cli.main import app
+
+from ..fem.test_ready import AREA, HEIGHT, IY, LENGTH, RHO, E, beam_matrices, closed_form
+from .conftest import ROOT, SHORT, finished, job_of
+
+DECK = ROOT / "meshes" / "cantilever.bdf"
+
+
+def numbering(path, node, component):
+    lines = [f"{n},{c + 1}" for n, c in zip(node.tolist(), component.tolist(), strict=True)]
+    path.write_text("\n".join(["node,component", *lines]) + "\n")
+
+
+def all_motions(folder):
+    """K as OP4 of all translations, M as Matrix Market of one triangle that says so."""
+    from pyyeti.nastran import op4
+
+    mesh = read_mesh(DECK)
+    K, M = (X.at({}) for X in assemble(mesh))
+    op4.write(folder / "k.op4", {"kgg": K.tocoo(), "other": sparse.eye(3, format="coo")}, sparse="bigmat")
+    mmwrite(folder / "m.mtx", M, symmetry="symmetric", precision=17)
+    numbering(folder / "rows.csv", np.repeat(mesh.node_ids, 3), np.tile(np.arange(3), len(mesh.node_ids)))
+    return "{file: k.op4, name: KGG, parameter: E, at: 2.1e+11}", "{file: m.mtx}"
+
+
+def free_motions(folder):
+    """What Nastran calls the a-set: without clamped motions, the dependent ones condensed into the reference node's six."""
+    mesh = read_mesh(DECK)
+    model = build_model(mesh)
+    sparse.save_npz(folder / "k.npz", model.stiffness.at({}))
+    sparse.save_npz(folder / "m.npz", model.mass.at({}))
+    n, row = len(mesh.node_ids), model.constraint.free_rows
+    owner = {at + k: (node, 3 + k) for node, at in model.constraint.reference_rows.items() for k in range(3)}
+    pairs = np.array([(r // 3, r % 3) if r < 3 * n else owner[r] for r in row.tolist()])
+    numbering(folder / "rows.csv", mesh.node_ids[pairs[:, 0]], pairs[:, 1])
+    return "{file: k.npz, parameter: E, at: 2.1e+11}", "{file: m.npz}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("export", [all_motions, free_motions])
+def test_matrices_of_the_assembly_give_its_layout(artefacts, config, tmp_path, export):
+    stiffness, mass = export(tmp_path)
+    text = config.read_text()
+    text = text.replace("file: ../meshes/cantilever.bdf", f"file: {DECK}").replace("region: 1, ", "")
+    matrices = f"matrices: {{numbering: rows.csv, stiffness: [{stiffness}], mass: [{mass}]}}"
+    text = text.replace("mass_unit: kg}", f"mass_unit: kg, {matrices}}}")
+    (tmp_path / "own.yaml").write_text(text)
+    found = {s: a for s, (_, _, a) in finished(job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT)).items()}
+    assert found["rom"].summary["unknowns"] == artefacts["rom"].summary["unknowns"]
+    assert np.allclose(found["rom"]["/frequency"], artefacts["rom"]["/frequency"], rtol=1e-9)
+    assert len(found["rom"]["/matrices/notes"]) == 0
+    strain = artefacts["train"]["/strain"]
+    assert np.allclose(found["train"]["/strain"], strain, rtol=1e-6, atol=1e-9 * np.abs(strain).max())
+    for key in ("element", "facet"):
+        path = f"/selected/final/{key}"
+        assert sorted(found["place"][path].tolist()) == sorted(artefacts["place"][path].tolist())
+    for stage, key in (("place", "trace_final"), ("place", "std.E"), ("validate", "estimate.E"), ("validate", "std.E")):
+        assert found[stage].summary[key] == pytest.approx(artefacts[stage].summary[key], rel=1e-6), key
+
+
+ELEMENTS = 10
+BEAM = """\
+kind: placement
+name: beam
+seed: 1
+mesh:
+  file: beam.bdf
+  length_unit: mm
+  mass_unit: t
+  matrices:
+    numbering: rows.csv
+    stiffness: [{file: k.npz, parameter: E, at: 2.1e+11}]
+    mass: [{file: m.npz}]
+parameters: {E: {property: youngs_modulus, guess: 1.9e+11, range: [1.6e+11, 2.4e+11]}}
+loads: {tip: {node: 11, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 3.0, amplitude: 100.0}}}
+damping: {type: modal, ratio: 0.01}
+rom: {modes: 4, parameter_samples: 2, tolerance: 1.0e-8}
+train: {duration: 0.4, time_step: 1.0e-3}
+gauges:
+  given: {rows: strain.mtx, table: gauges.csv}
+  noise_std: {relative_to_strongest: 0.01}
+  exclude: [{box: [[-0.01, -1, -1], [0.15, 1, 1]]}]
+screen: {keep: 6, minimum_spacing: 0.05}
+place: {estimate: [E], keep: 3, instants: 3}
+validate:
+  truth: {model: rich, modes: 4, parameters: {E: 2.1e+11}}
+  time_step: 1.0e-3
+  duration: 0.4
+  initial_std: {E: 0.1}
+  random_sets: 2
+  noise_factors: [0.1]
+  repeats: 2
+report: {format: html}
+"""
+
+
+FOOT = """\
+GRID,101,,-10.,0.,0.
+GRID,102,,0.,20.,0.
+GRID,103,,0.,-20.,0.
+GRID,104,,0.,0.,20.
+CTETRA,1,1,101,103,102,104
+PSOLID,1,1
+MAT1,1,2.1+5,,0.3,7.85-9
+SPC1,1,123,101,102,103,104
+"""
+
+
+@pytest.fixture
+def beam(tmp_path):
+    """A cantilever of two-node elements in mm and t with a gauge at the middle of every element's upper and lower fibre."""
+    n, h = ELEMENTS + 1, 1e3 * LENGTH / ELEMENTS
+    K, M = beam_matrices(ELEMENTS, 1e3 * LENGTH, E * 1e-6, RHO * 1e-12, AREA * 1e6, IY * 1e12, IY * 1e12)
+    sparse.save_npz(tmp_path / "k.npz", K)
+    sparse.save_npz(tmp_path / "m.npz", M)
+    numbering(tmp_path / "rows.csv", np.repeat(np.arange(1, n + 1), 6), np.tile(np.arange(6), n))
+    grids = "".join(f"GRID,{i + 1},,{h * i:.1f},0.,0.\n" for i in range(n))
+    (tmp_path / "beam.bdf").write_text(f"BEGIN BULK\n{grids}SPC1,1,123456,1\n{FOOT}ENDDATA\n")
+    # ε = −z w″, and at the middle of an element w″ = (w′₂ − w′₁)/h with w′ = −θ_y
+    R, lines = np.zeros((2 * ELEMENTS, 6 * n)), ["gauge,x,y,z,dx,dy,dz"]
+    for e in range(ELEMENTS):
+        for side in (1, -1):
+            z = side * 0.5e3 * HEIGHT
+            g = 2 * e + (side < 0)
+            R[g, 6 * e + 10], R[g, 6 * e + 4] = z / h, -z / h
+            lines.append(f"{101 + g},{h * (e + 0.5)},0,{z}," + (",," if g == 2 else "1,0,0"))
+    mmwrite(tmp_path / "strain.mtx", sparse.coo_array(R))
+    (tmp_path / "gauges.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "beam.yaml").write_text(BEAM)
+    return tmp_path
+
+
+@pytest.mark.parametrize("solids", [True, False])
+def test_a_beam_runs_from_import_to_report(beam, solids):
+    """With a solid beside it that is clamped, and with nodes alone."""
+    if not solids:
+        edited("beam.bdf", FOOT, "")(beam)
+    done = {s: a for s, (_, _, a) in finished(job_of(beam / "beam.yaml", beam / "results")).items()}
+    rom, train, validate = done["rom"], done["train"], done["validate"]
+    # both planes are alike, so the frequencies come in pairs; at the guess
+    expected = np.repeat(closed_form(IY)[:2], 2) * np.sqrt(1.9e11 / 2.1e11)
+    assert np.allclose(rom["/frequency"], expected, rtol=1e-4)
+    # 20 gauges but the two of the excluded root element
+    assert train["/gauges/element"].tolist() == list(range(103, 121))
+    assert np.allclose(train["/gauges/position"][0], [0.3, 0, HEIGHT / 2])
+    # a constant force F: ε = −z F (L − x)/(E I), which these elements have exactly in their middle
+    x, z = train["/gauges/position"][:, 0], train["/gauges/position"][:, 2]
+    q = np.linalg.solve(1.9e11 * rom["/reduced/stiffness/E"], rom["/reduced/input_shape"][:, 0])
+    assert np.allclose(train["/gauges/row"] @ q, -z * (LENGTH - x) / (1.9e11 * IY), rtol=1e-8)
+    assert train["/gauges/direction"][:2].tolist() == [[0, 0, 0], [1, 0, 0]]  # the first is left blank in the table
+    assert validate.summary["error.E"] < 0.05
+    assert "cannot be moved" in validate.summary["description"]
+    page = (beam / "results" / "beam" / "report.html").read_text(encoding="utf-8")
+    assert "given strain rows cannot be moved or turned" in page
+    assert done["report"].summary["picture"]
+    again = finished(job_of(beam / "beam.yaml", beam / "results"))
+    assert {status for status, _, _ in again.values()} == {"up to date"}
+
+
+def shrunk(path):
+    return lambda folder: sparse.save_npz(folder / path, sparse.load_npz(folder / path)[:-6, :-6])
+
+
+def triangle(folder):
+    sparse.save_npz(folder / "k.npz", sparse.tril(sparse.load_npz(folder / "k.npz"), format="csr"))
+
+
+def edited(name, old, new):
+    def edit(folder):
+        text = (folder / name).read_text()
+        assert text.count(old) == 1
+        (folder / name).write_text(text.replace(old, new))
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("spoil", "key", "says"),
+    [
+        (edited("beam.yaml", "k.npz", "kk.npz"), "mesh.matrices.stiffness.0.file", "no such file"),
+        (shrunk("m.npz"), "mesh.matrices.mass.0.file", "60 rows and 60 columns, rows.csv numbers 66"),
+        (triangle, "mesh.matrices.stiffness.0.file", "only the lower triangle"),
+        (lambda f: (f / "k.npz").write_bytes(b"PK junk"), "mesh.matrices.stiffness.0.file", "cannot be read"),
+        (edited("rows.csv", "\n11,1\n", "\n12,1\n"), "mesh.matrices.numbering", "rows.csv:62"),
+        (edited("rows.csv", "\n11,1\n", "\n10,1\n"), "mesh.matrices.numbering", "rows.csv:62"),
+        (edited("beam.yaml", "at: 2.1e+11", "at: 2.1e+5"), "mesh.matrices.stiffness.0.at", "made at 2.1e+05"),
+        (edited("beam.bdf", "SPC1,1,123456,1\n", ""), "mesh.matrices", "can move freely: translation x"),
+        (edited("gauges.csv", "107,", "108,"), "gauges.given", "gauge 108 is there twice"),
+        (edited("beam.yaml", "rows: strain.mtx", "rows: k.npz"), "gauges.given", "66 rows, gauges.csv has 20"),
+        (edited("beam.yaml", "given: {", "surface: TOP\n  given: {"), "gauges.surface", "no surface"),
+    ],
+)
+def test_matrices_that_do_not_fit_are_a_message_with_key_and_file(beam, spoil, key, says):
+    spoil(beam)
+    done = CliRunner().invoke(app, ["run", str(beam / "beam.yaml"), "--results", str(beam / "results")])
+    said = " ".join((done.output + (done.stderr or "")).split())
+    assert done.exit_code == 2, said
+    assert "Traceback" not in said
+    assert key in said
+    assert says in said
