@@ -62,8 +62,8 @@ def run(
 ) -> None:
     with reported(verbose):
         stages, job = _job(config, results, overrides)
-        forced = [stage.name for stage in stages] if force else []
-        _bring_up_to_date(stages, job, forced, dry_run, as_json, verbose, tables=True)
+        names = [stage.name for stage in stages]
+        _bring_up_to_date(stages, job, names if force else [], dry_run, as_json, verbose, tables=names)
 
 
 @app.command(help="Say which stages are up to date, and why the others are not.")
@@ -92,12 +92,15 @@ def init(
 
         if not deck.is_file():
             raise UserError("no such deck", where=str(deck), remedy="give the path of a finite-element deck")
-        target = output or Path(f"{deck.stem}.yaml")
+        target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
         if target.exists() and not force:
             raise UserError("the file exists", where=str(target), remedy="give another one with -o FILE, or --force")
+        from strainsight.stages.suggestion import suggestion
+
         relative = Path(os.path.relpath(deck.resolve(), target.resolve().parent)).as_posix()
+        text = template(relative, suggestion(deck))
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(template(relative), encoding="utf-8")
+        target.write_text(text, encoding="utf-8")
         print(f"wrote {target}: fill in the lines marked ←, then: strainsight run {target}")
 
 
@@ -127,7 +130,7 @@ def _add_stage(name: str, what: str) -> None:
         with reported(verbose):
             stages, job = _job(config, results, overrides)
             upto = stages[: [stage.name for stage in stages].index(name) + 1]
-            _bring_up_to_date(upto, job, [name] if force else [], dry_run, as_json, verbose, tables=False)
+            _bring_up_to_date(upto, job, [name] if force else [], dry_run, as_json, verbose, tables=[name])
 
 
 for _name, _what in pipelines.STAGES.items():
@@ -159,8 +162,9 @@ def _bring_up_to_date(
     dry_run: bool,
     as_json: bool,
     verbose: bool,
-    tables: bool,
+    tables: list[str],
 ) -> None:
+    """Run what is not up to date; print a line a stage and, at the end, the tables of the stages named."""
     if dry_run:
         _show_plan(stages, job, forced, as_json)
         return
@@ -188,8 +192,7 @@ def _bring_up_to_date(
             raise
     if as_json:
         return
-    if tables:
-        render.print_tables([table for artefact in artefacts for table in artefact.tables])
+    render.print_tables([table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables])
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
             print(f"{Path(name).stem}: {artefact.path.parent / name}")

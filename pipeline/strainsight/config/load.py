@@ -11,11 +11,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from strainsight.config.checks import Problem, did_you_mean, problems
+from strainsight.config.checks import problems
 from strainsight.config.messages import problems_of
 from strainsight.config.placement import PlacementConfig
+from strainsight.config.problem import Problem
 from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
-from strainsight.errors import ConfigError
+from strainsight.errors import ConfigError, did_you_mean
 
 KINDS = {"placement": PlacementConfig}
 

@@ -67,7 +67,12 @@ class Load(Section):
         None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
     )
     set: Text | None = Field(None, description="Name of a node set instead of a node.")
-    direction: Vector = Field(description="Direction in global coordinates [-]; its length does not matter.")
+    deck_load: Text | None = Field(
+        None, description="Name of a load of the deck (FORCE-7: the FORCE cards of set 7) instead of a node and direction."
+    )
+    direction: Vector | None = Field(
+        None, description="Direction in global coordinates [-]; its length does not matter. Left out only with deck_load."
+    )
     known: bool = Field(description="true: measured by other means; false: to be estimated.")
     signal: Annotated[Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")] = Field(
         description="What the load looks like in training and validation."

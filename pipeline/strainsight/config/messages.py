@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from strainsight.config.checks import Problem, did_you_mean
+from strainsight.config.problem import Problem
+from strainsight.errors import did_you_mean
 
 TYPES = {
     "float_type": "a number",

@@ -8,6 +8,7 @@ from pydantic import Discriminator, Field, Tag
 
 from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, Vector, with_defaults
 from strainsight.config.loads import Load
+from strainsight.config.mesh import MeshFile
 
 KeepAll = Literal["all"]
 
@@ -26,14 +27,6 @@ def _key_of(*keys: str) -> Any:
         custom_error_type="one_key",
         custom_error_message="give exactly one of " + ", ".join(f"'{key}'" for key in keys),
     )
-
-
-class MeshFile(Section):
-    """The finite-element model."""
-
-    file: Text = Field(description="Deck (Nastran .bdf, .nas, .dat) or mesh; the path starts from the config's folder.")
-    length_unit: Literal["m", "mm", "cm", "in", "ft"] = Field("m", description="Unit of length in the deck.")
-    mass_unit: Literal["kg", "t", "g", "lb"] = Field("kg", description="Unit of mass in the deck; the time unit is s.")
 
 
 class GuessFrom(Section):
@@ -55,8 +48,8 @@ class MaterialParameter(Section):
     """A material property that the reduced model keeps free."""
 
     property: Literal["youngs_modulus", "density"] = Field(description="Which property: [Pa] or [kg/m³].")
-    region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] = Field(
-        description="Region id (PSOLID id) or name, or a list of them."
+    region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
+        None, description="Region id (PSOLID id) or name, or a list of them; left out only with mesh.matrices."
     )
     guess: Guess = Field(description="Value before anything is measured [Pa or kg/m³], or {from: another run}.")
     range: tuple[Positive, Positive] = Field(
@@ -140,11 +133,23 @@ KeepOut = Annotated[
 ]
 
 
+class GivenGauges(Section):
+    """Candidates by their strain rows, where the solids of the mesh do not carry them (shells, beams)."""
+
+    rows: Text = Field(description="Matrix file (.mtx, .npz, .op4): strain of each gauge per motion of each row.")
+    table: Text = Field(
+        description="CSV file, one line a gauge: gauge,x,y,z,dx,dy,dz (number, position in the mesh's unit, direction)."
+    )
+
+
 class Gauges(Section):
     """Where gauges may go, along what, and how noisy they are."""
 
     surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
-    direction: AxisDirection = Field(description="Measuring directions of the candidates.")
+    direction: AxisDirection | None = Field(
+        None, description="Measuring directions of the candidates; left out only with `given`."
+    )
+    given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
     exclude: tuple[KeepOut, ...] = Field((), description="Zones without gauges.")
 

@@ -4,6 +4,26 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What a deck itself says about its config.
+
+    length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa];
+    node: id of one that a load may act on; materials, supports: whether the deck states them; node_set: the name of one.
+    """
+
+    length_unit: str = "m"
+    mass_unit: str = "kg"
+    region: int = 1
+    youngs_modulus: float = 2.0e11
+    node: int = 2
+    materials: bool = True
+    supports: bool = True
+    node_set: str = "root"
+
 
 TEMPLATE = """\
 # Where to glue strain gauges on {deck}.
@@ -15,22 +35,22 @@ seed: 1                 # of everything that is drawn at random
 
 mesh:
   file: {file}    # from the folder of this file
-  length_unit: m        # ← unit of the deck: m, mm, cm, in, ft
-  mass_unit: kg         # ← unit of the deck: kg, t, g, lb (a deck in mm and N has t)
-
+  length_unit: {length_unit:<8} # ← unit of the deck: m, mm, cm, in, ft
+  mass_unit: {mass_unit:<8}   # ← unit of the deck: kg, t, g, lb, slug, lbf*s2/in (a deck in mm and N has t)
+{lacking}
 # Material properties that are not known exactly. None: parameters: {{}}
 parameters:
   E:
     property: youngs_modulus      # or density
-    region: 1                     # ← PSOLID id or name, or a list of them
-    guess: 1.9e11                 # ← [Pa]; or {{from: NAME}} to take what another run has estimated
-    range: [1.6e11, 2.4e11]       # ← [Pa] the true value lies in here
+    region: {region:<8}              # ← its id or name, or a list of them
+    guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
+    range: [{low}, {high}]   # ← [Pa] the true value lies in here
     process_noise_scale: 0.05     # how fast it may wander in the filter [1/√s]
 
 # Forces. What is known: false has to stand under place.estimate.
 loads:
   tip:
-    node: 2                       # ← node id (an RBE2 or RBE3 reference node will do), or `set: NAME` of nodes
+    node: {node:<8}                # ← node id (an RBE2 or RBE3 reference node will do), or `set: NAME` of nodes
     direction: [0, 0, 1]          # ← in global coordinates; its length does not matter
     known: true                   # true: measured by a load cell; false: to be estimated
     signal: {{type: sine, frequency: 20.0, amplitude: 1.0e4}}     # ← [Hz], [N]; other types: sweep, multisine, csv
@@ -66,7 +86,7 @@ place:
 validate:
   truth:
     model: rich                   # reality is simulated with more modes, other damping and misplaced gauges
-    parameters: {{E: 2.1e11}}       # ← [Pa] an assumed true value to be found again
+    parameters: {{E: {truth}}}      # ← [Pa] an assumed true value to be found again
   time_step: 5.0e-4               # [s]
   duration: 1.0                   # [s]
   initial_std: {{E: 0.1}}           # ← how wrong the guess may be: 10 %
@@ -78,13 +98,48 @@ report: {{format: html}}
 """
 
 
-def template(deck: str) -> str:
+MATERIALS = """\
+  materials:            # the file states none
+    steel: {regions: all, youngs_modulus: 2.0e11, poisson_ratio: 0.3, density: 7850}   # ← [Pa], [-], [kg/m³]
+"""
+SUPPORTS = """\
+  supports:             # the file states none
+    - {{set: {set}, components: [1, 2, 3]}}   # ← or node: ID; 1-3 translations
+"""
+
+
+def template(deck: str, found: Suggestion | None = None) -> str:
     """A config for the deck at `deck` (path from the config's folder); it validates as it stands."""
-    stem = re.split(r"[/\\\\]", deck)[-1].rsplit(".", 1)[0]
+    found = found or Suggestion()
+    stem = re.split(r"[/\\\\]", deck)[-1].removesuffix(".gz").rsplit(".", 1)[0]
     name = re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-").lower()[:90]
     if not name[:1].isalpha() or name in ("null", "true", "false"):  # YAML would not read these as text
         name = f"run-{name}".rstrip("-")
-    # A JSON string is a YAML string, whatever is in it.
-    plain = re.fullmatch(r"[A-Za-z0-9_./-]*[A-Za-z_/][A-Za-z0-9_./-]*", deck)
-    quoted = deck if plain and not deck.startswith("-") else json.dumps(deck, ensure_ascii=False)
-    return TEMPLATE.format(deck=json.dumps(deck, ensure_ascii=False)[1:-1], name=name, file=quoted)
+    E = found.youngs_modulus
+    lacking = MATERIALS * (not found.materials)
+    if not found.supports:
+        lacking += SUPPORTS.format(set=_quoted(found.node_set))
+    return TEMPLATE.format(
+        deck=json.dumps(deck, ensure_ascii=False)[1:-1],
+        name=name,
+        file=_quoted(deck),
+        length_unit=found.length_unit,
+        mass_unit=found.mass_unit,
+        lacking=lacking,
+        region=found.region,
+        node=found.node,
+        guess=_number(E),
+        low=_number(0.8 * E),
+        high=_number(1.2 * E),
+        truth=_number(1.05 * E),
+    )
+
+
+def _quoted(text: str) -> str:
+    """Text as YAML: a JSON string is a YAML string, whatever is in it."""
+    plain = re.fullmatch(r"[A-Za-z0-9_./-]*[A-Za-z_/][A-Za-z0-9_./-]*", text)
+    return text if plain and not text.startswith("-") else json.dumps(text, ensure_ascii=False)
+
+
+def _number(value: float) -> str:
+    return f"{value:.3e}".replace("e+", "e")

@@ -1,77 +1,138 @@
-"""import: the deck as it stands, in SI units, with the ids of the file and a list of what was not taken over."""
+"""import: the mesh and all that its file and the config say about it, in SI units, with the ids of the file."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from strainsight.errors import blame
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import DeckError, blame
 from strainsight.fem.assembly import mass_properties
-from strainsight.mesh.check import suspicions
+from strainsight.fem.checks import check_geometry, check_mesh
+from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.quality import element_quality
+from strainsight.mesh.additions import (
+    node_index,
+    node_indices,
+    with_averaging_element,
+    with_material,
+    with_node,
+    with_rigid_element,
+    with_support,
+)
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.reader import read_mesh
+from strainsight.mesh.suspicions import suspicions
 from strainsight.mesh.vtkhdf import unstructured_grid
+from strainsight.stages.records.found import found_tables
 from strainsight.stages.records.grids import vtkhdf_datasets
 from strainsight.stages.records.mesh import mesh_datasets
-from strainsight.workflow.output import Output, Table
+from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context) -> Output:
-    """Read the deck, convert its units, weigh it."""
-    units = context.config.mesh
+    """Read the deck, convert its units, add what the config adds, check it, weigh it."""
+    config = context.config.mesh
     with blame("mesh.file"):
-        mesh = read_mesh(context.files["mesh.file"], units.length_unit, units.mass_unit)
-        mass, centre = mass_properties(mesh)
-    ids = np.concatenate([block.ids for block in mesh.blocks])
-    region = np.concatenate([block.region for block in mesh.blocks])
-    grid, grid_attributes = vtkhdf_datasets(
-        unstructured_grid(
-            mesh.position,
-            mesh.blocks,
-            point_data={"node_id": mesh.node_ids},
-            cell_data={"element_id": ids, "region": region},
+        mesh = read_mesh(
+            context.files["mesh.file"],
+            config.length_unit,
+            config.mass_unit,
+            format=config.format,
+            region_data=config.region_data,
+            solids=config.matrices is None,
         )
-    )
+    mesh = with_additions(mesh, config)
+    weight = None
+    with blame("mesh.file"), mesh.located(), _config_ties(mesh):
+        if config.matrices is None:
+            check_mesh(mesh)
+            weight = mass_properties(mesh)
+            constraint_transform(mesh)  # so that ties and supports that contradict each other show here
+        else:
+            check_geometry(mesh)
+        quality = element_quality(mesh)
+    grid, grid_attributes = vtkhdf_datasets(_grid(mesh))
+    count = sum(len(block.ids) for block in mesh.blocks)
+    kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.blocks)
     ignored = sum(mesh.ignored.values())
-    elements = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.blocks)
+    parts = [f"{len(mesh.node_ids)} nodes", kinds, f"{ignored} card{'s' * (ignored != 1)} ignored"]
+    summary: dict[str, Any] = {"nodes": len(mesh.node_ids), "elements": count, "ignored": ignored}
+    if weight is not None:
+        summary["mass"] = float(weight[0])
+        parts.append(f"mass {weight[0]:.5g} kg")
     return Output(
         datasets=mesh_datasets(mesh) | grid,
         attributes=grid_attributes,
-        summary={"nodes": len(mesh.node_ids), "elements": len(ids), "mass": float(mass), "ignored": ignored},
-        message=f"{len(mesh.node_ids)} nodes, {elements}, {ignored} card{'s' * (ignored != 1)} ignored, mass {mass:.5g} kg",
-        tables=_tables(mesh, mass, centre),
+        summary=summary,
+        message=", ".join(part for part in parts if part),
+        tables=found_tables(mesh, weight, quality, _doubts(mesh, config)),
         inputs=tuple(Path(name) for name in mesh.included),
     )
 
 
-def _tables(mesh: Mesh, mass: float, centre: np.ndarray) -> tuple[Table, ...]:
-    rows = []
-    for region in mesh.regions.values():
-        material = mesh.materials[region.material]
-        count = Counter({b.kind: int(np.sum(b.region == region.id)) for b in mesh.blocks})
-        rows.append(
-            (
-                f"region {region.id} {region.name}",
-                ", ".join(f"{n} {kind}" for kind, n in count.items() if n),
-                f"E {material.youngs_modulus:.4g} Pa, nu {material.poisson_ratio:g}, rho {material.density:.5g} kg/m³",
-            )
-        )
-    rows.append(("fixed", f"{len(mesh.fixed)} components", f"{len(np.unique(mesh.fixed[:, 0]))} nodes"))
-    rows += [
-        (f"rigid element {e.id}", f"{len(e.nodes)} nodes", f"reference node {mesh.node_ids[e.reference]}")
-        for e in mesh.rigid
-    ]
-    rows += [
-        (f"averaging element {e.id}", f"{len(e.nodes)} nodes", f"reference node {mesh.node_ids[e.reference]}")
-        for e in mesh.averaging
-    ]
-    rows.append(("mass", f"{mass:.4f} kg", "centre ({:.4g}, {:.4g}, {:.4g}) m".format(*centre)))
-    rows += [("not taken over", card, f"{count} times") for card, count in mesh.ignored.items()]
-    rows += [("warning", text, "") for text in suspicions(mesh)]
-    return (Table("the mesh", ("what", "how many", "detail"), tuple(rows)),)
+def with_additions(mesh: Mesh, config: Any) -> Mesh:
+    """The mesh with the materials, ties and supports that the config states beside the file."""
+    for name, material in config.materials.items():
+        with blame(f"mesh.materials.{name}.regions"):
+            regions = None if material.regions == "all" else material.regions
+            E, nu, rho = material.youngs_modulus, material.poisson_ratio, material.density
+            mesh = with_material(mesh, regions, E, nu, rho, f"mesh.materials.{name}")
+    for i, tie in enumerate(config.ties):
+        with blame(f"mesh.ties.{i}"):
+            nodes = node_indices(mesh, tie.set)
+            if tie.at is not None:
+                mesh = with_node(mesh, tie.reference, tie.at)
+            reference = node_index(mesh, tie.reference)
+            if tie.type == "rigid":
+                mesh = with_rigid_element(mesh, reference, nodes, _components(tie.components or (1, 2, 3)), f"mesh.ties.{i}")
+            else:
+                components = _components(tie.components or (1, 2, 3, 4, 5, 6))
+                mesh = with_averaging_element(mesh, reference, nodes, components, f"mesh.ties.{i}")
+    for i, support in enumerate(config.supports):
+        with blame(f"mesh.supports.{i}"):
+            nodes = np.array([node_index(mesh, support.node)]) if support.node else node_indices(mesh, support.set)
+            mesh = with_support(mesh, nodes, _components(support.components))
+    return mesh
 
 
-IMPORT = Stage("import", version=1, reads=("mesh",), upstream=(), files=("mesh.file",), run=run)
+@contextmanager
+def _config_ties(mesh: Mesh) -> Iterator[None]:
+    """An error about a tie of the config belongs to its key there, not to a line of the deck."""
+    named = [(e.id, e.name) for e in mesh.rigid] + [(e.id, e.name) for e in mesh.averaging]
+    keys = {("tie", number): name for number, name in named if name.startswith("mesh.ties.")}
+    try:
+        yield
+    except DeckError as error:
+        if error.key is None and error.entity in keys:
+            error.key, error.entity = keys[error.entity], None
+        raise
+
+
+def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(sorted({number - 1 for number in numbers}))
+
+
+def _doubts(mesh: Mesh, config: Any) -> tuple[str, ...]:
+    """Sentences for a warning; with ready matrices the materials and the unused nodes of the file mean nothing."""
+    if config.matrices is not None:
+        return ()
+    return suspicions(mesh, config.length_unit, config.mass_unit)
+
+
+def _grid(mesh: Mesh) -> Any:
+    ids = [block.ids for block in mesh.blocks]
+    region = [block.region for block in mesh.blocks]
+    return unstructured_grid(
+        mesh.position,
+        mesh.blocks,
+        point_data={"node_id": mesh.node_ids},
+        cell_data={"element_id": np.concatenate(ids), "region": np.concatenate(region)} if ids else {},
+    )
+
+
+IMPORT = Stage("import", version=2, reads=("mesh",), upstream=(), files=("mesh.file",), run=run)

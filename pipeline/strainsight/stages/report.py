@@ -11,7 +11,7 @@ from strainsight.report.figures import placement_figures
 from strainsight.report.page import placement_page
 from strainsight.report.scene import render
 from strainsight.stages.records.page import placement_report
-from strainsight.workflow.output import Dataset, Output, Scalar
+from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -51,13 +51,14 @@ def run(context: Context) -> Output:
         datasets=datasets,
         summary=summary,
         message=said,
+        tables=(Table("warnings", ("",), tuple((text,) for text in report.warnings)),) * bool(report.warnings),
         files={"report.html": page},
     )
 
 
 REPORT = Stage(
     "report",
-    version=1,
+    version=2,
     reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
     upstream=("import", "rom", "train", "screen", "place", "validate"),
     files=(),

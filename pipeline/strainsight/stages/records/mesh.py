@@ -12,6 +12,7 @@ from strainsight.mesh.model import (
     CellBlock,
     Material,
     Mesh,
+    NodalForces,
     PointMass,
     Region,
     RigidElement,
@@ -52,6 +53,7 @@ def mesh_datasets(mesh: Mesh) -> dict[str, Dataset]:
             "youngs_modulus": ("Pa", [m.youngs_modulus for m in materials], float),
             "poisson_ratio": ("1", [m.poisson_ratio for m in materials], float),
             "density": ("kg/m^3", [m.density for m in materials], float),
+            "name": ("1", [m.name for m in materials], str),
         },
     )
     record |= _columns(
@@ -61,6 +63,7 @@ def mesh_datasets(mesh: Mesh) -> dict[str, Dataset]:
             "id": ("1", [e.id for e in mesh.rigid], int),
             "reference": ("1", [e.reference for e in mesh.rigid], int),
             "components": ("1", [_letters(e.components) for e in mesh.rigid], str),
+            "name": ("1", [e.name for e in mesh.rigid], str),
         },
     ) | _ragged("/constraints/rigid", "nodes", "dependent node indices", [e.nodes for e in mesh.rigid], "1", int)
     record |= _columns(
@@ -70,10 +73,41 @@ def mesh_datasets(mesh: Mesh) -> dict[str, Dataset]:
             "id": ("1", [e.id for e in mesh.averaging], int),
             "reference": ("1", [e.reference for e in mesh.averaging], int),
             "components": ("1", [_letters(e.components) for e in mesh.averaging], str),
+            "name": ("1", [e.name for e in mesh.averaging], str),
         },
     )
     record |= _ragged("/constraints/averaging", "nodes", "node indices", [e.nodes for e in mesh.averaging], "1", int)
     record |= _ragged("/constraints/averaging", "weight", "weights", [e.weight for e in mesh.averaging], "1", float)
+    counted = [np.ones((len(e.nodes), 3), bool) if e.directions is None else e.directions for e in mesh.averaging]
+    solved = [np.zeros((0, 2), np.int64) if e.dependent is None else e.dependent for e in mesh.averaging]
+    record |= _ragged(
+        "/constraints/averaging",
+        "directions",
+        "1 where a translation of a node counts (node × xyz)",
+        counted,
+        "1",
+        int,
+        (3,),
+    )
+    record |= _ragged(
+        "/constraints/averaging",
+        "dependent",
+        "[node index, component] that the relations are solved for (UM); none: the reference's own",
+        solved,
+        "1",
+        int,
+        (2,),
+    )
+    record |= {
+        "/constraints/axes/node": Dataset(
+            np.array(list(mesh.axes), dtype=np.int64), "1", "node indices with a displacement system of their own"
+        ),
+        "/constraints/axes/direction": Dataset(
+            np.array(list(mesh.axes.values()), dtype=float).reshape(-1, 3, 3),
+            "1",
+            "their axes (node × xyz × axis)",
+        ),
+    }
     record |= _columns(
         "/masses",
         "point mass",
@@ -82,6 +116,19 @@ def mesh_datasets(mesh: Mesh) -> dict[str, Dataset]:
             "node": ("1", [p.node for p in mesh.point_masses], int),
             "mass": ("kg", [p.mass for p in mesh.point_masses], float),
         },
+    )
+    record["/masses/offset"] = Dataset(
+        np.array([p.offset for p in mesh.point_masses]).reshape(-1, 3), "m", "centre of mass from the node (mass × xyz)"
+    )
+    record["/masses/inertia"] = Dataset(
+        np.array([p.inertia for p in mesh.point_masses]).reshape(-1, 3, 3),
+        "kg m^2",
+        "inertia about the centre of mass (mass × xyz × xyz)",
+    )
+    record |= _columns("/loads", "load of the deck", {"name": ("1", list(mesh.loads), str)})
+    record |= _ragged("/loads", "nodes", "loaded node indices", [load.nodes for load in mesh.loads.values()], "1", int)
+    record |= _ragged(
+        "/loads", "force", "forces (node × xyz)", [load.force for load in mesh.loads.values()], "N", float, (3,)
     )
     for kind, sets in (("nodes", mesh.node_sets), ("elements", mesh.element_sets)):
         record |= _columns(f"/sets/{kind}", f"set of {kind}", {"name": ("1", list(sets), str)})
@@ -94,6 +141,7 @@ def mesh_datasets(mesh: Mesh) -> dict[str, Dataset]:
             "count": ("1", list(mesh.ignored.values()), int),
         },
     )
+    record["/notes"] = Dataset(np.array(list(mesh.notes), dtype=np.str_), "1", "how something was taken over")
     return record
 
 
@@ -103,10 +151,12 @@ def mesh_from(artefact: Artefact) -> Mesh:
     blocks = tuple(
         CellBlock(kind, a[f"/cells/{kind}/id"], a[f"/cells/{kind}/nodes"], a[f"/cells/{kind}/region"])
         for kind in ELEMENT_KINDS
-        if kind in a.groups("/cells")
+        if "/cells" in a and kind in a.groups("/cells")
     )
     materials = zip(
-        *(a[f"/materials/{c}"].tolist() for c in ("id", "youngs_modulus", "poisson_ratio", "density")), strict=True
+        *(a[f"/materials/{c}"].tolist() for c in ("id", "youngs_modulus", "poisson_ratio", "density")),
+        _text(a["/materials/name"]),
+        strict=True,
     )
     regions = zip(a["/regions/id"].tolist(), _text(a["/regions/name"]), a["/regions/material"].tolist(), strict=True)
     rigid = zip(
@@ -114,6 +164,7 @@ def mesh_from(artefact: Artefact) -> Mesh:
         a["/constraints/rigid/reference"].tolist(),
         _split(a, "/constraints/rigid/nodes"),
         _text(a["/constraints/rigid/components"]),
+        _text(a["/constraints/rigid/name"]),
         strict=True,
     )
     averaging = zip(
@@ -122,9 +173,20 @@ def mesh_from(artefact: Artefact) -> Mesh:
         _split(a, "/constraints/averaging/nodes"),
         _split(a, "/constraints/averaging/weight"),
         _text(a["/constraints/averaging/components"]),
+        [entry.astype(bool) for entry in _split(a, "/constraints/averaging/directions")],
+        [entry if len(entry) else None for entry in _split(a, "/constraints/averaging/dependent")],
+        _text(a["/constraints/averaging/name"]),
         strict=True,
     )
-    masses = zip(a["/masses/id"].tolist(), a["/masses/node"].tolist(), a["/masses/mass"].tolist(), strict=True)
+    masses = zip(
+        a["/masses/id"].tolist(),
+        a["/masses/node"].tolist(),
+        a["/masses/mass"].tolist(),
+        a["/masses/offset"],
+        a["/masses/inertia"],
+        strict=True,
+    )
+    forces = zip(_text(a["/loads/name"]), _split(a, "/loads/nodes"), _split(a, "/loads/force"), strict=True)
     sets = {
         kind: dict(zip(_text(a[f"/sets/{kind}/name"]), _split(a, f"/sets/{kind}/members"), strict=True))
         for kind in ("nodes", "elements")
@@ -136,11 +198,17 @@ def mesh_from(artefact: Artefact) -> Mesh:
         regions={row[0]: Region(*row) for row in regions},
         materials={row[0]: Material(*row) for row in materials},
         fixed=a["/constraints/fixed"].reshape(-1, 2),
-        rigid=tuple(RigidElement(i, ref, nodes, _components(c)) for i, ref, nodes, c in rigid),
-        averaging=tuple(AveragingElement(i, ref, nodes, w, _components(c)) for i, ref, nodes, w, c in averaging),
+        rigid=tuple(RigidElement(i, ref, nodes, _components(c), name) for i, ref, nodes, c, name in rigid),
+        averaging=tuple(
+            AveragingElement(i, ref, nodes, w, _components(c), directions, dependent, name)
+            for i, ref, nodes, w, c, directions, dependent, name in averaging
+        ),
         point_masses=tuple(PointMass(*row) for row in masses),
+        axes=dict(zip(a["/constraints/axes/node"].tolist(), a["/constraints/axes/direction"], strict=True)),
         node_sets=sets["nodes"],
         element_sets=sets["elements"],
+        loads={name: NodalForces(nodes, force) for name, nodes, force in forces},
+        notes=tuple(_text(a["/notes"])),
         ignored=dict(zip(_text(a["/ignored/card"]), a["/ignored/count"].tolist(), strict=True)),
     )
 
@@ -155,9 +223,12 @@ def _columns(group: str, what: str, columns: Mapping[str, tuple[str, list, type]
     }
 
 
-def _ragged(group: str, name: str, what: str, lists: Sequence[np.ndarray], unit: str, kind: type) -> dict[str, Dataset]:
+def _ragged(
+    group: str, name: str, what: str, lists: Sequence[np.ndarray], unit: str, kind: type, tail: tuple[int, ...] = ()
+) -> dict[str, Dataset]:
+    """Lists of entries of shape `tail`, one behind the other."""
     offset = np.concatenate([[0], np.cumsum([len(entry) for entry in lists])]).astype(np.int64)
-    flat = np.concatenate([np.asarray(entry, kind) for entry in lists]) if lists else np.zeros(0, kind)
+    flat = np.concatenate([np.zeros((0, *tail), kind), *(np.asarray(entry, kind) for entry in lists)])
     return {
         f"{group}/{name}": Dataset(flat, unit, f"{what}, all lists one behind the other"),
         f"{group}/{name}_offset": Dataset(offset, "1", f"list i of {name} is [offset[i], offset[i + 1])"),

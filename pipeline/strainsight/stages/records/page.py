@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 
 from strainsight import __version__
-from strainsight.mesh.check import suspicions
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.suspicions import only_control, suspicions
 from strainsight.report.data import (
     Consistency,
     Gauge,
@@ -25,6 +25,7 @@ from strainsight.report.data import (
     Trend,
     Unknown,
 )
+from strainsight.stages.records.gauges import given_from
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
@@ -81,7 +82,7 @@ def placement_report(context: Context) -> PlacementReport:
         truth_description=str(validate.summary["description"]),
         consistency=_consistency(validate),
         warnings=_warnings(up, names, mesh),
-        not_tested=_not_tested(up, config),
+        not_tested=_not_tested(up["train"], config),
         facts=_facts(up),
         provenance={"strainsight": __version__, "seed": str(context.seed)}
         | {f"{stage} artefact": up[stage].key[:16] for stage in up},
@@ -114,7 +115,7 @@ def _size(name: str, validate: Artefact) -> float:
 
 def _layout(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
     place, train = up["place"], up["train"]
-    facets = exterior_facets(mesh)
+    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
     candidate = place["/pool/candidate"]
     final = place["/selected/final/gauge"]
     chosen = candidate[final]
@@ -143,22 +144,39 @@ def _layout(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) ->
     )
     return Layout(
         points=mesh.position,
-        faces=facets.nodes,
+        faces=faces,
         pool=train["/gauges/position"][candidate],
         gauges=gauges,
-        loads=tuple(
-            Load(name, _load_point(mesh, entry), np.array(entry.direction, float), bool(entry.known))
-            for name, entry in loads.items()
-        ),
+        loads=tuple(Load(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()),
         fixed=mesh.position[np.unique(mesh.fixed[:, 0])],
+        loose=_loose(mesh) if _is_ready(up["rom"]) else np.empty((0, 3)),
     )
 
 
-def _load_point(mesh: Mesh, entry: Any) -> np.ndarray:
+def _is_ready(rom: Artefact) -> bool:
+    """Whether the model came as matrices."""
+    return "/matrices/notes" in rom
+
+
+def _loose(mesh: Mesh) -> np.ndarray:
+    """Nodes that no solid has (l, 3) [m]: of shells and beams, which only the matrices know."""
+    alone = np.ones(len(mesh.position), dtype=bool)
+    for block in mesh.blocks:
+        alone[block.nodes] = False
+    return mesh.position[alone]
+
+
+def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Where a load is drawn and along what: a load of the deck at the mean of its nodes, weighted by their forces."""
+    if entry.get("deck_load") is not None:
+        forces = mesh.loads[entry.deck_load]
+        size = np.linalg.norm(forces.force, axis=1)
+        return size @ mesh.position[forces.nodes] / size.sum(), forces.force.sum(axis=0)
+    direction = np.array(entry.direction, float)
     if entry.get("node") is not None:
-        return mesh.position[mesh.node_index(int(entry.node))]
+        return mesh.position[mesh.node_index(int(entry.node))], direction
     members = mesh.node_sets[entry.set]
-    return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0)
+    return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0), direction
 
 
 def _trend(place: Artefact) -> Trend:
@@ -228,11 +246,12 @@ def _consistency(validate: Artefact) -> Consistency:
 
 
 def _warnings(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
-    said = [f"{text}." for text in suspicions(mesh)]
-    ignored = int(up["import"].summary["ignored"])
-    if ignored:
-        cards = ", ".join(up["import"]["/ignored/card"])
-        said.append(f"{ignored} card{'s' * (ignored > 1)} of the deck not taken over: {cards}.")
+    ready = _is_ready(up["rom"])
+    said = [f"{text}." for text in (up["rom"]["/matrices/notes"] if ready else suspicions(mesh))]
+    cards = [card for card in map(str, up["import"]["/ignored/card"]) if not only_control(card)]
+    if cards:
+        but = ": what they add must be in the matrices" * ready
+        said.append(f"Not taken over from the deck: {', '.join(cards)}{but}.")
     summary = up["validate"].summary
     for name in names:
         if summary.get(f"identified.{name}") is False:
@@ -253,12 +272,14 @@ def _warnings(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple
     return tuple(said)
 
 
-def _not_tested(up: Mapping[str, Artefact], config: Any) -> tuple[str, ...]:
+def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
     said = ["No measured data: the truth is simulated."]
     if config.validate.truth.model == "rom":
         said.append("The truth is the filter's own model: no model error was tested.")
     elif config.validate.truth.model == "modes":
         said.append("Damping and gauge positions are exact in this truth; choose truth model rich to test them.")
+    elif given_from(train) is not None:
+        said.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
     said.append("Temperature, gauge factor, drift and glue are outside this model.")
     return tuple(said)
 

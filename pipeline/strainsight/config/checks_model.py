@@ -1,0 +1,158 @@
+"""What one field of a config demands of another: mesh, parameters, loads, directions of gauges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from strainsight.config.loads import Load, MultiSine, Recorded
+from strainsight.config.mesh import MeshFile
+from strainsight.config.placement import AxisDirection, GuessFrom, KeepOutBox, MaterialParameter, PlacementConfig
+from strainsight.config.problem import Problem, exactly_one
+from strainsight.errors import did_you_mean
+
+RESERVED = {"constant"}  # names the terms of an affine operator that belong to no parameter
+
+
+def model_problems(config: PlacementConfig) -> Iterator[Problem]:
+    """Contradictions between the fields that make the model and the candidates."""
+    yield from _names(config)
+    yield from _mesh(config.mesh)
+    yield from _matrices(config)
+    for name, parameter in config.parameters.items():
+        yield from _parameter(f"parameters.{name}", parameter, config.name)
+    for name, load in config.loads.items():
+        yield from _load(f"loads.{name}", load)
+    yield from _direction(config.gauges.direction)
+    for i, zone in enumerate(config.gauges.exclude):
+        if isinstance(zone, KeepOutBox) and any(low >= high for low, high in zip(*zone.box, strict=True)):
+            yield Problem(
+                f"gauges.exclude.{i}.box",
+                "the lower corner is not below the upper one",
+                "give [[lowest], [highest]] x, y, z",
+            )
+
+
+def _names(config: PlacementConfig) -> Iterator[Problem]:
+    for name in config.parameters:
+        if name in config.loads:
+            yield Problem(
+                f"loads.{name}", "a parameter has this name too", "give every unknown a name of its own", at_key=True
+            )
+    for section, names in (("parameters", config.parameters), ("loads", config.loads)):
+        for name in names:
+            if name in RESERVED:
+                yield Problem(f"{section}.{name}", f"the name '{name}' is taken", "choose another name", at_key=True)
+
+
+def _parameter(key: str, parameter: MaterialParameter, run: str) -> Iterator[Problem]:
+    low, high = parameter.range
+    if low >= high:
+        yield Problem(
+            f"{key}.range", f"the lowest value {low:g} is not below the highest {high:g}", "give [lowest, highest]"
+        )
+    elif isinstance(parameter.guess, float | int) and not low <= parameter.guess <= high:
+        yield Problem(
+            f"{key}.guess",
+            f"{parameter.guess:g} lies outside the range {low:g} to {high:g}",
+            f"widen {key}.range, or guess within it",
+        )
+    if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == run:
+        yield Problem(f"{key}.guess.from", "a run cannot take a guess from itself", "name another run")
+
+
+def _load(key: str, load: Load) -> Iterator[Problem]:
+    yield from exactly_one(key, {"node": load.node, "set": load.set, "deck_load": load.deck_load})
+    if load.direction is None and load.deck_load is None:
+        yield Problem(f"{key}.direction", "missing", "give a vector such as [0, 0, 1]", at_key=True)
+    elif load.direction is not None and load.deck_load is not None:
+        yield Problem(f"{key}.direction", "a load of the deck has its own direction", "remove the key", at_key=True)
+    elif load.direction is not None and not any(load.direction):
+        yield Problem(f"{key}.direction", "a direction of length zero", "give a vector such as [0, 0, 1]")
+    if isinstance(load.signal, MultiSine) and load.signal.lowest > load.signal.highest:
+        yield Problem(
+            f"{key}.signal.lowest",
+            f"{load.signal.lowest:g} Hz is above the highest, {load.signal.highest:g} Hz",
+            "swap them",
+        )
+    if not load.known and isinstance(load.signal, Recorded) and load.process_noise.frequency is None:
+        yield Problem(
+            f"{key}.process_noise",
+            "an unknown load from a recorded signal needs a typical frequency",
+            f"give {key}.process_noise.frequency [Hz]",
+            at_key=True,
+        )
+
+
+def _mesh(mesh: MeshFile) -> Iterator[Problem]:
+    for i, support in enumerate(mesh.supports):
+        yield from exactly_one(f"mesh.supports.{i}", {"node": support.node, "set": support.set})
+    claimed: dict[object, str] = {}
+    for name, material in mesh.materials.items():
+        for region in ("all",) if isinstance(material.regions, str) else material.regions:
+            if (other := claimed.setdefault(region, name)) != name:
+                yield Problem(
+                    f"mesh.materials.{name}.regions", f"region {region} is of material {other} too", "keep one"
+                )
+    if len(mesh.materials) > 1 and "all" in claimed:
+        yield Problem(f"mesh.materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")
+
+
+def _matrices(config: PlacementConfig) -> Iterator[Problem]:
+    """Ready matrices carry the parameters that the config names, and no others; without them a parameter has regions."""
+    matrices = config.mesh.matrices
+    for name, parameter in config.parameters.items():
+        if parameter.region is None and matrices is None:
+            yield Problem(f"parameters.{name}.region", "missing", "give a region's id or name, or a list", at_key=True)
+        elif parameter.region is not None and matrices is not None:
+            yield Problem(
+                f"parameters.{name}.region", "mesh.matrices say what belongs to the parameter", "remove the key"
+            )
+    if config.gauges.given is None and config.gauges.direction is None:
+        yield Problem("gauges.direction", "missing", "give {type: axis, axis: [1, 0, 0]}, or gauges.given", at_key=True)
+    if config.gauges.given is not None:
+        if matrices is None:
+            yield Problem("gauges.given", "strain rows belong to ready matrices", "give mesh.matrices", at_key=True)
+        if config.gauges.direction is not None:
+            yield Problem("gauges.direction", "given gauges have their own directions", "remove the key", at_key=True)
+    if matrices is None:
+        return
+    named: set[str] = set()
+    for kind, terms in (("stiffness", matrices.stiffness), ("mass", matrices.mass)):
+        for i, term in enumerate(terms):
+            key = f"mesh.matrices.{kind}.{i}"
+            if term.parameter is None:
+                if term.at is not None:
+                    yield Problem(f"{key}.at", "a value of no parameter", "name the parameter, or remove the key")
+                continue
+            named.add(term.parameter)
+            wanted = {"stiffness": "youngs_modulus", "mass": "density"}[kind]
+            if term.parameter not in config.parameters:
+                remedy = did_you_mean(
+                    term.parameter, config.parameters, f"parameters: {', '.join(config.parameters) or 'none'}"
+                )
+                yield Problem(f"{key}.parameter", f"'{term.parameter}' is no parameter", remedy)
+            elif config.parameters[term.parameter].property != wanted:
+                yield Problem(
+                    f"{key}.parameter",
+                    f"'{term.parameter}' is a {config.parameters[term.parameter].property}",
+                    f"the {kind} depends on a {wanted}",
+                )
+    for name in config.parameters:
+        if name not in named and named <= set(config.parameters):
+            yield Problem(
+                f"parameters.{name}",
+                "no term of mesh.matrices belongs to it",
+                f"give a term parameter: {name}",
+                at_key=True,
+            )
+
+
+def _direction(direction: AxisDirection | None) -> Iterator[Problem]:
+    if direction is None:
+        return
+    if not any(direction.axis):
+        yield Problem("gauges.direction.axis", "an axis of length zero", "give a vector such as [1, 0, 0]")
+    # A gauge turned by half a turn is the same gauge.
+    turned = [angle % 180 for angle in direction.angles]
+    if len(set(turned)) < len(turned):
+        yield Problem("gauges.direction.angles", "two angles are the same direction", "remove one of them")

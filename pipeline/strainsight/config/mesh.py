@@ -1,0 +1,94 @@
+"""The finite-element model of a config: its file, and what the file does not say."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector
+
+Component = Literal[1, 2, 3, 4, 5, 6]
+Components = Annotated[tuple[Component, ...], Field(min_length=1, max_length=6)]
+RegionKey = int | Text
+NodeId = Annotated[int, Field(ge=1)]
+
+
+class Material(Section):
+    """A linear isotropic material, for regions whose material the file does not state, or in place of the file's."""
+
+    regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
+        description="Ids or names of the regions (PSOLID, element set, physical group), or 'all'."
+    )
+    youngs_modulus: Positive = Field(description="Young's modulus [Pa].")
+    poisson_ratio: float = Field(gt=-1, lt=0.5, description="Poisson's ratio [-].")
+    density: NotNegative = Field(description="Density [kg/m³].")
+
+
+class Support(Section):
+    """Components that are held at zero, beside those of the file."""
+
+    node: NodeId | None = Field(None, description="Id of a node.")
+    set: Text | None = Field(None, description="Name of a node set instead of a node.")
+    components: Components = Field((1, 2, 3), description="1-3 translations, 4-6 rotations of a reference node.")
+
+
+class Tie(Section):
+    """A reference node that leads (rigid, RBE2) or follows (averaging, RBE3) the nodes of a set."""
+
+    type: Literal["rigid", "averaging"] = Field(
+        description="rigid: the nodes follow the reference; averaging: it follows their mean motion."
+    )
+    reference: NodeId = Field(description="Id of the reference node; a new one where `at` is given.")
+    at: Vector | None = Field(None, description="Position of a new reference node [m].")
+    set: Text = Field(description="Name of the node set.")
+    components: Components | None = Field(
+        None, description="rigid: of the nodes, default [1, 2, 3]; averaging: of the reference, default all six."
+    )
+
+
+class MatrixTerm(Section):
+    """One term of the stiffness or mass, from a file: X(θ) = Σ X_i, or X_i θ/at where it belongs to a parameter."""
+
+    file: Text = Field(
+        description="OP4 (.op4), Matrix Market (.mtx) or NumPy/SciPy (.npz) file, in the units of the deck."
+    )
+    name: Text | None = Field(None, description="Which matrix of a file that holds several.")
+    parameter: Name | None = Field(None, description="Name of the parameter that this term is proportional to.")
+    at: Positive | None = Field(
+        None, description="Value of the parameter that the matrix was made with [Pa or kg/m³]; null: 1, a unit term."
+    )
+
+
+class Matrices(Section):
+    """Stiffness and mass from another program, in place of those this package assembles from the solids."""
+
+    numbering: Text = Field(
+        description="CSV file, one line a row of the matrices: node id, component 1-6; first line: node,component."
+    )
+    stiffness: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(description="Terms of the stiffness.")
+    mass: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(description="Terms of the mass.")
+
+
+class MeshFile(Section):
+    """The finite-element model."""
+
+    file: Text = Field(
+        description="Nastran (.bdf, .nas, .dat), Abaqus (.inp), gmsh (.msh), VTU/VTK or another mesh that meshio reads, also "
+        "packed (.gz) where it is text; the path starts from the config's folder."
+    )
+    format: Literal["auto", "nastran", "abaqus", "gmsh", "meshio"] = Field(
+        "auto", description="Which reader; auto goes by the name's ending."
+    )
+    length_unit: Literal["m", "mm", "cm", "in", "ft"] = Field("m", description="Unit of length in the file.")
+    mass_unit: Literal["kg", "t", "g", "lb", "slug", "lbf*s2/in"] = Field(
+        "kg",
+        description="Unit of mass in the file; the time unit is s, so N and mm go with t, lbf and in with lbf*s2/in.",
+    )
+    region_data: Text | None = Field(
+        None, description="Cell data array that holds the region ids (VTU, VTK and the like); null: by its usual names."
+    )
+    materials: dict[Name, Material] = Field({}, description="Materials that the file lacks, in SI units, by name.")
+    supports: tuple[Support, ...] = Field((), description="Supports that the file lacks.")
+    ties: tuple[Tie, ...] = Field((), description="Rigid and averaging elements that the file lacks.")
+    matrices: Matrices | None = Field(None, description="Stiffness and mass from another program.")

@@ -1,0 +1,135 @@
+"""What an import found, as tables for people."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from strainsight.fem.quality import POOR, Quality
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.suspicions import only_control
+from strainsight.workflow.output import Table
+
+Row = tuple[str, str, str]
+LONGEST = 12
+"""Rows of one kind that a table shows before it only counts the rest."""
+
+
+def found_tables(
+    mesh: Mesh,
+    weight: tuple[float, np.ndarray] | None,
+    quality: Sequence[Quality],
+    doubts: Sequence[str],
+) -> tuple[Table, ...]:
+    """One table: nodes, elements by type and region, materials, supports, ties, sets, quality, mass, what was not taken
+    over, notes and warnings (doubts). weight: mass [kg] and centre (3,) [m], where the mesh has densities."""
+    rows: list[Row] = _geometry(mesh)
+    rows += _regions(mesh)
+    rows += _constraints(mesh)
+    rows += _sets(mesh)
+    rows += [_quality(entry) for entry in quality if len(entry.ids)]
+    if weight is not None:
+        rows.append(("mass", f"{weight[0]:.6g} kg", "centre ({:.4g}, {:.4g}, {:.4g}) m".format(*weight[1])))
+    rows += [("not taken over", card, _times(card, count)) for card, count in mesh.ignored.items()]
+    rows += [("note", text, "") for text in mesh.notes]
+    rows += [("warning", text, "") for text in (*doubts, *_poor(quality))]
+    return (Table("the mesh", ("what", "how many", "detail"), tuple(rows)),)
+
+
+def _times(card: str, count: int) -> str:
+    return f"{count} time{'s' * (count != 1)}" + ", of no effect here" * only_control(card)
+
+
+def _geometry(mesh: Mesh) -> list[Row]:
+    low, high = mesh.position.min(axis=0), mesh.position.max(axis=0)
+    span = f"ids {mesh.node_ids.min()} to {mesh.node_ids.max()}"
+    box = ", ".join(f"{axis} {a:.4g} … {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
+    rows: list[Row] = [("nodes", str(len(mesh.node_ids)), span), ("extent", f"{np.linalg.norm(high - low):.4g} m", box)]
+    for block in mesh.blocks:
+        rows.append((block.kind, str(len(block.ids)), f"ids {block.ids.min()} to {block.ids.max()}"))
+    return rows
+
+
+def _regions(mesh: Mesh) -> list[Row]:
+    rows = []
+    for region in mesh.regions.values():
+        count = Counter({b.kind: int(np.sum(b.region == region.id)) for b in mesh.blocks})
+        material = mesh.materials.get(region.material)
+        detail = "no material"
+        if material is not None:
+            detail = (
+                f"{material}: E {material.youngs_modulus:.4g} Pa, nu {material.poisson_ratio:g}, "
+                f"rho {material.density:.5g} kg/m³"
+            )
+        rows.append(
+            (f"region {region.id} {region.name}", ", ".join(f"{n} {kind}" for kind, n in count.items() if n), detail)
+        )
+    return rows
+
+
+def _constraints(mesh: Mesh) -> list[Row]:
+    rows = [("fixed", f"{len(mesh.fixed)} components", f"{len(np.unique(mesh.fixed[:, 0]))} nodes")]
+    if mesh.axes:
+        rows.append(("own displacement systems", f"{len(mesh.axes)} nodes", ""))
+    for kind, elements in (("rigid element", mesh.rigid), ("averaging element", mesh.averaging)):
+        ties = [
+            (e.name or f"{kind} {e.id}", f"{len(e.nodes)} nodes", f"reference node {mesh.node_ids[e.reference]}")
+            for e in elements
+        ]
+        rows += _shortened(ties, f"{kind}s")
+    masses = [
+        (f"point mass {p.id}", f"{p.mass:.6g} kg", f"node {mesh.node_ids[p.node]}" + _lever(p.offset, p.inertia))
+        for p in mesh.point_masses
+    ]
+    rows += _shortened(masses, "point masses")
+    loads = [
+        (
+            f"load {name}",
+            f"{len(load.nodes)} nodes",
+            "resultant ({:.4g}, {:.4g}, {:.4g}) N".format(*load.force.sum(axis=0)),
+        )
+        for name, load in mesh.loads.items()
+    ]
+    return rows + _shortened(loads, "loads")
+
+
+def _lever(offset: np.ndarray, inertia: np.ndarray) -> str:
+    words = []
+    if np.any(offset):
+        words.append("offset ({:.4g}, {:.4g}, {:.4g}) m".format(*offset))
+    if np.any(inertia):
+        words.append("inertia {:.4g}, {:.4g}, {:.4g} kg m²".format(*np.diag(inertia)))
+    return "".join(f", {word}" for word in words)
+
+
+def _sets(mesh: Mesh) -> list[Row]:
+    nodes = [(f"node set {name}", f"{len(ids)} nodes", "") for name, ids in mesh.node_sets.items()]
+    elements = [(f"element set {name}", f"{len(ids)} elements", "") for name, ids in mesh.element_sets.items()]
+    return _shortened(nodes, "node sets") + _shortened(elements, "element sets")
+
+
+def _shortened(rows: list[Row], what: str) -> list[Row]:
+    if len(rows) <= LONGEST:
+        return rows
+    return [*rows[:LONGEST], (what, f"{len(rows)} in all", "the others are in import.h5")]
+
+
+def _quality(quality: Quality) -> Row:
+    worst = int(np.argmin(quality.shape))
+    detail = f"least {quality.shape[worst]:.3f} (element {quality.ids[worst]}), least |J| ratio {quality.curvature.min():.3f}"
+    return (f"shape of {quality.kind}", f"mean {quality.shape.mean():.3f}", detail)
+
+
+def _poor(quality: Sequence[Quality]) -> list[str]:
+    found = []
+    for entry in quality:
+        poor = np.flatnonzero(entry.shape < POOR)
+        if poor.size:
+            named = poor[np.argsort(entry.shape[poor])][:5]
+            listed = ", ".join(f"{entry.ids[i]} ({entry.shape[i]:.2g})" for i in named) + (
+                ", …" if poor.size > 5 else ""
+            )
+            found.append(f"{poor.size} {entry.kind} elements have a shape below {POOR:g} (1 is regular): {listed}")
+    return found
