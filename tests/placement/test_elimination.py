@@ -64,7 +64,7 @@ def test_it_is_lazy(beam_of, scenarios_of):
     found = eliminate(scenarios_of(beam_of(60), ("Fz",), ("E",)), 4)
     assert found.trace.shape == (57,)
     assert found.blocks.shape == (57, 2)
-    assert found.solves.mean() < 8
+    assert found.solves.mean() < 2
     assert np.all(found.rise > 0)
 
 
@@ -153,6 +153,4 @@ def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units(
     weight = thesis_weight(len(scenarios[0].F), np.array([1e4, 2e11]))
     plain = [Scenario(s.F, s.Q, s.H, s.r, weight) for s in scenarios]
     normalised = whole_pool_weight(scenarios, 2)
-    np.testing.assert_allclose(
-        eliminate(plain, 19).blocks[0], [1e8 / normalised[-2], 4e22 / normalised[-1]], rtol=1e-6
-    )
+    np.testing.assert_allclose(eliminate(plain, 19).blocks[0], [1e8 / normalised[-2], 4e22 / normalised[-1]], rtol=1e-6)

@@ -37,6 +37,23 @@ def test_glued_gauges_are_not_swapped_and_a_limit_is_kept(beam_of, scenarios_of)
     assert stopped.trace[-1] <= stopped.trace[0]
 
 
+@pytest.mark.parametrize("instants", [(63,), (55, 871)])
+def test_the_limit_is_never_passed_and_never_passes_for_an_end(beam_of, scenarios_of, instants):
+    pools = eliminate(scenarios_of(beam_of(16, 5), ("Fz",), ("E",), instants=instants), 4).pools
+    start = random_sets(16, 4, 1, seed=8)[0]
+    whole = exchange(pools, start)
+    assert whole.complete
+    assert len(whole.swaps) > 0
+    for limit in range(0, whole.solves, 3):
+        stopped = exchange(pools, start, limit=limit)
+        assert stopped.solves <= limit
+        assert not stopped.complete
+        assert stopped.swaps == whole.swaps[: len(stopped.swaps)]
+    exact = exchange(pools, start, limit=whole.solves)
+    assert exact.complete
+    assert exact.swaps == whole.swaps
+
+
 def test_an_undetectable_start_is_a_mistake_of_the_caller(beam_of, scenarios_of):
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
     with pytest.raises(ValueError, match="detects every unknown"):

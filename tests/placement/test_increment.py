@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from strainsight.placement.increment import addition, gauge_gradients, removal
+from strainsight.placement.increment import addition, gauge_gradients, removal, sharper_bound, slopes
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
 
 
@@ -41,7 +41,7 @@ def test_a_removal_keeps_its_digits_where_a_difference_of_traces_has_none(beam_o
     pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
     s, gauges = pool.scenario, np.arange(7)
     loop = loop_of(pool, gauges, pool.P)
-    D = removal(s.F, s.Q, loop, pool.rows[3], np.delete(pool.rows, 3, axis=0), pool.modes)
+    D = removal(s.F, s.Q, loop, pool.rows[3], lambda: np.delete(pool.rows, 3, axis=0), pool.modes)
     with mpmath.workdps(50):
         whole = kleinman_in_fifty_digits(s.F, s.Q, pool.rows, pool.P)
         without = kleinman_in_fifty_digits(s.F, s.Q, np.delete(pool.rows, 3, axis=0), pool.P + D)
@@ -58,14 +58,18 @@ def test_bounds_never_exceed_the_exact_rise_and_touch_it_in_the_limit(beam_of, s
     P = subset_covariance(pool, gauges)
     loop = loop_of(pool, gauges, P)
     bounds = gauge_gradients(loop, pool.rows[gauges], s.weight)
+    shared = slopes(loop, s.weight)
     for g in gauges:
-        D = removal(s.F, s.Q, loop, pool.rows[g], pool.rows[np.delete(gauges, g)], pool.modes)
+        D = removal(s.F, s.Q, loop, pool.rows[g], lambda g=g: pool.rows[np.delete(gauges, g)], pool.modes)
         fresh = subset_covariance(pool, np.delete(gauges, g))
         np.testing.assert_allclose(P + D, fresh, atol=1e-8 * np.abs(fresh).max())
         rise = s.weight @ np.diag(D)
-        assert bounds[g] <= rise * (1 + 1e-10)
+        sharper = sharper_bound(shared, pool.rows[g])
+        assert bounds[g] <= sharper * (1 + 1e-12)
+        assert sharper <= rise * (1 + 1e-10)
         if rise < 1e-5:
             np.testing.assert_allclose(bounds[g], rise, rtol=1e-2)
+            np.testing.assert_allclose(sharper, rise, rtol=1e-4)
 
 
 def test_gradients_are_those_of_the_trace_in_the_gauge_weights(beam_of, scenarios_of):
@@ -93,7 +97,9 @@ def test_an_addition_is_undone_by_its_removal(beam_of, scenarios_of, size):
     D = addition(s.F, s.Q, loop_of(pool, gauges, P), pool.rows[new])
     grown = subset_covariance(pool, [*gauges, new])
     np.testing.assert_allclose(P + D, grown, atol=1e-9 * np.abs(P).max())
-    back = removal(s.F, s.Q, loop_of(pool, [*gauges, new], grown), pool.rows[new], pool.rows[gauges], pool.modes)
+    back = removal(
+        s.F, s.Q, loop_of(pool, [*gauges, new], grown), pool.rows[new], lambda: pool.rows[gauges], pool.modes
+    )
     np.testing.assert_allclose(back, -D, atol=1e-7 * np.abs(D).max())
     assert np.linalg.eigvalsh(D).max() < 1e-9
 
@@ -106,7 +112,7 @@ def test_a_removal_that_loses_an_unknown_says_so_by_test(beam_of, scenarios_of):
     for g in gauges:
         rest = pool.rows[np.delete(gauges, g)]
         loop = loop_of(pool, gauges, P)
-        assert removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[g], rest, pool.modes) is None
+        assert removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[g], lambda rest=rest: rest, pool.modes) is None
     assert subset_covariance(pool, gauges[:2]) is None
 
 
@@ -116,7 +122,7 @@ def test_a_removal_that_costs_a_millionfold_is_still_finite_and_right(beam_of, s
     r[2:] *= 1e8
     pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
     s, gauges = pool.scenario, np.arange(12)
-    D = removal(s.F, s.Q, loop_of(pool, gauges, pool.P), pool.rows[0], pool.rows[1:], pool.modes)
+    D = removal(s.F, s.Q, loop_of(pool, gauges, pool.P), pool.rows[0], lambda: pool.rows[1:], pool.modes)
     rest = Scenario(scenario.F, scenario.Q, scenario.H[1:], r[1:], scenario.weight)
     own = solve_pool(rest)
     exact = own.scenario.weight @ np.diag(own.P)

@@ -12,7 +12,7 @@ from strainsight.errors import NumericalError
 
 MARGINAL = 1e-9
 """An eigenvalue of F* with Re λ ≥ −MARGINAL ‖F*‖ has to be detected by the gauges."""
-ROUNDING = 1e-12
+ROUNDING = 1e-10
 """Gauges answer to a motion where ‖H v‖ > ROUNDING ‖H‖ max|v| in balanced units: less is rounding in v."""
 SAME = 1e-7
 """Eigenvalues closer than SAME ‖F*‖ are one: those of a Jordan block scatter by the root of the rounding."""
@@ -152,7 +152,8 @@ def undetectable_directions(F: np.ndarray, H: np.ndarray, modes: MarginalModes |
         length = np.linalg.norm(O, axis=0)
         answers = length > ROUNDING * strength * (np.abs(V) / modes.scale[:, None]).max(axis=0)
         per_length = np.divide(1.0, length, out=np.zeros(len(length)), where=answers)
-        _, sigma, Yt = np.linalg.svd(O * per_length, full_matrices=True)
+        R = np.linalg.qr(O * per_length, mode="r")  # as many rows as eigenvectors, however many gauges
+        _, sigma, Yt = np.linalg.svd(R, full_matrices=True)
         sigma = np.concatenate([sigma, np.zeros(V.shape[1] - len(sigma))])
         null = Yt[sigma <= RANK * max(1.0, sigma[0])].conj().T
         v = V @ (np.where(answers, per_length, 1.0)[:, None] * null)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -25,8 +26,8 @@ WORTH = 1e-9
 
 @dataclass(frozen=True)
 class Exchange:
-    """gauges (keep,) ascending; trace after every swap, the start first; swaps (out, in); solves: exact Riccati solves;
-    complete: every remaining swap is known not to help, which `limit` solves were enough for."""
+    """gauges (keep,) ascending; trace after every swap, the start first; swaps (out, in); solves: exact Riccati solves,
+    never more than `limit`; complete: every remaining swap is known not to help, which they were enough for."""
 
     gauges: np.ndarray
     trace: np.ndarray
@@ -51,8 +52,7 @@ def exchange(
     the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made.
     gauges: a set that detects every unknown; fixed: gauges that stay; limit: of exact solves.
     """
-    count = len(pools[0].rows)
-    chosen = sorted(int(g) for g in gauges)
+    chosen = np.sort(np.asarray(gauges, dtype=int))
     loops = []
     for pool in pools:
         P = subset_covariance(pool, chosen)
@@ -61,38 +61,46 @@ def exchange(
         loops.append(loop_of(pool, chosen, P))
     trace = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
-    solves = 0
-    while solves < limit:
-        found, number = _first_gain(pools, loops, chosen, count, aggregate, fixed, trace[-1], limit - solves)
+    solves, complete = 0, False
+    while not complete:
+        found, number, stopped = _first_gain(pools, loops, chosen, aggregate, fixed, trace[-1], limit - solves)
         solves += number
         if found is None:
-            return Exchange(np.array(chosen), np.array(trace), tuple(swaps), solves, solves < limit)
+            complete = not stopped
+            break
         out, into, loops = found
-        chosen = sorted({*chosen, into} - {out})
+        chosen = _swapped(chosen, out, into)
         swaps.append((out, into))
         trace.append(_cost(pools, loops, aggregate))
-    return Exchange(np.array(chosen), np.array(trace), tuple(swaps), solves, False)
+    return Exchange(chosen, np.array(trace), tuple(swaps), solves, complete)
 
 
 def _first_gain(
-    pools: Sequence[Pool], loops: Sequence[Loop], chosen: list[int], count: int, aggregate: Aggregate,
-    fixed: Collection[int], cost: float, limit: int,
-) -> tuple[tuple[int, int, list[Loop]] | None, int]:
-    """The first swap that helps, (out, in, loops of the new set), or None; and the number of exact solves."""
-    movable = [g for g in chosen if g not in fixed]
-    others = [g for g in range(count) if g not in chosen]
-    if not movable or not others:
-        return None, 0
+    pools: Sequence[Pool],
+    loops: Sequence[Loop],
+    chosen: np.ndarray,
+    aggregate: Aggregate,
+    fixed: Collection[int],
+    cost: float,
+    limit: int,
+) -> tuple[tuple[int, int, list[Loop]] | None, int, bool]:
+    """The first swap that helps, (out, in, loops of the new set), or None; the exact solves, at most `limit`; whether
+    the search was stopped by it."""
+    movable = chosen[~np.isin(chosen, list(fixed))]
+    others = np.delete(np.arange(len(pools[0].rows)), chosen)
+    if not len(movable) or not len(others):
+        return None, 0, False
     traces = np.array([weighted_trace(p, l.P) for p, l in zip(pools, loops, strict=True)])
     gradients = np.array([gauge_gradients(l, p.rows, p.scenario.weight) for p, l in zip(pools, loops, strict=True)])
     least = gradients[:, movable].min(axis=1)
     promise = aggregated(traces[:, None] + least[:, None] - gradients[:, others], aggregate)
     enough = cost * (1 - WORTH)
+    hopeful = np.flatnonzero(promise < enough)
     solves = 0
-    for at in np.argsort(promise, kind="stable"):
-        if promise[at] >= enough or solves >= limit:
-            break
-        into = others[at]
+    for at in hopeful[np.argsort(promise[hopeful], kind="stable")]:
+        if solves + len(pools) > limit:
+            return None, solves, True
+        into = int(others[at])
         grown = []
         for pool, loop in zip(pools, loops, strict=True):
             row = pool.rows[into]
@@ -102,31 +110,38 @@ def _first_gain(
         solves += len(pools)
         after = np.array([weighted_trace(p, l.P) for p, l in zip(pools, grown, strict=True)])
         bounds = aggregated(
-            np.array([
-                base + gauge_gradients(l, p.rows[movable], p.scenario.weight)
-                for base, p, l in zip(after, pools, grown, strict=True)
-            ]),
+            np.array(
+                [
+                    base + gauge_gradients(l, p.rows[movable], p.scenario.weight)
+                    for base, p, l in zip(after, pools, grown, strict=True)
+                ]
+            ),
             aggregate,
         )
         for i in np.argsort(bounds, kind="stable"):
             if bounds[i] >= enough:
                 break
-            out = movable[i]
-            rest = sorted({*chosen, into} - {out})
-            swapped, number = _without(pools, grown, out, rest)
+            if solves + len(pools) > limit:
+                return None, solves, True
+            out = int(movable[i])
+            swapped, number = _without(pools, grown, out, _swapped(chosen, out, into))
             solves += number
             if swapped is not None and _cost(pools, swapped, aggregate) < enough:
-                return (out, into, swapped), solves
-    return None, solves
+                return (out, into, swapped), solves, False
+    return None, solves, False
 
 
-def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: list[int]) -> tuple[list[Loop] | None, int]:
+def _swapped(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
+    return np.sort(np.where(chosen == out, into, chosen))
+
+
+def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.ndarray) -> tuple[list[Loop] | None, int]:
     swapped = []
     for number, (pool, loop) in enumerate(zip(pools, loops, strict=True), start=1):
-        D = removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[out], pool.rows[rest], pool.modes)
+        rows = pool.rows[rest]
+        D = removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
         if D is None:
             return None, number
-        rows = pool.rows[rest]
         swapped.append(loop_of(pool, rest, refined(pool, rows.T @ rows, loop.P + D)))
     return swapped, len(pools)
 

@@ -1,48 +1,110 @@
-"""What one gauge more or less changes in the steady covariance, to full relative accuracy."""
+"""What one gauge more or less changes in the steady covariance, to full relative accuracy, and what it changes at least."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.augmentation.observability import MarginalModes, undetectable_directions
 from strainsight.errors import NumericalError
-from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop, lyapunov, solve_anew
+from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop, lyapunov, lyapunov_in_schur, solve_anew
 
 CONVERGED = 1e-13
+DOUBT = 1e-10
+"""Share of their largest parts by which the slopes of a bound may be wrong: their rounding, amplified by the loop."""
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """What the lower bounds of all removals from one loop share.
+
+    factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W = 0 in the Schur coordinates of the loop; G (n, n) there.
+    """
+
+    loop: Loop
+    factor: np.ndarray
+    X: np.ndarray
+    G: np.ndarray
+
+
+def slopes(loop: Loop, weight: np.ndarray) -> Slopes:
+    """The `Slopes` of tr(W P) at a loop; weight (n,): diagonal of W."""
+    X = adjoint_lyapunov(loop, np.diag(weight))
+    # squares of a factor keep the digits of a small φ that the products of P X P lose
+    values, vectors = np.linalg.eigh(X)
+    factor = loop.P @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    return Slopes(loop, factor, loop.U.T @ X @ loop.U, loop.U.T @ loop.G @ loop.U)
 
 
 def gauge_gradients(loop: Loop, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """−∂tr(W P)/∂w_g for all gauges at once; at w_g = 1 the least rise of tr(W P) when the gauge is removed.
 
-        Aᵀ X + X A + W = 0,     Δ_g ≥ h_g P X P h_gᵀ / r_g
+        Aᵀ X + X A + W = 0,     Δ_g ≥ φ_g = h_g P X P h_gᵀ / r_g
 
     A lower bound of the rise because tr(W P) is convex in the gauge weights: for a fixed estimator the error is a
     quadratic plus Σ r ∫m²/w, jointly convex in the estimator m and w, and its least over m stays convex in w.
     rows (m, n): h_g/√r_g; weight (n,): diagonal of W. Returns (m,) in the unit of tr(W P).
     """
-    X = adjoint_lyapunov(loop, np.diag(weight))
-    PH = loop.P @ rows.T
-    return np.sum(PH * (X @ PH), axis=0)
+    return squares(rows @ slopes(loop, weight).factor)
+
+
+def squares(rows: np.ndarray) -> np.ndarray:
+    """Squared length of every row (m, n)."""
+    return np.asarray(np.einsum("ij,ij->i", rows, rows))
+
+
+def sharper_bound(at: Slopes, row: np.ndarray) -> float:
+    """Least rise of tr(W P) when the gauge `row` = h/√r leaves, from the slope and the curvature in its weight.
+
+        Δ ≥ a₁² / (a₁ − a₂),     a₁ = bᵀ X b,   a₂ = 2 bᵀ X Y h − tr(X Y G Y),     A Y + Y Aᵀ + b bᵀ = 0,   b = P h
+
+    As a function of the one weight w, f = tr(W P) is a least over the gauge's impulse response m of a quadratic plus
+    r ∫m²/w, hence f = f∞ + ∫ dν(s)/(s + w) with ν ≥ 0 on s ≥ 0. With x = 1/(s + 1): f(1 − t) = f(1) + a₁ t + a₂ t² + …,
+    aₖ = ∫ xᵏ⁺¹ dν, and f(0) − f(1) = ∫ x²/(1 − x) dν, where Jensen's inequality replaces x by its mean a₂/a₁.
+    a₂ is lessened by what rounding may add to it. Row (n,). Returns the bound in the unit of tr(W P).
+    """
+    loop = at.loop
+    h = loop.U.T @ row
+    b = loop.U.T @ (loop.P @ row)
+    Y = lyapunov_in_schur(loop, np.outer(b, b))
+    Xb, Yh, GY = at.X @ b, Y @ h, at.G @ Y
+    a1 = float(b @ Xb)
+    XY = at.X @ Y
+    a2 = 2 * float(Xb @ Yh) - float(np.sum(XY * GY.T))
+    doubt = DOUBT * (2 * np.linalg.norm(Xb) * np.linalg.norm(Yh) + np.linalg.norm(XY) * np.linalg.norm(GY))
+    a2 -= float(doubt)
+    if not 0 < a2 < a1:
+        return max(a1, 0.0)
+    return a1 * a1 / (a1 - a2)
 
 
 def removal(
-    F: np.ndarray, Q: np.ndarray, loop: Loop, row: np.ndarray, rest: np.ndarray, modes: MarginalModes
+    F: np.ndarray,
+    Q: np.ndarray,
+    loop: Loop,
+    row: np.ndarray,
+    rest: Callable[[], np.ndarray],
+    modes: MarginalModes,
 ) -> np.ndarray | None:
-    """D = P' − P where the gauge `row` = h/√r leaves and `rest` = H'/√r' remains; None where `rest` cannot detect.
+    """D = P' − P where the gauge `row` = h/√r leaves and `rest()` = H'/√r' remains; None where that cannot detect.
 
         A D + D Aᵀ + (b + c)(b + c)ᵀ − D G D = 0,     b = P hᵀ/√r,   c = D hᵀ/√r
 
-    the same as (A + b h/√r) D + D (…)ᵀ + b bᵀ − D (G − hᵀh/r) D = 0. F, Q, D (n, n); row (n,); rest (m − 1, n); modes:
-    the marginal ones of F.
+    the same as (A + b h/√r) D + D (…)ᵀ + b bᵀ − D (G − hᵀh/r) D = 0. F, Q, D (n, n); row (n,); rest: (m − 1, n), asked
+    for only where the loop at hand does not carry over to the new one; modes: the marginal ones of F.
     """
     D = _fixed_point(loop, row, 1.0)
     if D is not None:
         return D
+    # summed anew: a gauge that outweighs the rest would leave its rounding behind
+    remaining = rest()
+    G = remaining.T @ remaining
     # a stable loop proves detectability; an unstable one proves nothing
-    G = loop.G - np.outer(row, row)
     without = close_loop(F, G, loop.P)
     doubtful = without.abscissa > -1e-9 * np.linalg.norm(loop.A)
-    if doubtful and undetectable_directions(F, rest, modes).shape[1]:
+    if doubtful and undetectable_directions(F, remaining, modes).shape[1]:
         return None
     if not doubtful:
         D = _newton(loop, row, 1.0, without)
@@ -68,19 +130,20 @@ def _fixed_point(loop: Loop, row: np.ndarray, sign: float) -> np.ndarray | None:
     Where they contract, 𝓛_A + t(𝓛_A' − 𝓛_A) is regular for all 0 ≤ t ≤ 1, so no eigenvalue of the loop crosses the
     axis on the way from A to A': the limit is the stabilising solution.
     """
-    b = loop.P @ row
-    D = lyapunov(loop, sign * np.outer(b, b))
+    U = loop.U
+    h, b, G = U.T @ row, U.T @ (loop.P @ row), U.T @ loop.G @ U
+    D = lyapunov_in_schur(loop, sign * np.outer(b, b))
     change = np.linalg.norm(D)
     for _ in range(20):
-        e = b + D @ row
-        new = lyapunov(loop, sign * np.outer(e, e) - D @ loop.G @ D)
+        e = b + D @ h
+        new = lyapunov_in_schur(loop, sign * np.outer(e, e) - D @ G @ D)
         before, change = change, np.linalg.norm(new - D)
         D = new
         if change <= CONVERGED * np.linalg.norm(D):
-            return D
+            return U @ D @ U.T
         if change > 0.3 * before:
             # rounding has been reached, or the iteration is no contraction
-            return D if change <= 1e-11 * np.linalg.norm(D) else None
+            return U @ D @ U.T if change <= 1e-11 * np.linalg.norm(D) else None
     return None
 
 

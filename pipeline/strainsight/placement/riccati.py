@@ -46,6 +46,11 @@ def lyapunov(loop: Loop, S: np.ndarray) -> np.ndarray:
     return _solve(loop, S, "N", "T")
 
 
+def lyapunov_in_schur(loop: Loop, S: np.ndarray) -> np.ndarray:
+    """Y of T Y + Y Tᵀ + S = 0, S symmetric (n, n): X = U Y Uᵀ solves A X + X Aᵀ + U S Uᵀ = 0."""
+    return _triangular(loop, S, "N", "T")
+
+
 def adjoint_lyapunov(loop: Loop, W: np.ndarray) -> np.ndarray:
     """X of Aᵀ X + X A + W = 0, W symmetric (n, n): tr(W Y) = tr(X S) wherever A Y + Y Aᵀ + S = 0."""
     return _solve(loop, W, "T", "N")
@@ -160,11 +165,15 @@ def _newton(F: np.ndarray, Q: np.ndarray, G: np.ndarray, P: np.ndarray) -> np.nd
 
 
 def _solve(loop: Loop, S: np.ndarray, first: str, second: str) -> np.ndarray:
-    Y, scale, info = dtrsyl(loop.T, loop.T, -(loop.U.T @ S @ loop.U), trana=first, tranb=second)
+    X = loop.U @ _triangular(loop, loop.U.T @ S @ loop.U, first, second) @ loop.U.T
+    return 0.5 * (X + X.T)
+
+
+def _triangular(loop: Loop, S: np.ndarray, first: str, second: str) -> np.ndarray:
+    Y, scale, info = dtrsyl(loop.T, loop.T, -S, trana=first, tranb=second)
     if info < 0:
         raise NumericalError(f"a Lyapunov equation was not solved (LAPACK dtrsyl {info})")
-    X = loop.U @ (Y / scale) @ loop.U.T
-    return 0.5 * (X + X.T)
+    return (0.5 / scale) * (Y + Y.T)
 
 
 def _unsorted(_real: float, _imag: float | None = None) -> None:

@@ -14,7 +14,7 @@ from strainsight.augmentation.observability import (
     undetectable_directions,
     undetectable_in_words,
 )
-from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.riccati import (
     ACCEPTED,
     Loop,
@@ -69,11 +69,12 @@ class Pool:
 def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
     """Steady covariance of the whole pool, in balanced coordinates.
 
-    names: of the unknowns, the last states, for the message. Raises InfeasibleError where the pool cannot detect them
-    or where the process noise does not reach all that fails to decay, NumericalError where the residual stays above
-    1e-10.
+    names: of the unknowns, the last states, for the message. Raises ConfigError where a number is not finite or a noise
+    not positive, InfeasibleError where the pool cannot detect them or where the process noise does not reach all that
+    fails to decay, NumericalError where the residual stays above 1e-10.
     """
-    lost = undetectable_directions(scenario.F, scenario.rows)
+    _check(scenario)
+    lost = undetectable_directions(scenario.F, compressed(scenario.rows))
     if lost.shape[1]:
         raise InfeasibleError(
             f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
@@ -98,11 +99,35 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
     return Pool(balanced, rows, d, P, residual, marginal_modes(balanced.F))
 
 
+def _check(scenario: Scenario) -> None:
+    for name, matrix in (("F", scenario.F), ("Q", scenario.Q), ("the weight", scenario.weight)):
+        if not np.all(np.isfinite(matrix)):
+            raise ConfigError(f"{name} of the linearised system is not finite", remedy="check the training motion")
+    blind = np.flatnonzero(~np.isfinite(scenario.H).all(axis=1))
+    if len(blind):
+        raise ConfigError(
+            f"the row of gauge {blind[0]} of the pool is not finite, and so of {len(blind)} in all",
+            remedy="check the facets they lie on",
+        )
+    noiseless = np.flatnonzero(~((scenario.r > 0) & np.isfinite(scenario.r)))
+    if len(noiseless):
+        raise ConfigError(
+            f"the noise of gauge {noiseless[0]} of the pool is {scenario.r[noiseless[0]]:g}, and {len(noiseless)} in all are "
+            "not positive",
+            remedy="give every gauge a positive noise",
+        )
+
+
+def compressed(rows: np.ndarray) -> np.ndarray:
+    """At most n rows (≤ n, n) that answer to every motion as strongly as rows (m, n) do: R of rows = Q R, QᵀQ = I."""
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+
+
 def subset_covariance(pool: Pool, gauges: Sequence[int] | np.ndarray) -> np.ndarray | None:
     """P (n*, n*) with these gauges only, in the pool's coordinates; None where they cannot detect every unknown."""
     rows = pool.rows[np.asarray(gauges, dtype=int)]
     s = pool.scenario
-    if undetectable_directions(s.F, rows, pool.modes).shape[1]:
+    if undetectable_directions(s.F, compressed(rows), pool.modes).shape[1]:
         return None
     return refined(pool, rows.T @ rows, None)
 
@@ -140,7 +165,7 @@ def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
 def whole_pool_weight(scenarios: Sequence[Scenario], count: int, names: Sequence[str] = ()) -> np.ndarray:
     """Weights (n*,) that let the aggregate (mean) start at the number of unknowns with the whole pool:
 
-        Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the last `count` states, 0 for the others.
+    Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the last `count` states, 0 for the others.
     """
     weight = np.zeros(len(scenarios[0].F))
     variance = np.zeros(count)

@@ -214,7 +214,7 @@ def _observability(problem: Problem, scenario: Scenario, largest_strain: float) 
 
 PLACE = Stage(
     "place",
-    version=1,
+    version=2,
     reads=(
         "seed",
         "loads.*.signal",

@@ -1,0 +1,146 @@
+"""Many modes and unknowns, noises far apart, duplicates, gauges that see nothing, loads that move nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
+from strainsight.augmentation.noise import gauge_intensity, process_intensity
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError
+from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
+
+
+def five_unknowns(beam_of, noise, *, modes, foundation, gauges=30):
+    """Two tip loads, a patch actuator along the first gauge, modulus and density; the foundation is the known stiffness."""
+    beam = beam_of(gauges, modes, foundation=foundation)
+    shape = np.column_stack([beam.model.input_shape, beam.rows[0]])
+    model = replace(beam.model, input_shape=shape, inputs=("Fz", "Fy", "patch"))
+    u = np.column_stack([beam.u, np.zeros(len(beam.u))])
+    unknowns = Unknowns(("Fz", "Fy", "patch"), ("E", "rho"), {"Fz": 1e4, "Fy": 1e3, "patch": 1e5}, beam.theta)
+    F = linearise(model, unknowns, beam.theta, beam.x[[63]], u[[63]])[0]
+    Q = process_intensity(modes + 1, unknowns, {"Fz": 20.0, "Fy": 40.0, "patch": 10.0}, {"E": 0.05, "rho": 0.05})
+    H = augment_rows(beam.rows, unknowns)
+    r = gauge_intensity(np.full(gauges, noise), 5e-4)
+    weight = whole_pool_weight([Scenario(F, Q, H, r, np.zeros(len(F)))], 5)
+    return Scenario(F, Q, H, r, weight)
+
+
+def residual(scenario, gauges, P):
+    """The relative residual of (5.14), gauge by gauge."""
+    F, Q = scenario.F, scenario.Q
+    PGP = sum(np.outer(P @ scenario.H[g], P @ scenario.H[g]) / scenario.r[g] for g in gauges)
+    defect = F @ P + P @ F.T + Q - PGP
+    return np.linalg.norm(defect) / (2 * np.linalg.norm(F @ P) + np.linalg.norm(Q) + np.linalg.norm(PGP))
+
+
+@pytest.mark.parametrize("noise", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+def test_forty_modes_and_five_unknowns_are_solved_at_every_noise(beam_of, noise):
+    found = eliminate([five_unknowns(beam_of, noise, modes=40, foundation=1e5)], 6)
+    (pool,) = found.pools
+    assert len(pool.P) == 87
+    assert residual(pool.scenario, range(30), pool.P) < 1e-10
+    assert np.linalg.eigvalsh(pool.P).min() > 0
+    assert found.residual < 1e-10
+    assert np.all(found.rise > 0)
+
+
+@pytest.mark.parametrize("noise", [1e-9, 1e-6, 1e-4])
+def test_noises_decades_apart_in_one_pool_are_brute_force_to_the_last_gauge(oracle, beam_of, scenarios_of, noise):
+    (scenario,) = scenarios_of(beam_of(14, 5), ("Fz",), ("E",), noise=noise)
+    r = scenario.r * 10.0 ** np.random.default_rng(2).uniform(0, 10, 14)
+    found = eliminate([Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight)], 3)
+    follow(oracle, found)
+
+
+def follow(oracle, found):
+    """Every step of an elimination of one scenario is the cheapest of all, by the oracle, and costs what it says."""
+    scenario = found.pools[0].scenario
+    left = list(range(len(scenario.H)))
+    for out, cost in zip(found.removed.tolist(), found.trace[1:], strict=True):
+        costs = {g: scenario.weight @ np.diag(oracle(scenario, [o for o in left if o != g])) for g in left}
+        np.testing.assert_allclose(costs[out], min(costs.values()), rtol=1e-9)
+        np.testing.assert_allclose(cost, costs[out], rtol=1e-6)
+        left.remove(out)
+
+
+def test_a_pool_of_duplicates_is_brute_force_and_evaluates_one_of_each(oracle, beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(8, 5), ("Fz",), ("E",))
+    rng = np.random.default_rng(5)
+    copy = rng.permutation(np.repeat(np.arange(8), 4))
+    # a gauge glued the other way round, or read in another unit, says the same
+    factor = rng.choice([-4.0, -1.0, 1.0, 2.0], 32)
+    H, r = scenario.H[copy] * factor[:, None], scenario.r[copy] * factor**2
+    found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 4)
+    follow(oracle, found)
+    left = np.ones(32, dtype=bool)
+    for out, ties in zip(found.removed, found.ties, strict=True):
+        twins = np.flatnonzero(left & (copy == copy[out]))
+        assert out == twins[0]
+        assert list(ties) == twins[1:].tolist()
+        left[out] = False
+    assert found.solves.max() < 8
+
+
+def test_many_gauges_of_no_sensitivity_leave_first_at_no_cost(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
+    H, r = np.vstack([np.zeros((290, len(scenario.F))), scenario.H]), np.tile(scenario.r, 30)
+    found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 4)
+    alone = eliminate([scenario], 4)
+    assert found.removed[:290].tolist() == list(range(290))
+    assert np.all(found.rise[:290] == 0)
+    assert (found.removed[290:] - 290).tolist() == alone.removed.tolist()
+    np.testing.assert_allclose(found.rise[290:], alone.rise, rtol=1e-8)
+
+
+def test_a_load_in_a_clamped_direction_is_refused_by_name(beam_of):
+    beam = beam_of(20)
+    model = replace(beam.model, input_shape=beam.model.input_shape * [1, 0])
+    unknowns = Unknowns(("Fz", "Fy"), (), {"Fz": 1e4, "Fy": 1e3}, beam.theta)
+    F = linearise(model, unknowns, beam.theta, beam.x[[63]], beam.u[[63]])[0]
+    Q = process_intensity(model.size, unknowns, {"Fz": 20.0, "Fy": 40.0}, {})
+    H = augment_rows(beam.rows, unknowns)
+    scenario = Scenario(F, Q, H, gauge_intensity(np.full(20, 1e-6), 5e-4), np.ones(len(F)))
+    with pytest.raises(InfeasibleError, match=r"no gauge of the pool can tell Fy\n"):
+        eliminate([scenario], 4, names=unknowns.names)
+
+
+def test_a_motion_that_no_gauge_sees_changes_nothing_for_the_others(oracle, beam_of, scenarios_of):
+    beam = beam_of(12, 6)
+    (scenario,) = scenarios_of(beam, ("Fz",), ())
+    H = scenario.H.copy()
+    # the sideways modes, which Fz does not move
+    H[:, : beam.model.size][:, np.abs(beam.model.input_shape[:, 0]) < 1e-6 * np.abs(beam.model.input_shape).max()] = 0.0
+    assert not np.array_equal(H, scenario.H)
+    follow(oracle, eliminate([Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)], 2))
+
+
+@pytest.mark.parametrize("modes", [10, 40])
+def test_loads_modulus_and_density_together_are_never_placed(beam_of, modes):
+    # with 40 modes the scale that nothing tells is seen as rounding, and by the Riccati solver only
+    with pytest.raises((InfeasibleError, NumericalError)):
+        five_unknowns(beam_of, 1e-6, modes=modes, foundation=0.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "at", "value", "words"),
+    [
+        ("H", (3, 2), np.nan, "row of gauge 3 of the pool is not finite"),
+        ("H", (5, 0), np.inf, "row of gauge 5 of the pool is not finite"),
+        ("r", 7, 0.0, "noise of gauge 7 of the pool is 0"),
+        ("r", 2, -1e-12, "noise of gauge 2 of the pool is -1e-12"),
+        ("r", 4, np.nan, "noise of gauge 4 of the pool is nan"),
+        ("F", (0, 0), np.nan, "F of the linearised system is not finite"),
+        ("Q", (1, 1), np.inf, "Q of the linearised system is not finite"),
+    ],
+)
+def test_numbers_that_are_none_and_noises_that_are_not_positive_are_refused(
+    beam_of, scenarios_of, field, at, value, words
+):
+    (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
+    broken = getattr(scenario, field).copy()
+    broken[at] = value
+    with pytest.raises(ConfigError, match=words):
+        eliminate([replace(scenario, **{field: broken})], 4)
