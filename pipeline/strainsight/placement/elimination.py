@@ -18,7 +18,6 @@ from strainsight.placement.scenario import (
     Pool,
     Scenario,
     aggregated,
-    compressed,
     refined,
     solve_pool,
     weighted_trace,
@@ -225,7 +224,7 @@ def _exactly(
 
 
 def _rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
-    return compressed(pool.rows[left.without(at)])
+    return pool.rows[left.without(at)]
 
 
 def _blocks(pools: Sequence[Pool], loops: Sequence[Loop], costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:

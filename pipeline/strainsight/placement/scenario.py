@@ -74,7 +74,7 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
     fails to decay, NumericalError where the residual stays above 1e-10.
     """
     _check(scenario)
-    lost = undetectable_directions(scenario.F, compressed(scenario.rows))
+    lost = undetectable_directions(scenario.F, scenario.rows)
     if lost.shape[1]:
         raise InfeasibleError(
             f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
@@ -118,16 +118,11 @@ def _check(scenario: Scenario) -> None:
         )
 
 
-def compressed(rows: np.ndarray) -> np.ndarray:
-    """At most n rows (≤ n, n) that answer to every motion as strongly as rows (m, n) do: R of rows = Q R, QᵀQ = I."""
-    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
-
-
 def subset_covariance(pool: Pool, gauges: Sequence[int] | np.ndarray) -> np.ndarray | None:
     """P (n*, n*) with these gauges only, in the pool's coordinates; None where they cannot detect every unknown."""
     rows = pool.rows[np.asarray(gauges, dtype=int)]
     s = pool.scenario
-    if undetectable_directions(s.F, compressed(rows), pool.modes).shape[1]:
+    if undetectable_directions(s.F, rows, pool.modes).shape[1]:
         return None
     return refined(pool, rows.T @ rows, None)
 

@@ -1,0 +1,274 @@
+"""Branch and bound ends with the set that exhaustive search finds, and never claims more than is so."""
+
+from __future__ import annotations
+
+from itertools import combinations, count
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError
+from strainsight.placement import branch_and_bound as module
+from strainsight.placement.branch_and_bound import branch_and_bound
+from strainsight.placement.certificate import certify
+from strainsight.placement.cuts import Cut, cut_at, lowest
+from strainsight.placement.elimination import eliminate
+from strainsight.placement.scenario import Scenario, solve_pool
+from strainsight.placement.score import score
+
+CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",)), (("Fz",), ("rho",))]
+
+
+@pytest.fixture(scope="module")
+def every_set(oracle):
+    """Costs of all sets, {gauges: cost}."""
+
+    def costs(pools, keep, aggregate):
+        combine = {"mean": np.mean, "worst": np.max}[aggregate]
+        return {
+            gauges: float(combine([p.scenario.weight @ np.diag(oracle(p.scenario, list(gauges))) for p in pools]))
+            for gauges in combinations(range(len(pools[0].rows)), keep)
+        }
+
+    return costs
+
+
+def agrees(found, costs):
+    """The best set; the cost to the digits of the oracle; the bound below the optimum and as close as claimed."""
+    best, runner_up = sorted([*costs.values(), np.inf])[:2]
+    mine = costs[tuple(found.gauges.tolist())]
+    assert mine <= best * (1 + 1e-9)
+    if runner_up > best * (1 + 1e-8):
+        assert found.gauges.tolist() == list(min(costs, key=costs.get))
+    np.testing.assert_allclose(found.cost, mine, rtol=1e-7)
+    assert found.proven
+    assert found.lower_bound <= best * (1 + 1e-9)
+    assert found.lower_bound >= found.cost * (1 - 1.001e-6)
+
+
+@pytest.mark.parametrize(("size", "keep"), [(12, 5), (16, 3)])
+@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+def test_it_finds_what_exhaustive_search_finds(every_set, beam_of, scenarios_of, inputs, parameters, size, keep):
+    pools = [solve_pool(s) for s in scenarios_of(beam_of(size, 2, seed=size + keep), inputs, parameters)]
+    costs = every_set(pools, keep, "mean")
+    found = branch_and_bound(pools, keep)
+    agrees(found, costs)
+    certificate = certify(pools, found.gauges, found.cost)
+    assert certificate.lower_bound <= min(costs.values()) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize(("inputs", "parameters"), CASES[1:3])
+def test_several_scenarios_are_searched_at_once(every_set, beam_of, scenarios_of, inputs, parameters, aggregate):
+    scenarios = scenarios_of(beam_of(12, 2, seed=5), inputs, parameters, instants=(55, 260, 871))
+    pools = [solve_pool(s) for s in scenarios]
+    costs = every_set(pools, 4, aggregate)
+    found = branch_and_bound(pools, 4, aggregate)
+    agrees(found, costs)
+    certificate = certify(pools, found.gauges, found.cost, aggregate)
+    assert certificate.lower_bound <= min(costs.values()) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_a_bad_start_is_left_for_the_optimum(every_set, beam_of, scenarios_of, aggregate):
+    scenarios = scenarios_of(beam_of(13, 3, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
+    pools = [solve_pool(s) for s in scenarios]
+    costs = every_set(pools, 3, aggregate)
+    worst = max(costs, key=costs.get)
+    found = branch_and_bound(pools, 3, aggregate, start=worst)
+    agrees(found, costs)
+    with pytest.raises(ValueError, match="3 different gauges"):
+        branch_and_bound(pools, 3, start=[1, 2, 2])
+    with pytest.raises(ValueError, match="the fixed ones among them"):
+        branch_and_bound(pools, 3, start=worst, fixed=[next(g for g in range(13) if g not in worst)])
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_out_of_time_it_still_has_a_set_and_a_bound(every_set, beam_of, scenarios_of, aggregate):
+    scenarios = scenarios_of(beam_of(13, 3, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
+    pools = [solve_pool(s) for s in scenarios]
+    costs = every_set(pools, 3, aggregate)
+    best = min(costs.values())
+    found = branch_and_bound(pools, 3, aggregate, time_limit=0.0)
+    assert found.nodes == 1
+    assert not found.proven
+    assert 0.5 * best < found.lower_bound <= best * (1 + 1e-9)
+    np.testing.assert_allclose(found.cost, costs[tuple(found.gauges.tolist())], rtol=1e-7)
+    longer = branch_and_bound(pools, 3, aggregate)
+    assert longer.lower_bound > found.lower_bound
+    assert longer.nodes > 1
+
+
+def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(every_set, beam_of, scenarios_of, monkeypatch):
+    pools = [solve_pool(s) for s in scenarios_of(beam_of(13, 3, seed=1), ("Fz", "Fy"), ("E",))]
+    costs = every_set(pools, 3, "mean")
+    best, second = sorted(costs, key=costs.get)[:2]
+
+    def unsolved(pools, gauges, aggregate):
+        if tuple(int(g) for g in gauges) == best:
+            raise NumericalError("not solved")
+        return score(pools, gauges, aggregate)
+
+    monkeypatch.setattr(module, "score", unsolved)
+    found = branch_and_bound(pools, 3)
+    assert tuple(found.gauges.tolist()) == second
+    assert not found.proven
+    assert found.lower_bound <= costs[best] * (1 + 1e-9)
+
+
+def test_fixed_gauges_stay_and_the_rest_is_optimal(every_set, beam_of, scenarios_of):
+    pools = [solve_pool(s) for s in scenarios_of(beam_of(12, 2, seed=2), ("Fz",), ("E",))]
+    costs = every_set(pools, 4, "mean")
+    bad = int(eliminate([p.scenario for p in pools], 4).removed[0])
+    for glued in ([bad], [bad, 3], [bad, 3, 5, 7]):
+        agrees(
+            branch_and_bound(pools, 4, fixed=glued),
+            {gauges: cost for gauges, cost in costs.items() if set(glued) <= set(gauges)},
+        )
+
+
+def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(24), ("Fz", "Fy"), ("E",))
+    rng = np.random.default_rng(3)
+    shuffle = rng.permutation(24)
+    moved = Scenario(scenario.F, scenario.Q, scenario.H[shuffle] * 1e6, scenario.r[shuffle] * 1e12, scenario.weight)
+    here = branch_and_bound([solve_pool(scenario)], 4)
+    there = branch_and_bound([solve_pool(moved.scaled(10.0 ** rng.uniform(-4, 4, len(scenario.F))))], 4)
+    assert here.proven
+    assert there.proven
+    assert sorted(shuffle[there.gauges].tolist()) == here.gauges.tolist()
+    np.testing.assert_allclose(there.cost, here.cost, rtol=1e-8)
+
+
+def test_twins_are_not_searched_twice(every_set, beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(6, 2), ("Fz",), ("E",))
+    twice = np.concatenate([np.arange(6), np.arange(6)])
+    sign = np.repeat([1.0, -1.0], 6)[:, None]
+    doubled = Scenario(scenario.F, scenario.Q, sign * scenario.H[twice], scenario.r[twice], scenario.weight)
+    pools = [solve_pool(doubled)]
+    agrees(branch_and_bound(pools, 4), every_set(pools, 4, "mean"))
+    agrees(
+        branch_and_bound(pools, 4, fixed=[8]),
+        {gauges: cost for gauges, cost in every_set(pools, 4, "mean").items() if 8 in gauges},
+    )
+
+
+def test_the_only_gauge_that_sees_an_unknown_is_found(oracle, beam_of, scenarios_of):
+    beam = beam_of(12, 3)
+    (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
+    H = scenario.H.copy()
+    sideways = np.flatnonzero(np.abs(beam.model.input_shape[:, 1]) > 1e-6 * np.abs(beam.model.input_shape).max())
+    H[np.ix_(np.delete(np.arange(12), 7), sideways)] = 0.0
+    one_sees = Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)
+    pool = solve_pool(one_sees)
+    costs = {(g, 7): float(pool.scenario.weight @ np.diag(oracle(pool.scenario, [g, 7]))) for g in range(12) if g != 7}
+    found = branch_and_bound([pool], 2)
+    assert found.gauges.tolist() == sorted(min(costs, key=costs.get))
+    assert found.proven
+    with pytest.raises(InfeasibleError, match="no set of 1 gauges of the pool detects every unknown"):
+        branch_and_bound([pool], 1)
+    with pytest.raises(InfeasibleError, match="no set of 2 gauges of the pool detects every unknown"):
+        branch_and_bound([solve_pool(s) for s in scenarios_of(beam, ("Fz", "Fy"), ("E",))], 2)
+
+
+def test_impossible_requests_are_refused(beam_of, scenarios_of):
+    pools = [solve_pool(s) for s in scenarios_of(beam_of(9, 2), (), ("E",))]
+    for keep, fixed in ((0, ()), (10, ()), (2, (1, 2, 3))):
+        with pytest.raises(ConfigError, match=f"{keep} gauges are to be kept of a pool of 9"):
+            branch_and_bound(pools, keep, fixed=fixed)
+    whole = branch_and_bound(pools, 9)
+    assert whole.gauges.tolist() == list(range(9))
+    assert whole.proven
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
+    """Three states and rows of small integers, from the worst set of all: what it finds, it finds itself."""
+    rng = np.random.default_rng(seed)
+    F, H = -np.diag(rng.integers(1, 10, (2, 3))[0].astype(float)), 10.0 * rng.integers(-3, 4, (9, 3))
+    scenarios = [Scenario(F * f, np.eye(3), H, np.full(9, 0.1), np.ones(3)) for f in (1.0, 3.0)]
+    pools = [solve_pool(s) for s in scenarios]
+    costs = every_set(pools, 3, aggregate)
+    monkeypatch.setattr(module, "exchange", lambda pools, gauges, *rest, **more: SimpleNamespace(gauges=gauges))
+    found = branch_and_bound(pools, 3, aggregate, start=max(costs, key=costs.get))
+    agrees(found, costs)
+    # a clock that ticks once a look
+    monkeypatch.setattr(module, "monotonic", count().__next__)
+    stopped = branch_and_bound(pools, 3, aggregate, start=max(costs, key=costs.get), time_limit=2)
+    assert stopped.nodes == min(2, found.nodes)
+    assert stopped.lower_bound <= min(costs.values()) * (1 + 1e-9)
+    assert stopped.cost >= min(costs.values()) * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_no_half_loses_a_set_or_claims_more_than_its_best(every_set, beam_of, scenarios_of, aggregate, monkeypatch):
+    scenarios = scenarios_of(beam_of(10, 2, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
+    pools = [solve_pool(s) for s in scenarios]
+    costs = every_set(pools, 4, aggregate)
+    search = module._Search(pools, 4, aggregate, (), 1e-6)
+    monkeypatch.setattr(search, "offer", lambda gauges, bound=0.0: None)
+    search.best = np.array(max(costs, key=costs.get))
+    search.cost = float(np.quantile(list(costs.values()), 0.5))
+
+    def sets_of(node):
+        inside, outside = set(np.flatnonzero(node.inside)), set(np.flatnonzero(node.outside))
+        return {gauges for gauges in costs if inside <= set(gauges) and not outside & set(gauges)}
+
+    nodes, claims = [(-np.inf, search.root(np.zeros(10, dtype=bool)))], 0
+    for bound, node in nodes:
+        halves = search.children(node, bound)
+        for half_bound, half in halves:
+            assert half_bound >= bound
+            assert half_bound <= min((costs[g] for g in sets_of(half)), default=np.inf) * (1 + 1e-9)
+            claims += half_bound > 0
+        if halves:
+            kept = set().union(*(sets_of(half) for _, half in halves))
+            assert all(costs[g] >= search.target * (1 - 1e-9) for g in sets_of(node) - kept)
+            nodes += halves
+        else:
+            # a single set is left, or none that costs less
+            assert sum(costs[g] < search.target * (1 - 1e-9) for g in sets_of(node)) <= 1
+    assert claims > 20
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_bound_of_several_planes_is_their_linear_program(aggregate, seed):
+    rng = np.random.default_rng(seed)
+    cuts = [Cut(rng.uniform(0, 1, 2), rng.uniform(-1, 0, (2, 7)), np.zeros(2), ()) for _ in range(3)]
+    inside, free = np.arange(7) == 2, ~np.isin(np.arange(7), [2, 5])
+    low = lowest(cuts, inside, free, 4, aggregate)
+    combine = {"mean": np.mean, "worst": np.max}[aggregate]
+
+    def model(v):
+        return combine(np.max([c.offset + c.slope @ v for c in cuts], axis=0))
+
+    sets = [np.isin(np.arange(7), [2, *rest]) for rest in combinations([0, 1, 3, 4, 6], 3)]
+    np.testing.assert_allclose(low.weights[[2, 5]], [1, 0])
+    np.testing.assert_allclose(low.weights.sum(), 4)
+    np.testing.assert_allclose(model(low.weights), low.value, atol=1e-7)
+    mixtures = rng.dirichlet(np.full(len(sets), 0.3), 2000) @ np.array(sets)
+    assert low.value <= min(model(v) for v in [*mixtures, *sets]) + 1e-12
+    assert low.taken.sum() == 3
+    for gauge in np.flatnonzero(free):
+        others = [v for v in sets if v[gauge] == (not low.taken[gauge])]
+        assert low.value + low.reduced[gauge] <= min(model(v) for v in others) + 1e-12
+        assert low.reduced[gauge] >= 0
+
+
+def test_a_cut_touches_the_cost_and_stays_below_it(beam_of, scenarios_of):
+    pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 3), ("Fz",), ("E",), instants=(55, 260))]
+    rng = np.random.default_rng(2)
+    weights = rng.uniform(0.1, 1, (5, 10))
+    cuts = [cut_at(pools, w, None) for w in weights]
+    for cut, w in zip(cuts, weights, strict=True):
+        np.testing.assert_allclose(cut.offset + cut.slope @ w, cut.cost, rtol=1e-9)
+        for other, v in zip(cuts, weights, strict=True):
+            assert np.all(cut.offset + cut.slope @ v <= other.cost * (1 + 1e-9))
+        slope = [
+            (cut_at(pools, w + 1e-4 * e, None).cost - cut_at(pools, w - 1e-4 * e, None).cost) / 2e-4 for e in np.eye(10)
+        ]
+        np.testing.assert_allclose(cut.slope.T, slope, rtol=1e-4, atol=1e-7)
+    assert cut_at(pools, np.eye(10)[3], None) is None
