@@ -90,6 +90,8 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
 
 
 def _keep(config: PlacementConfig) -> Iterator[Problem]:
+    if config.place.prove > 0 and config.place.optimise != "trace":
+        yield Problem("place.prove", "a proof is of the trace, not of the worst failure", "remove one of the two keys")
     keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
     kinds = {"inputs" if name in config.loads else "parameters" for name in names}
     what = f"unknown {kinds.pop()}" if len(kinds) == 1 else "unknowns"

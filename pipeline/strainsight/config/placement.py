@@ -189,6 +189,12 @@ class Place(Section):
     )
     certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
     exchange: bool = Field(True, description="Exchange gauges after the elimination until none helps.")
+    optimise: Literal["trace", "worst_failure"] = Field(
+        "trace", description="trace: the metric; worst_failure: the metric after the worst failure of any one gauge."
+    )
+    prove: NotNegative = Field(
+        0.0, description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none."
+    )
 
 
 class Truth(Section):

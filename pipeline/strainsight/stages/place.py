@@ -13,13 +13,12 @@ from strainsight.augmentation.observability import Observability, observability
 from strainsight.errors import blame
 from strainsight.estimation.filter import covariance_recursion
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
-from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
-from strainsight.placement.exchange import exchange
 from strainsight.placement.scenario import thesis_weight
 from strainsight.placement.score import score
 from strainsight.rom.model import modal_basis
 from strainsight.signals.histories import instant_values
+from strainsight.stages.case.layout import layout_of
 from strainsight.stages.case.problem import Problem, filter_model, initial_covariance, problem_of
 from strainsight.stages.records.placement import (
     augmented_datasets,
@@ -45,17 +44,13 @@ def run(context: Context) -> Output:
     context.progress("elimination", 0.0)
     with blame("place.keep"):
         result = eliminate(scenarios, settings.keep, settings.aggregate, names=names)
-    greedy = result.kept
-    context.progress("exchange", 0.5)
-    swapped = exchange(result.pools, greedy, settings.aggregate) if settings.exchange else None
-    final = swapped.gauges if swapped else greedy
-    trace_final = score(result.pools, final, settings.aggregate)
-    context.progress("certificate", 0.7)
-    certificate = certify(result.pools, final, trace_final, settings.aggregate) if settings.certificate else None
+        layout = layout_of(result.pools, result.kept, settings, context.progress)
+    greedy, final, swapped, certificate = result.kept, layout.gauges, layout.exchange, layout.certificate
     sets = _baselines(problem, candidate, settings.keep, context.seed)
     std, without = expected_std(problem, candidate[final])
     order = np.argsort(-_importance(without, std), kind="stable")
-    final, without = final[order], {name: values[order] for name, values in without.items()}
+    final, loss = final[order], layout.loss[order]
+    without = {name: values[order] for name, values in without.items()}
     context.progress("observability", 0.9)
     train = context.upstream["train"]
     condition = _observability(problem, scenarios[0], float(np.abs(train["/strain"][:, candidate]).max()))
@@ -73,6 +68,9 @@ def run(context: Context) -> Output:
             for name in names
         }
         | {
+            "/failure/loss": Dataset(
+                loss, "1", "tr(W P) when each gauge of the final set fails; inf where an unknown is then lost"
+            ),
             "/pool/candidate": Dataset(candidate, "1", "row of train.h5 of every pool gauge"),
             "/elimination/removed": Dataset(result.removed, "1", "pool gauges in the order of their removal"),
             "/elimination/trace": Dataset(result.trace, "1", "tr(W P), the full pool first"),
@@ -113,13 +111,15 @@ def run(context: Context) -> Output:
             "selected": len(final),
             "trace_initial": float(result.trace[0]),
             "trace_greedy": float(result.trace[-1]),
-            "trace_final": float(trace_final),
+            "trace_final": float(layout.trace),
+            "worst_failure": float(loss.max()),
             "riccati_residual": float(result.residual),
             "riccati_solves": int(result.solves.sum()),
             "condition": condition.condition,
             "ties": sum(1 for tied in result.ties if tied),
         }
         | ({"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete} if swapped else {})
+        | ({"proven": layout.proof.proven, "nodes": layout.proof.nodes} if layout.proof else {})
         | ({"lower_bound": certificate.lower_bound, "gap": certificate.gap} if certificate else {})
         | {f"std.{name}": float(std[name]) for name in names}
         | ({"null_direction": condition.null_direction} if condition.null_direction else {}),

@@ -1,0 +1,50 @@
+"""The layout that a config asks for: of least trace, proven, or of least loss after one failure."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from strainsight.placement.scenario import Scenario, solve_pool
+from strainsight.placement.score import score
+from strainsight.stages.case.layout import layout_of
+
+
+@pytest.fixture(scope="module")
+def pools(artefacts):
+    """Twelve gauges of the cantilever's pool, in its first scenario."""
+    place = artefacts["place"]
+    F, H, Q, R, weight = (place[f"/augmented/{key}"][0] for key in ("F", "H", "Q", "R", "weight"))
+    some = np.arange(0, len(H), len(H) // 12)[:12]
+    return (solve_pool(Scenario(F, Q, H[some], R[some], weight)),)
+
+
+def layout(pools, greedy=(0, 1, 2), **asked):
+    settings = {"aggregate": "mean", "keep": 3, "exchange": True, "certificate": True, "optimise": "trace", "prove": 0.0}
+    return layout_of(pools, np.array(greedy), SimpleNamespace(**settings | asked), lambda *_: None)
+
+
+def failures(pools, gauges):
+    return [score(pools, [g for g in gauges if g != out]) for out in gauges]
+
+
+def test_a_proof_ends_at_the_best_of_all_sets(pools):
+    best = min(score(pools, gauges) for gauges in combinations(range(12), 3))
+    found = layout(pools, prove=60.0, exchange=False)
+    assert found.proof.proven
+    assert found.trace == pytest.approx(best, rel=1e-9)
+    assert best * (1 - 2e-6) <= found.certificate.lower_bound <= best
+    assert layout(pools).certificate.lower_bound <= best
+
+
+def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what(pools):
+    plain, robust = layout(pools), layout(pools, optimise="worst_failure")
+    for found in (plain, robust):
+        np.testing.assert_allclose(found.loss, failures(pools, found.gauges.tolist()), rtol=1e-9)
+    least = min(max(failures(pools, gauges)) for gauges in combinations(range(12), 3))
+    assert least * (1 - 1e-9) <= robust.loss.max() <= plain.loss.max() * (1 + 1e-9)
+    assert robust.trace >= plain.trace * (1 - 1e-9)
+    assert robust.proof is None
