@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+
 import numpy as np
 import pytest
 import pyvista
@@ -70,6 +72,18 @@ def test_place_stores_what_it_solved(artefacts):
     assert len(place["/elimination/trace"]) == 100 - 4 + 1
     assert place.summary["lower_bound"] <= place.summary["trace_final"] * (1 + 1e-12)
     assert place.summary["riccati_residual"] <= 1e-10
+
+
+def test_the_list_of_gauges_says_what_the_artefacts_say(artefacts):
+    place, train = artefacts["place"], artefacts["train"]
+    lines = list(csv.DictReader((place.path.parent / "gauges.csv").read_text().splitlines()))
+    rows = place["/pool/candidate"][place["/selected/final/gauge"]]
+    assert [line["gauge"] for line in lines] == ["G1", "G2", "G3", "G4"]
+    assert [int(line["element"]) for line in lines] == train["/gauges/element"][rows].tolist()
+    for key in ("position", "normal", "direction"):
+        written = [[float(line[f"{key}_{axis}"]) for axis in "xyz"] for line in lines]
+        np.testing.assert_allclose(written, train[f"/gauges/{key}"][rows], rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose([float(line["std_E_without"]) for line in lines], place["/without/E"], rtol=1e-8)
 
 
 def test_the_layout_is_a_subset_of_pool_and_candidates(artefacts):

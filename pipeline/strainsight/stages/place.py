@@ -24,6 +24,7 @@ from strainsight.stages.records.placement import (
     augmented_datasets,
     certificate_datasets,
     expected_dataset,
+    gauge_csv,
     gauge_table,
     place_message,
     placed_grid,
@@ -125,6 +126,7 @@ def run(context: Context) -> Output:
         | ({"null_direction": condition.null_direction} if condition.null_direction else {}),
         message=place_message(len(candidate), len(final), certificate, std, condition),
         tables=(gauge_table(final, candidate, train, without),),
+        files={"gauges.csv": gauge_csv(final, candidate, train, without)},
     )
 
 

@@ -114,6 +114,19 @@ def gauge_table(final: np.ndarray, candidate: np.ndarray, train: Artefact, witho
     return Table("gauges", columns, rows)
 
 
+def gauge_csv(final: np.ndarray, candidate: np.ndarray, train: Artefact, without: Mapping[str, np.ndarray]) -> bytes:
+    """The layout for whoever glues it: a line a gauge, lengths in m, σ of every unknown without it relative to its scale."""
+    chosen = candidate[final]
+    element, facet, angle = (train[f"/gauges/{key}"][chosen] for key in ("element", "facet", "angle"))
+    vectors = np.hstack([train[f"/gauges/{key}"][chosen] for key in ("position", "normal", "direction")])
+    head = ["gauge", "element", "facet", *(f"{v}_{axis}" for v in ("position", "normal", "direction") for axis in "xyz")]
+    lines = [",".join([*head, "angle_deg", *(f"std_{name}_without" for name in without)])]
+    for i in range(len(chosen)):
+        numbers = [*vectors[i], angle[i], *(values[i] for values in without.values())]
+        lines.append(",".join([f"G{i + 1}", str(element[i]), str(facet[i]), *(f"{x:.9g}" for x in numbers)]))
+    return ("\n".join(lines) + "\n").encode()
+
+
 def placed_grid(
     final: np.ndarray, removed: np.ndarray, candidate: np.ndarray, train: Artefact
 ) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
