@@ -9,8 +9,9 @@ import pytest
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.fem.elements import REFERENCE_NODES
-from strainsight.gauges.candidates import Box, NearEdges, candidates
+from strainsight.gauges.candidates import candidates
 from strainsight.gauges.edges import near_segments, sharp_edges
+from strainsight.gauges.zones import Box, NearEdges
 from strainsight.mesh.facets import FACET_KINDS, Facets, exterior_facets
 from strainsight.mesh.model import AveragingElement, CellBlock, Mesh, RigidElement
 

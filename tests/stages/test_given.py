@@ -7,8 +7,8 @@ import pytest
 from scipy import sparse
 
 from strainsight.errors import DeckError, InfeasibleError
-from strainsight.gauges.candidates import Box, NearEdges
 from strainsight.gauges.given import without
+from strainsight.gauges.zones import Box, NearEdges
 from strainsight.stages.case.given_gauges import read_given
 
 HEAD = "gauge,x,y,z,dx,dy,dz\n"

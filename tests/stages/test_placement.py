@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import csv
+import shutil
 
 import numpy as np
 import pytest
 import pyvista
 from scipy.linalg import solve_continuous_are
 
+from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone
 from strainsight.stages.placement import PLACEMENT
+from strainsight.stages.train import zone_of
 from strainsight.workflow.plan import plan
+from strainsight.workflow.slices import Slice
 
 from .conftest import ROOT, SHORT, finished, job_of
 
@@ -32,6 +36,33 @@ def test_a_changed_signal_leaves_the_reduced_model_alone(artefacts, config, resu
     }
     assert statuses["rom"] == "up to date"
     assert statuses["train"] == "will run"
+
+
+def test_zones_of_the_config_leave_gauges_out(artefacts, config, results, tmp_path):
+    """The pool's axis is x: all sides of the beam but its ends; one zone of every kind, against the words of each."""
+    shutil.copytree(results, tmp_path / "results")
+    zones = (
+        "gauges.exclude=[{box: [[0, -1, -1], [0.1, 1, 1]]}, {cylinder: {point: [1, 0, 0], axis: [0, 0, 1], radius: 0.2}}, "
+        "{normal_cone: {axis: [0, 1, 0], angle: 5}}, {near_edges: 0.02}]"
+    )
+    done = finished(job_of(config, tmp_path / "results", *SHORT, zones), PLACEMENT[:3])
+    every, left = artefacts["train"], done["train"][2]
+    x, n = every["/gauges/position"], every["/gauges/normal"]
+    keep = (x[:, 0] > 0.1) & (np.hypot(x[:, 0] - 1, x[:, 1]) >= 0.2) & (np.abs(n[:, 1]) < 0.5)
+    keep &= (np.minimum(0.125 - np.abs(x[:, 1]), 2.0 - x[:, 0]) >= 0.02) & (x[:, 0] >= 0.02)
+    np.testing.assert_array_equal(left["/gauges/position"], x[keep])
+    assert 0 < keep.sum() < len(x)
+
+
+def test_every_kind_of_zone_is_taken_from_the_config():
+    entries = [
+        ({"box": [[0, 0, 0], [1, 1, 1]]}, Box((0, 0, 0), (1, 1, 1))),
+        ({"cylinder": {"point": [1, 2, 3], "axis": [0, 0, 1], "radius": 0.2}}, Cylinder((1, 2, 3), (0, 0, 1), 0.2)),
+        ({"normal_cone": {"axis": [0, 1, 0], "angle": 5.0}}, NormalCone((0, 1, 0), 5.0)),
+        ({"near_edges": 0.02}, NearEdges(0.02)),
+        ({"near_set": {"set": "tip", "distance": 0.3}}, NearSet("tip", 0.3)),
+    ]
+    assert [zone_of(Slice(entry)) for entry, _ in entries] == [zone for _, zone in entries]
 
 
 def test_training_strains_are_rows_times_coordinates(artefacts):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from strainsight.config.gauges import AxisDirection, KeepOutBox
 from strainsight.config.loads import Load, MultiSine, Recorded
 from strainsight.config.mesh import MeshFile
-from strainsight.config.placement import AxisDirection, GuessFrom, KeepOutBox, MaterialParameter, PlacementConfig
+from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.config.problem import Problem, exactly_one
 from strainsight.errors import did_you_mean
 

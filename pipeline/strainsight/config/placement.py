@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, Vector, with_defaults
+from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, with_defaults
+from strainsight.config.gauges import Gauges
 from strainsight.config.loads import Load
 from strainsight.config.mesh import MeshFile
 
 KeepAll = Literal["all"]
-
-
-def _key_of(*keys: str) -> Any:
-    """Tell the members of a union apart by the one key each of them has."""
-
-    def which(value: Any) -> str | None:
-        if isinstance(value, Section):
-            return next((key for key in keys if key in type(value).model_fields), None)
-        found = [key for key in keys if key in value] if isinstance(value, dict) else []
-        return found[0] if len(found) == 1 else None
-
-    return Discriminator(
-        which,
-        custom_error_type="one_key",
-        custom_error_message="give exactly one of " + ", ".join(f"'{key}'" for key in keys),
-    )
 
 
 class GuessFrom(Section):
@@ -90,70 +75,6 @@ class Train(Section):
     time_step: Positive = Field(description="Time step [s].")
 
 
-class AxisDirection(Section):
-    """Gauges along an axis projected on the facet, and turned by angles."""
-
-    type: Literal["axis"] = Field(description="Kind of direction.")
-    axis: Vector = Field(description="Axis in global coordinates [-]; its length does not matter.")
-    angles: Annotated[tuple[float, ...], Field(min_length=1)] = Field(
-        (0.0,), description="Angles from the projected axis, positive about the outward normal [deg]; a candidate each."
-    )
-
-
-class RelativeNoise(Section):
-    """Noise as a share of the strongest candidate."""
-
-    relative_to_strongest: Positive = Field(description="Noise standard deviation over the largest RMS strain [-].")
-
-
-class AbsoluteNoise(Section):
-    """Noise as a strain."""
-
-    value: Positive = Field(description="Noise standard deviation of one sample at train.time_step [strain].")
-
-
-class KeepOutBox(Section):
-    """No gauges in a box."""
-
-    box: tuple[Vector, Vector] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
-
-
-class KeepOutEdges(Section):
-    """No gauges close to edges."""
-
-    near_edges: Positive = Field(description="Least distance from an edge of the body [m].")
-
-
-NoiseStd = Annotated[
-    Annotated[RelativeNoise, Tag("relative_to_strongest")] | Annotated[AbsoluteNoise, Tag("value")],
-    _key_of("relative_to_strongest", "value"),
-]
-KeepOut = Annotated[
-    Annotated[KeepOutBox, Tag("box")] | Annotated[KeepOutEdges, Tag("near_edges")], _key_of("box", "near_edges")
-]
-
-
-class GivenGauges(Section):
-    """Candidates by their strain rows, where the solids of the mesh do not carry them (shells, beams)."""
-
-    rows: Text = Field(description="Matrix file (.mtx, .npz, .op4): strain of each gauge per motion of each row.")
-    table: Text = Field(
-        description="CSV file, one line a gauge: gauge,x,y,z,dx,dy,dz (number, position in the mesh's unit, direction)."
-    )
-
-
-class Gauges(Section):
-    """Where gauges may go, along what, and how noisy they are."""
-
-    surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
-    direction: AxisDirection | None = Field(
-        None, description="Measuring directions of the candidates; left out only with `given`."
-    )
-    given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
-    noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
-    exclude: tuple[KeepOut, ...] = Field((), description="Zones without gauges.")
-
-
 class Screen(Section):
     """Which candidates enter the elimination."""
 
@@ -165,7 +86,8 @@ class ProcessNoise(Section):
     """Process noise of the filter."""
 
     rule: Literal["continuous", "thesis"] = Field(
-        "continuous", description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is."
+        "continuous",
+        description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is.",
     )
     model_error: NotNegative = Field(
         0.01,

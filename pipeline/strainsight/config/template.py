@@ -70,7 +70,8 @@ gauges:
   surface: all                    # all exterior facets, or the name of an element or node set
   direction: {{type: axis, axis: [1, 0, 0], angles: [0]}}   # ← projected on the facet; angles [deg]
   noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the strongest; or {{value: 1.0e-7}} [strain]
-  exclude: []                     # [m] keep-out, e.g. [{{box: [[0, -1, -1], [0.05, 1, 1]]}}, {{near_edges: 0.01}}]
+  exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
+    - normal_cone: {{axis: [1, 0, 0], angle: 10}}           # an axis says nothing on facets that face along it
 
 screen:
   keep: 100                       # candidates that enter the elimination, or all

@@ -8,31 +8,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.gauges.edges import near_segments, sharp_edges
 from strainsight.gauges.surface import facet_centres
+from strainsight.gauges.zones import Zone, inside
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 
 STEEPEST = 10.0
 """Degrees: an axis nearer than this to a facet's normal has no trustworthy projection on it."""
-
-
-@dataclass(frozen=True)
-class Box:
-    """Keep-out zone: every facet whose centre lies within minimum ≤ x ≤ maximum, both (3,) [m]."""
-
-    minimum: tuple[float, float, float]
-    maximum: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class NearEdges:
-    """Keep-out zone: every facet whose centre is nearer than `distance` [m] to a sharp edge (over 30°)."""
-
-    distance: float
-
-
-Zone = Box | NearEdges
 
 
 @dataclass(frozen=True)
@@ -89,7 +71,7 @@ def candidates(
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
     outside = np.any(normal != 0, axis=1)
     for zone in exclude:
-        outside &= ~inside(zone, mesh, facets, centre)
+        outside &= ~inside(zone, mesh, facets, centre, normal)
     keep = np.flatnonzero(chosen & free & outside)
     if keep.size == 0:
         raise InfeasibleError(
@@ -105,7 +87,8 @@ def candidates(
         raise InfeasibleError(
             f"the gauge axis is within {STEEPEST:g}° of the normal of {np.count_nonzero(steep)} of {keep.size} facets "
             f"(element {facets.element_id[first]}, facet {facets.facet[first]}): it has no direction there",
-            remedy="choose another gauges.direction.axis, restrict gauges.surface, or exclude a zone",
+            remedy="choose another gauges.direction.axis, restrict gauges.surface, or leave such facets out: "
+            f"gauges.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}]",
         )
     d0 = a - (n @ a)[:, None] * n
     d0 /= np.linalg.norm(d0, axis=1)[:, None]
@@ -154,13 +137,3 @@ def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
 def _among(facets: Facets, chosen: np.ndarray) -> np.ndarray:
     """Which of the facets' nodes (f, 8) are among the chosen (n,) nodes; the padding is not."""
     return chosen[facets.nodes] & (facets.nodes >= 0)
-
-
-def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray) -> np.ndarray:
-    """Which centres (m, 3) [m] a zone takes in; without facets there are no edges to be near to."""
-    match zone:
-        case Box():
-            return np.all((centre >= np.asarray(zone.minimum)) & (centre <= np.asarray(zone.maximum)), axis=1)
-        case NearEdges():
-            edges = np.zeros((0, 2, 3)) if facets is None else sharp_edges(mesh.position, facets)
-            return near_segments(centre, edges, zone.distance)

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import InfeasibleError
-from strainsight.gauges.candidates import Candidates, Zone, inside
+from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.zones import Zone, inside
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 
@@ -27,7 +28,7 @@ def without(given: GivenGauges, mesh: Mesh, facets: Facets | None, zones: Sequen
     """Those outside all zones. Raises InfeasibleError where none is left."""
     keep = np.ones(len(given.pool), dtype=bool)
     for zone in zones:
-        keep &= ~inside(zone, mesh, facets, given.pool.position)
+        keep &= ~inside(zone, mesh, facets, given.pool.position, given.pool.normal)
     if not keep.any():
         raise InfeasibleError(f"none of the {len(keep)} given gauges is left", remedy="smaller zones to exclude")
     index = np.flatnonzero(keep)

@@ -10,9 +10,10 @@ from scipy import sparse
 
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
-from strainsight.gauges.candidates import Box, Candidates, NearEdges, Zone, candidates
+from strainsight.gauges.candidates import Candidates, candidates
 from strainsight.gauges.given import without
 from strainsight.gauges.rows import strain_rows
+from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, Zone
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
@@ -77,7 +78,7 @@ def _on_surface(mesh: Mesh, config: Any) -> Candidates:
             facets,
             config.gauges.direction.axis,
             config.gauges.direction.angles,
-            exclude=[_zone(entry) for entry in config.gauges.exclude],
+            exclude=[zone_of(entry) for entry in config.gauges.exclude],
             surface=config.gauges.surface,
         )
 
@@ -99,12 +100,23 @@ def _given(context: Context, mesh: Mesh) -> tuple[Candidates, sparse.csr_array]:
         )
     with blame("gauges.exclude"):
         facets = exterior_facets(mesh) if mesh.blocks else None
-        given = without(given, mesh, facets, [_zone(entry) for entry in gauges.exclude])
+        given = without(given, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
     return given.pool, given.rows
 
 
-def _zone(entry: Mapping[str, Any]) -> Zone:
-    return Box(*entry["box"]) if "box" in entry else NearEdges(float(entry["near_edges"]))
+def zone_of(entry: Mapping[str, Any]) -> Zone:
+    """A zone of `gauges.exclude`."""
+    (kind, value), *_ = entry.items()
+    match kind:
+        case "box":
+            return Box(*value)
+        case "cylinder":
+            return Cylinder(value.point, value.axis, value.radius)
+        case "normal_cone":
+            return NormalCone(value.axis, value.angle)
+        case "near_set":
+            return NearSet(value.set, value.distance)
+    return NearEdges(float(value))
 
 
 TRAIN = Stage(

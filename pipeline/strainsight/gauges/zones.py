@@ -1,0 +1,101 @@
+"""Zones without gauges: boxes, cylinders, normals, edges, sets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from strainsight.errors import UserError, did_you_mean
+from strainsight.gauges.edges import near_segments, sharp_edges
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.model import Mesh
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Box:
+    """Every centre within minimum ≤ x ≤ maximum, both (3,) [m]."""
+
+    minimum: Vector
+    maximum: Vector
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Every centre nearer than radius [m] to the line through point (3,) [m] along axis (3,), endless both ways."""
+
+    point: Vector
+    axis: Vector
+    radius: float
+
+
+@dataclass(frozen=True)
+class NormalCone:
+    """Every facet whose normal is within angle [deg] of axis (3,), or of its opposite."""
+
+    axis: Vector
+    angle: float
+
+
+@dataclass(frozen=True)
+class NearEdges:
+    """Every centre nearer than distance [m] to a sharp edge (over 30°)."""
+
+    distance: float
+
+
+@dataclass(frozen=True)
+class NearSet:
+    """Every centre nearer than distance [m] to a node of a set, of nodes or of elements."""
+
+    name: str
+    distance: float
+
+
+Zone = Box | Cylinder | NormalCone | NearEdges | NearSet
+
+
+def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Which gauges a zone takes in: (m,) bool for their centre (m, 3) [m] and normal (m, 3), zero where they have none.
+
+    Without facets there are no edges to be near to. Raises UserError for a set that is not there or an axis of no length.
+    """
+    match zone:
+        case Box():
+            return np.all((centre >= np.asarray(zone.minimum)) & (centre <= np.asarray(zone.maximum)), axis=1)
+        case Cylinder():
+            arm = centre - np.asarray(zone.point)
+            return np.linalg.norm(np.cross(arm, _unit(zone.axis)), axis=1) < zone.radius
+        case NormalCone():
+            return np.abs(normal @ _unit(zone.axis)) > np.cos(np.deg2rad(zone.angle))
+        case NearEdges():
+            edges = np.zeros((0, 2, 3)) if facets is None else sharp_edges(mesh.position, facets)
+            return near_segments(centre, edges, zone.distance)
+        case NearSet():
+            distance, _ = cKDTree(mesh.position[_nodes(mesh, zone.name)]).query(centre)
+            return np.asarray(distance < zone.distance)
+
+
+def _unit(axis: Vector) -> np.ndarray:
+    length = float(np.linalg.norm(axis))
+    if not (length > 0 and np.isfinite(length)):
+        raise UserError(f"the axis {tuple(axis)} has no direction", remedy="give three numbers, not all zero")
+    return np.asarray(axis, dtype=float) / length
+
+
+def _nodes(mesh: Mesh, name: str) -> np.ndarray:
+    """Indices of the nodes of a set of nodes, or of the elements of a set."""
+    found = np.zeros(len(mesh.position), dtype=bool)
+    if name in mesh.node_sets:
+        found |= np.isin(mesh.node_ids, mesh.node_sets[name])
+    if name in mesh.element_sets:
+        for block in mesh.blocks:
+            found[block.nodes[np.isin(block.ids, mesh.element_sets[name])]] = True
+    if not found.any():
+        known = sorted({*mesh.node_sets, *mesh.element_sets})
+        remedy = did_you_mean(name, known, f"sets: {', '.join(known) or 'none'}")
+        raise UserError(f"the set {name!r} is not in the mesh, or is empty", remedy=remedy)
+    return np.flatnonzero(found)
