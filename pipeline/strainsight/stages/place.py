@@ -14,6 +14,7 @@ from strainsight.errors import blame
 from strainsight.estimation.filter import covariance_recursion
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
 from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
+from strainsight.placement.recommendation import alike, worth_keeping
 from strainsight.placement.scenario import thesis_weight
 from strainsight.placement.score import score
 from strainsight.rom.model import modal_basis
@@ -21,6 +22,7 @@ from strainsight.signals.histories import instant_values
 from strainsight.stages.case.layout import layout_of
 from strainsight.stages.case.problem import Problem, filter_model, initial_covariance, problem_of
 from strainsight.stages.records.placement import (
+    advice_table,
     augmented_datasets,
     certificate_datasets,
     expected_dataset,
@@ -117,6 +119,7 @@ def run(context: Context) -> Output:
             "riccati_residual": float(result.residual),
             "riccati_solves": int(result.solves.sum()),
             "condition": condition.condition,
+            "worth": worth_keeping(result.trace, settings.keep),
             "ties": sum(1 for tied in result.ties if tied),
         }
         | ({"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete} if swapped else {})
@@ -125,7 +128,10 @@ def run(context: Context) -> Output:
         | {f"std.{name}": float(std[name]) for name in names}
         | ({"null_direction": condition.null_direction} if condition.null_direction else {}),
         message=place_message(len(candidate), len(final), certificate, std, condition),
-        tables=(gauge_table(final, candidate, train, without),),
+        tables=(
+            gauge_table(final, candidate, train, without),
+            advice_table(result.trace, settings.keep, alike(_scaled_rows(problem, candidate[final]))),
+        ),
         files={"gauges.csv": gauge_csv(final, candidate, train, without)},
     )
 
@@ -182,6 +188,12 @@ def expected_std(problem: Problem, gauges: np.ndarray) -> tuple[dict[str, float]
 def _importance(without: Mapping[str, np.ndarray], std: Mapping[str, float]) -> np.ndarray:
     """How much σ grows without each gauge, summed over the unknowns (k,): the most missed gauge is G1."""
     return np.asarray(sum(values / std[name] for name, values in without.items()))
+
+
+def _scaled_rows(problem: Problem, gauges: np.ndarray) -> np.ndarray:
+    """Rows (k, n) on coordinates that are uncorrelated and of unit size in the training run: R L with L Lᵀ = cov(q)."""
+    values, V = np.linalg.eigh(np.cov(problem.x[:, : problem.model.size], rowvar=False))
+    return np.asarray(problem.rows[gauges] @ (V * np.sqrt(np.maximum(values, 0.0))))
 
 
 def _baselines(problem: Problem, candidate: np.ndarray, keep: int, seed: int) -> dict[str, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.augmentation.observability import Observability
 from strainsight.placement.certificate import Certificate
 from strainsight.placement.elimination import Elimination
+from strainsight.placement.recommendation import gains, worth_keeping
 from strainsight.stages.case.problem import Problem
 from strainsight.stages.records.grids import gauge_grid
 from strainsight.workflow.artefact import Artefact
@@ -125,6 +126,21 @@ def gauge_csv(final: np.ndarray, candidate: np.ndarray, train: Artefact, without
         numbers = [*vectors[i], angle[i], *(values[i] for values in without.values())]
         lines.append(",".join([f"G{i + 1}", str(element[i]), str(facet[i]), *(f"{x:.9g}" for x in numbers)]))
     return ("\n".join(lines) + "\n").encode()
+
+
+def advice_table(trace: np.ndarray, keep: int, groups: Sequence[tuple[int, ...]]) -> Table:
+    """How many gauges are worth it, and which of the layout read alike."""
+    worth, gain = worth_keeping(trace, keep), gains(trace)
+    rows = []
+    if len(gain):
+        rows.append((f"gauge {keep + 1}", f"would lower σ by {100 * gain[0]:.2g} %"))
+    further = "as many as asked for" if worth == keep else f"{worth}"
+    rows.append(("gauges worth it", f"{further}: each further one lowers σ by less than 5 %"))
+    rows += [
+        (", ".join(f"G{i + 1}" for i in group), "read alike in the training run: they average noise, and stand in for each other")
+        for group in groups
+    ]
+    return Table("advice", ("", ""), tuple(rows))
 
 
 def placed_grid(

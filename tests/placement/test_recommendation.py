@@ -1,0 +1,30 @@
+"""The elbow of a trend and gauges that read alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.placement.recommendation import alike, gains, worth_keeping
+
+
+def test_noise_that_averages_halves_sigma_with_four_times_the_gauges():
+    """T = 1/n: the n + 1st gauge lowers σ by 1 − √(n/(n + 1)), which falls below 5 % at n = 10."""
+    n = np.arange(50, 1, -1)
+    np.testing.assert_allclose(gains(1 / n)[:3], 1 - np.sqrt([2 / 3, 3 / 4, 4 / 5]), rtol=1e-14)
+    assert worth_keeping(1 / n, 2) == next(k for k in range(2, 50) if 1 - np.sqrt(k / (k + 1)) < 0.05) == 10
+
+
+@pytest.mark.parametrize(("trace", "keep", "worth"), [([1.0, 1.0, 1.0], 4, 4), ([1.0, 1.0, 4.0], 4, 5), ([2.0], 7, 7)])
+def test_the_elbow_is_where_the_last_worthy_gauge_is(trace, keep, worth):
+    assert worth_keeping(np.array(trace), keep) == worth
+
+
+def test_rows_are_alike_by_their_angle_whatever_length_and_sign():
+    tilt = np.deg2rad(8.0)  # cos = 0.9903
+    steps = np.array([[np.cos(k * tilt), np.sin(k * tilt), 0.0] for k in range(3)]) * [[1], [-5], [1e-6]]
+    rows = np.vstack([steps, [0, 0, 1], [0, 0, 0], [0, 1e-9, -1]])
+    assert alike(rows) == [(0, 1, 2), (3, 5)]
+    assert alike(rows[[0, 2, 3, 4]]) == []
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    assert alike(rows @ turn) == alike(rows)
