@@ -7,7 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from strainsight.errors import InfeasibleError
+from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.placement import failure
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.scenario import Scenario, solve_pool
@@ -170,3 +171,20 @@ def test_as_many_gauges_as_unknowns_cannot_be_robust(beam_of, scenarios_of):
         robust_set(pools, 3)
     stopped = robust_set(pools, 4, limit=1)
     assert not stopped.complete
+
+
+def test_a_failure_whose_covariance_cannot_be_solved_counts_as_a_lost_unknown(beam_of, scenarios_of, monkeypatch):
+    pools = tuple(solve_pool(s) for s in scenarios_of(beam_of(8), ("Fz",), ("E",)))
+    plain = loss_if_one_fails(pools, [1, 4, 6])
+    solve = failure.subset_covariance
+
+    def unsolved(pool, gauges):
+        if list(gauges) == [1, 6]:
+            raise NumericalError("solved to 1e-7 only")
+        return solve(pool, gauges)
+
+    monkeypatch.setattr(failure, "subset_covariance", unsolved)
+    loss = loss_if_one_fails(pools, [1, 4, 6])
+    assert np.isfinite(plain).all()
+    assert loss[1] == np.inf
+    np.testing.assert_array_equal(loss[[0, 2]], plain[[0, 2]])

@@ -115,7 +115,9 @@ class Place(Section):
         "trace", description="trace: the metric; worst_failure: the metric after the worst failure of any one gauge."
     )
     prove: NotNegative = Field(
-        0.0, description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none."
+        0.0,
+        description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none. What it reaches "
+        "without a proof depends on the machine.",
     )
 
 

@@ -62,7 +62,7 @@ def eliminate(
 ) -> Elimination:
     """Remove, again and again, the gauge that raises the aggregate of tr(W P) least, until `keep` are left.
 
-    One product bounds every candidate from below (`gauge_gradients`). The candidate of the least bound is evaluated
+    One product bounds every candidate from below (`slopes`). The candidate of the least bound is evaluated
     exactly; those whose bound does not exceed its value get a sharper one (`sharper_bound`), and are evaluated exactly
     in that order until the next bound exceeds the best value: the same answer as evaluating all of them. A removal
     after which an unknown is undetectable costs infinity, by test. All scenarios have the same gauges; fixed: gauges

@@ -37,12 +37,13 @@ class RobustSet:
 def loss_if_one_fails(
     pools: Sequence[Pool], gauges: Sequence[int] | np.ndarray, aggregate: Aggregate = "mean"
 ) -> np.ndarray:
-    """Aggregate of tr(W P) of the set when each one of its gauges, in the order given, fails; inf if an unknown is lost.
+    """Aggregate of tr(W P) of the set when each one of its gauges, in the order given, fails.
 
-    gauges (k,): different pool rows. Returns (k,).
+    inf where an unknown is lost, or so nearly that its covariance cannot be solved to accuracy. gauges (k,): different
+    pool rows. Returns (k,).
     """
     chosen = [int(g) for g in gauges]
-    return np.array([_cost(_covariances(pools, [o for o in chosen if o != g]), pools, aggregate) for g in chosen])
+    return np.array([_after(pools, [other for other in chosen if other != g], aggregate) for g in chosen])
 
 
 def robust_set(
@@ -205,6 +206,13 @@ def _covariances(pools: Sequence[Pool], gauges: Sequence[int]) -> list[np.ndarra
             return None
         found.append(P)
     return found
+
+
+def _after(pools: Sequence[Pool], left: Sequence[int], aggregate: Aggregate) -> float:
+    try:
+        return _cost(_covariances(pools, left), pools, aggregate)
+    except NumericalError:
+        return float("inf")
 
 
 def _cost(covariances: Sequence[np.ndarray] | None, pools: Sequence[Pool], aggregate: Aggregate) -> float:

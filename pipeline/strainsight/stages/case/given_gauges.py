@@ -21,22 +21,19 @@ def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -
     components (r,) 0-5 of the rows of the matrices. Raises DeckError for files that cannot be read or do not fit together.
     """
     number, position, direction = _table(table)
-    return GivenGauges(
-        given_pool(number, position * length, direction), _rows(rows, components, length, len(number), table)
-    )
-
-
-def _rows(
-    path: Path, components: np.ndarray, length: float, gauges: int | None = None, table: Path | None = None
-) -> sparse.csr_array:
-    """The strain rows (m, r) in SI: R_SI = R s/L,  s = 1 for translations, L for rotations. Errors as `read_given`."""
-    R = read_matrix(path)
-    if gauges is not None and R.shape[0] != gauges:
+    R = _rows(rows, components, length)
+    if R.shape[0] != len(number):
         raise DeckError(
-            f"the matrix has {R.shape[0]} rows, {table and table.name} has {gauges} gauges",
-            where=str(path),
+            f"the matrix has {R.shape[0]} rows, {table.name} has {len(number)} gauges",
+            where=str(rows),
             remedy="one row a gauge, in the order of the table",
         )
+    return GivenGauges(given_pool(number, position * length, direction), R)
+
+
+def _rows(path: Path, components: np.ndarray, length: float) -> sparse.csr_array:
+    """The strain rows (m, r) in SI: R_SI = R s/L,  s = 1 for translations, L for rotations. Errors as `read_given`."""
+    R = read_matrix(path)
     if R.shape[1] != len(components):
         raise DeckError(
             f"the matrix has {R.shape[1]} columns, the stiffness {len(components)} rows",

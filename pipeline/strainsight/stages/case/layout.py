@@ -19,7 +19,7 @@ from strainsight.placement.score import score
 @dataclass(frozen=True)
 class Layout:
     """gauges (k,) pool rows, ascending; trace: their aggregate of tr(W P); loss (k,): the same when each one fails, inf
-    where an unknown is lost; swaps, certificate and proof where they were asked for."""
+    where an unknown is lost; exchange, certificate and proof where they were asked for."""
 
     gauges: np.ndarray
     trace: float
@@ -38,12 +38,13 @@ def layout_of(
     """
     aggregate = settings.aggregate
     progress("exchange", 0.5)
-    swapped = exchange(pools, greedy, aggregate) if settings.exchange else None
-    gauges = swapped.gauges if swapped else greedy
-    proof = None
+    swapped, proof = None, None
     if settings.optimise == "worst_failure":
         gauges = robust_set(pools, settings.keep, aggregate).gauges
-    elif settings.prove > 0:
+    else:
+        swapped = exchange(pools, greedy, aggregate) if settings.exchange else None
+        gauges = swapped.gauges if swapped else greedy
+    if settings.prove > 0:  # never beside worst_failure: the config refuses that
         progress("proof", 0.6)
         proof = branch_and_bound(pools, settings.keep, aggregate, start=gauges, time_limit=settings.prove)
         gauges = proof.gauges
