@@ -111,3 +111,81 @@ def test_a_response_that_is_not_finite_is_refused():
 def test_keeping_none_is_refused():
     with pytest.raises(InfeasibleError, match="0 of 3"):
         screen(np.ones(3), 1.0, on_a_line(np.arange(3.0)), 0, 0.0)
+
+
+def test_the_signal_of_a_gauge_is_that_of_its_channels_together():
+    """√(3² + 4²) = 5 against a single gauge of 4.9; one channel alone would lose."""
+    rms, noise = np.array([3.0, 8.0, 4.9]), np.array([1.0, 2.0, 1.0])
+    result = screen(rms, noise, on_a_line([0.0, 0.0, 1.0]), 1, 0.0, gauge=np.array([0, 0, 1]))
+    np.testing.assert_array_equal(result.kept, [0])
+    np.testing.assert_allclose(result.snr, [5.0, 4.9])
+    np.testing.assert_array_equal(result.reason, ["", "snr"])
+
+
+def test_glued_gauges_are_kept_first_and_crowd_out_the_others_but_not_one_another():
+    result = screen(
+        np.array([9.0, 1.0, 1.0, 5.0, 4.0]),
+        1.0,
+        on_a_line([0.0, 0.1, 0.15, 1.0, 2.0]),
+        3,
+        0.2,
+        glued=np.array([False, True, True, False, False]),
+    )
+    np.testing.assert_array_equal(result.kept, [1, 2, 3])
+    np.testing.assert_array_equal(result.reason, ["spacing", "", "", "", "snr"])
+
+
+def test_more_glued_than_kept_is_refused_with_the_number():
+    with pytest.raises(InfeasibleError, match="1 of 3 candidates to keep, 2 are already glued") as caught:
+        screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, glued=np.array([True, True, False]))
+    assert "at least 2" in caught.value.remedy
+
+
+def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_glued():
+    gauge = np.array([0, 0, 1, 1, 2, 3])
+    result = screen(
+        np.array([5.0, 5.0, 4.0, 4.0, 3.0, 9.0]),
+        1.0,
+        on_a_line([0.0, 0.0, 0.1, 0.1, 0.2, 5.0]),
+        None,
+        0.15,
+        gauge=gauge,
+        glued=gauge == 3,
+        largest=np.array([7.0, 10.1, 10.0, 2.0, 99.0, 99.0]),
+        limit=np.array([10.0, 10.0, 10.0, 10.0, np.inf, 10.0]),
+    )
+    # What is dropped for its range crowds out nobody.
+    np.testing.assert_array_equal(result.reason, ["range", "", "spacing", ""])
+    with pytest.raises(InfeasibleError, match="2 of 4 candidates lie 0 m apart, and 2 read more than their range"):
+        screen(np.ones(4), 1.0, on_a_line(np.arange(4)), 3, 0.0, largest=np.array([2, 2, 0, 0]), limit=np.ones(4))
+
+
+@pytest.mark.parametrize("keep", [None, 25])
+def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
+    rng = np.random.default_rng(3)
+    sizes = rng.integers(1, 4, 150)
+    gauge = np.repeat(np.arange(150), sizes)
+    place = rng.uniform(0, 1, (150, 3))
+    rms, noise = rng.uniform(0, 1, len(gauge)), rng.uniform(0.5, 2, len(gauge))
+    largest, glued = 3 * rms, np.isin(np.arange(150), [7, 80, 81])
+    snr = [sum((rms[gauge == g] / noise[gauge == g]) ** 2) ** 0.5 for g in range(150)]
+    over = [bool(np.any(largest[gauge == g] > 2.7)) and not glued[g] for g in range(150)]
+    kept: list[int] = []
+    for g in sorted(range(150), key=lambda g: (not glued[g], -snr[g])):
+        apart = glued[g] or all(np.linalg.norm(place[g] - place[j]) >= 0.15 for j in kept)
+        if apart and not over[g] and (keep is None or len(kept) < keep):
+            kept.append(g)
+    result = screen(
+        rms,
+        noise,
+        place[gauge],
+        keep,
+        0.15,
+        gauge=gauge,
+        glued=glued[gauge],
+        largest=largest,
+        limit=np.full(len(gauge), 2.7),
+    )
+    np.testing.assert_array_equal(result.kept, sorted(kept))
+    np.testing.assert_allclose(result.snr, snr)
+    np.testing.assert_array_equal(result.reason == "range", over)

@@ -1,29 +1,40 @@
-"""Where a strain gauge can sit: exterior facets, and directions on them."""
+"""Where a gauge can sit: exterior facets, and directions on them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.gauges.surface import facet_centres
-from strainsight.gauges.zones import Zone, inside
-from strainsight.mesh.facets import Facets
+from strainsight.fem.elements import centre
+from strainsight.gauges.admissible import admissible
+from strainsight.gauges.surface import turned
+from strainsight.gauges.zones import Zone
+from strainsight.mesh.facets import FACET_KINDS, Facets
 from strainsight.mesh.model import Mesh
+
+STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
 
 STEEPEST = 10.0
 """Degrees: an axis nearer than this to a facet's normal has no trustworthy projection on it."""
 
 
+def _unset() -> np.ndarray:
+    return np.zeros(0)
+
+
 @dataclass(frozen=True)
 class Candidates:
-    """Gauges that could be glued, m of them: facet after facet, on each its angles in the order given.
+    """Channels that could be glued, m of them, those of one gauge one behind the other.
 
-    element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACET_KINDS; nodes (m, 8)
-    indices padded with −1; position (m, 3) [m] the facet's centre; normal (m, 3) outward; direction (m, 3) unit,
-    tangent; angle (m,) [deg].
+    element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACET_KINDS, −1 where there is no
+    facet; nodes (m, 8) indices padded with −1; position (m, 3) [m]; normal (m, 3) outward; direction (m, 3) unit, tangent
+    where strain is measured; angle (m,) [deg]; local (m, 2) ξ on the facet; length (m,) [m] of the grid over which strain
+    is averaged, 0 at the point; quantity (m,) STRAIN, ACCELERATION or DISPLACEMENT; gauge (m,) number of the gauge,
+    0, 1, 2 … without holes; array (m,) number of the family in the config; glued (m,) already in place.
+    What is left out after angle is a point gauge of strain at the facet's centre, each channel a gauge, of family 0, free.
     """
 
     element: np.ndarray
@@ -34,106 +45,142 @@ class Candidates:
     normal: np.ndarray
     direction: np.ndarray
     angle: np.ndarray
+    local: np.ndarray = field(default_factory=_unset)
+    length: np.ndarray = field(default_factory=_unset)
+    quantity: np.ndarray = field(default_factory=_unset)
+    gauge: np.ndarray = field(default_factory=_unset)
+    array: np.ndarray = field(default_factory=_unset)
+    glued: np.ndarray = field(default_factory=_unset)
+
+    def __post_init__(self) -> None:
+        m = len(self.element)
+        plain = {
+            "local": centres(self.kind),
+            "length": np.zeros(m),
+            "quantity": np.full(m, STRAIN),
+            "gauge": np.arange(m),
+            "array": np.zeros(m, dtype=np.int64),
+            "glued": np.zeros(m, dtype=bool),
+        }
+        for name, value in plain.items():
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.element)
 
+    @property
+    def gauges(self) -> int:
+        """Number of gauges."""
+        return int(self.gauge[-1]) + 1 if len(self) else 0
+
+    @property
+    def first(self) -> np.ndarray:
+        """The first channel of every gauge (gauges,)."""
+        return np.flatnonzero(np.diff(self.gauge, prepend=-1) != 0)
+
+    def channels(self, gauges: np.ndarray) -> np.ndarray:
+        """The channels of some gauges, in the order of those."""
+        start = np.append(self.first, len(self))
+        return np.concatenate([np.arange(start[g], start[g + 1]) for g in gauges] or [np.zeros(0, dtype=np.int64)])
+
     def take(self, index: np.ndarray) -> Candidates:
-        """Those at `index`, in its order."""
-        return Candidates(*(getattr(self, field.name)[index] for field in fields(self)))
+        """The channels at `index`, in its order; neighbours of one gauge remain one."""
+        taken = {entry.name: getattr(self, entry.name)[index] for entry in fields(self)}
+        return Candidates(**(taken | {"gauge": _consecutive(taken["gauge"])}))
+
+
+def concatenate(parts: Sequence[Candidates]) -> Candidates:
+    """All channels of the parts, their gauges numbered on."""
+    columns = {e.name: np.concatenate([getattr(part, e.name) for part in parts]) for e in fields(Candidates)}
+    start = np.cumsum([0, *(part.gauges for part in parts)])
+    gauge = np.concatenate([part.gauge + start[i] for i, part in enumerate(parts)])
+    return Candidates(**(columns | {"gauge": gauge}))
+
+
+def centres(kind: np.ndarray) -> np.ndarray:
+    """ξ of the centres of facets by their kinds (m,): (m, 2), zero where there is no facet."""
+    table = np.array([*(centre(name) for name in FACET_KINDS), np.zeros(2)])
+    return table[np.asarray(kind, dtype=np.int64)]
+
+
+def _consecutive(gauge: np.ndarray) -> np.ndarray:
+    return np.cumsum(np.diff(gauge, prepend=gauge[:1]) != 0)
 
 
 def candidates(
     mesh: Mesh,
     facets: Facets,
-    axis: Sequence[float],
+    axis: Sequence[float] | None,
     angles: Sequence[float] = (0.0,),
     exclude: Sequence[Zone] = (),
     surface: str = "all",
     on_constraints: bool = False,
+    *,
+    include: Sequence[Zone] = (),
+    rosette: bool = False,
+    length: float = 0.0,
+    turn: np.ndarray | None = None,
+    array: int = 0,
+    key: str = "gauges",
 ) -> Candidates:
-    """One gauge at the centre of every admissible exterior facet for every angle α about the outward normal n:
+    """A gauge at the centre of every admissible exterior facet for every angle α about the outward normal n:
 
         d₀ ∥ a − (a·n) n,     d = cos α d₀ + sin α n × d₀
 
-    axis a (3,) of any length; angles [deg]; exclude zones; surface "all" or the name of an element or node set (a
-    facet belongs to a node set with all its nodes). Facets that touch an SPC, RBE2 or RBE3 node are left out unless
-    on_constraints.
+    axis a (3,) of any length, or None for the coordinate axis that is farthest from the normal, facet by facet;
+    angles [deg]; turn (f,) [deg] is added to the angles of each of the f facets that are admitted (`principal_angles`);
+    rosette: the angles of a facet are one gauge with a channel each, not a gauge each; length [m] of the grid. Which facets
+    are admissible, and what `key` is for: see `admissible`.
     Raises UserError for a set that is not there and an axis of no length, InfeasibleError where no facet is left or
     the axis comes within 10° of a facet's normal.
     """
+    keep, centre_, normal = admissible(
+        mesh, facets, surface=surface, include=include, exclude=exclude, on_constraints=on_constraints, key=key
+    )
+    n = normal[keep]
+    d0 = tangents(n) if axis is None else _projected(axis, facets, keep, n, key)
+    own = np.broadcast_to(np.asarray(angles, dtype=float), (keep.size, len(angles)))
+    total = own if turn is None else own + np.asarray(turn, dtype=float)[:, None]
+    each = np.repeat(keep, len(angles))
+    m = len(each)
+    return Candidates(
+        element=facets.element_id[each],
+        facet=facets.facet[each],
+        kind=facets.kind[each],
+        nodes=facets.nodes[each],
+        position=centre_[each],
+        normal=normal[each],
+        direction=turned(np.repeat(d0, len(angles), axis=0), normal[each], total.ravel()),
+        angle=own.ravel().copy(),
+        length=np.full(m, float(length)),
+        gauge=np.repeat(np.arange(keep.size), len(angles)) if rosette else np.arange(m),
+        array=np.full(m, array),
+    )
+
+
+def tangents(normal: np.ndarray) -> np.ndarray:
+    """A unit tangent (m, 3) for every normal (m, 3): the coordinate axis farthest from it, projected."""
+    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    t = axis - np.sum(axis * normal, axis=1)[:, None] * normal
+    return t / np.linalg.norm(t, axis=1)[:, None]
+
+
+def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.ndarray, key: str) -> np.ndarray:
     a = np.asarray(axis, dtype=float)
     length = np.linalg.norm(a)
     if a.shape != (3,) or not (np.isfinite(length) and length > 0):
         raise UserError(f"the gauge axis is {tuple(axis)}", remedy="give three numbers, not all zero")
-    chosen = _on_surface(mesh, facets, surface)
-    free = np.ones(len(chosen), dtype=bool) if on_constraints else ~_on_constraints(mesh, facets)
-    centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
-    outside = np.any(normal != 0, axis=1)
-    for zone in exclude:
-        outside &= ~inside(zone, mesh, facets, centre, normal)
-    keep = np.flatnonzero(chosen & free & outside)
-    if keep.size == 0:
-        raise InfeasibleError(
-            f"no facet is left for a gauge: {len(chosen)} exterior, {np.count_nonzero(chosen)} of them on the surface "
-            f"{surface!r}, {np.count_nonzero(chosen & free)} away from constrained nodes",
-            remedy="choose another surface or smaller zones to exclude",
-        )
     a = a / length
-    n = normal[keep]
     steep = np.abs(n @ a) > np.cos(np.deg2rad(STEEPEST))
     if steep.any():
         first = keep[np.argmax(steep)]
         raise InfeasibleError(
             f"the gauge axis is within {STEEPEST:g}° of the normal of {np.count_nonzero(steep)} of {keep.size} facets "
             f"(element {facets.element_id[first]}, facet {facets.facet[first]}): it has no direction there",
-            remedy="choose another gauges.direction.axis, restrict gauges.surface, or leave such facets out: "
-            f"gauges.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}]",
+            key=f"{key}.direction",
+            remedy=f"choose another {key}.direction.axis, restrict {key}.surface, or leave such facets out: "
+            f"{key}.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}]",
         )
     d0 = a - (n @ a)[:, None] * n
-    d0 /= np.linalg.norm(d0, axis=1)[:, None]
-    alpha = np.deg2rad(np.asarray(angles, dtype=float))
-    d = np.cos(alpha)[:, None] * d0[:, None] + np.sin(alpha)[:, None] * np.cross(n, d0)[:, None]
-    each = np.repeat(keep, len(alpha))
-    return Candidates(
-        facets.element_id[each],
-        facets.facet[each],
-        facets.kind[each],
-        facets.nodes[each],
-        centre[each],
-        normal[each],
-        d.reshape(-1, 3),
-        np.tile(np.asarray(angles, dtype=float), keep.size),
-    )
-
-
-def _on_surface(mesh: Mesh, facets: Facets, surface: str) -> np.ndarray:
-    if surface == "all":
-        return np.ones(len(facets.element_id), dtype=bool)
-    elements, nodes = surface in mesh.element_sets, surface in mesh.node_sets
-    if elements and nodes:
-        raise UserError(
-            f"{surface!r} is both an element set and a node set", remedy="rename one of them in the mesh file"
-        )
-    if elements:
-        return np.isin(facets.element_id, mesh.element_sets[surface])
-    if nodes:
-        inside = np.isin(mesh.node_ids, mesh.node_sets[surface])
-        return np.all(_among(facets, inside) | (facets.nodes < 0), axis=1)
-    known = ", ".join(sorted({*mesh.element_sets, *mesh.node_sets})) or "none"
-    raise UserError(f"the set {surface!r} is not in the mesh", remedy=f'use "all" or one of its sets: {known}')
-
-
-def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
-    held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.fixed.reshape(-1, 2)[:, 0]] = True
-    for rigid in mesh.rigid:
-        held[[rigid.reference, *rigid.nodes]] = True
-    for averaging in mesh.averaging:
-        held[[averaging.reference, *averaging.nodes]] = True
-    return np.any(_among(facets, held), axis=1)
-
-
-def _among(facets: Facets, chosen: np.ndarray) -> np.ndarray:
-    """Which of the facets' nodes (f, 8) are among the chosen (n,) nodes; the padding is not."""
-    return chosen[facets.nodes] & (facets.nodes >= 0)
+    return d0 / np.linalg.norm(d0, axis=1)[:, None]

@@ -1,6 +1,8 @@
-"""Sharp edges of a surface, and what lies near them."""
+"""Edges of a surface: which facets meet there, how sharply, and what lies near the sharp ones."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,34 +14,62 @@ from strainsight.mesh.facets import CORNERS, Facets
 SHARP = np.deg2rad(30.0)
 
 
-def sharp_edges(position: np.ndarray, facets: Facets) -> np.ndarray:
-    """Edges where two exterior facets meet at more than 30°, or more than two do: segments (s, 2, 3) [m].
+@dataclass(frozen=True)
+class Edges:
+    """The edges of all facets, each once for every facet it belongs to, h of them, those of one edge side by side.
+
+    facet (h,) index; side (h,) number of the edge within the facet, from its node `side` to the next; ends (h, 2) node
+    indices, ascending; middle (h, 3) [m]; start (e,) first row of each of the e edges; count (e,) of facets that meet
+    there; sharp (e,) whether they meet at more than 30°, or are not two.
+    """
+
+    facet: np.ndarray
+    side: np.ndarray
+    ends: np.ndarray
+    middle: np.ndarray
+    start: np.ndarray
+    count: np.ndarray
+    sharp: np.ndarray
+
+
+def edges_of(position: np.ndarray, facets: Facets) -> Edges:
+    """Every edge of the facets; position (n, 3) [m].
 
     The normals are taken at the middle of the edge, so that a coarsely meshed curved surface is smooth if its facets
-    are quadratic; a quadratic edge gives two segments. position (n, 3) [m].
+    are quadratic.
     """
-    ends, middles, normal = [], [], []
-    for name, _, nodes in by_kind(facets.kind, facets.nodes):
+    rows: list[tuple[np.ndarray, ...]] = []
+    for name, which, nodes in by_kind(facets.kind, facets.nodes):
         corners = CORNERS[name]
         for a in range(corners):
             b = (a + 1) % corners
             xi = 0.5 * (REFERENCE_NODES[name][a] + REFERENCE_NODES[name][b])
             x, J = facet_points(name, position[nodes], np.tile(xi, (len(nodes), 1)))
-            ends.append(np.sort(nodes[:, [a, b]], axis=1))
-            middles.append(x)
-            normal.append(normals(J))
-    if not ends:
-        return np.zeros((0, 2, 3))
-    pairs, middle, n = np.concatenate(ends), np.concatenate(middles), np.concatenate(normal)
-    edge, first, inverse, count = np.unique(pairs, axis=0, return_index=True, return_inverse=True, return_counts=True)
-    order = np.argsort(inverse.ravel(), kind="stable")
-    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+            rows.append((which, np.full(len(which), a), np.sort(nodes[:, [a, b]], axis=1), x, normals(J)))
+    if not rows:
+        none = np.zeros(0, dtype=np.int64)
+        return Edges(none, none, np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3)), none, none, np.zeros(0, bool))
+    facet, side, ends, middle, normal = (np.concatenate(column) for column in zip(*rows, strict=True))
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    facet, side, ends, middle, normal = (column[order] for column in (facet, side, ends, middle, normal))
+    start = np.flatnonzero(np.any(np.diff(ends, axis=0, prepend=-1) != 0, axis=1))
+    count = np.diff(start, append=len(ends))
     two = count == 2
-    angle = np.full(len(edge), np.pi)
-    left, right = n[order[start[two]]], n[order[start[two] + 1]]
+    angle = np.full(len(start), np.pi)
+    left, right = normal[start[two]], normal[start[two] + 1]
     angle[two] = np.arctan2(np.linalg.norm(np.cross(left, right), axis=1), np.sum(left * right, axis=1))
-    sharp = angle > SHARP
-    a, b, m = position[edge[sharp, 0]], position[edge[sharp, 1]], middle[first[sharp]]
+    return Edges(facet, side, ends, middle, start, count, angle > SHARP)
+
+
+def sharp_edges(position: np.ndarray, facets: Facets) -> np.ndarray:
+    """Edges where two exterior facets meet at more than 30°, or more than two do, or one ends: segments (s, 2, 3) [m].
+
+    A quadratic edge gives two segments. position (n, 3) [m].
+    """
+    edges = edges_of(position, facets)
+    first = edges.start[edges.sharp]
+    a, b = position[edges.ends[first, 0]], position[edges.ends[first, 1]]
+    m = edges.middle[first]
     return np.concatenate([np.stack([a, m], axis=1), np.stack([m, b], axis=1)])
 
 

@@ -1,85 +1,92 @@
-"""What a strain gauge reads of a displacement field."""
+"""What a gauge reads of a displacement field."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 from strainsight.errors import InfeasibleError
-from strainsight.fem.elements import centre, shape_gradient
-from strainsight.gauges.candidates import Candidates
-from strainsight.gauges.surface import by_kind, facet_points, normals
+from strainsight.fem.elements import shape, shape_gradient
+from strainsight.gauges.candidates import STRAIN, Candidates
+from strainsight.gauges.misplaced import misplaced
+from strainsight.gauges.points import Points, points_of, stays, surface_of
+from strainsight.gauges.surface import by_kind, facet_points
+from strainsight.gauges.walk import Skin
+from strainsight.mesh.facets import Facets
 
-OVERHANG = 0.2
-"""Share of the local coordinates' range by which a misplaced gauge may leave its facet; the strain is extrapolated."""
 
-
-def strain_rows(
+def channel_rows(
     position: np.ndarray,
     candidates: Candidates,
     field: np.ndarray,
     *,
+    facets: Facets | Skin | None = None,
     offset: np.ndarray | None = None,
     rotation: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Strain of every gauge in every displacement field, from the facet's own shape functions:
+    """What every channel reads in every displacement field: `channel_matrix` times the field.
 
-        ε = dᵀ sym(∇z) d = d·(∂z/∂s),    ∂Nₖ/∂s = d · J(JᵀJ)⁻¹ ∂Nₖ/∂ξ,    J = ∂x/∂ξ
-
-    d is tangent to the facet, so the surface gradient is all of ∇z that counts.
-    position (n, 3) [m]; candidates (m); field (3n, r) [m per unit], row 3·node + component; offset (m, 2) [m] along
-    (d, n × d) and rotation (m,) [deg], right-handed about the normal, misplace the gauges; d follows a curved facet.
-    Returns (m, r) [1 per unit]. Raises InfeasibleError where an offset leads off its facet by more than 20 % of it.
+    field (3n, r) [m per unit], row 3·node + component; offset (gauges, 2) [m] and rotation (gauges,) [deg] misplace the
+    gauges, see `misplaced`. An accelerometer has the row of a displacement sensor, for accelerations.
+    Returns (m, r) [strain or m per unit]. Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
     """
-    z = np.asarray(field).reshape(len(position), 3, -1)
-    rows = np.zeros((len(candidates), z.shape[2]))
-    for name, which, nodes in by_kind(candidates.kind, candidates.nodes):
-        own = candidates.take(which)
-        corners = position[nodes]
-        xi = np.tile(centre(name), (len(which), 1))
-        if offset is not None:
-            xi = _moved(name, corners, own, np.asarray(offset, dtype=float)[which])
-        _, J = facet_points(name, corners, xi)
-        turn = np.zeros(len(which)) if rotation is None else np.deg2rad(np.asarray(rotation, dtype=float)[which])
-        d = _turned(own.direction, normals(J), turn)
-        # d in the dual base of the tangents: solve (JᵀJ) s = Jᵀd.
-        s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, d)[..., None])
-        slope = (shape_gradient(name, xi) @ s)[..., 0]
-        for k in range(nodes.shape[1]):
-            rows[which] += slope[:, k, None] * np.einsum("mc,mcr->mr", d, z[nodes[:, k]])
-    return rows
+    if offset is not None or rotation is not None:
+        candidates, _ = misplaced(position, candidates, facets, offset, rotation)
+    return channel_matrix(position, candidates, facets) @ np.asarray(field).reshape(3 * len(position), -1)
 
 
-def _turned(direction: np.ndarray, n: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """The direction laid on the plane of n and turned by angle [rad] about it, (m, 3) unit."""
-    d = direction - np.sum(direction * n, axis=1)[:, None] * n
-    d /= np.linalg.norm(d, axis=1)[:, None]
-    return np.cos(angle)[:, None] * d + np.sin(angle)[:, None] * np.cross(n, d)
+def fits(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> np.ndarray:
+    """Whether the grids of each channel's gauge (m,) lie on the surface without running over a sharp edge (over 30°)."""
+    if not np.any(candidates.length > 0):
+        return np.ones(len(candidates), dtype=bool)
+    return stays(surface_of(position, candidates, facets), candidates)[candidates.gauge]
 
 
-def _moved(name: str, corners: np.ndarray, own: Candidates, offset: np.ndarray) -> np.ndarray:
-    """Local coordinates ξ of the point at the offset, (x(ξ) − x_c)·[d, n × d] = offset, by Newton's method."""
-    plane = np.stack([own.direction, np.cross(own.normal, own.direction)], axis=1)
-    size = np.linalg.norm(corners.max(axis=1) - corners.min(axis=1), axis=1)
-    xi = np.tile(centre(name), (len(corners), 1))
-    for _ in range(25):
-        x, J = facet_points(name, corners, xi)
-        miss = offset - np.einsum("mac,mc->ma", plane, x - own.position)
-        # A step of at most half the local range: a far offset is to be refused, not to overflow.
-        step = np.clip(np.linalg.solve(plane @ J, miss[..., None])[..., 0], -0.5, 0.5)
-        xi = xi + step
-        found = np.abs(miss).max(axis=1) < 1e-9 * size
-        if found.all():
-            break
-    if name.startswith("tri"):
-        beyond = np.maximum(-xi.min(axis=1), xi.sum(axis=1) - 1)
-    else:
-        beyond = (np.abs(xi).max(axis=1) - 1) / 2
-    off = ~found | (beyond > OVERHANG)
-    if off.any():
-        first = np.flatnonzero(off)[0]
+def channel_matrix(
+    position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None
+) -> sparse.csr_array:
+    """Rows (m, 3n) of the facets' own shape functions, for displacements z of the nodes, row 3·node + component:
+
+        strain at a point     ε = dᵀ sym(∇z) d = d·(∂z/∂s),    ∂Nₖ/∂s = d · J(JᵀJ)⁻¹ ∂Nₖ/∂ξ,    J = ∂x/∂ξ
+        over a grid of length L     the mean of ε over −L/2 ≤ s ≤ L/2 along d, facet by facet
+        motion     d·z = d·Σ Nₖ zₖ
+
+    A gauge's d is tangent to the facet, so the surface gradient is all of ∇z that counts; along a grid it is carried with
+    the surface.
+    position (n, 3) [m]; candidates (m); facets of the whole surface, where a grid may reach beyond the facet of its
+    centre (without them the facets that carry candidates are the surface). Raises InfeasibleError where a grid runs over
+    a sharp edge or the end of the surface.
+    """
+    points, well = points_of(position, candidates, facets)
+    if not well.all():
+        first = int(np.argmin(well))
         raise InfeasibleError(
-            f"{np.count_nonzero(off)} gauges misplaced by {np.linalg.norm(offset[first]):.3g} m leave "
-            f"their facet (element {own.element[first]}, facet {own.facet[first]}, {size[first]:.3g} m across)",
-            remedy="misplace them less, or use a coarser surface mesh",
+            f"the grid of {np.count_nonzero(~well)} of {len(well)} channels runs over a sharp edge "
+            f"(element {candidates.element[first]}, facet {candidates.facet[first]}, "
+            f"grid {candidates.length[first]:.3g} m long)",
+            remedy="a shorter grid, or none near edges: "
+            f"exclude: [{{near_edges: {0.5 * float(candidates.length[first]):.3g}}}]",
         )
-    return xi
+    entries = [_entries(position, points.take(part), name) for name, part, _ in by_kind(points.kind, points.nodes)]
+    value, row, column = (
+        (np.concatenate(parts) for parts in zip(*entries, strict=True)) if entries else (np.zeros(0),) * 3
+    )
+    shape_ = (len(candidates), 3 * len(position))
+    return sparse.csr_array(sparse.coo_array((value, (row.astype(int), column.astype(int))), shape=shape_))
+
+
+def _entries(position: np.ndarray, points: Points, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, row and column of every entry of the points (p) on facets of one kind."""
+    N = shape(name, points.local)
+    nodes = points.nodes[:, : N.shape[1]]
+    d = points.direction
+    strain = points.quantity == STRAIN
+    if strain.any():
+        _, J = facet_points(name, position[nodes[strain]], points.local[strain])
+        # d in the dual base of the tangents: solve (JᵀJ) s = Jᵀd.
+        s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, d[strain])[..., None])
+        N[strain] = (shape_gradient(name, points.local[strain]) @ s)[..., 0]
+    value = (points.weight[:, None] * N)[..., None] * d[:, None]
+    row = np.broadcast_to(points.channel[:, None, None], value.shape)
+    column = 3 * nodes[..., None] + np.arange(3)
+    return value.ravel(), row.ravel(), column.ravel()

@@ -9,13 +9,14 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError
 
-KEPT, WEAK, NEAR = "", "snr", "spacing"
+KEPT, WEAK, NEAR, BEYOND = "", "snr", "spacing", "range"
 
 
 @dataclass(frozen=True)
 class Screening:
-    """kept (k,) candidate indices, ascending; snr (m,) [-]; reason (m,) why a candidate was dropped: "snr" (weaker
-    than all that were kept), "spacing" (too near to a stronger one that was kept), "" for those kept."""
+    """kept (k,) gauge numbers, ascending; snr (gauges,) [-]; reason (gauges,) why a gauge was dropped: "range" (its reading
+    goes beyond what it can measure), "snr" (weaker than all that were kept), "spacing" (too near to a stronger one that was
+    kept), "" for those kept."""
 
     kept: np.ndarray
     snr: np.ndarray
@@ -23,48 +24,91 @@ class Screening:
 
 
 def screen(
-    rms: np.ndarray, noise_std: float, position: np.ndarray, keep: int | None, minimum_spacing: float
+    rms: np.ndarray,
+    noise_std: np.ndarray | float,
+    position: np.ndarray,
+    keep: int | None,
+    minimum_spacing: float,
+    *,
+    gauge: np.ndarray | None = None,
+    glued: np.ndarray | None = None,
+    largest: np.ndarray | None = None,
+    limit: np.ndarray | None = None,
 ) -> Screening:
-    """Best first by signal-to-noise, nothing within the spacing of one already kept, until `keep` are found:
+    """Glued gauges, then best first by signal-to-noise, nothing within the spacing of one already kept, until `keep` are found:
 
-        snr = rms / σ
+        snr² = Σ (rms / σ)² over the channels of a gauge
 
-    rms (m,) [strain] of the training response; noise_std σ [strain]; position (m, 3) [m]; keep the number wanted,
-    None for all that the spacing leaves; minimum_spacing [m] (0: no thinning; gauges of one facet in several
-    directions have no distance). Signals that differ by less than 1e-9 of the strongest are ties, which the lower
-    index wins.
-    Raises InfeasibleError where fewer than `keep` are left, for noise that is not positive and responses that are not
-    finite.
+    Of every channel (m,): rms of the training response and noise_std σ in its unit (σ may be one number for all);
+    position (m, 3) [m]; gauge number of its gauge, ascending without holes (None: each channel its own); glued, whether it is
+    already in place: kept whatever it reads; largest, the peak of the training response, and limit, what it can measure at
+    most (inf: anything): a gauge with a channel beyond is dropped.
+    keep: the number of gauges wanted, glued ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
+    gauges of one facet have no distance). Signals that differ by less than 1e-9 of the strongest are ties, which
+    the lower number wins.
+    Raises InfeasibleError where fewer than `keep` are left or more are glued, for noise that is not positive and responses
+    that are not finite.
     """
     rms, position = np.asarray(rms, dtype=float), np.asarray(position, dtype=float)
-    if not (np.isfinite(noise_std) and noise_std > 0):
-        raise InfeasibleError(f"the gauge noise is {noise_std:g} strain", remedy="give a positive standard deviation")
+    std = np.broadcast_to(np.asarray(noise_std, dtype=float), rms.shape)
+    number = np.arange(len(rms)) if gauge is None else np.asarray(gauge)
+    _check(rms, std)
+    first = np.flatnonzero(np.diff(number, prepend=-1) != 0)
+    count, place = len(first), position[first]
+    snr = _root_of_squares(rms / std, first)
+    fixed = np.zeros(count, dtype=bool) if glued is None else np.asarray(glued, dtype=bool)[first]
+    reason = np.full(count, WEAK, dtype="<U7")
+    if largest is not None and limit is not None:
+        over = np.asarray(largest) > np.asarray(limit)
+        reason[np.bincount(number, weights=over, minlength=count) > 0] = BEYOND
+        reason[fixed] = WEAK
+    wanted = count if keep is None else keep
+    there = int(np.count_nonzero(fixed))
+    if wanted < max(1, there):
+        raise InfeasibleError(
+            f"{wanted} of {count} candidates to keep" + (f", {there} are already glued" if there else ""),
+            remedy=f"keep at least {max(1, there)}",
+        )
+    # Gauges that symmetry makes equal must not be ordered by rounding error.
+    strength = np.round(snr / (snr.max(initial=0.0) or 1.0), 9)
+    neighbours = cKDTree(place) if minimum_spacing > 0 else None
+    kept: list[int] = []
+    for index in np.lexsort((-strength, ~fixed)):
+        if not fixed[index] and reason[index] != WEAK:
+            continue
+        if len(kept) == wanted:
+            break
+        if neighbours is not None:
+            near = np.array(neighbours.query_ball_point(place[index], minimum_spacing * (1 - 1e-9)))
+            reason[near[reason[near] == WEAK]] = NEAR
+        kept.append(index)
+    # What the best have crowded out stays so marked; what is weaker than the last one kept was never weighed.
+    reason[kept] = KEPT
+    if keep is not None and len(kept) < keep:
+        beyond = np.count_nonzero(reason == BEYOND)
+        raise InfeasibleError(
+            f"{keep} gauges asked for, {len(kept)} of {count} candidates lie {minimum_spacing:g} m apart"
+            + (f", and {beyond} read more than their range" if beyond else ""),
+            remedy=f"keep at most {len(kept)}, or lower screen.minimum_spacing"
+            + (", or choose gauges of a larger range" if beyond else ""),
+        )
+    return Screening(np.sort(np.array(kept, dtype=np.int64)), snr, reason)
+
+
+def _check(rms: np.ndarray, std: np.ndarray) -> None:
+    bad = ~(np.isfinite(std) & (std > 0))
+    if bad.any():
+        raise InfeasibleError(f"the gauge noise is {std[bad][0]:g}", remedy="give a positive standard deviation")
     if not np.isfinite(rms).all():
         raise InfeasibleError(
             f"{np.count_nonzero(~np.isfinite(rms))} candidates have no finite response",
             remedy="check the training signal",
         )
-    wanted = len(rms) if keep is None else keep
-    if wanted < 1:
-        raise InfeasibleError(f"{wanted} of {len(rms)} candidates to keep", remedy="keep at least 1")
-    # Gauges that symmetry makes equal must not be ordered by rounding error.
-    order = np.argsort(-np.round(rms / (rms.max(initial=0.0) or 1.0), 9), kind="stable")
-    neighbours = cKDTree(position) if minimum_spacing > 0 else None
-    reason = np.full(len(rms), WEAK, dtype="<U7")
-    kept: list[int] = []
-    for index in order:
-        if reason[index] == NEAR:
-            continue
-        if len(kept) == wanted:
-            break
-        if neighbours is not None:
-            reason[neighbours.query_ball_point(position[index], minimum_spacing * (1 - 1e-9))] = NEAR
-        kept.append(index)
-    # What the best have crowded out stays so marked; what is weaker than the last one kept was never weighed.
-    reason[kept] = KEPT
-    if keep is not None and len(kept) < keep:
-        raise InfeasibleError(
-            f"{keep} gauges asked for, {len(kept)} of {len(rms)} candidates lie {minimum_spacing:g} m apart",
-            remedy=f"keep at most {len(kept)}, or lower screen.minimum_spacing",
-        )
-    return Screening(np.sort(np.array(kept, dtype=np.int64)), rms / noise_std, reason)
+
+
+def _root_of_squares(ratio: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """√Σ ratio² of the channels from each `first` to the next."""
+    if not len(first):
+        return np.zeros(0)
+    scale = np.abs(ratio).max(initial=0.0) or 1.0
+    return scale * np.sqrt(np.add.reduceat((ratio / scale) ** 2, first))

@@ -43,3 +43,25 @@ def facet_centres(position: np.ndarray, kind: np.ndarray, nodes: np.ndarray) -> 
         x[which], J = facet_points(name, position[own], np.tile(centre(name), (len(which), 1)))
         n[which] = normals(J)
     return x, n
+
+
+def turned(direction: np.ndarray, n: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """v turned by α about the unit normal n (Rodrigues): v cos α + n × v sin α + n (n·v)(1 − cos α).
+
+    direction v (m, 3); n (m, 3); angle (m,) [deg], right-handed. Returns (m, 3).
+    """
+    a = np.deg2rad(np.asarray(angle, dtype=float))[:, None]
+    along = np.sum(n * direction, axis=1)[:, None]
+    return np.cos(a) * direction + np.sin(a) * np.cross(n, direction) + (1 - np.cos(a)) * along * n
+
+
+def carried(direction: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """v after the least turn that takes one unit normal to the other: what is glued on follows a bent surface.
+
+        w = n₀ × n₁,     v + w × v + w × (w × v) / (1 + n₀·n₁)
+
+    direction v, before n₀, after n₁ (m, 3), n₁ not opposite to n₀. A tangent stays one. Returns (m, 3).
+    """
+    w = np.cross(before, after)
+    once = np.cross(w, direction)
+    return direction + once + np.cross(w, once) / (1 + np.sum(before * after, axis=1))[:, None]

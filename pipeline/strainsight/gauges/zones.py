@@ -1,4 +1,4 @@
-"""Zones without gauges: boxes, cylinders, normals, edges, sets."""
+"""Parts of the surface: boxes, cylinders, normals, the surroundings of edges and sets."""
 
 from __future__ import annotations
 

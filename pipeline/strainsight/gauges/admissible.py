@@ -1,0 +1,94 @@
+"""Which facets of a surface may carry a gauge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from strainsight.errors import InfeasibleError, UserError, blame
+from strainsight.gauges.surface import facet_centres
+from strainsight.gauges.zones import Zone, inside
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.model import Mesh
+
+
+def admissible(
+    mesh: Mesh,
+    facets: Facets,
+    *,
+    surface: str = "all",
+    include: Sequence[Zone] = (),
+    exclude: Sequence[Zone] = (),
+    on_constraints: bool = False,
+    key: str = "gauges",
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Indices (k,) of the facets that may carry gauges; centre (f, 3) [m] and outward normal (f, 3) of all facets.
+
+    surface "all" or the name of an element or node set (a facet belongs to a node set with all its nodes); facets that touch
+    an SPC, RBE2 or RBE3 node are left out unless on_constraints; include: in at least one of these zones, none:
+    everywhere; exclude: in none of these. key: the section of the config that asks, to name what leaves no facet.
+    Raises UserError for a set that is not there, InfeasibleError where no facet is left.
+    """
+    centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
+    left = np.ones(len(facets.element_id), dtype=bool)
+    trail = [f"{len(left)} exterior"]
+
+    def steps() -> Iterator[tuple[str, str, np.ndarray]]:
+        with blame(f"{key}.surface"):
+            chosen = _on_surface(mesh, facets, surface)
+        yield f"{key}.surface", f"on the surface {surface!r}", chosen
+        yield f"{key}.surface", "with an area", np.any(normal != 0, axis=1)
+        if not on_constraints:
+            yield f"{key}.surface", "away from constrained nodes", ~_on_constraints(mesh, facets)
+        if include:
+            with blame(f"{key}.include"):
+                zones = [inside(zone, mesh, facets, centre, normal) for zone in include]
+            yield f"{key}.include", "in zones to include", np.any(zones, axis=0)
+        for i, zone in enumerate(exclude):
+            with blame(f"{key}.exclude.{i}"):
+                taken = inside(zone, mesh, facets, centre, normal)
+            yield f"{key}.exclude.{i}", f"outside exclude.{i}", ~taken
+
+    for where, what, mask in steps():
+        before, left = left, left & mask
+        trail.append(f"{np.count_nonzero(left)} {what}")
+        if not left.any():
+            raise InfeasibleError(
+                f"no facet is left for a gauge, {where} takes the last {np.count_nonzero(before)}: {', '.join(trail)}",
+                key=where,
+                remedy="choose another surface, larger zones to include or smaller zones to exclude",
+            )
+    return np.flatnonzero(left), centre, normal
+
+
+def _on_surface(mesh: Mesh, facets: Facets, surface: str) -> np.ndarray:
+    if surface == "all":
+        return np.ones(len(facets.element_id), dtype=bool)
+    elements, nodes = surface in mesh.element_sets, surface in mesh.node_sets
+    if elements and nodes:
+        raise UserError(
+            f"{surface!r} is both an element set and a node set", remedy="rename one of them in the mesh file"
+        )
+    if elements:
+        return np.isin(facets.element_id, mesh.element_sets[surface])
+    if nodes:
+        chosen = np.isin(mesh.node_ids, mesh.node_sets[surface])
+        return np.all(_among(facets, chosen) | (facets.nodes < 0), axis=1)
+    known = ", ".join(sorted({*mesh.element_sets, *mesh.node_sets})) or "none"
+    raise UserError(f"the set {surface!r} is not in the mesh", remedy=f'use "all" or one of its sets: {known}')
+
+
+def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
+    held = np.zeros(len(mesh.position), dtype=bool)
+    held[mesh.fixed.reshape(-1, 2)[:, 0]] = True
+    for rigid in mesh.rigid:
+        held[[rigid.reference, *rigid.nodes]] = True
+    for averaging in mesh.averaging:
+        held[[averaging.reference, *averaging.nodes]] = True
+    return np.any(_among(facets, held), axis=1)
+
+
+def _among(facets: Facets, chosen: np.ndarray) -> np.ndarray:
+    """Which of the facets' nodes (f, 8) are among the chosen (n,) nodes; the padding is not."""
+    return chosen[facets.nodes] & (facets.nodes >= 0)

@@ -1,0 +1,141 @@
+"""Gauges that are glued already, by their coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from strainsight.errors import UserError
+from strainsight.gauges.candidates import STEEPEST, Candidates
+from strainsight.gauges.locate import locate
+from strainsight.gauges.points import normals_at
+from strainsight.gauges.rows import fits
+from strainsight.gauges.surface import turned
+from strainsight.gauges.walk import Skin, skin_of
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.model import Mesh
+
+ALIKE = 1e-6
+"""Of the surface's extent: gauges nearer than this to one another are in one place."""
+
+
+@dataclass(frozen=True)
+class GluedEntry:
+    """One gauge: position (3,) [m], direction (3,) of any length, length of its grid [m], angles of its grids [deg] from
+    the direction, right-handed about the outward normal (several: a rosette)."""
+
+    position: Sequence[float]
+    direction: Sequence[float]
+    length: float = 0.0
+    angles: Sequence[float] = (0.0,)
+
+
+def glued(
+    mesh: Mesh,
+    facets: Facets | Skin,
+    entries: Sequence[GluedEntry],
+    tolerance: float,
+    key: str = "gauges.fixed",
+) -> tuple[Candidates, np.ndarray]:
+    """The gauges at the nearest points of the surface, and how far (entries,) [m] that is from their positions:
+
+        d ∥ a − (a·n) n,     turned by each angle about n
+
+    facets of the whole surface; tolerance [m]; key: what to blame, the number of the entry is added to it.
+    Raises UserError, with the number of the entry (from 1), for one that is farther from the surface than the tolerance, whose
+    direction has no length or is within 10° of the normal, whose grid runs over a sharp edge, or that is in the place and
+    direction of another.
+    """
+    skin = facets if isinstance(facets, Skin) else skin_of(mesh.position, facets)
+    place = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
+    if not np.isfinite(place).all():
+        i = int(np.argmin(np.isfinite(place).all(axis=1)))
+        raise _refused(key, i, f"has the position {tuple(entries[i].position)}", "give three numbers")
+    if not len(entries):
+        return _channels(skin, entries, np.zeros(0, int), np.zeros((0, 2)), place, place, place), np.zeros(0)
+    found = locate(skin, place)
+    beyond = found.distance > tolerance * (1 + 1e-9)
+    if beyond.any():
+        i = int(np.argmax(beyond))
+        raise _refused(
+            key,
+            i,
+            f"is {found.distance[i]:.4g} m from the surface (nearest: {_xyz(found.point[i])}), beyond {tolerance:g} m",
+            "correct its position, or raise gauges.snap_tolerance; positions are in metres",
+        )
+    normal = normals_at(skin, found.facet, found.local)
+    d = np.array([_laid(key, i, entry, normal[i]) for i, entry in enumerate(entries)])
+    _check_apart(key, found.point, d, ALIKE * float(np.ptp(skin.position, axis=0).max()))
+    pool = _channels(skin, entries, found.facet, found.local, found.point, normal, d)
+    whole = fits(mesh.position, pool, skin)
+    if not whole.all():
+        i = int(pool.gauge[np.argmin(whole)])
+        raise _refused(
+            key,
+            i,
+            f"has a grid of {entries[i].length:.3g} m that runs over a sharp edge",
+            "correct its position, direction or length",
+        )
+    return pool, found.distance
+
+
+def _channels(
+    skin: Skin,
+    entries: Sequence[GluedEntry],
+    facet: np.ndarray,
+    local: np.ndarray,
+    point: np.ndarray,
+    normal: np.ndarray,
+    d: np.ndarray,
+) -> Candidates:
+    each = np.repeat(np.arange(len(entries)), [len(entry.angles) for entry in entries])
+    angle = np.array([angle for entry in entries for angle in entry.angles], dtype=float)
+    return Candidates(
+        element=skin.facets.element_id[facet[each]],
+        facet=skin.facets.facet[facet[each]],
+        kind=skin.facets.kind[facet[each]],
+        nodes=skin.facets.nodes[facet[each]],
+        position=point[each],
+        normal=normal[each],
+        direction=turned(d[each], normal[each], angle),
+        angle=angle,
+        local=local[each],
+        length=np.array([entry.length for entry in entries], dtype=float)[each],
+        gauge=each,
+        glued=np.ones(len(each), dtype=bool),
+    )
+
+
+def _laid(key: str, i: int, entry: GluedEntry, n: np.ndarray) -> np.ndarray:
+    a = np.asarray(entry.direction, dtype=float)
+    length = np.linalg.norm(a)
+    if a.shape != (3,) or not (np.isfinite(length) and length > 0):
+        raise _refused(key, i, f"has the direction {tuple(entry.direction)}", "give three numbers, not all zero")
+    a = a / length
+    t = a - (a @ n) * n
+    angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
+    if angle < STEEPEST:
+        raise _refused(
+            key,
+            i,
+            f"has a direction at {angle:.3g}° to the normal {_xyz(n)} of the surface there, and so none on it",
+            f"give a direction along the surface, at more than {STEEPEST:g}° to its normal",
+        )
+    return t / np.linalg.norm(t)
+
+
+def _check_apart(key: str, point: np.ndarray, d: np.ndarray, near: float) -> None:
+    for i, j in sorted(cKDTree(point).query_pairs(near)):
+        if abs(d[i] @ d[j]) > np.cos(np.deg2rad(0.1)):
+            raise _refused(key, j, f"is in the place and direction of gauge {i + 1}", "leave one of them out")
+
+
+def _refused(key: str, i: int, what: str, remedy: str) -> UserError:
+    return UserError(f"glued gauge {i + 1} {what}", key=f"{key}.{i}", remedy=remedy)
+
+
+def _xyz(x: np.ndarray) -> str:
+    return ", ".join(f"{value:.4g}" for value in x)

@@ -1,0 +1,171 @@
+"""A gauge with a grid averages the strain along it, over as many facets as it covers."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+from strainsight.errors import InfeasibleError, UserError
+from strainsight.fem.elements import REFERENCE_NODES, shape
+from strainsight.gauges.candidates import Candidates, candidates
+from strainsight.gauges.rows import channel_matrix, channel_rows, fits
+from strainsight.gauges.surface import by_kind
+
+KINDS = ("tri3", "tri6", "quad4", "quad8")
+
+
+def long(gauges: Candidates, length) -> Candidates:
+    return replace(gauges, length=np.broadcast_to(np.asarray(length, dtype=float), len(gauges)).copy())
+
+
+def displacement_at(position, facets, z, point) -> np.ndarray:
+    """z at a point of a plate, by the facet whose shape functions reach it: brute force over all facets."""
+    for name, _, nodes in by_kind(facets.kind, facets.nodes):
+        corners = 3 if name.startswith("tri") else 4
+        for own in nodes:
+            x = position[own]
+            if np.linalg.norm(x.mean(axis=0) - point) > 3.0:
+                continue
+            start = REFERENCE_NODES[name][:corners].mean(axis=0)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                xi = fsolve(lambda xi, x=x, name=name: (shape(name, xi[None])[0] @ x - point)[:2], start, xtol=1e-13)
+            miss = np.abs(shape(name, xi[None])[0] @ x - point).max()
+            inside = min(xi.min(), 1 - xi.sum()) if corners == 3 else 1 - np.abs(xi).max()
+            if miss < 1e-9 and inside > -1e-7:
+                return shape(name, xi[None])[0] @ z[own]
+    raise AssertionError(point)
+
+
+def waves(x: np.ndarray) -> np.ndarray:
+    """A field of half a wavelength in about four cells, its slopes up to about 1."""
+    return np.column_stack([np.sin(0.8 * x[:, 0] + 0.3 * x[:, 1]), np.cos(0.7 * x[:, 1]), x[:, 0] * x[:, 1] / 10])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("shake", [0.0, 0.2])
+def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake, plate, bare):
+    """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field, as it is continuous from facet to facet. Gauges through
+    the corners of the cells (45°) and along their edges are among them."""
+    position, facets = plate(kind, 7, 5, shake)
+    rough = shake == 0 or kind == "tri3"
+    z = np.random.default_rng(1).standard_normal(position.shape) if rough else waves(position)
+    gauges = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 72.0))
+    for length in (0.1, 1.0, 3.3):
+        wide = long(gauges, length)
+        ok = np.flatnonzero(fits(position, wide, facets))
+        assert len(ok) > 10
+        own = wide.take(ok[:: max(1, len(ok) // 12)])
+        rows = channel_rows(position, own, z.reshape(-1, 1), facets=facets)[:, 0]
+        for i in range(len(own)):
+            ends = [
+                displacement_at(position, facets, z, own.position[i] + s * length / 2 * own.direction[i])
+                for s in (1, -1)
+            ]
+            stretch = own.direction[i] @ (ends[0] - ends[1])
+            # Two Gauss points a facet are exact for the polynomials of straight facets, not for the quotients of bent ones.
+            assert rows[i] == pytest.approx(stretch / length, abs=1e-9 if rough else 1e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_grid_fits_where_its_ends_are_on_the_plate(kind, plate, bare):
+    position, facets = plate(kind, 6, 4, 0.2)
+    gauges = long(candidates(bare(position), facets, (1, 0, 0), (0.0, 30.0, 90.0)), 1.7)
+    ends = gauges.position[:, None] + np.array([0.85, -0.85])[:, None] * gauges.direction[:, None]
+    on = np.all((ends[..., :2] >= 0) & (ends[..., :2] <= [6, 4]), axis=(1, 2))
+    assert 0 < np.count_nonzero(on) < len(on)
+    np.testing.assert_array_equal(fits(position, gauges, facets), on)
+    with pytest.raises(
+        InfeasibleError, match=rf"{np.count_nonzero(~on)} of {len(on)} channels runs over a sharp edge"
+    ) as e:
+        channel_rows(position, gauges, np.zeros((3 * len(position), 1)), facets=facets)
+    assert "near_edges: 0.85" in e.value.remedy
+
+
+def test_a_grid_that_ends_at_an_edge_fits(plate, bare):
+    position, facets = plate("quad4", 3, 1)
+    gauges = long(candidates(bare(position), facets, (1, 0, 0)), [1.0, 3.0, 1.0])
+    assert fits(position, gauges, facets).all()
+    np.testing.assert_array_equal(fits(position, long(gauges, [1.0 + 1e-6, 3.0, 1.0]), facets), [False, True, True])
+
+
+def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
+    position, facets = plate("quad8", 5, 3)
+    gauges = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 90.0), rosette=True, length=2.0)
+    one = fits(position, replace(gauges, gauge=np.arange(len(gauges))), facets).reshape(-1, 3)
+    np.testing.assert_array_equal(fits(position, gauges, facets), np.repeat(one.all(axis=1), 3))
+    assert 0 < one.all(axis=1).sum() < one.any(axis=1).sum()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_linear_field_reads_alike_with_and_without_a_grid(kind, plate, bare):
+    position, facets = plate(kind, 5, 5, 0.2)
+    G = np.random.default_rng(2).standard_normal((3, 3))
+    gauges = candidates(bare(position), facets, (1, 0.3, 0), (0.0, 60.0))
+    wide = long(gauges, 0.9)
+    ok = np.flatnonzero(fits(position, wide, facets))
+    field = (position @ G.T).reshape(-1, 1)
+    rows = channel_rows(position, wide.take(ok), field, facets=facets)
+    np.testing.assert_allclose(rows, channel_rows(position, gauges.take(ok), field), atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tube, bare):
+    """z = r̂ strains 1/R round the tube and nothing along it: sin²α/R at the angle α from the axis, all along the grid. The
+    grid spans a quarter of a facet to a facet and a half; the tube of parabolas is its circle's to 1 %."""
+    R = 2.0
+    position, facets = tube(kind, 32, 6, R, 0.1)
+    gauges = candidates(bare(position), facets, (0, 0, 1), (0.0, 30.0, 90.0))
+    gauges = gauges.take(np.flatnonzero(np.abs(gauges.position[:, 2] - 3) < 1.6))
+    radial = position * [1, 1, 0] / R
+    expected = np.sin(np.deg2rad(gauges.angle)) ** 2 / R
+    for length in (0.1, 0.6):
+        rows = channel_rows(position, long(gauges, length), radial.reshape(-1, 1), facets=facets)[:, 0]
+        np.testing.assert_allclose(rows, expected, atol=0.015 / R)
+
+
+def test_a_grid_does_not_climb_over_a_sharp_edge_and_not_far_round_a_smooth_one(tube, bare):
+    """A tube of eight flat sides has edges of 45°, one of 16 edges of 22.5°: there a grid may run from its side (0°) over the
+    second (45°), and ends where the third (67.5°) begins."""
+    for sides, over in ((8, 0), (16, 2)):
+        position, facets = tube("quad4", sides, 3, 1.0)
+        step = 2 * np.pi / sides
+        # Half a side, and the sides beyond as they are seen from above the first.
+        reach = np.sin(step / 2 + over * step)
+        gauges = candidates(bare(position), facets, (0, 0, 1), (90.0,))
+        assert fits(position, long(gauges, 2 * 0.999 * reach), facets).all()
+        assert not fits(position, long(gauges, 2 * 1.001 * reach), facets).any()
+
+
+def test_a_rigid_motion_strains_no_grid(tube, bare):
+    position, facets = tube("quad8", 12, 4, 1.0, 0.1)
+    gauges = long(candidates(bare(position), facets, (0, 0, 1), (0.0, 50.0)), 0.5)
+    gauges = gauges.take(np.flatnonzero(fits(position, gauges, facets)))
+    shift, spin = np.random.default_rng(0).standard_normal((2, 3))
+    z = np.stack([np.tile(shift, (len(position), 1)), np.cross(spin, position)], axis=-1)
+    np.testing.assert_allclose(channel_rows(position, gauges, z.reshape(-1, 2), facets=facets), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_units_of_length_do_not_matter(scale, tube, bare):
+    position, facets = tube("tri6", 10, 3, 1.0, 0.1)
+    z = np.random.default_rng(4).standard_normal((3 * len(position), 2))
+    gauges = long(candidates(bare(position), facets, (0, 0, 1), (0.0, 40.0)), 0.8)
+    large = long(candidates(bare(scale * position), facets, (0, 0, 1), (0.0, 40.0)), 0.8 * scale)
+    ok = fits(position, gauges, facets)
+    np.testing.assert_array_equal(fits(scale * position, large, facets), ok)
+    at = np.flatnonzero(ok)
+    a, b = channel_matrix(position, gauges.take(at), facets), channel_matrix(scale * position, large.take(at), facets)
+    np.testing.assert_allclose(scale * (b @ z), a @ z, rtol=1e-7, atol=1e-9)
+
+
+def test_facets_of_another_surface_are_refused(plate, bare):
+    position, facets = plate("quad4", 3, 2)
+    gauges = long(candidates(bare(position), facets, (1, 0, 0)), 0.1)
+    other = replace(facets, element_id=facets.element_id + 100)
+    with pytest.raises(UserError, match="element 1 has no facet 1"):
+        channel_rows(position, gauges, np.zeros((3 * len(position), 1)), facets=other)
