@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import sqrtm
 
+from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, rate_matrix
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearisation_instants, linearise
 from strainsight.errors import ConfigError
 from strainsight.rom.model import Damping
@@ -59,6 +60,26 @@ def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inp
             plus, minus = (augmented_rate(model, unknowns, theta, centre + sign * step, u[s]) for sign in (1, -1))
             difference[:, j] = (plus - minus) / (2 * step[j])
         assert np.all(np.abs(F[s] - difference) <= 2e-6 * np.abs(F[s]).max(axis=0))
+
+
+def test_input_models_stand_in_F_as_they_move(chain_of, theta):
+    """The rows of ζ are A_u, the motion feels ũ alone, and nothing else changes."""
+    model = chain_of()
+    models = {"tip": IntegratedRandomWalk(20.0), "side": Matern(5.0, 2.5)}
+    plain = unknowns_of(theta, ("side", "tip"), ("E",))
+    smooth = Unknowns(("side", "tip"), ("E",), AMPLITUDE, theta, models)
+    rng = np.random.default_rng(1)
+    x, u = rng.normal(size=(2, 2 * model.size)), rng.normal(size=(2, 2)) * 50
+    F, simple = linearise(model, smooth, theta, x, u), linearise(model, plain, theta, x, u)
+    n = 2 * model.size
+    kept = np.concatenate([np.arange(n), smooth.position(model)])
+    np.testing.assert_array_equal(F[:, :n][:, :, kept], simple[:, :n])
+    np.testing.assert_array_equal(F[0, n : n + 3, n : n + 3], rate_matrix(models["side"]))
+    np.testing.assert_array_equal(F[0, n + 3 : n + 5, n + 3 : n + 5], rate_matrix(models["tip"]))
+    moved = F.copy()
+    moved[:, n : n + 3, n : n + 3] = moved[:, n + 3 : n + 5, n + 3 : n + 5] = 0
+    assert not moved[:, n:].any()
+    assert not F[:, :n, [n + 1, n + 2, n + 4]].any()
 
 
 def test_a_homogeneous_model_has_the_exact_null_vector_of_load_modulus_and_density(chain_of, theta):

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
-from strainsight.augmentation.linearisation import Unknowns
-from strainsight.augmentation.noise import gauge_intensity, process_intensity
+from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
+from strainsight.augmentation.linearisation import Unknowns, linearise
+from strainsight.augmentation.measurement import measurement_rows
+from strainsight.augmentation.noise import channel_intensity, gauge_intensity, process_intensity
 from strainsight.errors import ConfigError
+from strainsight.gauges.candidates import ACCELERATION, STRAIN
 
 UNKNOWNS = Unknowns(("F",), ("E",), {"F": 1e4}, {"E": 2e11})
 
@@ -38,3 +42,63 @@ def test_a_rule_that_needs_a_step_asks_for_it_and_a_missing_guess_is_named():
 def test_gauge_intensity_is_variance_times_sampling_step():
     np.testing.assert_allclose(gauge_intensity(np.array([1e-6, 2e-6]), 1e-3), [1e-15, 4e-15])
     np.testing.assert_allclose(gauge_intensity(np.array([1e-6]), 1e-3, "as_printed"), [1e-12])
+
+
+def test_every_input_model_brings_its_own_intensity():
+    unknowns = Unknowns(
+        ("F", "G", "W"), ("E",), dict.fromkeys("FGW", 1e4), {"E": 2e11}, {"F": Matern(5.0, 2.5), "G": Oscillator(10.0)}
+    )
+    q = np.diag(process_intensity(2, unknowns, {"W": 20.0}, {"E": 0.05}, kappa=np.array([9.0, 9.0, 0.2])))
+    rate = 2 * np.pi * 5.0 / np.sqrt(2 ** (1 / 3) - 1)
+    expected = [0, 0, 0, 0, 0, 0, 16 / 3 * rate, 0, 4 * 0.05 * 2 * np.pi * 10, 0.2 * 2 * np.pi * 20, 0.0025]
+    np.testing.assert_allclose(q, expected)
+
+
+def test_the_rules_of_the_thesis_are_those_of_a_random_walk():
+    smooth = Unknowns(("F",), (), {"F": 1e4}, {}, {"F": IntegratedRandomWalk(20.0)})
+    with pytest.raises(ConfigError, match="F is none"):
+        process_intensity(2, smooth, {"F": 20.0}, {}, rule="thesis", h=1e-3)
+
+
+def test_an_accelerometer_reads_the_error_of_the_model_too():
+    std, rows = np.array([1e-6, 0.1, 0.1]), np.random.default_rng(0).normal(size=(3, 4))
+    quantity = np.array([STRAIN, ACCELERATION, ACCELERATION])
+    Q = process_intensity(4, UNKNOWNS, {"F": 20.0}, {"E": 0.05}, velocity=np.array([1.0, 2.0, 3.0, 4.0]))
+    r = channel_intensity(std, 1e-3, rows, quantity, Q)
+    heard = np.sum(rows**2 * np.array([1.0, 2.0, 3.0, 4.0]), axis=1)
+    np.testing.assert_allclose(r, std**2 * 1e-3 + np.array([0, heard[1], heard[2]]))
+    both = channel_intensity(np.array([std, 2 * std]), 1e-3, np.array([rows, rows]), quantity, Q)
+    np.testing.assert_allclose(both[1] - both[0], 3 * std**2 * 1e-3)
+
+
+@pytest.mark.parametrize("velocity", [1e-4, 1e-2])
+def test_neglecting_the_correlation_hardly_touches_the_claim_neglecting_the_term_ruins_it(chain_of, theta, velocity):
+    """Real error by the Lyapunov equation with the correlation S = Q_v φᵀ, at the gain of a filter that does not know it."""
+    model, noise = chain_of(3), 1e-3
+    n = model.size
+    unknowns = Unknowns(("tip",), (), {"tip": 40.0}, theta)
+    F = linearise(model, unknowns, theta, np.zeros((1, 2 * n)), np.zeros((1, 2)))[0]
+    Q = process_intensity(n, unknowns, {"tip": 20.0}, {}, velocity=velocity)
+    rng = np.random.default_rng(0)
+    rows = np.vstack([rng.normal(size=(2, n)), model.input_shape[:, 0]])
+    quantity = np.array([STRAIN, STRAIN, ACCELERATION])
+    scale = np.concatenate([1 / np.sqrt(np.diag(model.stiffness.at(theta))), np.ones(n + 1)])
+    H = measurement_rows(rows, quantity, F) * scale
+    F, Q_scaled = F / scale[:, None] * scale, Q / np.outer(scale, scale)
+    std = np.array([1e-7, 1e-7, noise])
+    S = np.zeros((len(F), 3))
+    S[n : 2 * n, 2] = Q[n : 2 * n, n : 2 * n] @ rows[2]
+    r = channel_intensity(std, 1e-3, rows, quantity, Q)
+
+    def claimed_and_real(assumed):
+        P = solve_continuous_are(F.T, H.T, Q_scaled, np.diag(assumed))
+        K = P @ H.T / assumed
+        closed = F - K @ H
+        real = solve_continuous_lyapunov(closed, -(Q_scaled - K @ S.T - S @ K.T + K * r @ K.T))
+        return np.sqrt(np.diag(P)), np.sqrt(np.diag(real))
+
+    claimed, real = claimed_and_real(r)
+    assert np.all(claimed > 0.95 * real)
+    assert np.all(claimed < 1.6 * real)
+    claimed, real = claimed_and_real(gauge_intensity(std, 1e-3))
+    assert np.min(claimed / real) < 0.25

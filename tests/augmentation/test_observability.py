@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from strainsight.augmentation.input_models import IntegratedRandomWalk, Oscillator
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
 from strainsight.augmentation.observability import (
     least_gauges,
@@ -140,8 +141,30 @@ def test_scaled_condition_does_not_depend_on_the_units_of_mass_length_or_time(ch
     length, time = 1e3, 1e-2
     d = np.concatenate([np.full(n, length), np.full(n, length / time), np.ones(2)])
     there = observability(
-        F * d[:, None] / d / time, H / d * 7.0, frequency=omega / time, state_amplitude=3e3 * length / time,
-        largest_strain=14.0, **common,
+        F * d[:, None] / d / time,
+        H / d * 7.0,
+        frequency=omega / time,
+        state_amplitude=3e3 * length / time,
+        largest_strain=14.0,
+        **common,
     )
     np.testing.assert_allclose(there.condition, here.condition, rtol=1e-8)
     np.testing.assert_allclose(there.sigma_min, here.sigma_min, rtol=1e-8)
+
+
+def test_what_a_smooth_load_leaves_to_be_detected(chain_of, theta):
+    """An integrated walk has a Jordan block at zero with the one eigenvector of a walk; a stationary load decays by itself."""
+    model = chain_of()
+    x, u = np.random.default_rng(3).normal(size=(1, 2 * model.size)), np.ones((1, 2))
+    for inputs, parameters in ((("tip",), ()), (("tip", "side"), ("E",))):
+        counts = []
+        for smooth in ({}, {"tip": IntegratedRandomWalk(20.0)}, {"tip": Oscillator(20.0)}):
+            unknowns = Unknowns(inputs, parameters, {"tip": 40.0, "side": 7.0}, theta, smooth)
+            F = linearise(model, unknowns, theta, x, u)[0]
+            modes = marginal_modes(F)
+            assert set(modes.eigenvalue) <= {0}
+            for V in modes.vectors:
+                relative = np.abs(F @ V) / modes.scale[:, None] / np.linalg.norm(F / modes.scale[:, None] * modes.scale)
+                assert relative.max() < 1e-12 * np.abs(V / modes.scale[:, None]).max()
+            counts.append(least_gauges(modes))
+        assert counts == [counts[0], counts[0], counts[0] - 1]

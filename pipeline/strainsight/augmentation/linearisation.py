@@ -3,59 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.rom.model import ReducedModel, damping_derivative, damping_matrix
 
-
-@dataclass(frozen=True)
-class Unknowns:
-    """What is estimated beside the states: x* = [q, q̇, ũ, p] with uᵢ = amplitudeᵢ ũᵢ and θᵢ = guessᵢ exp(pᵢ).
-
-    inputs, parameters: names in the order of ũ and p; amplitude: input → [N]; guess: parameter → [SI], positive.
-    Both may hold more names than are unknown. Raises ConfigError where a scale is missing or not positive.
-    """
-
-    inputs: tuple[str, ...]
-    parameters: tuple[str, ...]
-    amplitude: Mapping[str, float]
-    guess: Mapping[str, float]
-
-    def __post_init__(self) -> None:
-        for names, scales, word in (
-            (self.inputs, self.amplitude, "amplitude"),
-            (self.parameters, self.guess, "guess"),
-        ):
-            for name in names:
-                value = scales.get(name)
-                if value is None or not 0 < value < np.inf:
-                    raise ConfigError(f"{word} of {name} is {value}", remedy=f"give {name} a positive {word}")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Inputs, then parameters, in the order of the last states of x*."""
-        return self.inputs + self.parameters
-
-    @property
-    def count(self) -> int:
-        return len(self.inputs) + len(self.parameters)
-
-    @property
-    def scale(self) -> np.ndarray:
-        """Amplitudes, then guesses (count,) [N and SI]: a small change of the i-th unknown is scaleᵢ dx*."""
-        return np.array([self.amplitude[i] for i in self.inputs] + [self.guess[p] for p in self.parameters])
-
-    def size(self, model: ReducedModel) -> int:
-        """n* = 2n + count."""
-        return 2 * model.size + self.count
-
-    def input_columns(self, model: ReducedModel) -> list[int]:
-        """Columns of the model's input shape that belong to the unknown inputs, in their order."""
-        return [model.inputs.index(name) for name in self.inputs]
+__all__ = ["Unknowns", "augment_rows", "linearisation_instants", "linearise", "parameter_forces"]
 
 
 def linearise(
@@ -63,24 +19,26 @@ def linearise(
 ) -> np.ndarray:
     """Augmented state matrix at given instants of a known motion.
 
-        F* = [[0, I, 0, 0], [−M⁻¹K, −M⁻¹C, M⁻¹S a, c], [0, 0, 0, 0], [0, 0, 0, 0]]
+        F* = [[0, I, 0, 0], [−M⁻¹K, −M⁻¹C, M⁻¹S a C_u, c], [0, 0, A_u, 0], [0, 0, 0, 0]]
         cᵢ = −θᵢ M⁻¹(∂K/∂θᵢ q + ∂C/∂θᵢ q̇ + ∂M/∂θᵢ q̈),      q̈ = M⁻¹(S u − C q̇ − K q)
 
     theta: all parameters of the model [SI]; x (s, 2n) = [q, q̇]; u (s, n_u) [N] all inputs of the model, known ones too;
-    a: amplitudes of the unknown inputs. Returns F* (s, n*, n*) [1/s].
+    a: amplitudes of the unknown inputs; A_u, C_u: their models in time, u = a C_u ζ with C_u = [1, 0, …] for each (a
+    random walk has A_u = 0). Returns F* (s, n*, n*) [1/s].
     Source: (5.30), (5.32), appendix A in one formula; (A.7), (5.30) and (5.34) as printed lack terms.
     """
     n, n_u = model.size, len(unknowns.inputs)
     M, K, C = model.mass.at(theta), model.stiffness.at(theta), damping_matrix(model, theta)
-    amplitude = unknowns.scale[:n_u]
+    inputs, parameters = unknowns.position(model)[:n_u], unknowns.size(model) - len(unknowns.parameters)
     F = np.zeros((len(x), unknowns.size(model), unknowns.size(model)))
     F[:, :n, n : 2 * n] = np.eye(n)
     F[:, n : 2 * n, : 2 * n] = -np.linalg.solve(M, np.hstack([K, C]))
     if n_u:
         S = model.input_shape[:, unknowns.input_columns(model)]
-        F[:, n : 2 * n, 2 * n : 2 * n + n_u] = np.linalg.solve(M, S * amplitude)
+        F[:, n : 2 * n, inputs] = np.linalg.solve(M, S * unknowns.scale[:n_u])
+        F[:, 2 * n : parameters, 2 * n : parameters] = unknowns.rate_matrix()
     forces = parameter_forces(model, unknowns, theta, x, u)
-    F[:, n : 2 * n, 2 * n + n_u :] = -np.linalg.solve(M, forces)
+    F[:, n : 2 * n, parameters:] = -np.linalg.solve(M, forces)
     return F
 
 
@@ -109,7 +67,7 @@ def parameter_forces(
 def augment_rows(rows: np.ndarray, unknowns: Unknowns) -> np.ndarray:
     """H* = [H, 0, 0, 0] (m, n*): strain rows (m, n) on x*; at given q nothing else enters."""
     m, n = rows.shape
-    return np.hstack([rows, np.zeros((m, n + unknowns.count))])
+    return np.hstack([rows, np.zeros((m, n + len(unknowns.state_names)))])
 
 
 def linearisation_instants(

@@ -51,6 +51,7 @@ def observability(
     state_amplitude: float,
     largest_strain: float,
     raw_scale: np.ndarray,
+    raw_rows: np.ndarray | None = None,
 ) -> Observability:
     """Condition number and smallest singular value of the scaled PBH matrix [F* − λI; H*] at λ = 0 (6.1).
 
@@ -59,14 +60,15 @@ def observability(
     F (n*, n*) and H (m, n*) in x* = [q, q̇, ũ, p]; names of the unknowns ũ, p; frequency ω (n,) [rad/s] of the model's
     coordinates at the reference; state_amplitude a: largest ‖(ωq, q̇)‖ of the training run [√J]; largest_strain ε: of
     the pool in that run; raw_scale (len(names),): amplitudes and guesses, which give `condition_raw`, the thesis's
-    number, in the units of [q, q̇, u, θ]: it orders cases by their units. Source: Hautus (1969); thesis (6.1).
+    number, in the units of [q, q̇, u, θ]: it orders cases by their units; raw_rows (m, n*): H* of that number, where the
+    rows of H are scaled one by one. Source: Hautus (1969); thesis (6.1).
     """
     n, n_star = len(frequency), len(F)
     D = np.concatenate([state_amplitude / frequency, np.full(n, state_amplitude), np.ones(n_star - 2 * n)])
     scaled = np.vstack([F / D[:, None] * D / frequency.min(), H * D / largest_strain])
     _, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)
     raw = np.concatenate([np.ones(2 * n), raw_scale])
-    sigma_raw = np.linalg.svd(np.vstack([F / raw, H / raw]), compute_uv=False)
+    sigma_raw = np.linalg.svd(np.vstack([F / raw, (H if raw_rows is None else raw_rows) / raw]), compute_uv=False)
     condition = _ratio(sigma)
     direction = direction_in_words(Vt[-1], names) if condition > 1e4 else ""
     return Observability(condition, float(sigma[-1]), _ratio(sigma_raw), direction)

@@ -1,0 +1,154 @@
+"""Models of an unknown input in time: u = amplitude · ζ₁, ζ̇ = A_u ζ + w, every component of ζ of order one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from strainsight.errors import ConfigError
+
+MATERN_VARIANCE = (1 / 2, 1 / 4, 3 / 16)
+"""∫|H|²dω/2π of H = 1/(1 + iω)^(p+1), p = 0, 1, 2: the variance that unit white noise gives a Matérn process of λ = 1."""
+
+
+@dataclass(frozen=True)
+class RandomWalk:
+    """ũ̇ = w of intensity κω: between two instants 1/ω apart the load changes by √κ amplitudes (the thesis)."""
+
+
+@dataclass(frozen=True)
+class IntegratedRandomWalk:
+    """ũ̇ = ω r,  ṙ = w of intensity κω: the rate of the load walks at random, the load itself is smooth.
+
+    frequency [Hz], ω = 2π·frequency: that of the load where it is fastest. In one period 2π/ω the rate u̇ = aω r gains
+    the variance 2πκ(aω)²; with κ = 1/4π that is (aω)²/2, what the rate of a sine of amplitude a has.
+    """
+
+    frequency: float
+    kappa: float = 0.25 / np.pi
+
+    def __post_init__(self) -> None:
+        _positive(self.frequency, "the frequency of an integrated random walk")
+        _positive(self.kappa, "kappa of an integrated random walk")
+
+
+@dataclass(frozen=True)
+class Matern:
+    """Stationary, of variance amplitude²; spectrum ∝ 1/(λ² + ω²)^(ν+½), with ν − ½ continuous derivatives.
+
+    smoothness ν: 0.5, 1.5 or 2.5; bandwidth [Hz]: where the spectrum has fallen to half its value at zero,
+    λ = 2π·bandwidth / √(2^(1/(ν+½)) − 1). Source: Hartikainen and Särkkä, MLSP (2010).
+    """
+
+    bandwidth: float
+    smoothness: float = 1.5
+
+    def __post_init__(self) -> None:
+        _positive(self.bandwidth, "the bandwidth of a Matérn input")
+        if self.smoothness not in (0.5, 1.5, 2.5):
+            raise ConfigError(f"smoothness {self.smoothness} of a Matérn input", remedy="choose 0.5, 1.5 or 2.5")
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """Stationary, of variance amplitude², about one frequency: ũ̇ = ωr,  ṙ = −ωũ − 2ζωr + w of intensity 4ζω.
+
+    frequency [Hz]; damping ζ [-]: half the power lies within about 2ζ·frequency, and phase and amplitude wander in
+    1/(ζω). It holds a load of known frequency best, and one of another frequency badly.
+    """
+
+    frequency: float
+    damping: float = 0.05
+
+    def __post_init__(self) -> None:
+        _positive(self.frequency, "the frequency of an oscillator input")
+        _positive(self.damping, "the damping of an oscillator input")
+
+
+InputModel = RandomWalk | IntegratedRandomWalk | Matern | Oscillator
+RANDOM_WALK = RandomWalk()
+
+
+def components(model: InputModel) -> int:
+    """Length of ζ."""
+    match model:
+        case RandomWalk():
+            return 1
+        case Matern():
+            return round(model.smoothness + 0.5)
+    return 2
+
+
+def rate_matrix(model: InputModel) -> np.ndarray:
+    """A_u (k, k) [1/s]; ζ = [ũ, ũ̇/s, ũ̈/s² …] with s = ω of walk and oscillator, λ of a Matérn process."""
+    match model:
+        case RandomWalk():
+            return np.zeros((1, 1))
+        case IntegratedRandomWalk():
+            return _omega(model.frequency) * np.array([[0.0, 1.0], [0.0, 0.0]])
+        case Oscillator():
+            return _omega(model.frequency) * np.array([[0.0, 1.0], [-1.0, -2 * model.damping]])
+    k = components(model)
+    A = np.eye(k, k=1)
+    A[-1] = [-comb(k, j) for j in range(k)]
+    return _matern_rate(model) * A
+
+
+def input_intensity(model: InputModel, walk: float) -> np.ndarray:
+    """Q_u (k, k) [1/s] of ζ, on its last component; walk [1/s]: κω of a random walk, not used by the others.
+
+    integrated random walk κω;  Matérn λ/∫|H|²dω/2π = 2λ, 4λ, 16λ/3;  oscillator 4ζω: the last two have var ũ = 1.
+    """
+    k = components(model)
+    Q = np.zeros((k, k))
+    match model:
+        case RandomWalk():
+            Q[-1, -1] = walk
+        case IntegratedRandomWalk():
+            Q[-1, -1] = model.kappa * _omega(model.frequency)
+        case Matern():
+            Q[-1, -1] = _matern_rate(model) / MATERN_VARIANCE[k - 1]
+        case Oscillator():
+            Q[-1, -1] = 4 * model.damping * _omega(model.frequency)
+    return Q
+
+
+def component_names(model: InputModel, name: str) -> tuple[str, ...]:
+    """Names of ζ: the input, "rate of" it, "curvature of" it."""
+    return (name, f"rate of {name}", f"curvature of {name}")[: components(model)]
+
+
+def stationary_covariance(model: InputModel) -> np.ndarray | None:
+    """Covariance (k, k) of ζ in the long run, with unit variance of ũ; None for a walk, which has none."""
+    match model:
+        case Matern() if components(model) == 3:
+            # var ũ̈ = λ⁴ and cov(ũ, ũ̈) = −var ũ̇ = −λ²/3
+            return np.array([[1.0, 0.0, -1 / 3], [0.0, 1 / 3, 0.0], [-1 / 3, 0.0, 1.0]])
+        case Matern() | Oscillator():
+            return np.eye(components(model))
+    return None
+
+
+def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
+    """Square matrices one behind the other."""
+    size = sum(len(block) for block in blocks)
+    whole, at = np.zeros((size, size)), 0
+    for block in blocks:
+        whole[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return whole
+
+
+def _matern_rate(model: Matern) -> float:
+    return float(_omega(model.bandwidth) / np.sqrt(2 ** (1 / (model.smoothness + 0.5)) - 1))
+
+
+def _omega(frequency: float) -> float:
+    return 2 * np.pi * frequency
+
+
+def _positive(value: float, what: str) -> None:
+    if not 0 < value < np.inf:
+        raise ConfigError(f"{what} is {value}", remedy="give a positive number")
