@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from strainsight.augmentation.linearisation import Unknowns
+from strainsight.augmentation.input_models import InputModel, input_intensity
+from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
+from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.rom.model import Damping, ReducedModel
 
 LENGTH, WIDTH, HEIGHT, E, RHO = 2.0, 0.2, 0.195, 2.1e11, 7850.0
@@ -84,17 +86,23 @@ def build_filter(
     q_velocity: float = 0.0,
     gauges: tuple[float, ...] = (0.05, 0.3, 0.9, 1.5),
     fixed: dict[str, float] | None = None,
+    models: dict[str, InputModel] | None = None,
+    accelerometers: int = 0,
+    acceleration_noise: float = 0.5,
+    **more: object,
 ) -> FilterModel:
-    unknowns = Unknowns(inputs, parameters, dict.fromkeys(inputs, 1e4), {"E": E, "rho": RHO})
+    """`accelerometers` read q̈ where the first loads of the beam act; `more` goes to FilterModel."""
+    unknowns = Unknowns(inputs, parameters, dict.fromkeys(inputs, 1e4), {"E": E, "rho": RHO}, models or {})
     n = beam.model.size
-    q = np.concatenate(
-        [np.zeros(n), np.full(n, q_velocity), np.full(len(inputs), q_input), np.full(len(parameters), q_parameter)]
-    )
-    rows = beam.rows(*gauges)
+    own = [np.diag(input_intensity(unknowns.model_of(name), q_input)) for name in inputs]
+    q = np.concatenate([np.zeros(n), np.full(n, q_velocity), *own, np.full(len(parameters), q_parameter)])
+    rows = np.vstack([beam.rows(*gauges), beam.model.input_shape.T[:accelerometers]])
     H = np.hstack([rows, np.zeros((len(rows), len(q) - n))])
+    r = np.full(len(rows), strain_noise**2 * noise_step)
+    quantity = np.repeat([STRAIN, ACCELERATION], [len(gauges), accelerometers])
+    r[quantity == ACCELERATION] = acceleration_noise**2 * noise_step
     return FilterModel(
-        beam.model, unknowns, known, fixed or {"E": E, "rho": RHO}, H, np.diag(q),
-        np.full(len(rows), strain_noise**2 * noise_step), h,
+        beam.model, unknowns, known, fixed or {"E": E, "rho": RHO}, H, np.diag(q), r, h, quantity, **more,
     )  # fmt: skip
 
 

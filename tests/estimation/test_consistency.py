@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import mahalanobis
 
-from strainsight.estimation.consistency import chi_square_band, nees, nis, not_identified, whiteness, whiteness_band
+from strainsight.estimation.consistency import (
+    chi_square_band,
+    nees,
+    nis,
+    not_identified,
+    verdict,
+    whiteness,
+    whiteness_band,
+)
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import run_filter
 
 
 def test_nees_is_the_squared_mahalanobis_distance_in_any_unit():
@@ -45,3 +57,40 @@ def test_starts_must_agree_within_three_deviations():
     estimate = np.array([[1.00, 1.0, 1.0], [1.02, 1.0, 1.4], [1.01, np.nan, 1.2]])
     std = np.full((3, 3), 0.01)
     np.testing.assert_array_equal(not_identified(estimate, std), [False, True, True])
+
+
+@pytest.mark.parametrize(
+    ("process", "noise", "said"),
+    [
+        (1, 1, "as large as the noise you stated and independent"),
+        (1, 1 / 9, "2.6 times larger than the noise you stated: raise R or Q"),
+        (9, 9, "3.0 times smaller than the noise you stated: lower R or Q"),
+        (1 / 100, 1, "resembles the one before"),
+        (1 / 100, 1, "; raise Q"),
+        (1, 9, "; lower R"),
+    ],
+)
+def test_a_verdict_names_what_was_stated_wrongly(make_beam, make_filter, process, noise, said):
+    """The truth is drawn from the model; the filter is told `process` times its Q and `noise` times its R."""
+    model = make_filter(make_beam(modes=4), ("tip",))
+    nothing, P0 = np.zeros((2000, 3, 0)), np.diag([0.0] * 8 + [1.0])
+    _, y = draw_truth(model, np.zeros(9), P0, nothing, [0])
+    run = run_filter(replace(model, Q=process * model.Q, r=noise * model.r), np.zeros(9), P0, nothing, y)
+    found = verdict(run.whitened)
+    assert said in found.text
+    assert found.consistent == (process == noise == 1)
+    assert verdict(run.whitened[:, 0]).text == found.text
+
+
+def test_a_verdict_on_coloured_innovations_of_the_right_size():
+    white = np.random.default_rng(3).standard_normal((4000, 5))
+    opposed = (white[1:] - 0.5 * white[:-1]) / np.sqrt(1.25)
+    assert (
+        "each undoes the one before (correlation -0.39): the filter overreacts; lower Q and raise R"
+        in verdict(opposed).text
+    )
+    assert verdict(white).consistent
+    assert verdict(white).band[0] < 1 < verdict(white).band[1]
+    white[::2] = np.nan
+    assert verdict(white).consistent
+    assert not verdict(np.full((10, 3), np.nan)).consistent

@@ -18,7 +18,7 @@ def test_moments_follow_the_linear_model(make_beam, make_filter):
     A = run_filter(model, mean, P0, nothing, np.zeros((steps, 4)), keep="all").jacobian[0, 0]
     P, expected = P0, mean
     for _ in range(steps):
-        P, expected = A @ P @ A.T + model.Q * model.h, A @ expected
+        P, expected = A @ P @ A.T + model.process, A @ expected
     d = np.sqrt(np.diag(P))
     np.testing.assert_allclose(truth[-1].mean(axis=0) / d, expected / d, atol=5 / np.sqrt(runs))
     np.testing.assert_allclose(np.cov(truth[-1].T) / np.outer(d, d), P / np.outer(d, d), atol=8 / np.sqrt(runs))

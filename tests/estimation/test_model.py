@@ -1,84 +1,13 @@
-"""The augmented step: its Jacobian against differences, its value against the reduced model's own simulation."""
+"""What the state of the filter means, and models that contradict themselves."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from strainsight.augmentation.input_models import Matern, Oscillator
 from strainsight.errors import ConfigError
-from strainsight.estimation.model import constant_step, physical, step
-from strainsight.rom.modal_step import simulate
-
-KNOWN = 1e4 * np.array([[0.7], [0.4], [-0.3]])
-
-
-def state(model, rng):
-    """A state of the size a 1e4 N load causes, with unknowns of order one."""
-    n = model.model.size
-    omega = np.sqrt(np.diag(model.model.stiffness.at(model.model.reference)))
-    q = 1e4 * model.model.input_shape[:, 0] / omega**2
-    scale = np.abs(np.concatenate([q, q * omega, np.full(model.size - 2 * n, 0.3)]))
-    return scale * rng.normal(size=model.size), scale
-
-
-@pytest.mark.parametrize("graded", [False, True])
-@pytest.mark.parametrize(
-    ("inputs", "parameters"),
-    [
-        (("tip",), ()),
-        ((), ("E",)),
-        ((), ("rho",)),
-        ((), ("rho", "E")),
-        (("tip",), ("E", "rho")),
-        (("tip", "middle"), ("E",)),
-    ],
-)
-def test_jacobian_is_the_derivative_of_the_step(make_beam, make_filter, inputs, parameters, graded):
-    beam = make_beam(modes=6, graded=graded, load_nodes=(16, 8))
-    known = () if "middle" in inputs else ("middle",)
-    model = make_filter(beam, inputs=inputs, parameters=parameters, known=known)
-    x, scale = state(model, np.random.default_rng(3))
-    u = KNOWN[:, : len(known)]
-
-    def forward(points):
-        return step(model, points, u)[0] / scale
-
-    d, directions = 2e-3, np.diag(scale)
-    differences = (
-        8 * (forward(x + d * directions) - forward(x - d * directions))
-        - (forward(x + 2 * d * directions) - forward(x - 2 * d * directions))
-    ).T / (12 * d)
-    J = step(model, x[None], u)[1][0] * scale / scale[:, None]
-    largest = np.abs(J).max(axis=0)
-    np.testing.assert_allclose(J / largest, differences / largest, atol=1e-7)
-
-
-def test_without_noise_the_step_is_the_simulation_of_the_reduced_model(make_beam, make_filter, sine):
-    beam, h = make_beam(), 5e-4
-    model = make_filter(beam, inputs=(), parameters=("E", "rho"), known=("tip",), h=h)
-    u = sine(h * np.arange(50), h, 1e4, 20.0)
-    p = np.array([0.05, -0.08])
-    x = np.concatenate([np.zeros(20), p])[None]
-    expected = simulate(beam.model, {"E": 2.1e11 * np.exp(p[0]), "rho": 7850.0 * np.exp(p[1])}, u, h)
-    for k in range(50):
-        x, _ = step(model, x, u[k])
-    np.testing.assert_allclose(x[0, :20], expected[-1], rtol=1e-10, atol=1e-12 * np.abs(expected[-1]).max())
-    np.testing.assert_array_equal(x[0, 20:], p)
-
-
-def test_the_step_computed_once_is_the_same_step(make_beam, make_filter):
-    model = make_filter(make_beam(), inputs=("tip",))
-    x = np.random.default_rng(0).normal(size=(3, model.size))
-    nothing = np.zeros((3, 0))
-    for once, again in zip(step(model, x, nothing, constant_step(model)), step(model, x, nothing), strict=True):
-        np.testing.assert_array_equal(once, again)
-    assert constant_step(make_filter(make_beam(), parameters=("E",), known=("tip",))) is None
-
-
-def test_inputs_neither_known_nor_estimated_are_zero(make_beam, make_filter):
-    beam = make_beam(load_nodes=(16, 8))
-    model = make_filter(beam)
-    assert np.all(step(model, np.zeros((1, 20)), np.zeros((3, 0)))[0] == 0)
+from strainsight.estimation.model import inputs_of, loads_of, physical
 
 
 def test_physical_values_and_deviations(make_beam, make_filter):
@@ -97,3 +26,21 @@ def test_a_model_that_contradicts_itself_is_refused(make_beam, make_filter):
         make_filter(beam, inputs=("tip",), known=("tip",))
     with pytest.raises(ConfigError, match="rho has no value"):
         make_filter(beam, parameters=("E",), known=("tip",), fixed={"E": 2.1e11})
+
+
+def test_an_input_is_read_where_its_model_puts_it(make_beam, make_filter):
+    beam = make_beam(modes=3, load_nodes=(16, 8))
+    models = {"tip": Matern(5.0, 2.5), "middle": Oscillator(20.0)}
+    model = make_filter(beam, inputs=("tip", "middle"), parameters=("E",), models=models)
+    assert model.size == 6 + 3 + 2 + 1
+    assert model.position.tolist() == [6, 9, 11]
+    assert (model.input_states, model.parameter_states) == (slice(6, 11), slice(11, 12))
+    mean = np.arange(12.0)
+    values = physical(model, mean, mean / 10)
+    assert values["tip"] == (6e4, pytest.approx(6e3))
+    assert values["middle"] == (9e4, pytest.approx(9e3))
+    assert values["E"][0] == pytest.approx(2.1e11 * np.exp(11.0))
+    assert loads_of(model, mean, np.zeros(0)).tolist() == [6e4, 9e4]
+    held = inputs_of(model, mean, np.zeros((3, 0)))
+    assert held.shape == (3, 2)
+    assert held[0].tolist() == [6e4, 9e4]

@@ -26,7 +26,7 @@ def test_equals_the_textbook_recursion(make_beam, make_filter):
     mean, P = run.mean[-1], run.covariance[-1, 0]
     for k in range(79, -1, -1):
         filtered = run.covariance[k, 0]
-        ahead = A @ filtered @ A.T + model.Q * model.h
+        ahead = A @ filtered @ A.T + model.process
         scale = np.sqrt(np.diag(ahead))
         J = np.linalg.solve(ahead / np.outer(scale, scale), (A @ filtered) / scale[:, None]).T / scale
         mean = run.mean[k] + (mean - run.mean[k] @ A.T) @ J.T
@@ -50,7 +50,7 @@ def test_equals_the_least_squares_estimate_of_the_whole_record(make_beam, make_f
     run = run_filter(model, np.zeros(n), P0, nothing, y, keep="all")
     smoothed = smooth(model, run)
 
-    A, start, walk = run.jacobian[0, 0], covariance_factor(P0), covariance_factor(model.Q * model.h)
+    A, start, walk = run.jacobian[0, 0], covariance_factor(P0), covariance_factor(model.process)
     maps = [np.hstack([start, np.zeros((n, steps * walk.shape[1]))])]
     for k in range(steps):
         following = A @ maps[-1]

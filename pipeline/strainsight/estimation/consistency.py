@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import ndtri
+
+SLACK = 0.1
+"""A verdict speaks up only where size or correlation of the innovations is off by more than this: long records put
+bands so narrow that every real model lies outside them."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Innovations against the claim: ratio of their size to the claimed one, with the band of a true model; correlation
+    of neighbours, with the largest that chance explains; and what both mean."""
+
+    ratio: float
+    band: tuple[float, float]
+    correlation: float
+    chance: float
+    consistent: bool
+    text: str
 
 
 def nees(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -63,3 +82,41 @@ def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float = 3.0) -
     """
     spread = np.max(estimate, axis=0) - np.min(estimate, axis=0)
     return ~(spread <= factor * np.mean(std, axis=0))
+
+
+def verdict(whitened: np.ndarray) -> Verdict:
+    """What NIS and whiteness of one run or many say about the stated noise, in words.
+
+    whitened (T, m) or (T, B, m) from `FilterRun.whitened`, NaN where nothing was measured or the run was lost. Ratio
+    √(mean NIS). Too small a Q makes the gain too small and leaves neighbours alike; too small an R makes it too large, and
+    neighbours differ in sign. Source: Mehra, IEEE Trans. Automatic Control 15 (1970).
+    """
+    samples = int(np.isfinite(whitened).sum())
+    if not samples:
+        return Verdict(
+            np.nan, (np.nan, np.nan), np.nan, np.nan, False, "nothing was measured: there is nothing to judge"
+        )
+    ratio = float(np.sqrt(np.nansum(whitened**2) / samples))
+    low, high = (float(np.sqrt(edge)) for edge in chi_square_band(1, samples))
+    power = np.nansum(whitened**2)
+    neighbours = np.nan_to_num(whitened[1:]) * np.nan_to_num(whitened[:-1])
+    correlation, chance = float(neighbours.sum() / power), whiteness_band(samples, 1)
+    large, small = ratio > max(high, 1 + SLACK), ratio < min(low, 1 / (1 + SLACK))
+    alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
+    if large:
+        said = f"the innovations are {ratio:.1f} times larger than the noise you stated"
+        advice = "raise Q" if alike else "raise R" if opposed else "raise R or Q"
+    elif small:
+        said = f"the innovations are {1 / ratio:.1f} times smaller than the noise you stated"
+        advice = "lower R" if alike else "lower Q" if opposed else "lower R or Q"
+    else:
+        said = "the innovations are as large as the noise you stated"
+        advice = "raise Q and lower R" if alike else "lower Q and raise R" if opposed else ""
+    if alike:
+        said += f" and each resembles the one before (correlation {correlation:.2f}): the model lags or lacks something"
+    elif opposed:
+        said += f" and each undoes the one before (correlation {correlation:.2f}): the filter overreacts"
+    elif not advice:
+        said += " and independent of one another: nothing speaks against the claimed σ"
+    text = f"{said}: {advice}" if advice and not (alike or opposed) else f"{said}; {advice}" if advice else said
+    return Verdict(ratio, (low, high), correlation, chance, not advice, text)

@@ -1,31 +1,40 @@
-"""The discrete augmented model of the filter: one exact step, and its Jacobian from the discretised equation."""
+"""The discrete augmented model of the filter: what it consists of, and what its state means."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from strainsight.augmentation.linearisation import Unknowns
+from strainsight.augmentation.linearisation import linearise
+from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
-from strainsight.rom.modal_step import ModalStep, modal_step, parameter_slopes
+from strainsight.estimation.discrete import input_hold, input_transition, process_covariance
+from strainsight.gauges.candidates import ACCELERATION
 from strainsight.rom.model import ReducedModel
 from strainsight.rom.oscillator import HOLD
+from strainsight.rom.schemes import Scheme
 
 
 @dataclass(frozen=True)
 class FilterModel:
-    """x*⁺ = f(x*, u) + w,   w ~ N(0, Q h);     y = H x* + v,   v ~ N(0, r/h)     (1.44)
+    """x*⁺ = f(x*, u) + w,   w ~ N(0, Q_h);     y = h(x*, u) + v,   v ~ N(0, R)     (1.44)
 
-    for x* = [q, q̇, ũ, p] (n* = 2n + n_ũ + n_p) with u = amplitude·ũ and θ = guess·exp(p): unknown inputs are constant
-    within a step, as parameters are, and walk at random between steps: ũ at kh is the load from kh to (k + 1)h.
+    for x* = [q, q̇, ζ, p] (n* = 2n + Σk + n_p) with u = amplitude·ũ, ũ = ζ₁ of every unknown input, and θ = guess·exp(p).
+    Within a step the mean of ζ follows its own dynamics, that of a random walk is constant, and so is p; what all of them
+    wander within it, and the motion that causes, is in Q_h. ũ at kh is the load at that instant.
+    h(x*, u) is H x* for strain and displacement, φ q̈ for an accelerometer, linear in x* unless a parameter is estimated.
 
     model: the reduced model (n modes); unknowns: what is estimated; known_inputs: the inputs that are given (an input
     of the model that is neither is zero); fixed: value [SI] of every parameter that is not estimated;
-    H (m, n*) or (B, m, n*) strain rows, one set a run; Q (n*, n*) or (B, n*, n*) intensity [x*²/s];
-    r (m,) or (B, m) intensity [strain² s], σ²h_sample of a gauge sampled at h_sample; h [s] time step.
+    H (m, n*) or (B, m, n*) rows, one set a run: of strain or displacement on x*, of an accelerometer φ on q̈ in the first
+    n columns; Q (n*, n*) or (B, n*, n*) intensity [x*²/s];
+    r (m,), (B, m) or, a row a step, (T, 1 or B, m) intensity [unit² s], σ²h_sample of a sensor sampled at h_sample;
+    h [s] time step; quantity (m,) or (B, m): what every channel measures, STRAIN where not given;
+    scheme of the step; every: a sample is taken at the end of every `every`-th step, at every·h, 2 every·h …
     Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated.
     """
 
@@ -37,6 +46,9 @@ class FilterModel:
     Q: np.ndarray
     r: np.ndarray
     h: float
+    quantity: np.ndarray | None = None
+    scheme: Scheme = "exact"
+    every: int = 1
 
     def __post_init__(self) -> None:
         for name in self.unknowns.inputs:
@@ -52,19 +64,67 @@ class FilterModel:
         return self.unknowns.size(self.model)
 
     @property
+    def sets(self) -> int:
+        """How many covariances differ by their sensors or noise: 1, or B."""
+        given = (self.H, self.Q)
+        own = [len(a) for a in given if a.ndim == 3]
+        return max([*own, self.r.shape[-2] if self.r.ndim > 1 else 1])
+
+    @property
+    def motion(self) -> slice:
+        """Where [q, q̇] stand in x*."""
+        return slice(0, 2 * self.model.size)
+
+    @property
     def input_states(self) -> slice:
-        """Where ũ stands in x*."""
-        return slice(2 * self.model.size, 2 * self.model.size + len(self.unknowns.inputs))
+        """Where ζ of all inputs stands in x*; with random walks that is ũ."""
+        return slice(2 * self.model.size, self.size - len(self.unknowns.parameters))
 
     @property
     def parameter_states(self) -> slice:
         """Where p stands in x*."""
-        return slice(2 * self.model.size + len(self.unknowns.inputs), self.size)
+        return slice(self.size - len(self.unknowns.parameters), self.size)
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """Where every unknown stands in x* (count,): ũ of every input, then p."""
+        return self.unknowns.position(self.model)
 
     @property
     def amplitude(self) -> np.ndarray:
         """Unit of every ũ (n_ũ,)."""
         return self.unknowns.scale[: len(self.unknowns.inputs)]
+
+    @cached_property
+    def accelerometers(self) -> np.ndarray | None:
+        """Which channels read accelerations (m,) or (B, m); None where none does."""
+        moving = None if self.quantity is None else np.asarray(self.quantity) == ACCELERATION
+        return moving if moving is not None and moving.any() else None
+
+    @cached_property
+    def transition(self) -> np.ndarray:
+        """exp(A_u h) of ζ."""
+        return input_transition(self.unknowns, self.h)
+
+    @cached_property
+    def hold(self) -> np.ndarray:
+        """Hold coefficients of the unknown inputs within a step as rows on ζ (HOLD, n_ũ, k) [N]."""
+        return input_hold(self.unknowns, self.h)
+
+    @cached_property
+    def process(self) -> np.ndarray:
+        """Q_h (n*, n*) or (B, n*, n*): the covariance that x* gathers in a step, at the fixed values and the guess.
+
+        What the wandering of a parameter does to the motion within one step is left out: it depends on the motion.
+        """
+        rest, loads = np.zeros((1, 2 * self.model.size)), np.zeros((1, len(self.model.inputs)))
+        F = linearise(self.model, self.unknowns, {**self.unknowns.guess, **self.fixed}, rest, loads)[0]
+        return process_covariance(F, self.Q, self.h)
+
+    @cached_property
+    def noise(self) -> np.ndarray:
+        """R = r/(every h): variances of one sample, of the shape of r."""
+        return self.r / (self.every * self.h)
 
 
 def theta_of(model: FilterModel, x: np.ndarray) -> dict[str, Any]:
@@ -75,58 +135,20 @@ def theta_of(model: FilterModel, x: np.ndarray) -> dict[str, Any]:
 
 
 def inputs_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Hold coefficients (..., HOLD, n_u) of all inputs: known (..., HOLD, n_known), constant those in x* (..., n*)."""
-    column = {name: i for i, name in enumerate(model.model.inputs)}
-    u = np.zeros((*x.shape[:-1], HOLD, len(column)))
-    u[..., [column[name] for name in model.known_inputs]] = known
-    u[..., 0, [column[name] for name in model.unknowns.inputs]] = model.amplitude * x[..., model.input_states]
+    """Hold coefficients (..., HOLD, n_u) of all inputs: known (..., HOLD, n_known), unknown those of ζ in x* (..., n*)."""
+    u = np.zeros((*x.shape[:-1], HOLD, len(model.model.inputs)))
+    u[..., [model.model.inputs.index(name) for name in model.known_inputs]] = known
+    zeta = x[..., model.input_states]
+    u[..., model.unknowns.input_columns(model.model)] = np.einsum("jik,...k->...ji", model.hold, zeta)
     return u
 
 
-def constant_step(model: FilterModel) -> ModalStep | None:
-    """The modal step once and for all where no parameter is estimated; otherwise None."""
-    return None if model.unknowns.parameters else modal_step(model.model, model.fixed, model.h)
-
-
-def step(
-    model: FilterModel, x: np.ndarray, known: np.ndarray, constant: ModalStep | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """One step without process noise, [q, q̇]⁺ = A(θ)[q, q̇] + B(θ)u, ũ⁺ = ũ, p⁺ = p, and A* = ∂x*⁺/∂x* (1.50-1.55).
-
-    x (B, n*); known (HOLD, n_known) or (B, HOLD, n_known) hold coefficients [N]; constant: `constant_step(model)`.
-    Returns x*⁺ (B, n*) and A* (B, n*, n*), or (1, n*, n*) where no parameter is estimated.
-    """
-    theta = theta_of(model, x)
-    modal = constant or modal_step(model.model, theta, model.h)
-    state, u = x[..., : 2 * model.model.size], inputs_of(model, x, known)
-    forward = x.copy()
-    B = modal.input.reshape(*modal.input.shape[:-2], -1)
-    drive = B @ u.reshape(*u.shape[:-2], -1, 1)
-    forward[..., : state.shape[-1]] = (modal.transition @ state[..., None] + drive)[..., 0]
-    return forward, augmented_jacobian(model, modal, theta, state, u)
-
-
-def augmented_jacobian(
-    model: FilterModel, modal: ModalStep, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray
-) -> np.ndarray:
-    """A* = [[A, B₀ amplitude, θ ∂x⁺/∂θ], [0, I]]  (1.55), at one or many states.
-
-    modal: the step at theta; state (..., 2n) [q, q̇] and u (..., HOLD, n_u) at the start of the step.
-    Returns (..., n*, n*); without estimated parameters (1, n*, n*), as the state does not matter.
-    """
-    names = model.unknowns.parameters
-    motion = slice(0, state.shape[-1])
-    batch = state.shape[:-1] if names else (1,)
-    J = np.zeros((*batch, model.size, model.size))
-    J[..., range(model.size), range(model.size)] = 1.0
-    J[..., motion, motion] = modal.transition
-    columns = [model.model.inputs.index(name) for name in model.unknowns.inputs]
-    J[..., motion, model.input_states] = modal.input[..., 0, columns] * model.amplitude
-    if names:
-        slopes = parameter_slopes(model.model, modal, state, u, names)
-        scale = np.stack(np.broadcast_arrays(*(theta[name] for name in names)), axis=-1)
-        J[..., motion, model.parameter_states] = slopes * scale[..., None, :]
-    return J
+def loads_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """All inputs (..., n_u) [N] at an instant: known (..., n_known) there, unknown amplitude·ũ of x* (..., n*) there."""
+    u = np.zeros((*x.shape[:-1], len(model.model.inputs)))
+    u[..., [model.model.inputs.index(name) for name in model.known_inputs]] = known
+    u[..., model.unknowns.input_columns(model.model)] = model.amplitude * x[..., model.position[: len(model.amplitude)]]
+    return u
 
 
 def physical(model: FilterModel, mean: np.ndarray, std: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -134,12 +156,11 @@ def physical(model: FilterModel, mean: np.ndarray, std: np.ndarray) -> dict[str,
 
     mean, std (..., n*). Returns arrays of shape (...).
     """
-    i, j = model.input_states.start, model.parameter_states.start
     values = {
-        name: (a * mean[..., i + k], a * std[..., i + k])
-        for k, (name, a) in enumerate(zip(model.unknowns.inputs, model.amplitude, strict=True))
+        name: (a * mean[..., at], a * std[..., at])
+        for name, a, at in zip(model.unknowns.inputs, model.amplitude, model.position, strict=False)
     }
-    for k, name in enumerate(model.unknowns.parameters):
-        theta = model.unknowns.guess[name] * np.exp(mean[..., j + k])
-        values[name] = (theta, theta * std[..., j + k])
+    for k, name in enumerate(model.unknowns.parameters, start=model.parameter_states.start):
+        theta = model.unknowns.guess[name] * np.exp(mean[..., k])
+        values[name] = (theta, theta * std[..., k])
     return values

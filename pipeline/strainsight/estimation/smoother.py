@@ -6,8 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.filter import FilterRun, apply, gain, predict, standard_deviation
+from strainsight.estimation.core import StepModel
+from strainsight.estimation.filter import FilterRun
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import Driven
+from strainsight.estimation.update import apply, gain, predict, standard_deviation, symmetric, transposed
+from strainsight.rom.oscillator import HOLD
 
 
 @dataclass(frozen=True)
@@ -20,24 +24,26 @@ class Smoothed:
     covariance: np.ndarray | None
 
 
-def smooth(model: FilterModel, run: FilterRun, covariance: bool = False) -> Smoothed:
+def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = False) -> Smoothed:
     """The Rauch-Tung-Striebel estimate in the adjoint form of Bryson and Frazier, which inverts neither P nor P⁻:
 
-        x̂ˢ = x̂ − P λ,      λ⁻ = (I − KH)ᵀλ − HᵀS⁻¹ν,             λ ← A*ᵀλ⁻
-        Pˢ = P − P Λ P,     Λ⁻ = (I − KH)ᵀΛ(I − KH) + HᵀS⁻¹H,      Λ ← A*ᵀΛ⁻A*
+        x̂ˢ = x̂ − P λ,      λ⁻ = (I − KH)ᵀλ − HᵀS⁻¹ν,             λ ← Aᵀλ⁻
+        Pˢ = P − P Λ P,     Λ⁻ = (I − KH)ᵀΛ(I − KH) + HᵀS⁻¹H,      Λ ← AᵀΛ⁻A
 
     backwards from λ = 0, Λ = 0 at the last instant.
 
-    run: `run_filter(..., keep="all")` of the same model. A singular P⁻ (states without process noise) needs no care.
+    run: `run_filter(..., keep="all")` of the same model, in any form and by any update. A singular P⁻ (states without
+    process noise) needs no care. A nonlinear model is smoothed along the Jacobians that its filter used.
     Raises ValueError where the run was not kept.
-    Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973); for the extended
-    filter the Jacobians are those along the filtered estimate.
+    Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    if run.covariance is None or run.jacobian is None:
+    if run.covariance is None or run.jacobian is None or run.rows is None or run.adjusted is None:
         raise ValueError("the smoother needs a run kept with keep='all'")
-    steps, runs, gauges = run.innovation.shape
+    core = Driven(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
+    steps, runs, channels = run.innovation.shape
     b, size = run.covariance.shape[1:3]
-    Q, R = model.Q * model.h, np.broadcast_to(model.r / model.h, (b, gauges))
+    missing = np.isnan(run.adjusted) if b > 1 else np.isnan(run.adjusted).all(axis=1, keepdims=True)
+    whitened = np.nan_to_num(run.adjusted)
     adjoint, information = np.zeros((runs, size)), np.zeros((b, size, size))
     mean, std = np.empty_like(run.mean), np.empty((steps + 1, b, size))
     kept = np.empty_like(run.covariance) if covariance else None
@@ -47,20 +53,20 @@ def smooth(model: FilterModel, run: FilterRun, covariance: bool = False) -> Smoo
         mean[k] = run.mean[k] - apply(P, adjoint)
         std[k] = np.sqrt(np.maximum(standard_deviation(P) ** 2 - np.sum(PInformation * P, axis=-1), 0.0))
         if kept is not None:
-            smoothed = P - PInformation @ P
-            kept[k] = 0.5 * (smoothed + np.swapaxes(smoothed, -1, -2))
+            kept[k] = symmetric(P - PInformation @ P)
         if k == 0:
             break
         A = run.jacobian[k - 1]
-        innovation = run.innovation[k - 1]
-        missing = np.isnan(innovation)
-        H = np.where(missing[..., None], 0.0, model.H) if missing.any() else model.H
-        K, L = gain(predict(run.covariance[k - 1], A, Q), H, R, instant=run.time[k])
-        whitened_rows = np.linalg.solve(L, np.broadcast_to(H, (b, gauges, size)))
-        whitened = np.nan_to_num(run.whitened[k - 1])
-        left = np.eye(size) - K @ H
-        leftT, AT, rowsT = (np.swapaxes(X, -1, -2) for X in (left, A, whitened_rows))
-        adjoint = apply(AT, apply(leftT, adjoint) - apply(rowsT, whitened))
-        information = AT @ (leftT @ information @ left + rowsT @ whitened_rows) @ A
-        information = 0.5 * (information + np.swapaxes(information, -1, -2))
+        if not missing[k - 1].all():
+            H, before = run.rows[k - 1], core.before(k - 1)
+            H = np.where(missing[k - 1][..., None], 0.0, H) if missing[k - 1].any() else H
+            P = run.covariance[k - 1] if before is None else run.covariance[k - 1] + before
+            R = np.broadcast_to(core.noise(k - 1), (b, channels))
+            K, L = gain(predict(P, A, core.process(k - 1)), H, R, instant=run.time[k])
+            whitened_rows = np.linalg.solve(L, np.broadcast_to(H, (b, channels, size)))
+            left = np.eye(size) - K @ H
+            adjoint = apply(transposed(left), adjoint) - apply(transposed(whitened_rows), whitened[k - 1])
+            information = transposed(left) @ information @ left + transposed(whitened_rows) @ whitened_rows
+        adjoint = apply(transposed(A), adjoint)
+        information = symmetric(transposed(A) @ information @ A)
     return Smoothed(run.time, mean, np.broadcast_to(std, mean.shape), kept)

@@ -1,23 +1,26 @@
-"""The exact step of the reduced model and its exact derivatives, for many parameter values at once."""
+"""Steps and accelerations of the reduced model and their exact derivatives, for many parameter values at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from strainsight.rom.model import ReducedModel, divided_difference, modal_basis
-from strainsight.rom.oscillator import HOLD, oscillator_step
+from strainsight.rom.oscillator import oscillator_acceleration
+from strainsight.rom.schemes import Scheme, scheme_step
 
 
 @dataclass(frozen=True)
-class ModalStep:
-    """x⁺ = A x + Σⱼ Bⱼ uⱼ for x = [q, q̇] and an input u(τ) = u₀ + u₁(τ/h) + u₂(τ/h)² within the step.
+class ModalMap:
+    """y = A x + Σⱼ Bⱼ uⱼ of x = [q, q̇] and J input vectors, every block of A and B a function of M⁻¹K. Of a step, y = x⁺,
+    J = HOLD and u(τ) = u₀ + u₁(τ/h) + u₂(τ/h)² within the step; of the acceleration, y = q̈ and J = 1.
 
-    transition A (..., 2n, 2n); input B (..., 2n, HOLD, n_u). The rest is what the derivatives need:
-    eigenvalue λ (..., n), modes Φ (..., n, n), dual ΦᵀM (..., n, n), table T (2, 2 + HOLD, ..., n) and dT/dλ.
+    transition A (..., i n, 2n); input B (..., i n, J, n_u), i = 2 of a step and 1 of the acceleration. The rest is what
+    the derivatives need: eigenvalue λ (..., n), modes Φ (..., n, n), dual ΦᵀM (..., n, n), table T (i, 2 + J, ..., n)
+    of every mode for itself, and dT/dλ.
     """
 
     transition: np.ndarray
@@ -29,36 +32,50 @@ class ModalStep:
     table_slope: np.ndarray
 
 
-def modal_step(model: ReducedModel, theta: Mapping[str, Any], h: float) -> ModalStep:
-    """Exact step of (5.3) over h [s] at θ (values of shape (...) [SI]): every mode by its own closed form.
+Table = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-    Raises NumericalError at critical damping.
+
+def modal_step(model: ReducedModel, theta: Mapping[str, Any], h: float, scheme: Scheme = "exact") -> ModalMap:
+    """Step of (5.3) over h [s] at θ (values of shape (...) [SI]): every mode by its own closed form, exact or by a scheme.
+
+    Raises NumericalError at critical damping (exact only).
     """
+    return modal_map(model, theta, lambda lam: scheme_step(lam, model.damping, h, scheme))
+
+
+def acceleration_map(model: ReducedModel, theta: Mapping[str, Any]) -> ModalMap:
+    """q̈ = M⁻¹(S u − C q̇ − K q) at θ (values of shape (...) [SI]): z̈ = −λz − c(λ)ż + g of every mode."""
+    return modal_map(model, theta, lambda lam: oscillator_acceleration(lam, model.damping))
+
+
+def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> ModalMap:
+    """The map that does to every mode what `table` says of its eigenvalue λ (..., n): T and dT/dλ (i, 2 + J, ..., n)."""
     lam, Phi = modal_basis(model, theta)
     dual = np.swapaxes(Phi, -1, -2) @ model.mass.at(theta)
-    T, dT = oscillator_step(lam, model.damping, h)
+    T, dT = table(lam)
     n, n_u = model.input_shape.shape
+    blocks, held = T.shape[0], T.shape[1] - 2
     batch = lam.shape[:-1]
-    A = np.empty((*batch, 2 * n, 2 * n))
-    B = np.empty((*batch, 2 * n, HOLD, n_u))
+    A = np.empty((*batch, blocks * n, 2 * n))
+    B = np.empty((*batch, blocks * n, held, n_u))
     forces = np.swapaxes(Phi, -1, -2) @ model.input_shape
-    for i in range(2):
+    for i in range(blocks):
         rows = slice(i * n, (i + 1) * n)
         for j in range(2):
             A[..., rows, j * n : (j + 1) * n] = (Phi * T[i, j][..., None, :]) @ dual
-        for j in range(HOLD):
+        for j in range(held):
             B[..., rows, j, :] = (Phi * T[i, 2 + j][..., None, :]) @ forces
-    return ModalStep(A, B, lam, Phi, dual, T, dT)
+    return ModalMap(A, B, lam, Phi, dual, T, dT)
 
 
 def parameter_slopes(
-    model: ReducedModel, step: ModalStep, x: np.ndarray, u: np.ndarray, names: Sequence[str]
+    model: ReducedModel, step: ModalMap, x: np.ndarray, u: np.ndarray, names: Sequence[str]
 ) -> np.ndarray:
-    """∂x⁺/∂θᵢ at fixed x and u: every block of A is a function f(M⁻¹K), so with the divided differences of f
+    """∂y/∂θᵢ of a modal map at fixed x and u: every block of A is a function f(M⁻¹K), so with the divided differences of f
 
         df = Φ [G ∘ f[λᵢ, λⱼ]] ΦᵀM,   G = Φᵀ(dK Φ − dM Φ Λ),   d(M⁻¹S) = −Φ(Φᵀ dM Φ)ΦᵀS
 
-    x (..., 2n) = [q, q̇]; u (..., HOLD, n_u) hold coefficients; names: the parameters. Returns (..., 2n, len(names)).
+    x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters. Returns (..., i n, len(names)).
     Source: Daleckii and Krein; Higham, Functions of Matrices, theorem 3.11.
     """
     n = model.size
@@ -76,8 +93,9 @@ def parameter_slopes(
         by_block = np.einsum("ij...ab,...ab,...bj->i...a", differences, G, modal, optimize=True)
         by_mass = np.einsum("ij...a,...aj->i...a", step.table[:, 2:], PhiT_dM_Phi @ forces)
         change = np.moveaxis(by_block - by_mass, 0, -1)
-        columns.append(np.swapaxes(Phi @ change, -1, -2).reshape(x.shape))
-    return np.stack(columns, axis=-1) if columns else np.zeros((*x.shape, 0))
+        columns.append(np.swapaxes(Phi @ change, -1, -2).reshape(*x.shape[:-1], -1))
+    rows = len(step.table) * n
+    return np.stack(columns, axis=-1) if columns else np.zeros((*x.shape[:-1], rows, 0))
 
 
 def simulate(model: ReducedModel, theta: Mapping[str, float], u: np.ndarray, h: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The exact step of a damped oscillator under a polynomial force, with its slope in the eigenvalue."""
+"""The exact step of a damped oscillator under a polynomial force and its acceleration, with slopes in the eigenvalue."""
 
 from __future__ import annotations
 
@@ -52,6 +52,12 @@ def oscillator_step(lam: np.ndarray, damping: Damping, h: float) -> tuple[np.nda
         T[0, 2 + j], dT[0, 2 + j] = conjugate_difference(w, w_slope)
         T[1, 2 + j], dT[1, 2 + j] = conjugate_difference(roots * w, w + roots * w_slope)
     return T, dT
+
+
+def oscillator_acceleration(lam: np.ndarray, damping: Damping) -> tuple[np.ndarray, np.ndarray]:
+    """z̈ = T · [z, ż, g],  T = [−λ, −c(λ), 1], and dT/dλ; lam (...) [rad²/s²]. Returns two arrays (1, 3, ...)."""
+    c, slope = damping.viscous(lam)
+    return np.stack([-lam, -c, np.ones_like(lam)])[None], np.stack([-np.ones_like(lam), -slope, 0 * lam])[None]
 
 
 def phi_functions(z: np.ndarray, order: int) -> list[np.ndarray]:

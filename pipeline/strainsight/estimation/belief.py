@@ -1,0 +1,92 @@
+"""How sure a filter is: a covariance carried as it is or as a factor, with one interface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from strainsight.estimation.update import (
+    Form,
+    joseph,
+    predict,
+    predict_factor,
+    square_factor,
+    transposed,
+    update_factor,
+)
+
+
+class Belief(Protocol):
+    """The covariance of b runs."""
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """P (b, n, n)."""
+        ...
+
+    def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> Belief:
+        """A (P + before) Aᵀ + process."""
+        ...
+
+    def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[Belief, np.ndarray, np.ndarray]:
+        """After the measurement, with G (b, n, m) and L (b, m, m) of `whitened_gain`."""
+        ...
+
+    def reset(self, runs: np.ndarray, P: np.ndarray) -> Belief:
+        """With the covariances P (b, n, n) in the runs (b,) of bool."""
+        ...
+
+
+@dataclass(frozen=True)
+class Joseph:
+    """P itself, updated by Joseph's form."""
+
+    covariance: np.ndarray
+
+    def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> Joseph:
+        return Joseph(predict(self.covariance if before is None else self.covariance + before, A, process))
+
+    def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[Joseph, np.ndarray, np.ndarray]:
+        P, G, L = joseph(self.covariance, H, R, instant)
+        return Joseph(P), G, L
+
+    def reset(self, runs: np.ndarray, P: np.ndarray) -> Joseph:
+        return Joseph(np.where(runs[:, None, None], P, self.covariance))
+
+
+@dataclass(frozen=True)
+class SquareRoot:
+    """F with P = F Fᵀ, moved by orthogonal steps; known: factors of the noise met last, so that constant noise is factored
+    once."""
+
+    factor: np.ndarray
+    known: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        return self.factor @ transposed(self.factor)
+
+    def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> SquareRoot:
+        F = self.factor
+        if before is not None:
+            F = np.concatenate(np.broadcast_arrays(F, self._factor("before", before)), axis=-1)
+        return SquareRoot(predict_factor(F, A, self._factor("process", process)), self.known)
+
+    def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[SquareRoot, np.ndarray, np.ndarray]:
+        F, G, L = update_factor(self.factor, H, R, instant)
+        return SquareRoot(F, self.known), G, L
+
+    def reset(self, runs: np.ndarray, P: np.ndarray) -> SquareRoot:
+        return SquareRoot(np.where(runs[:, None, None], square_factor(P), self.factor), self.known)
+
+    def _factor(self, which: str, Q: np.ndarray) -> np.ndarray:
+        if which not in self.known or self.known[which][0] is not Q:
+            self.known[which] = (Q, square_factor(Q if Q.ndim == 3 else Q[None]))
+        return self.known[which][1]
+
+
+def belief_of(form: Form, P: np.ndarray) -> Belief:
+    """The covariance P (b, n, n) in the form asked for."""
+    return Joseph(P) if form == "joseph" else SquareRoot(square_factor(P))

@@ -1,0 +1,101 @@
+"""The reduced parametric model under known loads, as the filter wants a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.motion import constant_acceleration, constant_step, measure, step
+from strainsight.estimation.update import apply
+
+LOST = 10.0
+"""A run is lost when a parameter has left its guess by a factor of exp(LOST)."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """`StepModel` of a FilterModel: known (T, HOLD, n_known) hold coefficients [N] of its known inputs.
+
+    Where no parameter is estimated, the step and the measurement are linear: their matrices are built once and the known
+    loads become a term a step.
+    """
+
+    model: FilterModel
+    known: np.ndarray
+
+    @property
+    def size(self) -> int:
+        return self.model.size
+
+    @property
+    def channels(self) -> int:
+        return self.model.H.shape[-2]
+
+    @property
+    def h(self) -> float:
+        return self.model.h
+
+    @property
+    def sets(self) -> int:
+        return self.model.sets
+
+    @property
+    def linear(self) -> bool:
+        return not self.model.unknowns.parameters
+
+    @property
+    def position(self) -> np.ndarray:
+        return self.model.position
+
+    @property
+    def loss(self) -> str:
+        names = ", ".join(self.model.unknowns.parameters) or "the state"
+        return f"{names} left the guess by more than a factor of {np.exp(LOST):.0f}"
+
+    def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        if self.linear:
+            A, drive = self._linear_step
+            return x @ A[0].T + drive[k], A
+        return step(self.model, x, self.known[k])
+
+    def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        if self.linear:
+            J, feed = self._linear_measurement
+            y = apply(J, x)
+            return (y if feed is None else y + feed[k]), J
+        return measure(self.model, x, self.known[k].sum(axis=-2))
+
+    def process(self, k: int) -> np.ndarray:
+        return self.model.process
+
+    def before(self, k: int) -> np.ndarray | None:
+        return None
+
+    def noise(self, k: int) -> np.ndarray:
+        R = self.model.noise
+        return R[k] if R.ndim == 3 else R
+
+    def lost(self, x: np.ndarray) -> np.ndarray:
+        finite = np.isfinite(x.sum(axis=1))
+        return ~finite if self.linear else ~(finite & np.all(np.abs(x[:, self.model.parameter_states]) <= LOST, axis=1))
+
+    @cached_property
+    def _linear_step(self) -> tuple[np.ndarray, np.ndarray]:
+        """A* (1, n*, n*) and what the known loads add in every step (T, n*)."""
+        model, rest = self.model, np.zeros((len(self.known), self.model.size))
+        drive, A = step(model, rest, self.known, constant_step(model))
+        return A, drive
+
+    @cached_property
+    def _linear_measurement(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """J (b, m, n*) and what the known loads add to accelerometers in every step (T, b, m)."""
+        model = self.model
+        sensed = constant_acceleration(model)
+        J = measure(model, np.zeros((1, model.size)), np.zeros(self.known.shape[-1]), sensed)[1]
+        if sensed is None or not self.known.size:
+            return J, None
+        end = self.known.sum(axis=1)[:, None]
+        return J, measure(model, np.zeros((*end.shape[:2], model.size)), end, sensed)[0]

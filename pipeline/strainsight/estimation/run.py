@@ -1,0 +1,132 @@
+"""What a filter found, and the arrays it is gathered in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from strainsight.estimation.core import StepModel
+from strainsight.estimation.update import output_std, standard_deviation
+
+Keep = Literal["mean", "all"]
+
+
+@dataclass(frozen=True)
+class FilterRun:
+    """What B runs over T steps estimated; index k of a measured quantity is the instant (k + 1)h.
+
+    time (T + 1,) [s]; mean, std (T + 1, B, n*) of x* after the update (index 0: the initial state);
+    unknown_covariance (T + 1, b, k, k) of the unknowns, ũ of every input and p;
+    gauge_mean, gauge_std (T, B, m) of the readings h(x*) after the update [unit of the channel];
+    innovation (T, B, m) y − h(x̂⁻); whitened (T, B, m) L⁻¹(y − h(x̂⁻)), unit white noise if the model is true;
+    nis (T, B) its square sum; log_likelihood (B,) of all measurements, −∞ for a lost run;
+    lost (B,) index of the step that lost the run (NaN from there on), −1 for none;
+    last (b, n*, n*) covariance at the end, from which a next run may go on;
+    only where kept: covariance (T + 1, b, n*, n*), jacobian (T, b, n*, n*) of the step, rows (T, b, m, n*) of the
+    measurement, adjusted (T, B, m) the whitened innovation of the linear model along these; b is 1 where runs share them.
+    A missing measurement (NaN) leaves NaN in innovation and whitened and adds nothing to nis.
+    """
+
+    time: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    unknown_covariance: np.ndarray
+    gauge_mean: np.ndarray
+    gauge_std: np.ndarray
+    innovation: np.ndarray
+    whitened: np.ndarray
+    nis: np.ndarray
+    lost: np.ndarray
+    log_likelihood: np.ndarray
+    last: np.ndarray
+    covariance: np.ndarray | None
+    jacobian: np.ndarray | None
+    rows: np.ndarray | None
+    adjusted: np.ndarray | None
+
+
+class Record:
+    """The arrays of a FilterRun while it runs: B runs, b covariances, T steps of a model; iterating: whether the
+    innovations of the last linearisation are other than the first."""
+
+    def __init__(self, model: StepModel, steps: int, runs: int, b: int, keep: Keep, iterating: bool = False):
+        n, m, k = model.size, model.channels, len(model.position)
+        self.model, self.steps = model, steps
+        self.mean, self.std = np.empty((steps + 1, runs, n)), np.empty((steps + 1, b, n))
+        self.unknown_covariance = np.empty((steps + 1, b, k, k))
+        self.gauge_mean, self.gauge_std = np.empty((steps, runs, m)), np.empty((steps, b, m))
+        self.innovation, self.whitened = (np.full((steps, runs, m), np.nan) for _ in range(2))
+        self.adjusted = np.full((steps, runs, m), np.nan) if iterating else self.whitened
+        self.spread = np.ones((steps, b, m))
+        self.lost = np.full(runs, -1)
+        # what is the same in every step is kept once
+        once = 1 if model.linear else steps
+        kept = keep == "all"
+        self.covariance = np.empty((steps + 1, b, n, n)) if kept else None
+        self.jacobian = np.empty((once, b, n, n)) if kept else None
+        self.rows = np.zeros((once, b, m, n)) if kept else None
+
+    def state(self, k: int, x: np.ndarray, P: np.ndarray | None) -> None:
+        """x (B, n) and P (b, n, n) at instant k; P None: as before."""
+        self.mean[k] = x
+        if P is None:
+            self.std[k], self.unknown_covariance[k] = self.std[k - 1], self.unknown_covariance[k - 1]
+        else:
+            at = self.model.position
+            self.std[k], self.unknown_covariance[k] = standard_deviation(P), P[:, at[:, None], at]
+        if self.covariance is not None:
+            self.covariance[k] = self.covariance[k - 1] if P is None else P
+
+    def readings(self, k: int, y: np.ndarray, C: np.ndarray, P: np.ndarray | None) -> None:
+        """y (B, m) after step k, with its standard deviation by C (b, m, n); P None: as before."""
+        self.gauge_mean[k] = y
+        self.gauge_std[k] = self.gauge_std[k - 1] if P is None else output_std(C, P)
+
+    def linearised(self, k: int, A: np.ndarray, H: np.ndarray | None, adjusted: np.ndarray | None) -> None:
+        """The Jacobians of step k; H None where nothing was measured."""
+        if self.jacobian is not None and self.rows is not None:
+            if k < len(self.jacobian):
+                self.jacobian[k] = A
+            if H is not None:
+                self.rows[min(k, len(self.rows) - 1)] = H
+        if adjusted is not None and self.adjusted is not self.whitened:
+            self.adjusted[k] = adjusted
+
+    def finished(self, P: np.ndarray, there: np.ndarray) -> FilterRun:
+        """The run, P its last covariance and there (T, b, m) what was measured; a lost run is NaN from its loss on."""
+        steps, missing = self.steps, np.isnan(self.innovation)
+        self.whitened[missing] = self.adjusted[missing] = np.nan
+        nis = np.nansum(self.whitened**2, axis=2)
+        spread = np.where(there, np.log(2 * np.pi) + 2 * np.log(self.spread), 0.0)
+        log_likelihood = -0.5 * (nis.sum(axis=0) + spread.sum(axis=(0, 2)))
+        for run in np.flatnonzero(self.lost >= 0):
+            first = self.lost[run]
+            self.mean[first:, run] = np.nan
+            for record in (self.gauge_mean, self.innovation, self.whitened, self.adjusted, nis):
+                record[first - 1 :, run] = np.nan
+            log_likelihood[run] = -np.inf
+        kept = self.covariance is not None
+        return FilterRun(
+            time=self.model.h * np.arange(steps + 1),
+            mean=self.mean,
+            std=np.broadcast_to(self.std, self.mean.shape),
+            unknown_covariance=self.unknown_covariance,
+            gauge_mean=self.gauge_mean,
+            gauge_std=np.broadcast_to(self.gauge_std, self.gauge_mean.shape),
+            innovation=self.innovation,
+            whitened=self.whitened,
+            nis=nis,
+            lost=self.lost,
+            log_likelihood=log_likelihood,
+            last=P,
+            covariance=self.covariance,
+            jacobian=_every_step(self.jacobian, steps),
+            rows=_every_step(self.rows, steps),
+            adjusted=self.adjusted if kept else None,
+        )
+
+
+def _every_step(kept: np.ndarray | None, steps: int) -> np.ndarray | None:
+    return None if kept is None else np.broadcast_to(kept, (steps, *kept.shape[1:]))

@@ -1,0 +1,156 @@
+"""One prediction and one update of a covariance: Joseph's form, and the square-root form that never squares a number."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+
+Form = Literal["joseph", "square_root"]
+
+
+def predict(P: np.ndarray, A: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """P⁻ = A P Aᵀ + Q  (1.57), symmetrised; P, A (b, n, n), Q the covariance added in the step."""
+    return symmetric(A @ P @ transposed(A) + Q)
+
+
+def whitened_gain(
+    P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan
+) -> tuple[np.ndarray, np.ndarray]:
+    """G = PHᵀL⁻ᵀ and the Cholesky factor L of S = HPHᵀ + R = LLᵀ: the gain is K = G L⁻¹ (1.58).
+
+    P (b, n, n); H (m, n) or (b, m, n); R (b, m) variances. Returns G (b, n, m), L (b, m, m).
+    Raises NumericalError, with the instant [s], where S is not positive definite.
+    """
+    HP = H @ P
+    S = symmetric(HP @ transposed(H))
+    diagonal = range(R.shape[-1])
+    S[..., diagonal, diagonal] += R
+    try:
+        L = np.linalg.cholesky(S)
+    except np.linalg.LinAlgError as error:
+        raise _indefinite(instant) from error
+    return transposed(np.linalg.solve(L, HP)), L
+
+
+def gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan) -> tuple[np.ndarray, np.ndarray]:
+    """Kalman gain K = PHᵀS⁻¹ (1.58) and the Cholesky factor L of S = HPHᵀ + R = LLᵀ; as `whitened_gain`."""
+    G, L = whitened_gain(P, H, R, instant)
+    return transposed(np.linalg.solve(transposed(L), transposed(G))), L
+
+
+def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """P⁺ = (I − KH)P(I − KH)ᵀ + KRKᵀ (Joseph's form of 1.60), symmetrised; with G and L of `whitened_gain`.
+
+    Source: Bucy and Joseph, Filtering for Stochastic Processes (1968).
+    """
+    G, L = whitened_gain(P, H, R, instant)
+    K = transposed(np.linalg.solve(transposed(L), transposed(G)))
+    left = np.eye(P.shape[-1]) - K @ H
+    return symmetric(left @ P @ transposed(left) + (K * R[..., None, :]) @ transposed(K)), G, L
+
+
+def update(
+    x: np.ndarray, P: np.ndarray, H: np.ndarray, R: np.ndarray, innovation: np.ndarray, instant: float = np.nan
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x⁺ = x + Kν (1.59), P⁺ by `joseph`.
+
+    x (B, n); P (b, n, n); H (m, n) or (b, m, n); R (b, m) variances; innovation ν (B, m).
+    Returns x⁺, P⁺ and the whitened innovation L⁻¹ν (B, m).
+    """
+    P, G, L = joseph(P, H, R, instant)
+    whitened = whiten(L, innovation)
+    return x + apply(G, whitened), P, whitened
+
+
+def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.ndarray:
+    """Lower triangular F⁻ with F⁻F⁻ᵀ = A F Fᵀ Aᵀ + Q, from the QR factors of [A F, Q½]ᵀ; Q_factor (b or 1, n, any)."""
+    AF = A @ F
+    b = max(len(AF), len(Q_factor))
+    stacked = np.concatenate([np.broadcast_to(X, (b, *X.shape[1:])) for X in (AF, Q_factor)], axis=-1)
+    return _lower(stacked)
+
+
+def update_factor(F: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, ...]:
+    """The array form of the update: the QR factors of [[R½, H F], [0, F]]ᵀ are [[L, 0], [G, F⁺]]ᵀ.
+
+    F (b, n, n) with P = F Fᵀ; H (m, n) or (b, m, n); R (b, m) variances. Returns F⁺ and G, L as of `whitened_gain`.
+    Orthogonal steps alone: F has twice the digits of P, and P = F Fᵀ cannot lose its sign.
+    Source: Kailath, Sayed and Hassibi, Linear Estimation (2000), section 12.3.
+    """
+    b, n, m = len(F), F.shape[-1], R.shape[-1]
+    array = np.zeros((b, m + n, m + n))
+    array[:, range(m), range(m)] = np.sqrt(R)
+    array[:, :m, m:], array[:, m:, m:] = H @ F, F
+    post = _lower(array)
+    post *= np.where(np.diagonal(post, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[:, None, :]
+    L, G = post[:, :m, :m], post[:, m:, :m]
+    if not np.all(np.diagonal(L, axis1=-2, axis2=-1) > 0):
+        raise _indefinite(instant)
+    return post[:, m:, m:], G, L
+
+
+def covariance_factor(P: np.ndarray) -> np.ndarray:
+    """F (n, rank) with F Fᵀ = P, P (n, n) positive semidefinite; scaled to diag P = 1 first, so units do not matter."""
+    std = np.sqrt(np.diag(P))
+    scale = np.where(std > 0, std, 1.0)
+    values, vectors = np.linalg.eigh(P / np.outer(scale, scale))
+    positive = values > len(P) * np.finfo(float).eps * max(values.max(initial=0.0), 0.0)
+    return scale[:, None] * vectors[:, positive] * np.sqrt(values[positive])
+
+
+def square_factor(P: np.ndarray) -> np.ndarray:
+    """`covariance_factor` of every P (b, n, n), filled up with zero columns to (b, n, n)."""
+    factors = np.zeros_like(P)
+    for factor, covariance in zip(factors, P, strict=True):
+        columns = covariance_factor(covariance)
+        factor[:, : columns.shape[1]] = columns
+    return factors
+
+
+def whiten(L: np.ndarray, innovation: np.ndarray) -> np.ndarray:
+    """L⁻¹ν (B, m) for L (b, m, m), b = 1 or B."""
+    if len(L) == 1:
+        return np.linalg.solve(L[0], innovation.T).T
+    return np.linalg.solve(L, innovation[..., None])[..., 0]
+
+
+def standard_deviation(P: np.ndarray) -> np.ndarray:
+    """√diag P (..., n); rounding below zero counts as zero."""
+    return np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
+
+
+def output_std(C: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Standard deviation of C x*, √diag(C P Cᵀ); C (m, n*) or (b, m, n*), P (..., n*, n*). Returns (..., m)."""
+    return np.sqrt(np.maximum(np.sum((C @ P) * C, axis=-1), 0.0))
+
+
+def apply(C: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """C x for every run: C (m, n) or (b, m, n), x (B, n). Returns (B, m)."""
+    if C.ndim == 2 or len(C) == 1:
+        return x @ C.reshape(C.shape[-2:]).T
+    return (C @ x[..., None])[..., 0]
+
+
+def transposed(X: np.ndarray) -> np.ndarray:
+    """X with its last two axes exchanged."""
+    return np.swapaxes(X, -1, -2)
+
+
+def symmetric(X: np.ndarray) -> np.ndarray:
+    """(X + Xᵀ)/2."""
+    return 0.5 * (X + transposed(X))
+
+
+def _lower(X: np.ndarray) -> np.ndarray:
+    R = np.asarray(np.linalg.qr(transposed(X), mode="r"))
+    return transposed(R)
+
+
+def _indefinite(instant: float) -> NumericalError:
+    return NumericalError(
+        f"the innovation covariance is not positive definite at {instant:g} s",
+        remedy="two gauges may be the same: give them noise, or choose others",
+    )

@@ -1,0 +1,220 @@
+"""The iterated update is the most probable state, keeps to constraints, and survives a step that fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import filter_runs, run_filter
+from strainsight.estimation.iterated import refine
+from strainsight.estimation.smoother import smooth
+
+
+@dataclass(frozen=True)
+class Toy:
+    """A `StepModel` written out by hand; a subclass gives f, g and their noise."""
+
+    Q: np.ndarray
+    R: np.ndarray
+    start: np.ndarray | None = None
+    h: float = 0.1
+    sets: int = 1
+    linear: bool = False
+    loss: str = "the toy broke"
+
+    @property
+    def size(self):
+        return len(self.Q)
+
+    @property
+    def channels(self):
+        return len(self.R)
+
+    @property
+    def position(self):
+        return np.array([0])
+
+    def differentiated(self, function, x):
+        """function and its Jacobian by differences, for every run."""
+        d = 1e-6 * np.maximum(np.abs(x), 1e-2)
+        shift = d[:, None] * np.eye(self.size)
+        J = np.stack([(function(x + shift[:, i]) - function(x - shift[:, i])) for i in range(self.size)], axis=-1)
+        return function(x), J / (2 * d[:, None])
+
+    def step(self, x, k):
+        return self.differentiated(self.f, x)
+
+    def measure(self, x, k):
+        return self.differentiated(self.g, x)
+
+    def process(self, k):
+        return self.Q
+
+    def before(self, k):
+        return self.start
+
+    def noise(self, k):
+        return self.R
+
+    def lost(self, x):
+        return ~np.isfinite(x).all(axis=1)
+
+
+class Bent(Toy):
+    """Nonlinear in both."""
+
+    def f(self, x):
+        return np.stack([x[:, 0] + 0.1 * x[:, 1], x[:, 1] - 0.4 * np.sin(2 * x[:, 0]), 0.9 * x[:, 2] ** 2], axis=-1)
+
+    def g(self, x):
+        return np.stack([np.exp(0.5 * x[:, 0]) + x[:, 2], x[:, 1] * x[:, 0]], axis=-1)
+
+
+class Pendulum(Toy):
+    """A point mass on a rod in Cartesian coordinates: x = [position, velocity, w, torque]. Implicit Euler along the circle;
+    w is a random torque that the step uses up and `before` draws anew."""
+
+    def f(self, x):
+        angle = np.arctan2(x[:, 0], -x[:, 1])
+        rate = x[:, 2] * np.cos(angle) + x[:, 3] * np.sin(angle)
+        ahead = angle + self.h * rate
+        for _ in range(30):
+            residual = ahead - angle - self.h * rate - self.h**2 * (x[:, 4] + x[:, 5] - 9.81 * np.sin(ahead))
+            ahead = ahead - residual / (1 + self.h**2 * 9.81 * np.cos(ahead))
+        turned = (ahead - angle) / self.h
+        along = np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
+        outside = np.stack([np.sin(ahead), -np.cos(ahead)], axis=-1)
+        return np.concatenate([outside, turned[:, None] * along, 0 * x[:, 4:5], x[:, 5:]], axis=-1)
+
+    def g(self, x):
+        return x[:, :1] * 1.0
+
+
+def most_probable(model, x, prior, process, y):
+    """(ξ, w) by a general least-squares solver, in whitened unknowns."""
+    P, Q = np.linalg.cholesky(prior), np.linalg.cholesky(process)
+
+    def residual(z):
+        after = model.f((x + P @ z[:3])[None]) + Q @ z[3:]
+        return np.concatenate([z, ((y - model.g(after)) / np.sqrt(model.R))[0]])
+
+    found = least_squares(residual, np.zeros(6), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return (model.f((x + P @ found.x[:3])[None]) + Q @ found.x[3:])[0]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_iteration_ends_at_the_most_probable_state(seed):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(2, 3, 3))
+    prior, process = 0.05 * X[0] @ X[0].T, 0.01 * X[1] @ X[1].T
+    model = Bent(process, np.array([1e-3, 2e-2]))
+    x = rng.normal(size=(2, 3)) * 0.5
+    y = model.g(model.f(x)) + 0.1 * rng.normal(size=(2, 2))
+    R = np.broadcast_to(model.R, (2, 2))
+    found = refine(model, 0, x, np.stack([prior, prior]), process, R, y, 200)
+    for b in range(2):
+        expected = most_probable(model, x[b], prior, process, y[b])
+        np.testing.assert_allclose(found.x[b], expected, atol=1e-5 * np.sqrt(np.trace(prior)))
+    assert np.all(found.iterations > 1)
+
+
+def test_with_the_measurement_alone_it_is_the_iterated_kalman_filter():
+    """The textbook recursion (Bell and Cathey): xᵢ₊₁ = x⁻ + Kᵢ(y − h(xᵢ) − Hᵢ(x⁻ − xᵢ)). Missing channels do not enter."""
+    rng = np.random.default_rng(0)
+    model = Bent(0.01 * np.eye(3), np.array([1e-2, 2e-2]))
+    x, P = 0.3 * rng.normal(size=(1, 3)), 0.02 * np.eye(3)
+    y = model.g(x) + 0.05
+    for y_seen, seen in ((y, [0, 1]), (np.array([[y[0, 0], np.nan]]), [0])):
+        found = refine(model, 0, x, P[None], None, model.R[None], y_seen, 20)
+        point = x[0]
+        for _ in range(60):
+            read, H = (part[0][seen] for part in model.measure(point[None], 0))
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(model.R[seen]))
+            point = x[0] + K @ (y_seen[0, seen] - read - H @ (x[0] - point))
+        np.testing.assert_allclose(found.x[0], point, atol=1e-6)
+
+
+def test_a_corrected_state_keeps_to_the_constraint():
+    """Rod length and tangent velocity after every update; the one-shot update leaves the circle."""
+    start = np.diag([0, 0, 0, 0, 1e-2, 0.05])
+    model = Pendulum(np.zeros((6, 6)), np.array([1e-4]), start, h=0.05)
+    steps, rng = 150, np.random.default_rng(1)
+    truth = np.zeros((steps + 1, 6))
+    truth[0] = [np.sin(0.5), -np.cos(0.5), 0, 0, 0, 0]
+    for k in range(steps):
+        truth[k, 5] = 3 * np.sin(0.1 * k)
+        truth[k + 1] = model.f(truth[k][None])[0]
+    y = truth[1:, :1] + 1e-2 * rng.normal(size=(steps, 1))
+    # uncertain along the circle alone: the covariance of redundant coordinates is singular
+    tangent = np.array([np.cos(0.8), np.sin(0.8), 0, 0, 0, 0])
+    across = np.array([0, 0, np.cos(0.8), np.sin(0.8), 0, 0])
+    P0 = 0.1 * np.outer(tangent, tangent) + 0.1 * np.outer(across, across) + np.diag([0, 0, 0, 0, 0, 1.0])
+    mean = np.array([np.sin(0.8), -np.cos(0.8), 0, 0, 0, 0])
+    away = {}
+    for inside in (True, False):
+        run = filter_runs(model, mean, P0, y, keep="all", iterations=5 if inside else 1, through_step=inside)
+        x = run.mean[1:, 0]
+        away[inside] = max(
+            np.abs(np.hypot(x[:, 0], x[:, 1]) - 1).max(), np.abs(np.sum(x[:, :2] * x[:, 2:4], axis=1)).max()
+        )
+        if inside:
+            smoothed = smooth(model, run)
+            late = slice(20, -20)
+            error = [np.sqrt(np.mean((z[:-1, 0, 5] - truth[:-1, 5])[late] ** 2)) for z in (run.mean, smoothed.mean)]
+            assert error[1] < 0.6 * error[0]
+            assert error[1] < 0.5
+            scaled = run.covariance[-1, 0] / np.abs(run.covariance[-1, 0]).max()
+            assert np.linalg.eigvalsh(scaled).min() > -1e-12
+    assert away[True] < 1e-12
+    assert away[False] > 1e-3
+
+
+class Brittle(Toy):
+    """x⁺ = √x: no outcome for a negative start, to which a full increment leads."""
+
+    def f(self, x):
+        with np.errstate(invalid="ignore"):
+            return np.sqrt(x)
+
+    def g(self, x):
+        return x * 1.0
+
+
+def test_a_step_that_fails_is_halved_for_its_run_alone():
+    model = Brittle(np.zeros((1, 1)), np.array([1e-4]))
+    x, P = np.array([[1.0], [1.0]]), np.array([[[4.0]], [[4.0]]])
+    y = np.array([[0.05], [0.9]])  # the first run's increment would go to 1 − 1.9 < 0
+    found = refine(model, 0, x, P, model.Q, np.full((2, 1), 1e-4), y, 50)
+    for b in range(2):
+        best = least_squares(lambda z, b=b: [(z[0] - 1) / 2, (y[b, 0] - np.sqrt(z[0])) / 1e-2], [0.5], bounds=(1e-9, 9))
+        assert found.x[b, 0] == pytest.approx(np.sqrt(best.x[0]), abs=1e-4)
+
+
+def test_a_linear_model_has_nothing_to_iterate(make_beam, make_filter):
+    model = make_filter(make_beam(modes=3), ("tip",))
+    nothing, P0 = np.zeros((30, 3, 0)), np.diag([0.0] * 6 + [1.0])
+    _, y = draw_truth(model, np.zeros(7), P0, nothing, [0])
+    once = run_filter(model, np.zeros(7), P0, nothing, y)
+    for options in ({"iterations": 5}, {"iterations": 5, "through_step": True}):
+        np.testing.assert_array_equal(run_filter(model, np.zeros(7), P0, nothing, y, **options).mean, once.mean)
+
+
+@pytest.mark.parametrize("through_step", [False, True])
+@pytest.mark.parametrize("form", ["joseph", "square_root"])
+def test_iterating_a_parameter_ends_where_one_shot_ends(make_beam, make_filter, sine, through_step, form):
+    """Where E is known to 1e-4 the problem is all but linear; what differs is of second order in σ. Filtered and smoothed."""
+    model = make_filter(
+        make_beam(modes=4), parameters=("E",), known=("tip",), accelerometers=1, q_velocity=0.1, q_parameter=0.0
+    )
+    u = sine(model.h * np.arange(150), model.h, 1e4, 20.0)
+    P0 = np.diag([0.0] * 8 + [1e-8])
+    _, y = draw_truth(model, np.zeros(9), P0, u, [0, 1])
+    once = run_filter(model, np.zeros(9), P0, u, y, keep="all", form=form)
+    more = run_filter(model, np.zeros(9), P0, u, y, keep="all", form=form, iterations=4, through_step=through_step)
+    for a, b in ((once, more), (smooth(model, once), smooth(model, more))):
+        assert np.abs((b.mean - a.mean)[..., 8] / a.std[..., 8]).max() < 0.03
+        np.testing.assert_allclose(b.std[..., 8], a.std[..., 8], rtol=0.01)

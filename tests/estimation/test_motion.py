@@ -1,0 +1,178 @@
+"""The augmented step and its measurement: Jacobians against differences, values against the reduced model's own motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
+from strainsight.augmentation.linearisation import linearise
+from strainsight.augmentation.measurement import measurement_rows
+from strainsight.estimation.model import theta_of
+from strainsight.estimation.motion import constant_acceleration, constant_step, measure, step
+from strainsight.rom.modal_step import simulate
+from strainsight.rom.model import damping_matrix
+
+MODELS = {
+    "walk": {},
+    "integrated": {"tip": IntegratedRandomWalk(20.0)},
+    "matern": {"tip": Matern(20.0, 2.5), "middle": Matern(4.0, 0.5)},
+    "oscillator": {"tip": Oscillator(20.0), "middle": Matern(8.0, 1.5)},
+}
+
+KNOWN = 1e4 * np.array([[0.7], [0.4], [-0.3]])
+
+
+def state(model, rng):
+    """A state of the size a 1e4 N load causes, with unknowns of order one."""
+    n = model.model.size
+    omega = np.sqrt(np.diag(model.model.stiffness.at(model.model.reference)))
+    q = 1e4 * model.model.input_shape[:, 0] / omega**2
+    scale = np.abs(np.concatenate([q, q * omega, np.full(model.size - 2 * n, 0.3)]))
+    return scale * rng.normal(size=model.size), scale
+
+
+@pytest.mark.parametrize("graded", [False, True])
+@pytest.mark.parametrize(
+    ("inputs", "parameters"),
+    [
+        (("tip",), ()),
+        ((), ("E",)),
+        ((), ("rho",)),
+        ((), ("rho", "E")),
+        (("tip",), ("E", "rho")),
+        (("tip", "middle"), ("E",)),
+    ],
+)
+def test_jacobian_is_the_derivative_of_the_step(make_beam, make_filter, inputs, parameters, graded):
+    beam = make_beam(modes=6, graded=graded, load_nodes=(16, 8))
+    known = () if "middle" in inputs else ("middle",)
+    model = make_filter(beam, inputs=inputs, parameters=parameters, known=known)
+    x, scale = state(model, np.random.default_rng(3))
+    u = KNOWN[:, : len(known)]
+
+    def forward(points):
+        return step(model, points, u)[0] / scale
+
+    d, directions = 2e-3, np.diag(scale)
+    differences = (
+        8 * (forward(x + d * directions) - forward(x - d * directions))
+        - (forward(x + 2 * d * directions) - forward(x - 2 * d * directions))
+    ).T / (12 * d)
+    J = step(model, x[None], u)[1][0] * scale / scale[:, None]
+    largest = np.abs(J).max(axis=0)
+    np.testing.assert_allclose(J / largest, differences / largest, atol=1e-7)
+
+
+def test_without_noise_the_step_is_the_simulation_of_the_reduced_model(make_beam, make_filter, sine):
+    beam, h = make_beam(), 5e-4
+    model = make_filter(beam, inputs=(), parameters=("E", "rho"), known=("tip",), h=h)
+    u = sine(h * np.arange(50), h, 1e4, 20.0)
+    p = np.array([0.05, -0.08])
+    x = np.concatenate([np.zeros(20), p])[None]
+    expected = simulate(beam.model, {"E": 2.1e11 * np.exp(p[0]), "rho": 7850.0 * np.exp(p[1])}, u, h)
+    for k in range(50):
+        x, _ = step(model, x, u[k])
+    np.testing.assert_allclose(x[0, :20], expected[-1], rtol=1e-10, atol=1e-12 * np.abs(expected[-1]).max())
+    np.testing.assert_array_equal(x[0, 20:], p)
+
+
+def test_the_step_computed_once_is_the_same_step(make_beam, make_filter):
+    model = make_filter(make_beam(), inputs=("tip",))
+    x = np.random.default_rng(0).normal(size=(3, model.size))
+    nothing = np.zeros((3, 0))
+    for once, again in zip(step(model, x, nothing, constant_step(model)), step(model, x, nothing), strict=True):
+        np.testing.assert_array_equal(once, again)
+    assert constant_step(make_filter(make_beam(), parameters=("E",), known=("tip",))) is None
+
+
+def test_inputs_neither_known_nor_estimated_are_zero(make_beam, make_filter):
+    beam = make_beam(load_nodes=(16, 8))
+    model = make_filter(beam)
+    assert np.all(step(model, np.zeros((1, 20)), np.zeros((3, 0)))[0] == 0)
+
+
+def differences(function, x, scale):
+    """Fourth-order central differences of function (points, n) → (points, m) at x, in units of `scale`: (m, n)."""
+    d, directions = 2e-3, np.diag(scale)
+    return (
+        8 * (function(x + d * directions) - function(x - d * directions))
+        - (function(x + 2 * d * directions) - function(x - 2 * d * directions))
+    ).T / (12 * d)
+
+
+@pytest.mark.parametrize("scheme", ["exact", "trapezoidal", "implicit_euler"])
+@pytest.mark.parametrize("models", MODELS)
+@pytest.mark.parametrize("parameters", [(), ("E", "rho")])
+def test_both_jacobians_for_every_input_model_scheme_and_sensor(make_beam, make_filter, models, scheme, parameters):
+    beam = make_beam(modes=6, graded=True, load_nodes=(16, 8))
+    model = make_filter(beam, ("tip", "middle"), parameters, models=MODELS[models], accelerometers=2, scheme=scheme)
+    x, scale = state(model, np.random.default_rng(3))
+    nothing = np.zeros((3, 0))
+    for function in (lambda z: step(model, z, nothing), lambda z: measure(model, z, nothing[0])):
+        J = function(x[None])[1][0] * scale
+        largest = np.abs(J).max(axis=1, keepdims=True)
+        found = differences(lambda z, function=function: function(z)[0], x, scale)
+        np.testing.assert_allclose(J / largest, found / largest, atol=1e-7)
+
+
+@pytest.mark.parametrize("models", MODELS)
+def test_the_step_follows_the_load_of_its_input_model(make_beam, make_filter, models):
+    """Against an ODE solver on M q̈ + C q̇ + K q = S u(t), ζ̇ = A_u ζ: exact for walks; the quadratic hold of the others
+    errs by less than (sh)³, s the fastest rate of the model."""
+    beam, h = make_beam(modes=4, load_nodes=(16, 8)), 5e-4
+    model = make_filter(beam, ("tip", "middle"), models=MODELS[models], h=h)
+    x, scale = state(model, np.random.default_rng(5))
+    n, theta = 4, model.fixed
+    M, K, C = model.model.mass.at(theta), model.model.stiffness.at(theta), damping_matrix(model.model, theta)
+    A_u = model.unknowns.rate_matrix()
+
+    def rate(t, z):
+        load = 1e4 * z[model.position]
+        q, v, zeta = z[:n], z[n : 2 * n], z[2 * n :]
+        return np.concatenate([v, np.linalg.solve(M, model.model.input_shape @ load - C @ v - K @ q), A_u @ zeta])
+
+    exact = solve_ivp(rate, (0, h), x, method="DOP853", rtol=1e-12, atol=1e-14 * scale).y[:, -1]
+    found = step(model, x[None], np.zeros((3, 0)))[0][0]
+    fastest = np.abs(np.linalg.eigvals(A_u)).max()
+    tolerance = 1e-9 if models in ("walk", "integrated") else (fastest * h) ** 3
+    np.testing.assert_allclose(found / scale, exact / scale, atol=tolerance)
+    assert np.abs((found - exact) / scale)[2 * n :].max() < 1e-10
+
+
+def test_an_accelerometer_reads_the_motion_it_is_told(make_beam, make_filter, sine):
+    """Second differences of the simulated displacement where the sensor sits, in the middle of a smooth motion."""
+    beam, h = make_beam(modes=5), 1e-5
+    model = make_filter(beam, known=("tip",), accelerometers=1, gauges=(0.3,), h=h)
+    u = sine(h * np.arange(4000), h, 1e4, 20.0)
+    x = simulate(beam.model, beam.model.reference, u, h)
+    tip = x[:, :5] @ beam.model.input_shape[:, 0]
+    y = measure(model, x[1:], u.sum(axis=1))[0]
+    curvature = (tip[2:] - 2 * tip[1:-1] + tip[:-2]) / h**2
+    np.testing.assert_allclose(y[:-1, 1][2000:], curvature[2000:], atol=2e-3 * np.abs(curvature).max())
+    np.testing.assert_allclose(y[:, 0], x[1:, :5] @ beam.rows(0.3)[0], rtol=1e-12, atol=1e-18)
+
+
+def test_measurement_rows_of_the_placement_are_those_of_the_filter(make_beam, make_filter):
+    beam = make_beam(modes=4, graded=True, load_nodes=(16, 8))
+    models = MODELS["oscillator"]
+    model = make_filter(beam, ("tip", "middle"), ("E", "rho"), models=models, accelerometers=2)
+    x, _ = state(model, np.random.default_rng(7))
+    theta = {name: float(value) for name, value in theta_of(model, x).items()}
+    load = 1e4 * x[model.position[:2]]
+    F = linearise(beam.model, model.unknowns, theta, x[None, :8], load[None])[0]
+    J = measure(model, x[None], np.zeros(0))[1][0]
+    H = measurement_rows(model.H[:, :4], model.quantity, F)
+    # the column of p is that of θ/guess, which is 1 at the guess
+    np.testing.assert_allclose(J, H, rtol=1e-9, atol=1e-9 * np.abs(J).max(axis=1, keepdims=True).min())
+
+
+def test_matrices_built_once_are_the_same(make_beam, make_filter):
+    model = make_filter(make_beam(modes=4), ("tip",), models={"tip": Oscillator(9.0)}, accelerometers=1)
+    x = np.random.default_rng(0).normal(size=(3, model.size))
+    for once, again in zip(
+        measure(model, x, np.zeros(0), constant_acceleration(model)), measure(model, x, np.zeros(0)), strict=True
+    ):
+        np.testing.assert_array_equal(once, again)
+    assert constant_acceleration(make_filter(make_beam(modes=4), ("tip",))) is None

@@ -1,0 +1,79 @@
+"""The square-root form is Joseph's where both have digits, and keeps them where Joseph's loses them."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.reduced import Driven
+from strainsight.estimation.smoother import smooth
+from strainsight.estimation.update import covariance_factor
+
+
+@pytest.mark.parametrize(("inputs", "parameters"), [(("tip",), ()), ((), ("E",)), (("tip",), ("E",))])
+def test_both_forms_agree(make_beam, make_filter, sine, inputs, parameters):
+    known = () if inputs else ("tip",)
+    model = make_filter(make_beam(modes=4), inputs, parameters, known, accelerometers=1, q_velocity=0.1)
+    u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)[:, :, : len(known)]
+    P0 = np.diag([0.0] * 8 + [0.01] * (model.size - 8))
+    _, y = draw_truth(model, np.zeros(model.size), P0, u, [0, 1])
+    y[5, 0, 1] = y[20:30, 1] = np.nan
+    one, two = (
+        run_filter(model, np.zeros(model.size), P0, u, y, "all", form=form) for form in ("joseph", "square_root")
+    )
+    d = np.maximum(one.std, 1e-300)
+    np.testing.assert_allclose(two.mean / d, one.mean / d, atol=1e-9 * np.abs(one.mean / d)[1:].max())
+    np.testing.assert_allclose(two.std[1:], one.std[1:], rtol=1e-9)
+    np.testing.assert_allclose(two.whitened, one.whitened, atol=1e-9 * np.nanmax(np.abs(one.whitened)))
+    np.testing.assert_allclose(two.log_likelihood, one.log_likelihood, rtol=1e-9)
+    later = [smooth(model, run) for run in (one, two)]
+    unknown = model.position
+    np.testing.assert_allclose(later[1].mean[..., unknown], later[0].mean[..., unknown], atol=1e-7)
+    np.testing.assert_allclose(later[1].std[..., unknown], later[0].std[..., unknown], rtol=1e-7)
+
+
+@pytest.mark.parametrize(("noise", "joseph", "square_root"), [(1e-9, 1e-9, 1e-12), (1e-12, 1e-3, 1e-9)])
+def test_at_tiny_noise_the_factor_keeps_its_digits(make_beam, make_filter, noise, joseph, square_root):
+    """Oracle: the textbook recursion with 60 digits, in units of its own deviations. The load is known at first to 1e4 N."""
+    model = make_filter(make_beam(modes=3), ("tip",), strain_noise=noise, gauges=(0.05, 0.3, 0.9))
+    n, steps, P0 = model.size, 30, np.diag([0.0] * 6 + [1.0])
+    with mpmath.workdps(60):
+        A = mpmath.matrix(Driven(model, np.zeros((1, 3, 0))).step(np.zeros((1, n)), 0)[1][0].tolist())
+        H, W, R, P = (
+            mpmath.matrix(X.tolist()) for X in (model.H, covariance_factor(model.process), np.diag(model.noise), P0)
+        )
+        # Of the noise of a step the factor is what counts: rounded to a matrix it has lost the digits in question.
+        Q = W * W.T
+        for _ in range(steps):
+            P = A * P * A.T + Q
+            S = H * P * H.T + R
+            P = P - P * H.T * S**-1 * H * P
+        exact = np.array(P.tolist(), dtype=float)
+    d = np.sqrt(np.diag(exact))
+    error = {}
+    for form in ("joseph", "square_root"):
+        run = run_filter(model, np.zeros(n), P0, np.zeros((steps, 3, 0)), np.zeros((steps, 3)), form=form)
+        error[form] = np.abs((run.last[0] - exact) / np.outer(d, d)).max()
+    assert error["joseph"] < joseph
+    assert error["square_root"] < square_root
+    assert error["square_root"] < 0.01 * error["joseph"]
+
+
+@pytest.mark.parametrize("form", ["joseph", "square_root"])
+def test_a_long_run_stays_symmetric_and_positive(make_beam, make_filter, form):
+    """23 states, a sample missing now and then so that the covariance never comes to rest; 10⁶ steps of it are in
+    benchmarks/filter.py."""
+    model = make_filter(make_beam(modes=11), ("tip",), q_velocity=0.1)
+    mean, P = np.zeros(23), np.diag([0.0] * 22 + [1.0])
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        y = 1e-6 * rng.standard_normal((2000, 4))
+        y[rng.random(y.shape) < 0.01] = np.nan
+        run = run_filter(model, mean, P, np.zeros((2000, 3, 0)), y, form=form)
+        mean, P = run.mean[-1], run.last
+        assert np.array_equal(P, np.swapaxes(P, 1, 2))
+        d = np.sqrt(np.diagonal(P[0]))
+        assert np.linalg.eigvalsh(P[0] / np.outer(d, d)).min() > 0

@@ -1,0 +1,79 @@
+"""Maximum likelihood finds by what factors the stated noise is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import ConfigError
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.tuning import scale_noise, tune
+
+
+def drawn(make_beam, make_filter, **options):
+    model = make_filter(make_beam(modes=3), ("tip",), h=1e-3, noise_step=1e-3, **options)
+    nothing, P0 = np.zeros((600, 3, 0)), np.diag([0.0] * 6 + [1.0])
+    _, y = draw_truth(model, np.zeros(7), P0, nothing, [0])
+    return model, np.zeros(7), P0, nothing, y
+
+
+@pytest.mark.parametrize(("process", "noise"), [(1.0, 1.0), (5.0, 0.1)])
+def test_factors_of_both_noises_are_found(make_beam, make_filter, process, noise):
+    """σ of the log of a factor is about √(2/samples): 600 for Q, 2400 for R."""
+    model, *rest = drawn(make_beam, make_filter)
+    found = tune(replace(model, Q=process * model.Q, r=noise * model.r), *rest)
+    assert np.log(found.factors["process"] * process) == pytest.approx(0, abs=4 * np.sqrt(2 / 600))
+    assert np.log(found.factors["noise"] * noise) == pytest.approx(0, abs=4 * np.sqrt(2 / 2400))
+    assert not found.undecided
+    assert found.gained >= 0
+
+
+def test_no_other_factors_are_more_likely(make_beam, make_filter):
+    """Against a grid about the optimum, each evaluated by a run of its own; two records add up."""
+    model, mean, P0, known, y = drawn(make_beam, make_filter)
+    _, other = draw_truth(model, mean, P0, known, [7])
+    both = np.concatenate([y, other], axis=1)
+    found = tune(model, mean, P0, known, both)
+
+    def likelihood(a, b):
+        factors = {"process": a * found.factors["process"], "noise": b * found.factors["noise"]}
+        return run_filter(scale_noise(model, factors), mean, P0, known, both).log_likelihood.sum()
+
+    best = likelihood(1, 1)
+    assert best - run_filter(model, mean, P0, known, both).log_likelihood.sum() == pytest.approx(found.gained, abs=1e-6)
+    for a, b in ((0.9, 1), (1.1, 1), (1, 0.9), (1, 1.1), (0.9, 1.1), (1.1, 0.9)):
+        assert likelihood(a, b) < best
+
+
+def test_parts_of_the_process_noise_are_told_apart(make_beam, make_filter):
+    model, *rest = drawn(make_beam, make_filter, q_velocity=3.0)
+    off = scale_noise(model, {"inputs": 10.0, "model_error": 0.1})
+    assert np.allclose(np.diag(off.Q)[3:], np.diag(model.Q)[3:] * np.array([0.1, 0.1, 0.1, 10.0]))
+    found = tune(off, *rest, parts=("inputs", "model_error"))
+    assert np.log(10 * found.factors["inputs"]) == pytest.approx(0, abs=0.5)
+    assert np.log(0.1 * found.factors["model_error"]) == pytest.approx(0, abs=0.5)
+
+
+def test_a_schedule_of_noise_is_scaled_as_a_whole(make_beam, make_filter):
+    model, *rest = drawn(make_beam, make_filter)
+    schedule = np.broadcast_to(4 * model.r, (600, 1, 4))
+    found = tune(replace(model, r=schedule), *rest, parts=("noise",))
+    assert found.factors["noise"] == pytest.approx(0.25, rel=0.15)
+
+
+def test_a_part_without_noise_cannot_be_tuned(make_beam, make_filter):
+    model, *rest = drawn(make_beam, make_filter)
+    with pytest.raises(ConfigError, match="no process noise of model_error"):
+        tune(model, *rest, parts=("model_error",))
+
+
+def test_noise_that_is_not_there_runs_to_its_limit(make_beam, make_filter):
+    """A load that does not move, measured without its walk: the factor goes down as far as it may, and that is said."""
+    model, mean, P0, known, _ = drawn(make_beam, make_filter)
+    _, y = draw_truth(replace(model, Q=0 * model.Q), mean, P0, known, [0])
+    found = tune(model, mean, P0, known, y, limit=1e3)
+    assert found.undecided == ("process",)
+    assert found.factors["process"] == pytest.approx(1e-3)
