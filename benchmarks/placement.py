@@ -106,15 +106,38 @@ def make_scenarios(pool: int, modes: int, inputs: tuple[str, ...], count: int, s
     F = linearise(model, unknowns, {"E": E0, "rho": RHO}, state[at], u[at])
     Q = process_intensity(modes, unknowns, {"Fz": 20.0}, {"E": 0.05})
     H, r = augment_rows(rows, unknowns), gauge_intensity(np.full(pool, NOISE), STEP)
-    weight = whole_pool_weight([Scenario(f, Q, H, r, np.zeros(len(Q))) for f in F], unknowns.count)
+    weight = whole_pool_weight(
+        [Scenario(f, Q, H, r, np.zeros(len(Q))) for f in F], len(Q) - np.arange(unknowns.count, 0, -1)
+    )
     return tuple(Scenario(f, Q, H, r, weight) for f in F)
+
+
+def in_blocks(scenario: Any, channels: int) -> Any:
+    """Its gauges by threes, as rosettes: rows of the same noise that are placed as one."""
+    from strainsight.placement.elimination import Scenario
+
+    H = scenario.H.reshape(-1, channels, scenario.H.shape[1])
+    return Scenario(scenario.F, scenario.Q, H, scenario.r.reshape(-1, channels), scenario.weight)
+
+
+def make_limits(pool: int, kind: str) -> Any:
+    """A count; or with it no two within 80 mm of each other; or prices of 0.5 to 3 and a budget of 5."""
+    from scipy.spatial import KDTree
+
+    from strainsight.placement.limits import limits_of
+
+    rng = np.random.default_rng(1)
+    place, price = rng.uniform(0, 1, (pool, 2)) * [LENGTH, WIDTH], np.round(rng.uniform(0.5, 3, pool), 2)
+    if kind == "spacing":
+        return limits_of(pool, KEEP, near=KDTree(place).query_pairs(0.08, output_type="ndarray"))
+    return limits_of(pool, KEEP, price=price, budget=5.0) if kind == "budget" else limits_of(pool, KEEP)
 
 
 def peer_cost(scenario: Any, gauges: np.ndarray, compress: bool) -> float:
     """tr(W P) of a set by SciPy's solver; infinite where it gives up."""
     from scipy.linalg import LinAlgError, solve_continuous_are
 
-    rows = scenario.rows[gauges]
+    rows = scenario.rows[gauges].reshape(-1, len(scenario.F))
     if compress and len(rows) > rows.shape[1]:
         rows = np.linalg.qr(rows, mode="r")
     try:
@@ -170,17 +193,20 @@ def measure(job: dict[str, Any]) -> dict[str, Any]:
     from strainsight.placement.scenario import solve_pool
 
     before = peak_mebibytes()
-    scenarios = make_scenarios(job["pool"], job["modes"], tuple(job["inputs"]), job["scenarios"])
+    scenarios = make_scenarios(job["pool"] * job["channels"], job["modes"], tuple(job["inputs"]), job["scenarios"])
+    if job["channels"] > 1:
+        scenarios = tuple(in_blocks(s, job["channels"]) for s in scenarios)
+    limits = make_limits(job["pool"], job["limits"])
     found: dict[str, Any] = {"states": len(scenarios[0].F), "load": os.getloadavg()[0]}
     if job["peer"] is None:
         start = time.perf_counter()
-        result = eliminate(scenarios, KEEP)
+        result = eliminate(scenarios, limits)
         found["seconds"] = time.perf_counter() - start
         found["solves"] = float(result.solves.sum() / len(result.solves) / len(scenarios))
         found["residual"], found["removed"] = result.residual, result.removed.tolist()
         found["rise"] = float(result.rise[0])
         start = time.perf_counter()
-        swapped = exchange(result.pools, result.kept)
+        swapped = exchange(result.pools, result.kept, limits=limits)
         found["exchange"], found["complete"] = time.perf_counter() - start, swapped.complete
     else:
         # in the package's coordinates, where SciPy's solver does best
@@ -206,6 +232,7 @@ def run(**job: Any) -> dict[str, Any]:
     """`measure` in a process of its own."""
     single = {name: os.environ.get(name, "1") for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")}
     job = {"modes": 10, "inputs": ("Fz",), "scenarios": 1, "peer": None, "full": False, "budget": 20.0} | job
+    job = {"channels": 1, "limits": "count"} | job
     done = subprocess.run(
         [sys.executable, "-W", "ignore", __file__, "--measure", json.dumps(job)],
         capture_output=True,
@@ -286,6 +313,17 @@ def main(quick: bool) -> None:
         found = run(pool=pool, scenarios=count)
         single = single or found["seconds"]
         line("this package", pool, count, found, f"{found['seconds'] / single:.1f} times one scenario")
+    print(f"\nagainst the limits and the channels\n{header}")
+    single = None
+    for what, more in (
+        ("count", {}),
+        ("spacing", {"limits": "spacing"}),
+        ("budget", {"limits": "budget"}),
+        ("rosettes", {"channels": 3}),
+    ):
+        found = run(pool=pool, **more)
+        single = single or found["seconds"]
+        line(what, pool, 1, found, f"{found['seconds'] / single:.1f} times a count of single gauges")
 
 
 if __name__ == "__main__":

@@ -115,8 +115,13 @@ def make_scenarios(
     Q = process_intensity(beam.model.size, unknowns, {"Fz": 20.0, "Fy": 40.0}, {"E": 0.05, "rho": 0.05})
     H = augment_rows(beam.rows, unknowns)
     r = gauge_intensity(np.full(len(H), noise), h)
-    weight = whole_pool_weight([Scenario(f, Q, H, r, np.zeros(len(Q))) for f in F], unknowns.count)
+    weight = whole_pool_weight([Scenario(f, Q, H, r, np.zeros(len(Q))) for f in F], last(len(Q), unknowns.count))
     return tuple(Scenario(f, Q, H, r, weight) for f in F)
+
+
+def last(size: int, count: int) -> np.ndarray:
+    """Indices of the last states, where the unknowns are."""
+    return np.arange(size - count, size)
 
 
 def covariance_by_sign(scenario: Scenario, gauges: list[int]) -> np.ndarray:
@@ -124,7 +129,8 @@ def covariance_by_sign(scenario: Scenario, gauges: list[int]) -> np.ndarray:
 
     Source: Roberts (1980), scaled as in Byers (1987). SciPy's own Riccati solver gives up on some of these systems.
     """
-    H, r, F, Q = scenario.H[gauges], scenario.r[gauges], scenario.F, scenario.Q
+    F, Q = scenario.F, scenario.Q
+    H, r = scenario.H[gauges].reshape(-1, len(F)), scenario.r[gauges].ravel()
     n, G = len(F), (H.T / r) @ H
     s = np.sqrt(np.linalg.norm(G) / np.linalg.norm(Q))
     Z = np.block([[F.T, -G / s], [-s * Q, -F]])
@@ -158,3 +164,17 @@ def beam_of():
 @pytest.fixture(scope="session")
 def scenarios_of():
     return make_scenarios
+
+
+@pytest.fixture
+def six_loads():
+    """A load on each of six oscillators, unknown all; five rosettes, of which 1 and 2 read all six, but badly, and 0, 3 and
+    4 read two or three of them well: the only two that tell all are not those missed most."""
+    modes = 6
+    size, stiffness = 3 * modes, np.arange(1, modes + 1) ** 2.0
+    F = np.zeros((size, size))
+    F[:modes, modes : 2 * modes] = np.eye(modes)
+    F[modes : 2 * modes] = np.hstack([-np.diag(stiffness), -0.2 * np.eye(modes), np.diag(stiffness)])
+    H = np.eye(size)[[(0, 1, 3), (0, 1, 2), (3, 4, 5), (2, 4, 0), (5, 1, 2)]]
+    r = np.repeat([[1e-3], [1.0], [1.0], [1e-3], [1e-3]], 3, axis=1)
+    return Scenario(F, np.diag(np.repeat([0, 0.01, 0.1], modes)), H, r, np.repeat([0.0, 0, 1], modes))

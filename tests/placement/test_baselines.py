@@ -68,6 +68,93 @@ def test_d_optimal_raises_the_determinant_most_at_every_step():
     assert d_optimal(rows, variance, prior, 6).tolist() == sorted(taken)
 
 
+def test_only_allowed_sets_are_drawn_and_fewer_where_they_are_rare():
+    no_neighbours = random_sets(12, 3, 100, 5, lambda chosen: bool(np.diff(chosen).min() > 1))
+    assert no_neighbours.shape == (100, 3)
+    assert np.diff(no_neighbours, axis=1).min() > 1
+    assert np.array_equal(random_sets(12, 3, 9, 5, lambda chosen: True), random_sets(12, 3, 9, 5))
+    assert random_sets(12, 3, 4, 5, lambda chosen: False).shape == (0, 3)
+    assert 0 < len(random_sets(40, 3, 10, 5, lambda chosen: chosen.tolist()[:2] == [0, 1])) < 10
+
+
+def mixed(seed, k, *, singles=6, pairs=5, triples=5):
+    """Units of one, two and three channels: blocks (units, 3, k) with rows of zeros, and the channels of each."""
+    rng = np.random.default_rng(seed)
+    blocks = np.zeros((singles + pairs + triples, 3, k))
+    for i, size in enumerate([1] * singles + [2] * pairs + [3] * triples):
+        blocks[i, :size] = rng.normal(size=(size, k))
+    return blocks, [block[block.any(axis=1)] for block in blocks]
+
+
+@pytest.mark.parametrize("keep", [4, 9])
+def test_a_gauge_alone_is_a_block_of_one_channel(keep):
+    rng = np.random.default_rng(keep)
+    rows, variance = rng.normal(size=(40, 6)), rng.uniform(0.5, 2, 40)
+    padded, noise = np.zeros((40, 2, 6)), np.ones((40, 2))
+    padded[:, 0], noise[:, 0] = rows, variance
+    # pivots behind the rank of H are rounding
+    for rule, number in ((effective_independence, keep), (qr_pivoting, min(keep, 6))):
+        alone = rule(rows, number).tolist()
+        assert rule(rows[:, None], number).tolist() == rule(padded, number).tolist() == alone
+    alone = d_optimal(rows, variance, np.eye(6), keep).tolist()
+    assert d_optimal(rows[:, None], variance[:, None], np.eye(6), keep).tolist() == alone
+    assert d_optimal(padded, noise, np.eye(6), keep).tolist() == alone
+
+
+def test_efi_removes_the_block_of_the_smallest_trace_of_its_hat_block():
+    blocks, channels = mixed(5, 4)
+    left = list(range(len(blocks)))
+    while len(left) > 5:
+        hat = np.linalg.inv(sum(channels[g].T @ channels[g] for g in left))
+        leverage = [np.trace(channels[g] @ hat @ channels[g].T) for g in left]
+        # no mode is lost by it
+        assert (
+            np.linalg.matrix_rank(np.vstack([channels[g] for i, g in enumerate(left) if i != np.argmin(leverage)])) == 4
+        )
+        left.pop(int(np.argmin(leverage)))
+    assert effective_independence(blocks, 5).tolist() == left
+
+
+def test_efi_keeps_a_single_gauge_that_alone_sees_a_mode():
+    # its leverage is 1, that of each of the three rosettes 5/3
+    blocks = np.zeros((4, 3, 6))
+    blocks[0, 0, 0] = 1.0
+    blocks[1:, :, 1:] = np.random.default_rng(0).normal(size=(3, 3, 5))
+    blocks[1:, :, 1:] /= np.linalg.norm(blocks[1:, :, 1:], axis=2, keepdims=True)
+    assert 0 in effective_independence(blocks, 3)
+
+
+def test_qr_takes_units_in_the_order_of_their_first_pivot():
+    blocks, _ = mixed(2, 7)
+    blocks[-5:] *= 3
+    rest, taken = blocks.reshape(-1, 7).copy(), []
+    for _ in range(7):
+        best = int(np.argmax(np.linalg.norm(rest, axis=1)))
+        if best // 3 not in taken:
+            taken.append(best // 3)
+        unit = rest[best] / np.linalg.norm(rest[best])
+        rest = rest - np.outer(rest @ unit, unit)
+    assert 3 < len(taken) < 7
+    for keep in (3, len(taken)):
+        assert qr_pivoting(blocks, keep).tolist() == sorted(taken[:keep])
+    assert len(set(qr_pivoting(blocks, 12).tolist())) == 12
+
+
+def test_d_optimal_adds_blocks_by_the_determinant():
+    blocks, channels = mixed(8, 5)
+    rng = np.random.default_rng(8)
+    noise = rng.uniform(0.5, 2, blocks.shape[:2])
+    root = rng.normal(size=(5, 5))
+    prior = root @ root.T + 0.1 * np.eye(5)
+    information, taken = np.linalg.inv(prior), []
+    added = [(h.T / r[: len(h)]) @ h for h, r in zip(channels, noise, strict=True)]
+    for _ in range(6):
+        gain = [-np.inf if g in taken else np.linalg.slogdet(information + added[g])[1] for g in range(len(added))]
+        taken.append(int(np.argmax(gain)))
+        information += added[taken[-1]]
+    assert d_optimal(blocks, noise, prior, 6).tolist() == sorted(taken)
+
+
 @pytest.mark.parametrize("keep", [0, 6])
 def test_an_impossible_count_is_refused(keep):
     for rule in (lambda: random_sets(5, keep, 1, 0), lambda: qr_pivoting(np.ones((5, 2)), keep)):

@@ -10,10 +10,12 @@ import pytest
 
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement import branch_and_bound as module
+from strainsight.placement import nodes as room
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
 from strainsight.placement.cuts import Cut, cut_at, lowest
 from strainsight.placement.elimination import eliminate
+from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
@@ -110,7 +112,7 @@ def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(every_set, beam_
             raise NumericalError("not solved")
         return score(pools, gauges, aggregate)
 
-    monkeypatch.setattr(module, "score", unsolved)
+    monkeypatch.setattr(room, "score", unsolved)
     found = branch_and_bound(pools, 3)
     assert tuple(found.gauges.tolist()) == second
     assert not found.proven
@@ -191,7 +193,7 @@ def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
     scenarios = [Scenario(F * f, np.eye(3), H, np.full(9, 0.1), np.ones(3)) for f in (1.0, 3.0)]
     pools = [solve_pool(s) for s in scenarios]
     costs = every_set(pools, 3, aggregate)
-    monkeypatch.setattr(module, "exchange", lambda pools, gauges, *rest, **more: SimpleNamespace(gauges=gauges))
+    monkeypatch.setattr(room, "exchange", lambda pools, gauges, *rest, **more: SimpleNamespace(gauges=gauges))
     found = branch_and_bound(pools, 3, aggregate, start=max(costs, key=costs.get))
     agrees(found, costs)
     # a clock that ticks once a look
@@ -207,7 +209,7 @@ def test_no_half_loses_a_set_or_claims_more_than_its_best(every_set, beam_of, sc
     scenarios = scenarios_of(beam_of(10, 2, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
     pools = [solve_pool(s) for s in scenarios]
     costs = every_set(pools, 4, aggregate)
-    search = module._Search(pools, 4, aggregate, (), 1e-6)
+    search = room.Search(pools, limits_of(10, 4), aggregate, 1e-6)
     monkeypatch.setattr(search, "offer", lambda gauges, bound=0.0: None)
     search.best = np.array(max(costs, key=costs.get))
     search.cost = float(np.quantile(list(costs.values()), 0.5))

@@ -150,7 +150,8 @@ def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units(
     scenarios = scenarios_of(beam_of(20), ("Fz",), ("E",), instants=(55, 260))
     whole = eliminate(scenarios, 19)
     np.testing.assert_allclose(whole.blocks[0], [1.0, 1.0], rtol=1e-9)
-    weight = thesis_weight(len(scenarios[0].F), np.array([1e4, 2e11]))
+    unknown = len(scenarios[0].F) - np.array([2, 1])
+    weight = thesis_weight(len(scenarios[0].F), unknown, np.array([1e4, 2e11]))
     plain = [Scenario(s.F, s.Q, s.H, s.r, weight) for s in scenarios]
-    normalised = whole_pool_weight(scenarios, 2)
+    normalised = whole_pool_weight(scenarios, unknown)
     np.testing.assert_allclose(eliminate(plain, 19).blocks[0], [1e8 / normalised[-2], 4e22 / normalised[-1]], rtol=1e-6)

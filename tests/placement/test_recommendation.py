@@ -28,3 +28,26 @@ def test_rows_are_alike_by_their_angle_whatever_length_and_sign():
     assert alike(rows[[0, 2, 3, 4]]) == []
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     assert alike(rows @ turn) == alike(rows)
+
+
+def test_gauges_of_several_channels_are_alike_where_they_span_the_same_space():
+    rng = np.random.default_rng(1)
+    plane, mix = rng.standard_normal((2, 6)), rng.standard_normal((2, 2))
+    basis = np.linalg.qr(plane.T)[0].T
+    out = np.linalg.svd(basis)[2][2]
+    tilted = [[basis[0], np.cos(a) * basis[1] + np.sin(a) * out] for a in np.deg2rad([7.0, 9.0])]
+    single = np.array([basis[0], np.zeros(6)])
+    rows = np.stack([plane, mix @ plane, *np.array(tilted), single, 3 * single, np.zeros((2, 6))])
+    # 7° are within 0.99, 9° are not, but two gauges 2° apart are, and chain
+    assert alike(rows[[0, 1, 2, 4, 5, 6]]) == [(0, 1, 2), (3, 4)]
+    assert alike(rows[[0, 1, 3, 4, 6]]) == [(0, 1)]
+    assert alike(rows[:4]) == [(0, 1, 2, 3)]
+    assert alike(rows[[0, 4]]) == []
+
+
+def test_one_channel_in_a_block_is_a_row():
+    rows = np.random.default_rng(4).standard_normal((30, 2))
+    padded = np.zeros((30, 3, 2))
+    padded[:, 1] = rows
+    assert alike(padded) == alike(rows) == alike(rows[:, None])
+    assert len(alike(rows)) > 1

@@ -24,7 +24,7 @@ def five_unknowns(beam_of, noise, *, modes, foundation, gauges=30):
     Q = process_intensity(modes + 1, unknowns, {"Fz": 20.0, "Fy": 40.0, "patch": 10.0}, {"E": 0.05, "rho": 0.05})
     H = augment_rows(beam.rows, unknowns)
     r = gauge_intensity(np.full(gauges, noise), 5e-4)
-    weight = whole_pool_weight([Scenario(F, Q, H, r, np.zeros(len(F)))], 5)
+    weight = whole_pool_weight([Scenario(F, Q, H, r, np.zeros(len(F)))], len(F) - np.arange(5, 0, -1))
     return Scenario(F, Q, H, r, weight)
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.errors import NumericalError
 from strainsight.placement.elimination import eliminate
-from strainsight.placement.score import frozen_std, score
+from strainsight.placement.score import frozen_std, score, scores
 
 
 def test_the_kept_set_scores_what_the_elimination_ended_with(beam_of, scenarios_of):
@@ -17,15 +18,51 @@ def test_the_kept_set_scores_what_the_elimination_ended_with(beam_of, scenarios_
 
 def test_a_set_that_cannot_tell_scores_infinity(beam_of, scenarios_of):
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
+    unknown = np.arange(len(pools[0].P) - 2, len(pools[0].P))
     assert score(pools, [3]) == np.inf
     assert score(pools, []) == np.inf
-    assert np.all(frozen_std(pools, [3], 2) == np.inf)
+    assert np.all(frozen_std(pools, [3], unknown) == np.inf)
+    lost = scores(pools, [3], unknown, np.ones(2))
+    assert (lost.trace, lost.log_determinant, lost.worst_eigenvalue) == (np.inf,) * 3
+    assert lost.std.tolist() == [np.inf] * 2
 
 
 def test_standard_deviations_are_in_the_coordinates_that_were_given(oracle, beam_of, scenarios_of):
     (scenario,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",))
     pools = eliminate([scenario], 4).pools
-    gauges = [1, 4, 6, 9]
+    gauges, unknown = [1, 4, 6, 9], np.array([len(scenario.F) - 1, 0])
     P = oracle(pools[0].scenario, gauges)
-    expected = (np.sqrt(np.diag(P)) * pools[0].scale)[-2:]
-    np.testing.assert_allclose(frozen_std(pools, gauges, 2)[0], expected, rtol=1e-8)
+    expected = (np.sqrt(np.diag(P)) * pools[0].scale)[unknown]
+    np.testing.assert_allclose(frozen_std(pools, gauges, unknown)[0], expected, rtol=1e-8)
+
+
+def test_every_criterion_comes_from_the_same_covariance(oracle, beam_of, scenarios_of):
+    scenarios = scenarios_of(beam_of(12, 3), ("Fz", "Fy"), ("E",), instants=(55, 260))
+    pools = eliminate(scenarios, 4).pools
+    gauges, unknown = [0, 2, 4, 6, 9], np.arange(len(pools[0].P) - 3, len(pools[0].P))
+    scale = np.array([1e4, 1e3, 2e11])
+    P = [oracle(pool.scenario, gauges) * np.outer(pool.scale, pool.scale) for pool in pools]
+    blocks = [p[np.ix_(unknown, unknown)] for p in P]
+    traces = [float(np.diag(p) @ s.weight) for p, s in zip(P, scenarios, strict=True)]
+    # largest eigenvalue as the most that a combination of unit length can vary
+    norms = [np.linalg.norm(b, 2) for b in blocks]
+    for aggregate, combine in (("mean", np.mean), ("worst", np.max)):
+        found = scores(pools, gauges, unknown, scale, aggregate)
+        np.testing.assert_allclose(found.trace, combine(traces), rtol=1e-8)
+        np.testing.assert_allclose(found.trace, score(pools, gauges, aggregate), rtol=1e-14)
+        np.testing.assert_allclose(found.worst_eigenvalue, combine(norms), rtol=1e-8)
+        np.testing.assert_allclose(
+            found.log_determinant, np.mean(np.log([np.linalg.det(b) for b in blocks])), rtol=1e-8
+        )
+        variance = (np.diag(blocks[0]) + np.diag(blocks[1])) / 2
+        np.testing.assert_allclose(found.std, np.sqrt(variance) * scale, rtol=1e-8)
+
+
+def test_a_set_that_cannot_be_solved_for_is_as_bad_as_one_that_cannot_tell(beam_of, scenarios_of, monkeypatch):
+    pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
+
+    def refuse(*_):
+        raise NumericalError("not solved")
+
+    monkeypatch.setattr("strainsight.placement.score.subset_covariance", refuse)
+    assert scores(pools, [1, 2, 3], np.array([0]), np.ones(1)).trace == np.inf

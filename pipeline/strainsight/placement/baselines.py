@@ -1,66 +1,127 @@
-"""Layouts by other rules on the same pool, to be scored by the same covariance."""
+"""Layouts by other rules on the same pool, to be scored by the same covariance.
+
+Rows are (pool, k), or (pool, c, k) where a gauge or a group of them has up to c channels (zero rows where it has fewer):
+all channels of such a unit enter and leave as one. Channels of unlike quantity or noise are compared at unit noise.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import qr
 
 from strainsight.errors import ConfigError
 
+VITAL = 1e-9
+"""A mode is lost with a unit whose hat block has an eigenvalue of 1, up to this."""
+TRIES = 200
+"""Draws a set until the search for allowed ones is given up."""
 
-def random_sets(pool: int, keep: int, count: int, seed: int) -> np.ndarray:
-    """`count` sets of `keep` different gauges out of `pool`, uniformly; (count, keep), each ascending."""
+
+def random_sets(
+    pool: int, keep: int, count: int, seed: int, allowed: Callable[[np.ndarray], bool] | None = None
+) -> np.ndarray:
+    """`count` sets of `keep` different gauges out of `pool`, uniformly; (count, keep), each ascending.
+
+    allowed: only sets for which it is true, by rejection and so uniformly among them; fewer than `count`, or none, where
+    `TRIES` · count draws do not find as many.
+    """
     _check(pool, keep)
     rng = np.random.default_rng(seed)
-    return np.array([np.sort(rng.choice(pool, keep, replace=False)) for _ in range(count)]).reshape(count, keep)
+    found: list[np.ndarray] = []
+    for _ in range(count if allowed is None else TRIES * count):
+        if len(found) == count:
+            break
+        drawn = np.sort(rng.choice(pool, keep, replace=False))
+        if allowed is None or allowed(drawn):
+            found.append(drawn)
+    return np.array(found, dtype=int).reshape(len(found), keep)
 
 
 def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
-    """EFI: remove, again and again, the gauge of the smallest leverage E_g = h_g (HᵀH)⁻¹ h_gᵀ of the strain modes.
+    """EFI: remove, again and again, the gauge of the smallest leverage E_g = tr h_g (HᵀH)⁻¹ h_gᵀ of the strain modes.
 
-    rows (m, k): strain of every gauge in k modes, most important first; at most `keep` of them are used, since fewer
-    gauges than modes have no independent set. Returns `keep` gauges, ascending; the lower index leaves a tie.
+    rows (pool, k) or (pool, c, k): reading of every channel in k modes, most important first; no more modes are used than
+    any `keep` gauges have channels, since fewer readings than modes are no independent set. A gauge of several channels
+    without which a mode would be lost stays. Returns `keep` gauges, ascending; the lower index leaves a tie.
     Source: Kammer, J. Guidance 14 (1991).
     """
     _check(len(rows), keep)
-    left = np.arange(len(rows))
-    targets = _independent(rows[:, :keep])
+    blocks = _blocks(rows)
+    channels = np.maximum(blocks.any(axis=2).sum(axis=1), 1)
+    modes = int(np.sort(channels)[:keep].sum())
+    left = np.arange(len(blocks))
+    flat = _independent(blocks.reshape(-1, blocks.shape[2])[:, :modes])
+    targets = flat.reshape(*blocks.shape[:2], -1)
     while len(left) > keep:
-        basis = np.linalg.qr(targets[left])[0]
-        left = np.delete(left, int(np.argmin(np.sum(basis**2, axis=1))))
+        basis = np.linalg.qr(targets[left].reshape(-1, targets.shape[2]))[0]
+        left = np.delete(left, _least_leverage(basis.reshape(len(left), blocks.shape[1], -1)))
     return left
 
 
-def qr_pivoting(rows: np.ndarray, keep: int) -> np.ndarray:
-    """The first `keep` pivots of QR(Hᵀ); of QR(H Hᵀ) where more gauges than columns are kept. Ascending.
+def _least_leverage(basis: np.ndarray) -> int:
+    """The unit of the smallest trace of its hat block among those that lose no mode; basis (units, c, k) orthonormal."""
+    order = np.argsort(np.sum(basis**2, axis=2).sum(axis=1), kind="stable")
+    spared = (at for at in order if np.linalg.norm(basis[at], 2) ** 2 < 1 - VITAL)
+    return int(next(spared, order[0]))
 
-    rows (m, k): strain of every gauge in k modes.
+
+def qr_pivoting(rows: np.ndarray, keep: int) -> np.ndarray:
+    """The first `keep` gauges in the order of their first pivot of QR(Hᵀ); of QR(H Hᵀ) where its pivots are of fewer.
+
+    rows (pool, k) or (pool, c, k): reading of every channel in k modes. Returns `keep` gauges, ascending.
     Source: Manohar, Brunton, Kutz and Brunton, IEEE Control Systems 38 (2018).
     """
     _check(len(rows), keep)
-    matrix = rows.T if keep <= rows.shape[1] else rows @ rows.T
-    return np.sort(qr(matrix, mode="r", pivoting=True)[1][:keep])
+    blocks = _blocks(rows)
+    c, k = blocks.shape[1:]
+    flat = blocks.reshape(-1, k)
+    taken = _in_order(qr(flat.T, mode="r", pivoting=True)[1][:k] // c)
+    if len(taken) < keep:
+        taken = _in_order(qr(flat @ flat.T, mode="r", pivoting=True)[1] // c)
+    return np.sort(taken[:keep])
+
+
+def _in_order(units: np.ndarray) -> np.ndarray:
+    """Every unit once, in the order of its first appearance."""
+    return units[np.sort(np.unique(units, return_index=True)[1])]
 
 
 def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: int) -> np.ndarray:
-    """Greedy Bayesian D-optimal set: add, again and again, the gauge that raises log det(C⁻¹ + Σ h hᵀ/r) most, which is
+    """Greedy Bayesian D-optimal set: add, again and again, the gauge that raises log det(C⁻¹ + Σ hᵀh/r) most, which is by
 
-        log(1 + h_g Σ h_gᵀ / r_g),    Σ⁺ = Σ − Σ h hᵀ Σ / (r + h Σ hᵀ),    Σ₀ = C
+        log det(I + h_g Σ h_gᵀ),    Σ⁺ = Σ − Σ hᵀ (I + h Σ hᵀ)⁻¹ h Σ,    Σ₀ = C,    h at unit noise
 
-    rows (m, k) [strain]; variance r (m,) [strain²]; prior C (k, k): covariance of the coordinates in the training run.
+    rows (pool, k) or (pool, c, k) [strain, or the unit of the channel]; variance r (pool,) or (pool, c) [its square],
+    positive also of zero rows; prior C (k, k): covariance of the coordinates in the training run.
     Returns `keep` gauges, ascending; the lower index wins a tie. Source: Krause, Singh and Guestrin, JMLR 9 (2008).
     """
     _check(len(rows), keep)
-    y = rows / np.sqrt(variance)[:, None]
+    blocks = _blocks(rows / np.sqrt(variance)[..., None])
+    pool, c, k = blocks.shape
+    y = blocks.reshape(-1, k)
     covariance = np.array(prior, dtype=float)
-    free = np.ones(len(rows), dtype=bool)
+    free = np.ones(pool, dtype=bool)
     for _ in range(keep):
         answer = y @ covariance
-        gain = np.sum(answer * y, axis=1)
+        if c == 1:
+            gain = np.sum(answer * y, axis=1)  # the logarithm is monotone
+        else:
+            read = np.linalg.eigvalsh(np.einsum("gik,gjk->gij", answer.reshape(pool, c, k), blocks))
+            gain = np.log1p(np.maximum(read, 0.0)).sum(axis=1)
         best = int(np.argmax(np.where(free, gain, -np.inf)))
         free[best] = False
-        covariance -= np.outer(answer[best], answer[best]) / (1 + gain[best])
+        for channel in range(best * c, (best + 1) * c):
+            # one channel after the other is the same update as all at once
+            row = answer[channel] if channel == best * c else y[channel] @ covariance
+            covariance -= np.outer(row, row) / (1 + np.sum(row * y[channel]))
     return np.flatnonzero(~free)
+
+
+def _blocks(rows: np.ndarray) -> np.ndarray:
+    """(pool, c, k) of rows (pool, k) or (pool, c, k)."""
+    return np.reshape(rows, (len(rows), -1, rows.shape[-1]))
 
 
 def _independent(rows: np.ndarray) -> np.ndarray:

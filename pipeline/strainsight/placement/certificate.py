@@ -9,6 +9,8 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.placement.increment import gauge_gradients
+from strainsight.placement.limits import Limits, as_limits
+from strainsight.placement.region import Region
 from strainsight.placement.riccati import Loop, close_loop
 from strainsight.placement.scenario import Aggregate, Pool, refined, weighted_trace
 
@@ -35,13 +37,15 @@ def certify(
     aggregate: Aggregate = "mean",
     *,
     fixed: Collection[int] = (),
+    limits: Limits | None = None,
     tolerance: float = 1e-4,
     budget: int = 300,
 ) -> Certificate:
-    """Lower bound of the aggregate of tr(W P) over all sets with as many gauges as `gauges`, whose own cost is `cost`.
+    """Lower bound of the aggregate of tr(W P) over all sets with as many gauges as `gauges`, whose own cost is `cost`;
+    over all layouts within `limits` where these are given.
 
-        min f(w) over 0 ≤ w ≤ 1, Σ w = n, w = 1 on fixed gauges;   f = Σ_s μ_s tr(W P_s),   G = Σ_g w_g h_gᵀh_g/r_g
-        every w and μ gives   f* ≥ f(w) + min over v of ∇f·(v − w),   ∂f/∂w_g = −Σ_s μ_s h_g P X P h_gᵀ/r_g
+        min f(w) over 0 ≤ w ≤ 1, Σ w = n or the limits, w = 1 on fixed gauges;   f = Σ_s μ_s tr(W P_s),   G = Σ_g w_g h_gᵀh_g
+        every w and μ gives   f* ≥ f(w) + min over v of ∇f·(v − w),   ∂f/∂w_g = −Σ_s μ_s tr(h_g P X P h_gᵀ)
 
     by projected gradient steps of Barzilai-Borwein length with a non-monotone line search; every point gives a bound
     and the best is kept. "mean": μ = 1/scenarios. "worst": max_s ≥ Σ μ_s f_s for any μ on the simplex; w descends on
@@ -49,11 +53,13 @@ def certify(
     `tolerance` or after `budget` evaluations: the bound is valid at any time.
     Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000).
     """
-    relaxation = _Relaxation(pools, len(gauges), np.isin(np.arange(len(pools[0].rows)), list(fixed)), aggregate)
+    count = len(pools[0].rows)
+    region = Region(as_limits(count, len(gauges) if limits is None else limits, fixed))
+    relaxation = _Relaxation(pools, region, aggregate)
     # half the set itself, half the uniform weights: near the answer and still inside
-    chosen = np.zeros(len(pools[0].rows))
+    chosen = np.zeros(count)
     chosen[np.asarray(gauges, dtype=int)] = 1.0
-    w = relaxation.project(0.5 * (chosen + len(gauges) / len(chosen)))
+    w = region.project(0.5 * (chosen + len(gauges) / len(chosen)))
     temperatures = [0.0] if aggregate == "mean" or len(pools) == 1 else [t * cost for t in (1e-2, 1e-3, 1e-4)]
     lower, relaxed, used = -np.inf, np.inf, 0
     for stage, temperature in enumerate(temperatures, start=1):
@@ -61,6 +67,7 @@ def certify(
         w, lower, relaxed, used = _descend(relaxation, w, temperature, lower, relaxed, used, share, tolerance)
     # where the set is optimal the two agree to rounding: never claim more than the set attains
     lower = min(lower, cost)
+    relaxed = max(lower, relaxed)
     return Certificate(lower, (cost - lower) / cost, relaxed, w, used)
 
 
@@ -74,10 +81,10 @@ def _descend(
     lower, relaxed = max(lower, bound), min(relaxed, costs)
     recent = [value]
     steepest = max(float(np.abs(slope).max()), np.finfo(float).tiny)
-    reach = float(np.abs(relaxation.project(w - slope / steepest) - w).max())
+    reach = float(np.abs(relaxation.region.project(w - slope / steepest) - w).max())
     length = 0.1 / max(reach, 1e-12) / steepest
     while used < budget and value - bound > 0.3 * tolerance * abs(value) and relaxed - lower > tolerance * relaxed:
-        step = relaxation.project(w - length * slope) - w
+        step = relaxation.region.project(w - length * slope) - w
         descent = float(slope @ step)
         if descent > -1e-15 * abs(value):
             break
@@ -106,8 +113,8 @@ def _descend(
 class _Relaxation:
     """f(w) and ∇f, each scenario started from its last covariance."""
 
-    def __init__(self, pools: Sequence[Pool], count: int, fixed: np.ndarray, aggregate: Aggregate):
-        self.pools, self.count, self.fixed, self.aggregate = pools, count, fixed, aggregate
+    def __init__(self, pools: Sequence[Pool], region: Region, aggregate: Aggregate):
+        self.pools, self.region, self.aggregate = pools, region, aggregate
         self.last: list[np.ndarray | None] = [None] * len(pools)
 
     def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
@@ -125,32 +132,12 @@ class _Relaxation:
             mu = np.full(len(costs), 1 / len(costs))
             value = float(mu @ costs)
         slope = mu @ gradients
-        bound = float(mu @ costs + slope @ (self._best_vertex(slope) - w))
+        bound = float(mu @ costs - slope @ w + self.region.least(slope))
         return float(value), slope, float(costs.max() if self.aggregate == "worst" else costs.mean()), bound
-
-    def project(self, w: np.ndarray) -> np.ndarray:
-        """Nearest point of {0 ≤ w ≤ 1, Σ w = count, w = 1 on fixed}: clip(w − λ), λ by bisection."""
-        free, total = w[~self.fixed], self.count - int(self.fixed.sum())
-        low, high = free.min() - 1.0, free.max()
-        for _ in range(100):
-            shift = 0.5 * (low + high)
-            if np.clip(free - shift, 0, 1).sum() > total:
-                low = shift
-            else:
-                high = shift
-        projected = np.ones_like(w)
-        projected[~self.fixed] = np.clip(free - 0.5 * (low + high), 0, 1)
-        return projected
-
-    def _best_vertex(self, slope: np.ndarray) -> np.ndarray:
-        vertex = self.fixed.astype(float)
-        order = np.argsort(np.where(self.fixed, np.inf, slope), kind="stable")
-        vertex[order[: self.count - int(self.fixed.sum())]] = 1.0
-        return vertex
 
     def _loop(self, i: int, w: np.ndarray) -> Loop:
         pool = self.pools[i]
-        rows = pool.rows * np.sqrt(w)[:, None]
+        rows = (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
         G = rows.T @ rows
         P = refined(pool, G, self.last[i])
         self.last[i] = P

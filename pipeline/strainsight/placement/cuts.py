@@ -11,6 +11,8 @@ from scipy.optimize import linprog
 from strainsight.augmentation.observability import undetectable_directions
 from strainsight.errors import NumericalError
 from strainsight.placement.increment import gauge_gradients
+from strainsight.placement.limits import Limits, as_limits
+from strainsight.placement.region import cheapest
 from strainsight.placement.riccati import close_loop
 from strainsight.placement.scenario import Aggregate, Pool, refined, weighted_trace
 
@@ -44,13 +46,13 @@ class Bound:
 def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | None) -> Cut | None:
     """The plane that touches the relaxed cost of every scenario at w (pool,), None where w cannot detect every unknown.
 
-        f(v) ≥ f(w) + ∇f·(v − w),   ∂f/∂w_g = −h_g P X P h_gᵀ/r_g,   G = Σ_g w_g h_gᵀh_g/r_g
+        f(v) ≥ f(w) + ∇f·(v − w),   ∂f/∂w_g = −tr(h_g P X P h_gᵀ),   G = Σ_g w_g h_gᵀh_g
 
     A plane bounds f everywhere because f is convex (`gauge_gradients`). last: covariances of weights nearby.
     """
     cost, slope, covariances = [], [], []
     for i, pool in enumerate(pools):
-        rows = pool.rows * np.sqrt(w)[:, None]
+        rows = (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
         if not detects(pool, rows):
             return None
         G = rows.T @ rows
@@ -70,48 +72,92 @@ def detects(pool: Pool, rows: np.ndarray) -> bool:
     return undetectable_directions(pool.scenario.F, rows, pool.modes).shape[1] == 0
 
 
-def lowest(cuts: Sequence[Cut], inside: np.ndarray, free: np.ndarray, count: int, aggregate: Aggregate) -> Bound:
-    """Least aggregate of the cuts over all sets of `count` gauges of inside or free that hold all of inside.
+def lowest(
+    cuts: Sequence[Cut], inside: np.ndarray, free: np.ndarray, keep: int | Limits, aggregate: Aggregate
+) -> Bound:
+    """Least aggregate of the cuts over all layouts of gauges of inside or free that hold all of inside.
 
-        min agg_s(t_s),   t_s ≥ offset_ks + slope_ks·v,   0 ≤ v ≤ 1,   Σ v = count,   v = 1 inside, 0 elsewhere
+        min agg_s(t_s),   t_s ≥ offset_ks + slope_ks·v,   A v ≤ b,   0 ≤ v ≤ 1,   Σ v = keep,   v = 1 inside, 0 elsewhere
 
     The linear program only chooses the multipliers μ_ks of the cuts (Σ_k μ_ks = 1/scenarios for the mean, Σ μ = 1 for
-    the worst); with any such μ, Σ μ (offset + slope·v) bounds the aggregate, and its least over v is had by sorting: the
-    bound does not depend on the tolerances of the program. inside, free (pool,) bool, at least one way to choose.
+    the worst) and λ ≥ 0 of the limits beside the count; with any of them, Σ μ (offset + slope·v) + λ·(A v − b) bounds the
+    aggregate, and its least over v is had by sorting: the bound does not depend on the tolerances of the program. It is
+    infinite where the program has no point. inside, free (pool,) bool, at least one way to choose.
     """
-    places, left = np.flatnonzero(free), count - int(inside.sum())
+    limits = as_limits(len(free), keep, ())
+    places = np.flatnonzero(free)
+    used = limits.used(inside)
+    size, left, floor = limits.size[places], limits.keep - int(used[0]), limits.least - int(used[0])
     scenarios = len(cuts[0].offset)
     offset = np.array([c.offset + c.slope[:, inside].sum(axis=1) for c in cuts])
     slope = np.array([c.slope[:, places] for c in cuts])
     unit = max(float(np.abs(offset).max()), np.finfo(float).tiny)
     levels = np.tile(np.eye(scenarios), (len(cuts), 1)) if aggregate == "mean" else np.ones((offset.size, 1))
+    A, b = _binding(limits, places, used, floor)
+    nothing = np.zeros((len(b), levels.shape[1]))
+    exact = floor == left
     programme = linprog(
         np.concatenate([np.zeros(len(places)), np.full(levels.shape[1], 1 / levels.shape[1])]),
-        A_ub=np.hstack([slope.reshape(offset.size, -1) / unit, -levels]),
-        b_ub=-offset.ravel() / unit,
-        A_eq=np.concatenate([np.ones(len(places)), np.zeros(levels.shape[1])])[None, :],
-        b_eq=[left],
+        A_ub=np.vstack([np.hstack([slope.reshape(offset.size, -1) / unit, -levels]), np.hstack([A, nothing])]),
+        b_ub=np.concatenate([-offset.ravel() / unit, b]),
+        A_eq=np.concatenate([size, np.zeros(levels.shape[1])])[None, :] if exact else None,
+        b_eq=[left] if exact else None,
         bounds=[(0, 1)] * len(places) + [(None, None)] * levels.shape[1],
         method="highs-ds",
     )
+    if programme.status == 2:
+        nowhere = np.full(len(free), np.inf)
+        return Bound(np.inf, inside.astype(float), np.zeros_like(free), nowhere, np.ones(len(cuts), dtype=bool))
     mu = np.zeros(offset.shape)
     mu[-1] = 1.0
+    penalty = np.zeros(len(b))
     if programme.status == 0:
-        mu = np.maximum(-programme.ineqlin.marginals, 0.0).reshape(offset.shape) + 1e-15 * mu
+        found = np.maximum(-programme.ineqlin.marginals, 0.0)
+        mu = found[: offset.size].reshape(offset.shape) + 1e-15 * mu
+        penalty = unit * found[offset.size :]
     mu /= scenarios * mu.sum(axis=0) if aggregate == "mean" else mu.sum()
-    steep = np.tensordot(mu, slope, axes=2)
+    if not exact:
+        # count and floor are left to the sorting
+        penalty[:2] = 0.0
+    steep = np.tensordot(mu, slope, axes=2) + penalty @ A
+    least, chosen, rise = _sorted(steep, size, floor, left)
+    reduced, taken = np.full(len(free), np.inf), np.zeros(len(free), dtype=bool)
+    reduced[places], taken[places] = rise, chosen
+    weights = inside.astype(float)
+    weights[places] = np.clip(programme.x[: len(places)], 0, 1) if programme.status == 0 else chosen
+    value = float((mu * offset).sum() - penalty @ b) + least
+    return Bound(value, weights, taken, reduced, mu.sum(axis=1) > 1e-12)
+
+
+def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -> tuple[np.ndarray, np.ndarray]:
+    """The limits that the free gauges could break, each at a largest entry of one: A (k, free), b (k,).
+
+    The count and Σ size·v ≥ floor come first, where they are not one equation.
+    """
+    part = limits.rows[:, places]
+    room = limits.most - used
+    open_ = np.asarray(part.sum(axis=1)).ravel() > room
+    open_[0] = False
+    A, b = part[open_].toarray(), room[open_]
+    if floor != room[0]:
+        size = limits.size[places].astype(float)
+        A, b = np.vstack([size, -size, A]), np.concatenate([[room[0], -floor], b])
+    unit = np.maximum(np.abs(A).max(axis=1, initial=0.0), np.finfo(float).tiny)
+    return A / unit[:, None], b / unit
+
+
+def _sorted(steep: np.ndarray, size: np.ndarray, floor: int, left: int) -> tuple[float, np.ndarray, np.ndarray]:
+    """Least of steep·v over 0 ≤ v ≤ 1, floor ≤ Σ size·v ≤ left; the gauges it takes; what the other choice of each adds."""
+    if floor != left or np.any(size != 1):
+        value, theta = cheapest(steep, size, floor, left)
+        price = steep + theta * size
+        return value, price < 0, np.abs(price)
     order = np.argsort(steep, kind="stable")
     taken, others = order[:left], order[left:]
-    reduced = np.full(len(free), np.inf)
+    rise = np.full(len(steep), np.inf)
     if left and len(others):
-        reduced[places[taken]] = steep[others[0]] - steep[taken]
-        reduced[places[others]] = steep[others] - steep[taken[-1]]
-    weights = inside.astype(float)
-    if programme.status == 0:
-        weights[places] = np.clip(programme.x[: len(places)], 0, 1)
-    else:
-        weights[places[taken]] = 1.0
-    chosen = np.zeros(len(free), dtype=bool)
-    chosen[places[taken]] = True
-    value = float((mu * offset).sum() + steep[taken].sum())
-    return Bound(value, weights, chosen, reduced, mu.sum(axis=1) > 1e-12)
+        rise[taken] = steep[others[0]] - steep[taken]
+        rise[others] = steep[others] - steep[taken[-1]]
+    chosen = np.zeros(len(steep), dtype=bool)
+    chosen[taken] = True
+    return float(steep[taken].sum()), chosen, rise

@@ -8,8 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from strainsight.placement.increment import addition, gauge_gradients, removal
-from strainsight.placement.riccati import Loop, close_loop
+from strainsight.placement.fill import costs_of, gradients_of, with_gauge
+from strainsight.placement.increment import gauge_gradients, removal
+from strainsight.placement.limits import Limits, Swaps, as_limits
+from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import (
     Aggregate,
     Pool,
@@ -17,17 +19,17 @@ from strainsight.placement.scenario import (
     loop_of,
     refined,
     subset_covariance,
-    weighted_trace,
 )
 
 WORTH = 1e-9
-"""A swap counts when it lowers the aggregate by more than this share of it."""
+"""A swap counts when it lowers what it is made for, aggregate or largest loss, by more than this share of it."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """gauges (keep,) ascending; trace after every swap, the start first; swaps (out, in); solves: exact Riccati solves,
-    never more than `limit`; complete: every remaining swap is known not to help, which they were enough for."""
+    """gauges (keep,) ascending; trace after every swap, the start first; swaps (out, in), out −1 where a gauge was added
+    in room that was left; solves: exact Riccati solves, never more than `limit`; complete: every remaining swap is known
+    not to help, which they were enough for."""
 
     gauges: np.ndarray
     trace: np.ndarray
@@ -42,17 +44,22 @@ def exchange(
     aggregate: Aggregate = "mean",
     *,
     fixed: Collection[int] = (),
+    limits: Limits | None = None,
     limit: int = 20_000,
 ) -> Exchange:
     """Swap until none lowers the aggregate f of tr(W P) over the scenarios; the result is optimal against single swaps.
 
-        swap (i out, j in):  f ≥ agg(f_s + min over i of φ_i − φ_j),   φ_g = h_g P X P h_gᵀ/r_g of the present set
+        swap (i out, j in):  f ≥ agg(f_s + min over i of φ_i − φ_j),   φ_g = tr(h_g P X P h_gᵀ) of the present set
 
     Gauges j are tried in the order of that bound and left where it promises nothing; j is then added exactly, and only
     the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made.
-    gauges: a set that detects every unknown; fixed: gauges that stay; limit: of exact solves.
+    gauges: a set that detects every unknown; fixed: gauges that stay; limits: of which every set on the way breaks none;
+    where they leave room for j beside all of them, j is added and none leaves. limit: of exact solves.
     """
     chosen = np.sort(np.asarray(gauges, dtype=int))
+    bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits, fixed)
+    if not bounded.allows(chosen):
+        raise ValueError("an exchange starts from a layout within the limits, the fixed gauges among it")
     loops = []
     for pool in pools:
         P = subset_covariance(pool, chosen)
@@ -63,7 +70,7 @@ def exchange(
     swaps: list[tuple[int, int]] = []
     solves, complete = 0, False
     while not complete:
-        found, number, stopped = _first_gain(pools, loops, chosen, aggregate, fixed, trace[-1], limit - solves)
+        found, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, trace[-1], limit - solves)
         solves += number
         if found is None:
             complete = not stopped
@@ -80,35 +87,39 @@ def _first_gain(
     loops: Sequence[Loop],
     chosen: np.ndarray,
     aggregate: Aggregate,
-    fixed: Collection[int],
+    limits: Limits,
     cost: float,
     limit: int,
 ) -> tuple[tuple[int, int, list[Loop]] | None, int, bool]:
     """The first swap that helps, (out, in, loops of the new set), or None; the exact solves, at most `limit`; whether
     the search was stopped by it."""
-    movable = chosen[~np.isin(chosen, list(fixed))]
+    movable = chosen[~np.isin(chosen, list(limits.fixed))]
     others = np.delete(np.arange(len(pools[0].rows)), chosen)
-    if not len(movable) or not len(others):
+    swaps = Swaps(limits, chosen, movable)
+    if not len(others) or not (len(movable) or swaps.room.any()):
         return None, 0, False
-    traces = np.array([weighted_trace(p, l.P) for p, l in zip(pools, loops, strict=True)])
-    gradients = np.array([gauge_gradients(l, p.rows, p.scenario.weight) for p, l in zip(pools, loops, strict=True)])
-    least = gradients[:, movable].min(axis=1)
-    promise = aggregated(traces[:, None] + least[:, None] - gradients[:, others], aggregate)
+    traces, gradients = costs_of(pools, loops), gradients_of(pools, loops)
+    least = gradients[:, movable].min(axis=1, initial=np.inf)
+    # nothing leaves where there is room
+    fall = gradients[:, others] - np.where(swaps.room[others], 0.0, least[:, None])
+    promise = aggregated(traces[:, None] - fall, aggregate)
     enough = cost * (1 - WORTH)
     hopeful = np.flatnonzero(promise < enough)
     solves = 0
     for at in hopeful[np.argsort(promise[hopeful], kind="stable")]:
+        into = int(others[at])
+        may = swaps.out(into)
+        if not may.any() and not swaps.room[into]:
+            continue
         if solves + len(pools) > limit:
             return None, solves, True
-        into = int(others[at])
-        grown = []
-        for pool, loop in zip(pools, loops, strict=True):
-            row = pool.rows[into]
-            G = loop.G + np.outer(row, row)
-            P = loop.P + addition(pool.scenario.F, pool.scenario.Q, loop, row)
-            grown.append(close_loop(pool.scenario.F, G, refined(pool, G, P)))
+        grown = with_gauge(pools, loops, into)
         solves += len(pools)
-        after = np.array([weighted_trace(p, l.P) for p, l in zip(pools, grown, strict=True)])
+        after = costs_of(pools, grown)
+        if swaps.room[into]:
+            if float(aggregated(after, aggregate)) < enough:
+                return (-1, into, grown), solves, False
+            continue
         bounds = aggregated(
             np.array(
                 [
@@ -118,6 +129,7 @@ def _first_gain(
             ),
             aggregate,
         )
+        bounds[~may] = np.inf
         for i in np.argsort(bounds, kind="stable"):
             if bounds[i] >= enough:
                 break
@@ -132,13 +144,13 @@ def _first_gain(
 
 
 def _swapped(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
-    return np.sort(np.where(chosen == out, into, chosen))
+    return np.sort(np.append(chosen[chosen != out], into))
 
 
 def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.ndarray) -> tuple[list[Loop] | None, int]:
     swapped = []
     for number, (pool, loop) in enumerate(zip(pools, loops, strict=True), start=1):
-        rows = pool.rows[rest]
+        rows = pool.stacked(rest)
         D = removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
         if D is None:
             return None, number
@@ -147,4 +159,4 @@ def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.nd
 
 
 def _cost(pools: Sequence[Pool], loops: Sequence[Loop], aggregate: Aggregate) -> float:
-    return float(aggregated(np.array([weighted_trace(p, l.P) for p, l in zip(pools, loops, strict=True)]), aggregate))
+    return float(aggregated(costs_of(pools, loops), aggregate))

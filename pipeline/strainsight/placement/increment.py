@@ -41,38 +41,41 @@ def slopes(loop: Loop, weight: np.ndarray) -> Slopes:
 def gauge_gradients(loop: Loop, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """−∂tr(W P)/∂w_g for all gauges at once; at w_g = 1 the least rise of tr(W P) when the gauge is removed.
 
-        Aᵀ X + X A + W = 0,     Δ_g ≥ φ_g = h_g P X P h_gᵀ / r_g
+        Aᵀ X + X A + W = 0,     Δ_g ≥ φ_g = tr(h_g P X P h_gᵀ),   h_g at unit noise
 
     A lower bound of the rise because tr(W P) is convex in the gauge weights: for a fixed estimator the error is a
-    quadratic plus Σ r ∫m²/w, jointly convex in the estimator m and w, and its least over m stays convex in w.
-    rows (m, n): h_g/√r_g; weight (n,): diagonal of W. Returns (m,) in the unit of tr(W P).
+    quadratic plus Σ r ∫m²/w, jointly convex in the estimator m and w, and its least over m stays convex in w. All
+    channels of a gauge have its one weight. rows (m, c, n): h_g/√r_g; weight (n,): diagonal of W. Returns (m,) in the
+    unit of tr(W P).
     """
-    return squares(rows @ slopes(loop, weight).factor)
+    return squares((rows.reshape(-1, rows.shape[-1]) @ slopes(loop, weight).factor).reshape(rows.shape))
 
 
 def squares(rows: np.ndarray) -> np.ndarray:
-    """Squared length of every row (m, n)."""
-    return np.asarray(np.einsum("ij,ij->i", rows, rows))
+    """Sum of the squares of every block (m, c, n)."""
+    flat = rows.reshape(len(rows), -1)
+    return np.asarray(np.einsum("ij,ij->i", flat, flat))
 
 
-def sharper_bound(at: Slopes, row: np.ndarray) -> float:
-    """Least rise of tr(W P) when the gauge `row` = h/√r leaves, from the slope and the curvature in its weight.
+def sharper_bound(at: Slopes, block: np.ndarray) -> float:
+    """Least rise of tr(W P) when the gauge `block` = h/√r leaves, from the slope and the curvature in its weight.
 
-        Δ ≥ a₁² / (a₁ − a₂),     a₁ = bᵀ X b,   a₂ = 2 bᵀ X Y h − tr(X Y G Y),     A Y + Y Aᵀ + b bᵀ = 0,   b = P h
+        Δ ≥ a₁² / (a₁ − a₂),   a₁ = tr(BᵀX B),   a₂ = 2 tr(BᵀX Y hᵀ) − tr(X Y G Y),   A Y + Y Aᵀ + B Bᵀ = 0,   B = P hᵀ
 
-    As a function of the one weight w, f = tr(W P) is a least over the gauge's impulse response m of a quadratic plus
-    r ∫m²/w, hence f = f∞ + ∫ dν(s)/(s + w) with ν ≥ 0 on s ≥ 0. With x = 1/(s + 1): f(1 − t) = f(1) + a₁ t + a₂ t² + …,
-    aₖ = ∫ xᵏ⁺¹ dν, and f(0) − f(1) = ∫ x²/(1 − x) dν, where Jensen's inequality replaces x by its mean a₂/a₁.
-    a₂ is lessened by what rounding may add to it. Row (n,). Returns the bound in the unit of tr(W P).
+    As a function of the one weight w of its channels, f = tr(W P) is a least over their impulse responses m of a
+    quadratic plus r ∫m²/w, hence f = f∞ + ∫ dν(s)/(s + w) with ν ≥ 0 on s ≥ 0. With x = 1/(s + 1):
+    f(1 − t) = f(1) + a₁ t + a₂ t² + …,   aₖ = ∫ xᵏ⁺¹ dν, and f(0) − f(1) = ∫ x²/(1 − x) dν, where Jensen's inequality
+    replaces x by its mean a₂/a₁.
+    a₂ is lessened by what rounding may add to it. Block (c, n). Returns the bound in the unit of tr(W P).
     """
     loop = at.loop
-    h = loop.U.T @ row
-    b = loop.U.T @ (loop.P @ row)
-    Y = lyapunov_in_schur(loop, np.outer(b, b))
+    h = loop.U.T @ block.T
+    b = loop.U.T @ (loop.P @ block.T)
+    Y = lyapunov_in_schur(loop, b @ b.T)
     Xb, Yh, GY = at.X @ b, Y @ h, at.G @ Y
-    a1 = float(b @ Xb)
+    a1 = float(np.vdot(b, Xb))
     XY = at.X @ Y
-    a2 = 2 * float(Xb @ Yh) - float(np.sum(XY * GY.T))
+    a2 = 2 * float(np.vdot(Xb, Yh)) - float(np.sum(XY * GY.T))
     doubt = DOUBT * (2 * np.linalg.norm(Xb) * np.linalg.norm(Yh) + np.linalg.norm(XY) * np.linalg.norm(GY))
     a2 -= float(doubt)
     if not 0 < a2 < a1:
@@ -84,22 +87,22 @@ def removal(
     F: np.ndarray,
     Q: np.ndarray,
     loop: Loop,
-    row: np.ndarray,
+    block: np.ndarray,
     rest: Callable[[], np.ndarray],
     modes: MarginalModes,
 ) -> np.ndarray | None:
-    """D = P' − P where the gauge `row` = h/√r leaves and `rest()` = H'/√r' remains; None where that cannot detect.
+    """D = P' − P where the gauge `block` = h/√r leaves and `rest()` = H'/√r' remains; None where that cannot detect.
 
-        A D + D Aᵀ + (b + c)(b + c)ᵀ − D G D = 0,     b = P hᵀ/√r,   c = D hᵀ/√r
+        A D + D Aᵀ + (B + C)(B + C)ᵀ − D G D = 0,     B = P hᵀ,   C = D hᵀ   of the block h at unit noise
 
-    the same as (A + b h/√r) D + D (…)ᵀ + b bᵀ − D (G − hᵀh/r) D = 0. F, Q, D (n, n); row (n,); rest: (m − 1, n), asked
-    for only where the loop at hand does not carry over to the new one; modes: the marginal ones of F.
+    the same as (A + B h) D + D (A + B h)ᵀ + B Bᵀ − D (G − hᵀh) D = 0. F, Q, D (n, n); block (c, n); rest: (m − 1, c, n),
+    asked for only where the loop at hand does not carry over to the new one; modes: the marginal ones of F.
     """
-    D = _fixed_point(loop, row, 1.0)
+    D = _fixed_point(loop, block, 1.0)
     if D is not None:
         return D
     # summed anew: a gauge that outweighs the rest would leave its rounding behind
-    remaining = rest()
+    remaining = rest().reshape(-1, len(F))
     G = remaining.T @ remaining
     # a stable loop proves detectability; an unstable one proves nothing
     without = close_loop(F, G, loop.P)
@@ -107,36 +110,36 @@ def removal(
     if doubtful and undetectable_directions(F, remaining, modes).shape[1]:
         return None
     if not doubtful:
-        D = _newton(loop, row, 1.0, without)
+        D = _newton(loop, block, 1.0, without)
         if D is not None:
             return D
     return solve_anew(F, Q, G) - loop.P
 
 
-def addition(F: np.ndarray, Q: np.ndarray, loop: Loop, row: np.ndarray) -> np.ndarray:
-    """D = P' − P where a gauge `row` = h/√r is added: A D + D Aᵀ − (b + c)(b + c)ᵀ − D G D = 0; as in `removal`."""
-    D = _fixed_point(loop, row, -1.0)
+def addition(F: np.ndarray, Q: np.ndarray, loop: Loop, block: np.ndarray) -> np.ndarray:
+    """D = P' − P where a gauge `block` = h/√r is added: A D + D Aᵀ − (B + C)(B + C)ᵀ − D G D = 0; as in `removal`."""
+    D = _fixed_point(loop, block, -1.0)
     if D is not None:
         return D
     # Kleinman: the old gain with zero for the new gauge stabilises, so the next loop F − P G' does
-    G = loop.G + np.outer(row, row)
-    D = _newton(loop, row, -1.0, close_loop(F, G, loop.P))
+    G = loop.G + block.T @ block
+    D = _newton(loop, block, -1.0, close_loop(F, G, loop.P))
     return D if D is not None else solve_anew(F, Q, G) - loop.P
 
 
-def _fixed_point(loop: Loop, row: np.ndarray, sign: float) -> np.ndarray | None:
+def _fixed_point(loop: Loop, block: np.ndarray, sign: float) -> np.ndarray | None:
     """D by repeated Lyapunov solves with the loop at hand; None where they do not contract by 0.3.
 
     Where they contract, 𝓛_A + t(𝓛_A' − 𝓛_A) is regular for all 0 ≤ t ≤ 1, so no eigenvalue of the loop crosses the
     axis on the way from A to A': the limit is the stabilising solution.
     """
     U = loop.U
-    h, b, G = U.T @ row, U.T @ (loop.P @ row), U.T @ loop.G @ U
-    D = lyapunov_in_schur(loop, sign * np.outer(b, b))
+    h, b, G = U.T @ block.T, U.T @ (loop.P @ block.T), U.T @ loop.G @ U
+    D = lyapunov_in_schur(loop, sign * (b @ b.T))
     change = np.linalg.norm(D)
     for _ in range(20):
         e = b + D @ h
-        new = lyapunov_in_schur(loop, sign * np.outer(e, e) - D @ G @ D)
+        new = lyapunov_in_schur(loop, sign * (e @ e.T) - D @ G @ D)
         before, change = change, np.linalg.norm(new - D)
         D = new
         if change <= CONVERGED * np.linalg.norm(D):
@@ -147,10 +150,10 @@ def _fixed_point(loop: Loop, row: np.ndarray, sign: float) -> np.ndarray | None:
     return None
 
 
-def _newton(loop: Loop, row: np.ndarray, sign: float, start: Loop) -> np.ndarray | None:
+def _newton(loop: Loop, block: np.ndarray, sign: float, start: Loop) -> np.ndarray | None:
     """D by Newton-Kleinman from D = 0, `start` being the loop F − P G'; None where it does not converge."""
-    b = loop.P @ row
-    source = sign * np.outer(b, b)
+    b = loop.P @ block.T
+    source = sign * (b @ b.T)
     G = start.G
     D = np.zeros_like(loop.P)
     stage = start

@@ -9,6 +9,8 @@ WORTH = 0.05
 """A gauge more is worth it where it lowers σ by this share."""
 ALIKE = 0.99
 """Two gauges read alike where the cosine between their rows is above this."""
+NOTHING = 1e-6
+"""A gauge of several channels does not read a motion to which it answers with less than this share of its most."""
 
 
 def gains(trace: np.ndarray) -> np.ndarray:
@@ -30,13 +32,21 @@ def worth_keeping(trace: np.ndarray, keep: int) -> int:
 
 
 def alike(rows: np.ndarray) -> list[tuple[int, ...]]:
-    """Groups of strain rows (k, n) that point the same way, each within 0.99 of another of its group.
+    """Groups of gauges whose rows (k, n), or (k, c, n) of up to c channels each, span the same space: each within 0.99 of
+    another of its group by the smallest cosine of the principal angles between the two, for one channel |cos| of the rows.
 
     Rows in coordinates of unit training amplitude, so that the cosine is the correlation of what they read: such gauges
-    average noise and stand in for each other.
+    average noise and stand in for each other. Spaces of unlike dimension, as of a rosette and a single gauge, never agree.
     """
-    length = np.linalg.norm(rows, axis=1)
-    unit = rows / np.where(length > 0, length, 1.0)[:, None]
-    _, group = connected_components(np.abs(unit @ unit.T) > ALIKE, directed=False)
+    blocks = np.reshape(rows, (len(rows), -1, rows.shape[-1]))
+    _, sigma, basis = np.linalg.svd(blocks, full_matrices=False)
+    rank = np.sum(sigma > NOTHING * sigma[:, :1], axis=1)
+    near = np.zeros((len(blocks),) * 2, dtype=bool)
+    for r in np.unique(rank[rank > 0]):
+        same = np.flatnonzero(rank == r)
+        span = basis[same, :r]
+        cosines = np.linalg.svd(np.einsum("ain,bjn->abij", span, span), compute_uv=False)
+        near[np.ix_(same, same)] = cosines[..., -1] > ALIKE
+    _, group = connected_components(near, directed=False)
     members = [tuple(np.flatnonzero(group == number).tolist()) for number in dict.fromkeys(group.tolist())]
     return [found for found in members if len(found) > 1]

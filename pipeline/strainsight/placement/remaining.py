@@ -15,21 +15,25 @@ SUMMED = 256
 class Remaining:
     """Packed rows of the gauges left, in the order of their indices; those of gauges just removed are zero until packed.
 
-    index (m,): gauge at each place; movable (m,): still there and not fixed; count: gauges still there. Columns that no
+    index (m,): gauge at each place; movable (m,): still there, not fixed and not held; count: gauges still there. Columns that no
     gauge of a scenario sees, as velocities and unknowns under strain gauges, are left out of the rows.
     """
 
-    def __init__(self, pools: Sequence[Pool], fixed: Collection[int]):
+    def __init__(self, pools: Sequence[Pool], fixed: Collection[int], apart: np.ndarray | None = None):
+        """fixed: gauges that stay; apart (pool,): labels, gauges of different ones are no twins whatever they read."""
         self.index = np.arange(len(pools[0].rows))
         self.count = len(self.index)
-        self.movable = ~np.isin(self.index, list(fixed))
+        self._fixed = np.isin(self.index, list(fixed))
+        self.movable = ~self._fixed
         self._there = np.ones(self.count, dtype=bool)
-        self._columns = [np.flatnonzero(p.rows.any(axis=0)) for p in pools]
-        self._rows = [np.ascontiguousarray(p.rows[:, c]) for p, c in zip(pools, self._columns, strict=True)]
+        self._columns = [np.flatnonzero(p.rows.any(axis=(0, 1))) for p in pools]
+        self._rows = [np.ascontiguousarray(p.rows[:, :, c]) for p, c in zip(pools, self._columns, strict=True)]
         self._twin = twin_groups(self._rows)
+        if apart is not None:
+            self._twin = np.unique(self._twin * len(apart) + apart, return_inverse=True)[1]
         self._has_twins = len(np.unique(self._twin)) < self.count
-        self._size = [p.rows.shape[1] for p in pools]
-        self._G = [rows.T @ rows for rows in self._rows]
+        self._size = [p.rows.shape[2] for p in pools]
+        self._G = [_gram(rows) for rows in self._rows]
         self._summed = [np.diag(G).copy() for G in self._G]
         self._since = 0
 
@@ -45,8 +49,10 @@ class Remaining:
         return self.index[there]
 
     def product(self, scenario: int, factor: np.ndarray) -> np.ndarray:
-        """rows · factor (m, k) of a scenario; factor (n, k)."""
-        return self._rows[scenario] @ factor[self._columns[scenario]]
+        """rows · factor (m, c, k) of a scenario; factor (n, k)."""
+        rows = self._rows[scenario]
+        flat = rows.reshape(-1, rows.shape[2]) @ factor[self._columns[scenario]]
+        return np.asarray(flat.reshape(len(rows), rows.shape[1], -1))
 
     def gram(self, scenario: int) -> np.ndarray:
         """G = HᵀR⁻¹H (n, n) of the gauges still there."""
@@ -62,6 +68,10 @@ class Remaining:
         """The first of every set of twins among the places."""
         return places[np.unique(self._twin[places], return_index=True)[1]] if self._has_twins else places
 
+    def hold(self, held: np.ndarray) -> None:
+        """These gauges (pool,) bool stay for now, beside the fixed ones, and no others."""
+        self.movable = self._there & ~(self._fixed | held)[self.index]
+
     def remove(self, at: int) -> None:
         """Take the gauge at this place away."""
         self._there[at] = self.movable[at] = False
@@ -69,12 +79,12 @@ class Remaining:
         self._since += 1
         anew = self.count <= SUMMED or self._since >= SUMMED
         for i, rows in enumerate(self._rows):
-            row = rows[at].copy()
+            block = rows[at].copy()
             rows[at] = 0.0
-            G = self._G[i] - np.outer(row, row)
+            G = self._G[i] - block.T @ block
             # what is left of a sum of which most has gone would be its rounding
             if anew or np.any(np.diag(G) < 0.5 * self._summed[i]):
-                G = rows.T @ rows
+                G = _gram(rows)
                 self._summed[i] = np.diag(G).copy()
             self._G[i] = G
         self._since = 0 if anew else self._since
@@ -89,12 +99,23 @@ class Remaining:
 
 
 def twin_groups(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """A number for every gauge (m,): the same for gauges whose rows (m, k) agree up to their sign in every scenario."""
+    """A number for every gauge (m,): the same for gauges whose channels (m, c, k) agree in every scenario.
+
+    Up to the sign and the order of the channels, which change nothing in hᵀh.
+    """
     labels = np.zeros(len(rows[0]), dtype=np.int64)
     for part in rows:
-        leading = part[np.arange(len(part)), np.argmax(part != 0, axis=1)]
+        m, c, k = part.shape
+        flat = part.reshape(m * c, k)
+        leading = flat[np.arange(m * c), np.argmax(flat != 0, axis=1)]
         # adding zero turns −0 into 0: the bytes are compared
-        signed = np.ascontiguousarray(part * np.where(leading < 0, -1.0, 1.0)[:, None] + 0.0)
-        own = np.unique(signed.view(np.dtype((np.void, signed.shape[1] * 8))).ravel(), return_inverse=True)[1]
-        labels = np.unique(labels * len(part) + own, return_inverse=True)[1]
+        signed = np.ascontiguousarray(flat * np.where(leading < 0, -1.0, 1.0)[:, None] + 0.0)
+        own = np.unique(signed.view(np.dtype((np.void, k * 8))).ravel(), return_inverse=True)[1].reshape(m, c)
+        for channel in np.sort(own, axis=1).T:
+            labels = np.unique(labels * (m * c) + channel, return_inverse=True)[1]
     return labels
+
+
+def _gram(rows: np.ndarray) -> np.ndarray:
+    flat = rows.reshape(-1, rows.shape[2])
+    return np.asarray(flat.T @ flat)

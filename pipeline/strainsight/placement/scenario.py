@@ -10,6 +10,7 @@ import numpy as np
 
 from strainsight.augmentation.observability import (
     MarginalModes,
+    least_gauges,
     marginal_modes,
     undetectable_directions,
     undetectable_in_words,
@@ -32,7 +33,9 @@ Aggregate = Literal["mean", "worst"]
 class Scenario:
     """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the weight of each state in tr(W P).
 
-    F, Q (n*, n*) [1/s], [x*²/s]; H (pool, n*) [strain]; r (pool,) [strain² s]; weight (n*,) diagonal of W.
+    A pool row is what is glued and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to
+    c, with rows of zeros where fewer; r (pool,) or (pool, c), positive there too, in [y² s].
+    F, Q (n*, n*) [1/s], [x*²/s]; weight (n*,) diagonal of W.
     """
 
     F: np.ndarray
@@ -43,8 +46,10 @@ class Scenario:
 
     @property
     def rows(self) -> np.ndarray:
-        """H/√r (pool, n*): a gauge's row at unit noise."""
-        return self.H / np.sqrt(self.r)[:, None]
+        """H/√r (pool, c, n*): a gauge's channels at unit noise."""
+        H = self.H[:, None, :] if self.H.ndim == 2 else self.H
+        r = self.r[:, None] if self.r.ndim == 1 else self.r
+        return H / np.sqrt(r)[:, :, None]
 
     def scaled(self, d: np.ndarray) -> Scenario:
         """The same scenario for x*/d."""
@@ -55,7 +60,7 @@ class Scenario:
 class Pool:
     """A scenario in the coordinates where the whole pool gives diag P = 1: x* = scale · x̃.
 
-    rows (pool, n*): its gauges at unit noise; P (n*, n*) and its relative residual; modes: the marginal ones of F.
+    rows (pool, c, n*): its gauges at unit noise; P (n*, n*) and its relative residual; modes: the marginal ones of F.
     """
 
     scenario: Scenario
@@ -64,6 +69,15 @@ class Pool:
     P: np.ndarray
     residual: float
     modes: MarginalModes
+
+    def stacked(self, gauges: np.ndarray) -> np.ndarray:
+        """Channels of these gauges, by index or as a mask (pool,), one under the other: (number · c, n*)."""
+        return self.rows[gauges].reshape(-1, self.rows.shape[2])
+
+    @property
+    def channels(self) -> np.ndarray:
+        """How many signals each gauge gives (pool,)."""
+        return np.asarray(self.rows.any(axis=2).sum(axis=1))
 
 
 def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
@@ -74,7 +88,9 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
     fails to decay, NumericalError where the residual stays above 1e-10.
     """
     _check(scenario)
-    lost = undetectable_directions(scenario.F, scenario.rows)
+    size = len(scenario.F)
+    rows = scenario.rows.reshape(-1, size)
+    lost = undetectable_directions(scenario.F, rows)
     if lost.shape[1]:
         raise InfeasibleError(
             f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
@@ -86,33 +102,35 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
             "a motion or an unknown that does not decay is reached by no process noise: no steady filter exists",
             remedy="give the structure damping, or process noise to its velocities and to every unknown",
         )
-    rows = scenario.rows
     d, P = balance(scenario.F, scenario.Q, rows.T @ rows)
     balanced = scenario.scaled(d)
-    rows = balanced.rows
+    rows = balanced.rows.reshape(-1, size)
     residual = relative_residual(balanced.F, balanced.Q, rows.T @ rows, P)
     if not residual <= ACCEPTED:
         raise NumericalError(
             f"the Riccati equation of the pool is solved to {residual:.1e} only, {ACCEPTED:.0e} is asked for",
             remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
         )
-    return Pool(balanced, rows, d, P, residual, marginal_modes(balanced.F))
+    return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 
 
 def _check(scenario: Scenario) -> None:
     for name, matrix in (("F", scenario.F), ("Q", scenario.Q), ("the weight", scenario.weight)):
         if not np.all(np.isfinite(matrix)):
             raise ConfigError(f"{name} of the linearised system is not finite", remedy="check the training motion")
-    blind = np.flatnonzero(~np.isfinite(scenario.H).all(axis=1))
+    blind = np.flatnonzero(~np.isfinite(scenario.H).reshape(len(scenario.H), -1).all(axis=1))
     if len(blind):
         raise ConfigError(
             f"the row of gauge {blind[0]} of the pool is not finite, and so of {len(blind)} in all",
             remedy="check the facets they lie on",
         )
-    noiseless = np.flatnonzero(~((scenario.r > 0) & np.isfinite(scenario.r)))
+    r = scenario.r.reshape(len(scenario.r), -1)
+    refused = ~((r > 0) & np.isfinite(r))
+    noiseless = np.flatnonzero(refused.any(axis=1))
     if len(noiseless):
+        first = int(noiseless[0])
         raise ConfigError(
-            f"the noise of gauge {noiseless[0]} of the pool is {scenario.r[noiseless[0]]:g}, and {len(noiseless)} in all are "
+            f"the noise of gauge {first} of the pool is {r[first][refused[first]][0]:g}, and {len(noiseless)} in all are "
             "not positive",
             remedy="give every gauge a positive noise",
         )
@@ -120,7 +138,7 @@ def _check(scenario: Scenario) -> None:
 
 def subset_covariance(pool: Pool, gauges: Sequence[int] | np.ndarray) -> np.ndarray | None:
     """P (n*, n*) with these gauges only, in the pool's coordinates; None where they cannot detect every unknown."""
-    rows = pool.rows[np.asarray(gauges, dtype=int)]
+    rows = pool.stacked(np.asarray(gauges, dtype=int))
     s = pool.scenario
     if undetectable_directions(s.F, rows, pool.modes).shape[1]:
         return None
@@ -142,8 +160,19 @@ def refined(pool: Pool, G: np.ndarray, P: np.ndarray | None) -> np.ndarray:
     return solve_anew(s.F, s.Q, G)
 
 
+def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
+    """How many unknowns have to be told apart at once, and the fewest gauges with as many channels."""
+    unknowns, fewest = 0, 0
+    for pool in pools:
+        least = least_gauges(pool.modes)
+        most = np.cumsum(np.sort(pool.channels)[::-1])
+        unknowns = max(unknowns, least)
+        fewest = max(fewest, int(np.searchsorted(most, least)) + 1 if least else 0)
+    return unknowns, fewest
+
+
 def loop_of(pool: Pool, gauges: Sequence[int] | np.ndarray, P: np.ndarray) -> Loop:
-    rows = pool.rows[np.asarray(gauges, dtype=int)]
+    rows = pool.stacked(np.asarray(gauges, dtype=int))
     return close_loop(pool.scenario.F, rows.T @ rows, P)
 
 
@@ -157,22 +186,27 @@ def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
     return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
 
 
-def whole_pool_weight(scenarios: Sequence[Scenario], count: int, names: Sequence[str] = ()) -> np.ndarray:
+def whole_pool_weight(scenarios: Sequence[Scenario], unknown: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
     """Weights (n*,) that let the aggregate (mean) start at the number of unknowns with the whole pool:
 
-    Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the last `count` states, 0 for the others.
+    Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the states i of `unknown`, 0 for the others.
+
+    unknown (count,): their indices in x*; names: of the last states, for the messages of `solve_pool`.
     """
-    weight = np.zeros(len(scenarios[0].F))
-    variance = np.zeros(count)
+    at = np.asarray(unknown, dtype=int)
+    weight, variance = np.zeros(len(scenarios[0].F)), np.zeros(len(at))
     for scenario in scenarios:
         pool = solve_pool(scenario, names)
-        variance += (np.diag(pool.P) * pool.scale**2)[-count:] / len(scenarios)
-    weight[-count:] = 1 / variance
+        variance += (np.diag(pool.P) * pool.scale**2)[at] / len(scenarios)
+    weight[at] = 1 / variance
     return weight
 
 
-def thesis_weight(size: int, scale: np.ndarray) -> np.ndarray:
-    """Weights (size,) of the plain trace over the unknowns in their physical units (algorithm 2): scale² [N², SI²]."""
+def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Weights (size,) of the plain trace over the unknowns in their physical units (algorithm 2): scale² [N², SI²].
+
+    unknown (count,): their indices in x*; scale (count,).
+    """
     weight = np.zeros(size)
-    weight[size - len(scale) :] = scale**2
+    weight[np.asarray(unknown, dtype=int)] = scale**2
     return weight

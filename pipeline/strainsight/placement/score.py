@@ -3,12 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.errors import NumericalError
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, subset_covariance, weighted_trace
 
 Gauges = Sequence[int] | np.ndarray
+
+
+@dataclass(frozen=True)
+class Scores:
+    """One layout by every criterion, from the same steady covariances P; inf throughout where it loses an unknown,
+    or comes so close to it that P cannot be solved for.
+
+    trace [1]: aggregate of tr(W P); log_determinant: mean over scenarios of ln det P_uu; worst_eigenvalue: aggregate of
+    the largest eigenvalue of P_uu, the variance of the worst-known combination of unknowns, both of the unknowns as in x*
+    (relative to amplitude and guess); std (count,) [N, SI]: √Pᵢᵢ · scale of each unknown, root mean square over scenarios.
+    All of a frozen linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
+    """
+
+    trace: float
+    log_determinant: float
+    worst_eigenvalue: float
+    std: np.ndarray
 
 
 def score(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") -> float:
@@ -22,14 +41,45 @@ def score(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") 
     return float(aggregated(np.array(costs), aggregate))
 
 
-def frozen_std(pools: Sequence[Pool], gauges: Gauges, count: int) -> np.ndarray:
-    """√Pᵢᵢ of the last `count` states, the unknowns, with these gauges (scenarios, count), in units of ũ and p.
+def scores(
+    pools: Sequence[Pool], gauges: Gauges, unknown: np.ndarray, scale: np.ndarray, aggregate: Aggregate = "mean"
+) -> Scores:
+    """The `Scores` of these gauges (pool rows); unknown (count,): their indices in x*; scale (count,) [N, SI]."""
+    traces, determinants, largest, variances = [], [], [], []
+    for pool in pools:
+        try:
+            P = subset_covariance(pool, gauges)
+        except NumericalError:
+            P = None
+        if P is None:
+            return Scores(np.inf, np.inf, np.inf, np.full(len(unknown), np.inf))
+        block = unknown_block(pool, P, unknown)
+        traces.append(weighted_trace(pool, P))
+        determinants.append(np.linalg.slogdet(block)[1])
+        largest.append(np.linalg.eigvalsh(block).max(initial=0.0))
+        variances.append(np.diag(block))
+    return Scores(
+        trace=float(aggregated(np.array(traces), aggregate)),
+        log_determinant=float(np.mean(determinants)),
+        worst_eigenvalue=float(aggregated(np.array(largest), aggregate)),
+        std=np.sqrt(np.mean(variances, axis=0)) * scale,
+    )
+
+
+def unknown_block(pool: Pool, P: np.ndarray, unknown: np.ndarray) -> np.ndarray:
+    """Rows and columns of the unknowns (count,) of a covariance P (n*, n*) in the pool's coordinates, in units of x*."""
+    units = pool.scale[unknown]
+    return np.asarray(P[np.ix_(unknown, unknown)] * np.outer(units, units))
+
+
+def frozen_std(pools: Sequence[Pool], gauges: Gauges, unknown: np.ndarray) -> np.ndarray:
+    """√Pᵢᵢ of the unknowns (count,), indices in x*, with these gauges (scenarios, count), in the units of x*.
 
     A ranking number of the frozen linearisation, not what a filter along the motion will claim. inf where undetectable.
     """
-    std = np.full((len(pools), count), np.inf)
+    std = np.full((len(pools), len(unknown)), np.inf)
     for row, pool in zip(std, pools, strict=True):
         P = subset_covariance(pool, gauges)
-        if P is not None and count:
-            row[:] = (np.sqrt(np.diag(P)) * pool.scale)[-count:]
+        if P is not None:
+            row[:] = np.sqrt(np.diag(unknown_block(pool, P, unknown)))
     return std

@@ -1,0 +1,222 @@
+"""Layouts within limits by an integer program, those that detect every unknown, and why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_array, diags_array, vstack
+
+from strainsight.augmentation.observability import MarginalModes, undetectable_directions, undetectable_in_words
+from strainsight.errors import InfeasibleError
+from strainsight.placement.limits import BUDGET, FIXED, KEEP, SPACING, Limits
+from strainsight.placement.scenario import Pool
+
+SEES = 1e-9
+"""A gauge sees a direction where it answers to it more than this share of what the best one does."""
+NODES = 200
+"""Nodes of one program whose answer is to be proven: a limit of work and not of time, so that no machine's speed decides."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """gauges (k,) ascending, None where there are none; bound: no layout is worth more; settled: within its nodes."""
+
+    gauges: np.ndarray | None
+    bound: float
+    settled: bool
+
+
+def best_layout(
+    limits: Limits,
+    value: np.ndarray,
+    *,
+    names: Collection[str] | None = None,
+    there: np.ndarray | None = None,
+    stays: np.ndarray | None = None,
+    floor: int = 0,
+    hits: Sequence[np.ndarray] = (),
+    nodes: int = NODES,
+    gap: float = 0.0,
+) -> Found:
+    """The layout of the greatest Σ value·v, by an integer program.
+
+        rows·v ≤ most for the limits of these names (all),   Σ size·v ≥ floor,   Σ v over each of `hits` ≥ 1
+
+    value (pool,); there (pool,) bool: rows that may be had; stays (pool,) bool: rows that have to be, beside the fixed
+    ones; hits: masks (pool,); nodes: most of the search; gap: share by which it may miss the best.
+    """
+    count = len(limits.size)
+    asked = np.array([names is None or name in names for name in limits.names])
+    rows, most = limits.rows[asked], limits.most[asked]
+    unit = 1 / np.maximum(rows.max(axis=1).toarray().ravel(), np.finfo(float).tiny)
+    below, low = [csr_array(diags_array(unit) @ rows)], [np.full(len(most), -np.inf)]
+    above = [most * unit]
+    for mask, least in [(limits.size, float(floor)), *((hit, 1.0) for hit in hits)]:
+        below.append(csr_array(np.asarray(mask, dtype=float)[None, :]))
+        low.append(np.array([least]))
+        above.append(np.array([np.inf]))
+    upper = np.ones(count) if there is None else np.asarray(there, dtype=float)
+    lower = np.zeros(count)
+    lower[list(limits.fixed)] = 1.0
+    if stays is not None:
+        lower[stays] = 1.0
+    scale = max(float(np.abs(value).max()), np.finfo(float).tiny)
+    priced = np.array([name == BUDGET for name in np.array(limits.names)[asked]], dtype=float)
+    # the program holds its rows to 1e-6: where a sum of prices is over by that it is asked again, with so much less
+    for spare in (0.0, 1e-5):
+        above[0] = most * unit - spare * priced
+        done = milp(
+            -value / scale,
+            integrality=np.ones(count),
+            bounds=Bounds(np.minimum(lower, upper), upper),
+            constraints=LinearConstraint(vstack(below, format="csr"), np.concatenate(low), np.concatenate(above)),
+            options={"node_limit": nodes, "mip_rel_gap": gap},
+        )
+        bound = np.inf if done.get("mip_dual_bound") is None else -scale * float(done["mip_dual_bound"])
+        if done.x is None:
+            return Found(None, -np.inf if done.status == 2 else bound, done.status == 2)
+        gauges = np.flatnonzero(done.x > 0.5)
+        if np.all(limits.used(gauges)[asked] <= most):
+            return Found(gauges, bound, done.status == 0)
+    return Found(None, bound, False)
+
+
+class Detection:
+    """What a set of gauges loses, and so which gauges every layout needs one of.
+
+    hits: masks (pool,): a layout without any gauge of one of them loses an unknown.
+    """
+
+    def __init__(self, pools: Sequence[Pool]):
+        self.pools = pools
+        self.hits: list[np.ndarray] = []
+        self._known: set[bytes] = set()
+
+    def loses(self, gauges: np.ndarray) -> bool:
+        """Whether this set loses an unknown; every direction that it loses becomes one of `hits`.
+
+        F v = λ v, h_g v = 0 for all g of the set: a layout that tells v has a gauge with h_g v ≠ 0.
+        """
+        lost = False
+        for pool in self.pools:
+            rows, modes = pool.stacked(gauges), pool.modes
+            for value, V in zip(modes.eigenvalue, modes.vectors, strict=True):
+                found = undetectable_directions(pool.scenario.F, rows, MarginalModes((value,), (V,), modes.scale))
+                half = found.shape[1] // 2
+                vectors = found[:, :half] + 1j * found[:, half:] if complex(value).imag else found
+                for v in vectors.T:
+                    answer = np.linalg.norm(pool.rows @ v, axis=1)
+                    seen = answer > SEES * answer.max()
+                    seen[gauges] = False
+                    if seen.tobytes() not in self._known:
+                        self._known.add(seen.tobytes())
+                        self.hits.append(seen)
+                    lost = True
+        return lost
+
+    def words(self, gauges: np.ndarray, names: Sequence[str]) -> str:
+        """The unknowns that a set loses, by name."""
+        for pool in self.pools:
+            found = undetectable_directions(pool.scenario.F, pool.stacked(gauges), pool.modes)
+            if found.shape[1]:
+                return undetectable_in_words(found, names)
+        return "nothing"
+
+    def layout(self, limits: Limits, value: np.ndarray, **more: object) -> Found:
+        """`best_layout` of those that detect every unknown."""
+        while True:
+            found = best_layout(limits, value, hits=self.hits, **more)  # type: ignore[arg-type]
+            if found.gauges is None or not self.loses(found.gauges):
+                return found
+
+
+def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> InfeasibleError:
+    """Why no layout is within the limits: the first limit that leaves none, families in turn.
+
+    names: of the unknowns. The fixed gauges alone, then zones, spacing, budget and count; then the same with every unknown
+    to be detected.
+    """
+    fixed = np.array(sorted(limits.fixed), dtype=int)
+    broken = np.flatnonzero(limits.used(fixed) > limits.most)
+    if len(broken):
+        return _conflict(limits, int(broken[0]))
+    families = [*dict.fromkeys(n for n in limits.names if n not in (KEEP, SPACING, BUDGET))]
+    families += [n for n in (SPACING, BUDGET) if n in limits.names]
+    size = limits.size.astype(float)
+    for i in range(len(families)):
+        found = best_layout(limits, size, names=[*families[: i + 1], KEEP])
+        room = 0 if found.gauges is None else int(limits.size[found.gauges].sum())
+        if room < limits.least:
+            return _no_room(limits, families[: i + 1], room, found)
+    for i in range(len(families)):
+        held = families[: i + 1]
+        if detection.layout(limits, size, names=held).gauges is None:
+            return _undetected(limits, detection, held, names)
+    fewest = detection.layout(limits, -size, names=families)
+    least = None if fewest.gauges is None else int(limits.size[fewest.gauges].sum())
+    if least is not None and least > limits.keep:
+        known = "" if fewest.settled else f", as far as {NODES} nodes of search tell,"
+        return InfeasibleError(
+            f"{limits.keep} gauges asked for; the fewest of the pool that detect every unknown{_within(families)}{known} "
+            f"are {least}",
+            key=KEEP,
+            remedy=f"keep at least {least}, or estimate fewer unknowns",
+        )
+    return InfeasibleError(
+        f"no layout of {limits.keep} gauges that detects every unknown was found{_within(families)}",
+        key=KEEP,
+        remedy="keep another number, or widen the limits",
+    )
+
+
+def _conflict(limits: Limits, at: int) -> InfeasibleError:
+    name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
+    glued = [g for g in sorted(limits.fixed) if row[g] > 0]
+    if name == SPACING:
+        what = f"the gauges of row {glued[0]} of the pool are glued already ({FIXED}), nearer to each other than {name}"
+    else:
+        unit = "" if name == BUDGET else " gauges"
+        what = f"what is glued already ({FIXED}) takes {row[glued].sum():g}{unit} of the {limits.most[at]:g} that {name} allows"
+    return InfeasibleError(what, key=name, remedy=f"widen {name}, or take a gauge out of {FIXED}")
+
+
+def _no_room(limits: Limits, families: Sequence[str], room: int, found: Found) -> InfeasibleError:
+    name, before = families[-1], families[:-1]
+    alone = best_layout(limits, limits.size.astype(float), names=[name, KEEP]) if before else found
+    enough = alone.gauges is not None and int(limits.size[alone.gauges].sum()) >= limits.least
+    together = f" together with {' and '.join(before)}" if enough else ""
+    surely = "" if found.settled else f", as far as {NODES} nodes of search tell"
+    return InfeasibleError(
+        f"{limits.keep} gauges asked for, {name}{together} leaves room for {room} of the pool's {limits.size.sum()}{surely}",
+        key=name,
+        remedy=f"keep {room}, or widen {name}" if room else f"widen {name}",
+    )
+
+
+def _undetected(limits: Limits, detection: Detection, held: Sequence[str], names: Sequence[str]) -> InfeasibleError:
+    name, before = held[-1], held[:-1]
+    if name == BUDGET:
+        price = limits.rows[[limits.names.index(BUDGET)]].toarray().ravel()
+        cheapest = detection.layout(limits, -price, names=before)
+        if cheapest.gauges is not None:
+            budget = limits.most[limits.names.index(BUDGET)]
+            return InfeasibleError(
+                f"the cheapest gauges that detect every unknown{_within(before)} cost {price[cheapest.gauges].sum():g}, "
+                f"{name} is {budget:g}",
+                key=name,
+                remedy="raise it, or estimate fewer unknowns",
+            )
+    most = best_layout(limits, limits.size.astype(float), names=held)
+    words = "an unknown" if most.gauges is None else detection.words(most.gauges, names)
+    return InfeasibleError(
+        f"whatever gauges are kept{_within(held)}, they cannot tell {words}",
+        key=name,
+        remedy=f"widen {name}, or estimate fewer unknowns",
+    )
+
+
+def _within(names: Sequence[str]) -> str:
+    return f" within {' and '.join(names)}" if names else ""

@@ -1,0 +1,220 @@
+"""What a layout may be: how many gauges, which ones in any case, how near one another, how many in a place, how dear."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array, vstack
+
+from strainsight.errors import ConfigError
+
+KEEP, FIXED, SPACING, BUDGET = "place.keep", "gauges.fixed", "place.minimum_spacing", "place.budget"
+"""Config keys of the limits; those on zones bring their own."""
+ROUNDED = 1e-9
+"""Share of the budget that a sum of prices may pass it by: it is rounding."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Layouts v ∈ {0, 1}^pool with rows·v ≤ most, least ≤ Σ size·v, v = 1 on fixed rows of the pool.
+
+    rows (constraints, pool) ≥ 0; most (constraints,); names: dotted config key of every constraint, the same for all of
+    one key; size (pool,): gauges in every pool row, 2 in a mirrored pair; keep: most gauges, rows[0] = size; least: 0
+    under a budget, else keep, less what a row of more than one gauge may leave over. A part of a layout breaks no limit.
+    """
+
+    rows: csr_array
+    most: np.ndarray
+    names: tuple[str, ...]
+    fixed: frozenset[int]
+    size: np.ndarray
+    keep: int
+    least: int
+
+    @property
+    def plain(self) -> bool:
+        """Whether any `keep` rows of the pool, the fixed ones among them, are a layout."""
+        return len(self.most) == 1 and self.least == self.keep and bool(np.all(self.size == 1))
+
+    @cached_property
+    def columns(self) -> csc_array:
+        """The same constraints, gauge by gauge."""
+        return csc_array(self.rows)
+
+    @cached_property
+    def alike(self) -> np.ndarray:
+        """A label for every pool row (pool,), the same where the limits do not tell two apart."""
+        c = self.columns
+        labels: dict[tuple[bytes, bytes], int] = {}
+        keys = [(c.indices[a:b].tobytes(), c.data[a:b].tobytes()) for a, b in zip(c.indptr, c.indptr[1:], strict=False)]
+        return np.array([labels.setdefault(key, len(labels)) for key in keys])
+
+    def column(self, gauge: int) -> tuple[np.ndarray, np.ndarray]:
+        """The constraints that a gauge takes part in, and what it takes of each."""
+        part = slice(self.columns.indptr[gauge], self.columns.indptr[gauge + 1])
+        return self.columns.indices[part], self.columns.data[part]
+
+    def used(self, gauges: np.ndarray) -> np.ndarray:
+        """What a set, by index or as a mask (pool,), takes of every limit (constraints,)."""
+        chosen = np.zeros(len(self.size))
+        chosen[gauges] = 1.0
+        return np.asarray(self.rows @ chosen)
+
+    def allows(self, gauges: np.ndarray) -> bool:
+        """Whether a set, by index or as a mask, is a layout."""
+        chosen = np.zeros(len(self.size), dtype=bool)
+        chosen[gauges] = True
+        held = bool(chosen[list(self.fixed)].all()) and int(self.size[chosen].sum()) >= self.least
+        return held and bool(np.all(self.used(chosen) <= self.most))
+
+    def fits(self, used: np.ndarray, gauge: int) -> bool:
+        """Whether a set that takes `used` of the limits may have this gauge, too."""
+        at, part = self.column(gauge)
+        return bool(np.all(used[at] + part <= self.most[at]))
+
+    def too_large(self, used: np.ndarray) -> np.ndarray:
+        """The pool rows (pool,) bool that a set that takes `used` of the limits may not have beside."""
+        room = np.repeat(self.most - used, np.diff(self.rows.indptr))
+        found = np.zeros(len(self.size), dtype=bool)
+        found[self.rows.indices[self.rows.data > room]] = True
+        return found
+
+    def packed(self, order: Iterable[int], start: np.ndarray) -> np.ndarray:
+        """start, by index or as a mask, and then every gauge of `order` that still fits; ascending indices."""
+        chosen = np.zeros(len(self.size), dtype=bool)
+        chosen[start] = True
+        used = self.used(chosen)
+        for gauge in order:
+            if used[0] >= self.keep:
+                break
+            if not chosen[gauge] and self.fits(used, gauge):
+                at, part = self.column(gauge)
+                used[at] += part
+                chosen[gauge] = True
+        return np.flatnonzero(chosen)
+
+
+def limits_of(
+    pool: int,
+    keep: int,
+    *,
+    fixed: Collection[int] = (),
+    size: np.ndarray | None = None,
+    price: np.ndarray | None = None,
+    budget: float | None = None,
+    near: np.ndarray | None = None,
+    zones: Sequence[tuple[str, np.ndarray, int]] = (),
+) -> Limits:
+    """The `Limits` of a pool of so many rows.
+
+    fixed: rows that stay and count; size (pool,): gauges in each, 1 where not given; price (pool,) ≥ 0 and budget: with a
+    budget `keep` is an upper limit; near (p, 2): rows that may not both be kept, of which two fixed ones are as they are,
+    and with twice the same a row that may not be kept at all; zones: (config key, members (pool,), at most so many),
+    members bool, or how many gauges of the row lie inside.
+    Raises ConfigError where the pool is smaller than `keep` or the fixed gauges are more.
+    """
+    sizes = np.ones(pool, dtype=int) if size is None else np.asarray(size, dtype=int)
+    held = frozenset(int(g) for g in fixed)
+    glued, total = int(sizes[list(held)].sum()), int(sizes.sum())
+    if not max(1, glued) <= keep <= total:
+        raise ConfigError(
+            f"{keep} gauges are to be kept of a pool of {total} with {glued} fixed",
+            remedy=f"keep between {max(1, glued)} and {total}",
+        )
+    rows, most, names = [sizes.astype(float)], [float(keep)], [KEEP]
+    for key, members, at_most in zones:
+        rows.append(np.asarray(members, dtype=float))
+        most.append(float(at_most))
+        names.append(key)
+    if budget is not None:
+        rows.append(np.ones(pool) if price is None else np.asarray(price, dtype=float))
+        most.append(budget * (1 + ROUNDED))
+        names.append(BUDGET)
+    parts = [csr_array(np.array(rows))]
+    pairs = np.zeros((0, 2), dtype=int) if near is None else np.asarray(near, dtype=int).reshape(-1, 2)
+    alone = np.unique(pairs[pairs[:, 0] == pairs[:, 1], 0])
+    groups = [*_groups(pairs[~np.isin(pairs, list(held)).all(axis=1)]), *alone[:, None]]
+    if groups:
+        at = np.concatenate([np.full(len(group), i) for i, group in enumerate(groups)])
+        parts.append(csr_array((np.ones(len(at)), (at, np.concatenate(groups))), shape=(len(groups), pool)))
+    matrix = csr_array(vstack(parts))
+    matrix.sort_indices()
+    loose = np.delete(sizes, list(held))
+    least = 0 if budget is not None else max(glued, keep + 1 - int(loose.max(initial=1)))
+    return Limits(
+        rows=matrix,
+        most=np.concatenate([most, np.ones(len(groups) - len(alone)), np.zeros(len(alone))]),
+        names=(*names, *[SPACING] * len(groups)),
+        fixed=held,
+        size=sizes,
+        keep=keep,
+        least=least,
+    )
+
+
+class Swaps:
+    """Which gauges of a set may be swapped for which others.
+
+    room (pool,) bool: the gauges that fit beside the whole set.
+    """
+
+    def __init__(self, limits: Limits, chosen: np.ndarray, movable: np.ndarray):
+        self.limits = limits
+        self.used = limits.used(chosen)
+        self.room = ~limits.too_large(self.used)
+        self.room[chosen] = False
+        self._parts = limits.columns[:, movable].toarray()
+        self._size = limits.size[movable]
+
+    def out(self, into: int) -> np.ndarray:
+        """The movable gauges (k,) bool that may leave for this one."""
+        at, part = self.limits.column(into)
+        over = self.used[at] + part - self.limits.most[at]
+        kept = self.used[0] + self.limits.size[into] - self._size >= self.limits.least
+        return np.asarray(kept & np.all(self._parts[at] >= over[:, None], axis=0))
+
+
+def as_limits(pool: int, keep: int | Limits, fixed: Collection[int]) -> Limits:
+    """Limits of a plain count, or those given, with these gauges fixed, too."""
+    if isinstance(keep, Limits):
+        if len(keep.size) != pool:
+            raise ValueError(f"limits of a pool of {len(keep.size)}, and the pool has {pool}")
+        return _glued(keep, keep.fixed | {int(g) for g in fixed}) if fixed else keep
+    return limits_of(pool, keep, fixed=fixed)
+
+
+def _glued(limits: Limits, fixed: frozenset[int]) -> Limits:
+    """With these gauges fixed: where several are too near to one another, that only closes their surroundings."""
+    rows, most = limits.rows.copy(), limits.most.copy()
+    held = np.isin(np.arange(len(limits.size)), list(fixed))
+    both = np.array([name == SPACING for name in limits.names]) & (most == 1) & (limits.used(held) > 1)
+    rows.data[np.repeat(both, np.diff(rows.indptr)) & held[rows.indices]] = 0.0
+    rows.eliminate_zeros()
+    most[both] = 0.0
+    return replace(limits, rows=rows, most=most, fixed=fixed)
+
+
+def _groups(pairs: np.ndarray) -> list[np.ndarray]:
+    """Sets of rows of which at most one may be kept, that hold every pair: larger ones bound more than pairs do."""
+    beside: dict[int, set[int]] = {}
+    for a, b in pairs.tolist():
+        if a != b:
+            beside.setdefault(a, set()).add(b)
+            beside.setdefault(b, set()).add(a)
+    missing = {a: set(others) for a, others in beside.items()}
+    groups = []
+    for a in sorted(beside):
+        while missing[a]:
+            b = min(missing[a])
+            group, common = {a, b}, beside[a] & beside[b]
+            while common:
+                new = min(common & missing[a] or common)
+                group.add(new)
+                common = common & beside[new]
+            for g in group:
+                missing[g] -= group
+            groups.append(np.array(sorted(group)))
+    return groups

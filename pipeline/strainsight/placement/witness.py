@@ -1,0 +1,190 @@
+"""A layout inside the gauges that are still there: the proof that one is left, whatever goes next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from strainsight.placement.layouts import NODES, Detection, best_layout, refusal
+from strainsight.placement.limits import BUDGET, Limits
+
+EFFORT = 20
+"""Nodes of the search of another layout; where they are not enough, the gauge stays while the layout at hand has it."""
+REACH = 200
+"""Pool rows that such a search may choose from; the rest of the layout at hand stays as it is."""
+
+
+class Witness:
+    """units (pool,) bool: a layout that detects every unknown, of as many gauges as the limits allow.
+
+    Under a budget there is no such goal, and any layout that detects every unknown will do.
+    """
+
+    def __init__(self, limits: Limits, detection: Detection, worth: np.ndarray, names: Sequence[str]):
+        """worth (pool,): what a gauge is about worth. Raises InfeasibleError where the limits leave no layout."""
+        self.limits, self.detection = limits, detection
+        # what a gauge takes of the whole of count and budget
+        self._dear = np.zeros(len(limits.size))
+        for at, name in enumerate(limits.names):
+            if (at == 0 or name == BUDGET) and limits.most[at] > 0:
+                self._dear += limits.rows[[at]].toarray().ravel() / limits.most[at]
+        # through a budget all rows hang together, and through the count
+        local = [at > 0 and name != BUDGET for at, name in enumerate(limits.names)]
+        self._local = limits.rows[np.array(local)]
+        self._goal = 0 if BUDGET in limits.names else limits.keep
+        there = np.ones(len(limits.size), dtype=bool)
+        found = self._greedy(there, worth)
+        if found is None:
+            size = limits.size.astype(float)
+            # of more than one number, as many as are found soon will do; only that there is none at all takes a proof
+            for nodes in (NODES,) if limits.least == limits.keep else (EFFORT, NODES):
+                found = detection.layout(limits, size, floor=limits.least, nodes=nodes).gauges
+                if found is not None:
+                    break
+            if found is None:
+                raise refusal(limits, detection, names)
+            if self._goal:
+                self._goal = int(limits.size[found].sum())
+        self.units = np.isin(np.arange(len(limits.size)), found)
+
+    def spares(self, gauge: int, there: np.ndarray, worth: np.ndarray) -> bool:
+        """Whether a layout is found without this gauge of those there (pool,) bool; it is the witness from then on.
+
+        In turn: another gauge in its place, the gauges worth most as far as they fit, an integer program over the `REACH`
+        rows around the gauge, which is a proof where no more than those are left.
+        """
+        if not self.units[gauge]:
+            return True
+        rest = there.copy()
+        rest[gauge] = False
+        found = self._mended(gauge, rest, worth)
+        if found is None:
+            found = self._greedy(rest, worth)
+        if found is None:
+            found = self._programmed(gauge, rest, worth)
+        if found is None:
+            return False
+        self.units = np.isin(np.arange(len(rest)), found)
+        return True
+
+    def _mended(self, gauge: int, rest: np.ndarray, worth: np.ndarray) -> np.ndarray | None:
+        left = self.units & rest
+        return self._checked(self.limits.packed(self._order(rest & ~self.units, worth), left))
+
+    def _greedy(self, rest: np.ndarray, worth: np.ndarray) -> np.ndarray | None:
+        return self._checked(
+            self.limits.packed(self._order(rest, worth), np.array(sorted(self.limits.fixed), dtype=int))
+        )
+
+    def _programmed(self, gauge: int, rest: np.ndarray, worth: np.ndarray) -> np.ndarray | None:
+        value = np.where(rest, worth, 0.0)
+        around = self._around(gauge, rest, worth)
+        stays = self.units & rest & ~around
+        while True:
+            found = best_layout(
+                self.limits,
+                value,
+                there=around | stays,
+                stays=stays,
+                floor=self._goal,
+                hits=self.detection.hits,
+                nodes=EFFORT,
+                gap=0.05,
+            ).gauges
+            if found is None or not self.detection.loses(found):
+                return found
+
+    def _around(self, gauge: int, rest: np.ndarray, worth: np.ndarray) -> np.ndarray:
+        """The rows of `rest` (pool,) bool, `REACH` at most, that share a limit with the gauge or see what is lost with it,
+        or share one with those, and so on; of equals, those worth most."""
+        if rest.sum() <= REACH:
+            return rest
+        left = self.units & rest
+        self.detection.loses(np.flatnonzero(left))
+        reached = np.isin(np.arange(len(rest)), gauge)
+        steps = np.where(reached, 0.0, np.inf)
+        there = rest | reached
+        touched = there & np.any([reached, *(hit for hit in self.detection.hits if not hit[left].any())], axis=0)
+        step = 1.0
+        while True:
+            touched = touched | (there & (self._local.T @ (self._local @ reached.astype(float)) > 0))
+            if np.all(reached[touched]) or reached[rest].sum() >= REACH:
+                break
+            steps[touched & ~reached] = step
+            reached, step = touched, step + 1
+        order = self._order(rest, worth)
+        around = np.zeros_like(rest)
+        around[order[np.argsort(steps[order], kind="stable")][:REACH]] = True
+        return around
+
+    def _order(self, rest: np.ndarray, worth: np.ndarray) -> np.ndarray:
+        places = np.flatnonzero(rest)
+        return places[np.argsort(-worth[places] / self._dear[places], kind="stable")]
+
+    def _checked(self, found: np.ndarray) -> np.ndarray | None:
+        full = int(self.limits.size[found].sum()) >= self._goal
+        return found if full and not self.detection.loses(found) else None
+
+
+class Guard:
+    """What the limits say to an elimination: whether one is still broken, who may leave for it, and who has to stay.
+
+    there, held (pool,) bool: gauges that have not left, and those of the witness without which no other was found.
+    """
+
+    def __init__(self, limits: Limits, detection: Detection, names: Sequence[str]):
+        """Raises InfeasibleError where the glued gauges break a limit by themselves."""
+        self.limits, self.names, self.detection = limits, names, detection
+        self.there = np.ones(len(limits.size), dtype=bool)
+        self.held = np.zeros(len(limits.size), dtype=bool)
+        self._witness: Witness | None = None
+        # of a limit of nothing, what the whole pool takes
+        self._whole = np.where(limits.most > 0, limits.most, np.maximum(limits.used(self.there), np.finfo(float).eps))
+        if np.any(limits.used(np.array(sorted(limits.fixed), dtype=int)) > limits.most):
+            raise refusal(limits, detection, names)
+
+    @property
+    def excess(self) -> np.ndarray:
+        """By how much every limit is broken (constraints,)."""
+        return np.maximum(self.limits.used(self.there) - self.limits.most, 0.0)
+
+    @property
+    def broken(self) -> bool:
+        return bool(np.any(self.excess > 0))
+
+    @property
+    def relief(self) -> np.ndarray:
+        """What a rise is divided by (pool,), 0 for gauges that need not leave: see `eliminate`."""
+        return np.asarray(self.limits.rows.T @ (self.excess / self._whole**2))
+
+    def lets_go(self, gauge: int, index: np.ndarray, bounds: np.ndarray) -> bool:
+        """Whether a layout is found without this gauge; index (m,), bounds (m,): what the gauges still there are worth.
+
+        It is held where none is, and no longer when a witness without it is found: what is left holds the witness, so
+        while it breaks a limit, a gauge that the limit counts is no part of the witness, and is not held.
+        Raises InfeasibleError where there was no layout to begin with.
+        """
+        worth = self._worth(index, bounds)
+        witness = self._found(worth)
+        spared = witness.spares(gauge, self.there, worth)
+        self.held[gauge] = not spared
+        self.held &= witness.units
+        self.there[gauge] = not spared
+        return spared
+
+    def surplus(self, index: np.ndarray, bounds: np.ndarray) -> int:
+        """The gauge worth least that a broken limit counts and the witness does without; as in `lets_go`."""
+        worth = self._worth(index, bounds)
+        out = np.flatnonzero(self.there & ~self._found(worth).units & (self.relief > 0))
+        return int(out[np.argmin(worth[out])])
+
+    def _worth(self, index: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+        worth = np.zeros(len(self.there))
+        worth[index] = np.maximum(bounds, 0.0)
+        return worth
+
+    def _found(self, worth: np.ndarray) -> Witness:
+        if self._witness is None:
+            self._witness = Witness(self.limits, self.detection, worth, self.names)
+        return self._witness

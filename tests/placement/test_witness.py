@@ -1,0 +1,132 @@
+"""What is removed always leaves a layout, however little work its search is given; dead ends of a plain count."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import InfeasibleError
+from strainsight.placement import elimination as room
+from strainsight.placement import layouts, witness
+from strainsight.placement.elimination import Scenario, eliminate
+from strainsight.placement.limits import limits_of
+from strainsight.placement.scenario import solve_pool
+from strainsight.placement.score import score
+
+
+def scattered(count, distance, seed=3):
+    """One load on an oscillator, seen the better the further to the right; pairs of places nearer than the distance."""
+    place = np.random.default_rng(seed).random((count, 2))
+    far = np.linalg.norm(place[:, None] - place[None], axis=2)
+    near = np.argwhere(np.triu(far < distance, 1))
+    F = np.zeros((3, 3))
+    F[0, 1], F[1] = 1.0, [-4.0, -0.4, 1.0]
+    H = np.column_stack([1 + 0.1 * place[:, 0], np.zeros((count, 2))])
+    return Scenario(F, np.diag([0, 0.01, 0.1]), H, np.full(count, 1e-2), np.array([0, 0, 1.0])), near
+
+
+@pytest.mark.parametrize("work", ["the usual", "little", "none"])
+@pytest.mark.parametrize("keep", [34, 36, 38])
+def test_near_the_densest_packing_a_layout_is_left_however_little_work_is_spent(monkeypatch, keep, work):
+    scenario, near = scattered(250, 0.15)
+    limits = limits_of(250, keep, near=near)
+    if work != "the usual":
+        monkeypatch.setattr(witness, "EFFORT", 0)
+        monkeypatch.setattr(witness, "REACH", {"little": 20, "none": 0}[work])
+    found = eliminate([scenario], limits)
+    assert len(found.kept) == keep
+    chosen = set(found.kept.tolist())
+    assert not any(a in chosen and b in chosen for a, b in near.tolist())
+    np.testing.assert_allclose(found.trace[-1], score(found.pools, found.kept), rtol=1e-7)
+    assert np.all(found.rise > 0)
+
+
+def test_no_clock_has_a_say(monkeypatch):
+    scenario, near = scattered(250, 0.15)
+    asked = []
+
+    def spy(*arguments, **more):
+        asked.append(set(more["options"]))
+        return solver(*arguments, **more)
+
+    solver = layouts.milp
+    monkeypatch.setattr(layouts, "milp", spy)
+    eliminate([scenario], limits_of(250, 38, near=near))
+    with pytest.raises(InfeasibleError, match="leaves room for 38 of the pool's 250"):
+        eliminate([scenario], limits_of(250, 60, near=near))
+    assert asked
+    assert all(options == {"node_limit", "mip_rel_gap"} for options in asked)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_held_is_part_of_a_layout_inside_what_is_left(monkeypatch, beam_of, scenarios_of, seed):
+    rng = np.random.default_rng(seed)
+    scenarios = scenarios_of(beam_of(14, 2, seed=seed), ("Fz",), ("E",))
+    near = np.array([pair for pair in combinations(range(14), 2) if rng.random() < 0.35])
+    price = np.round(rng.uniform(0.5, 3, 14), 1)
+    asked = {"price": price, "budget": 6.0} if seed % 2 else {"zones": [("place.at_most.0", np.arange(14) < 7, 1)]}
+    limits = limits_of(14, 3, near=near, **asked)
+    monkeypatch.setattr(witness, "EFFORT", 0)
+    held = []
+
+    class Watched(witness.Guard):
+        def lets_go(self, *arguments):
+            spared = super().lets_go(*arguments)
+            layout = self._witness.units
+            assert limits.allows(layout)
+            assert np.all(self.there[layout])
+            assert np.all(layout[self.held])
+            assert not self.detection.loses(np.flatnonzero(layout))
+            held.append(self.held.sum())
+            return spared
+
+    monkeypatch.setattr(room, "Guard", Watched)
+    assert limits.allows(eliminate(scenarios, limits).kept)
+    assert held
+
+
+def two_instants(rows, noise):
+    """A constant drives an oscillator; rows (gauges, 2): state that each gauge reads at either instant, 1 sees no constant."""
+    F = np.zeros((4, 4))
+    F[0, 1], F[1], F[3, 3] = 1.0, [-4, -0.4, 1, 1], -0.5
+    Q, weight = np.diag([0, 0.01, 0.1, 0.1]), np.array([0, 0, 1.0, 0])
+    return [Scenario(F, Q, np.eye(4)[states], np.array(noise), weight) for states in np.array(rows).T]
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_two_gauges_that_see_one_instant_each_give_way_to_one_that_sees_both(aggregate):
+    scenarios = two_instants([(0, 1), (1, 0), (0, 0)], [1e-3, 1e-3, 1e-1])
+    found = eliminate(scenarios, 1, aggregate)
+    assert found.kept.tolist() == [2]
+    np.testing.assert_allclose(found.trace[-1], score(found.pools, [2], aggregate), rtol=1e-9)
+    # without that gauge none is enough, and that is what is said
+    with pytest.raises(InfeasibleError, match=r"1 gauges asked for; the fewest of the pool .* are 2"):
+        eliminate(two_instants([(0, 1), (1, 0), (1, 1)], [1e-3, 1e-3, 1e-1]), 1, aggregate)
+
+
+def test_rosettes_that_share_their_unknowns_badly_are_no_dead_end(six_loads):
+    assert eliminate([six_loads], 2).kept.tolist() == [1, 2]
+
+
+def test_a_plain_count_pays_nothing_for_it(monkeypatch, beam_of, scenarios_of):
+    scenarios = scenarios_of(beam_of(30), ("Fz",), ("E",))
+
+    def refuse(*_):
+        raise AssertionError("a guard where none is needed")
+
+    monkeypatch.setattr(room, "Guard", refuse)
+    assert len(eliminate(scenarios, 4).kept) == 4
+
+
+def test_beside_far_stronger_gauges_that_have_to_leave_the_weak_one_is_found():
+    # either strong gauge alone makes rounding of the weak one, which sees both unknowns
+    F, Q = np.zeros((2, 2)), np.eye(2)
+    H = np.array([[[1.0, 0], [0, 0]], [[0, 1.0], [0, 0]], [[1, 0], [0, 1.0]]])
+    r = np.array([1e-21, 1e-21, 1.0])[:, None] * np.ones(2)
+    scenario = Scenario(F, Q, H, r, np.ones(2))
+    found = eliminate([scenario], limits_of(3, 1, zones=[("place.at_most.0", np.array([True, True, False]), 0)]))
+    assert found.kept.tolist() == [2]
+    np.testing.assert_allclose(found.trace[-1], score([solve_pool(scenario)], [2]), rtol=1e-9)
+    np.testing.assert_allclose(found.trace[0] + found.rise.sum(), found.trace[-1], rtol=1e-9)
