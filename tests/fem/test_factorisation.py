@@ -117,13 +117,13 @@ def test_every_solution_is_as_good_as_the_arithmetic_without_refinement():
 def test_too_little_memory_is_refused_before_it_is_taken(monkeypatch, available):
     """1 MB is less than the matrix itself needs; with 20 MB PARDISO's analysis can say that its factor needs more."""
     phases = []
-    interface = pardiso._interface
+    interface = pardiso.interface
 
     def watched(solver, upper):
         call = interface(solver, upper)
         return lambda phase, B, X: phases.append(phase) or call(phase, B, X)
 
-    monkeypatch.setattr(pardiso, "_interface", watched)
+    monkeypatch.setattr(pardiso, "interface", watched)
     monkeypatch.setattr(memory, "available_memory", lambda: available)
     with pytest.raises(UserError, match=r"27000 unknowns.*: .* GiB of memory are needed, .* GiB are available"):
         factorise(laplacian(30))

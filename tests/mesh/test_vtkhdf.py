@@ -9,8 +9,9 @@ import pyvista
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from strainsight.mesh.model import CellBlock
-from strainsight.mesh.vtkhdf import VTK_TYPE, unstructured_grid
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.vtkhdf import VTK_TYPE, facet_cells, unstructured_grid
 
 COUNT = {
     "vertex": 1,
@@ -40,6 +41,13 @@ def write(path, grid):
 
 def hdf_reader(path):
     return pyvista.HDFReader(str(path))
+
+
+def time_reader(path):
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    return reader, reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
 
 
 def blocks():
@@ -98,10 +106,7 @@ def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
             rng.random((n, 3)), cells, {"mode": mode, "fixed": fixed}, {"strain": strain}, steps=frequency
         ),
     )
-    reader = vtkHDFReader()
-    reader.SetFileName(str(tmp_path / "modes.h5"))
-    reader.UpdateInformation()
-    times = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    reader, times = time_reader(tmp_path / "modes.h5")
     np.testing.assert_array_equal(times, frequency)
     for i in (2, 0, 1):
         reader.UpdateTimeStep(frequency[i])
@@ -127,3 +132,69 @@ def test_points_alone_are_a_grid(tmp_path):
 def test_data_of_another_length_is_refused(data):
     with pytest.raises(ValueError, match="PointData a"):
         unstructured_grid(np.eye(3), [], {"a": data}, steps=[0.0, 1.0])
+
+
+@pytest.mark.parametrize("suffix", [".vtkhdf", ".h5"])
+def test_a_surface_with_many_arrays_plays_in_time(tmp_path, suffix):
+    """A hexahedron beside a wedge: scalars, vectors and tensors, single and double, on facets and on points."""
+    position = np.array(
+        [[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)] + [[2, 0, 0], [2, 0, 1]], dtype=float
+    )
+    hexahedron = CellBlock("hex8", np.array([7]), np.array([[0, 1, 3, 2, 4, 5, 7, 6]]), np.array([1]))
+    wedge = CellBlock("wedge6", np.array([3]), np.array([[1, 8, 3, 5, 9, 7]]), np.array([2]))
+    inside = np.array([[9.0, 9.0, 9.0]])
+    mesh = Mesh(
+        np.arange(1, 12),
+        np.vstack([inside, position]),
+        tuple(CellBlock(b.kind, b.ids, b.nodes + 1, b.region) for b in (hexahedron, wedge)),
+        {},
+        {},
+        np.zeros((0, 2), dtype=np.int64),
+    )
+    facets = exterior_facets(mesh)
+    used, cells, order = facet_cells(facets)
+    np.testing.assert_array_equal(used, np.arange(1, 11))
+    assert [block.kind for block in cells] == ["tri3", "quad4"]
+    rng, T, f = np.random.default_rng(2), 5, len(facets.kind)
+    time = np.linspace(0, 1e-3, T)
+    tensor, mises = rng.random((T, f, 6)), rng.random((T, f)).astype(np.float32)
+    moved, nodal = rng.random((T, 10, 3)), rng.random((T, 10))
+    path = tmp_path / f"surface{suffix}"
+    write(
+        path,
+        unstructured_grid(
+            mesh.position[used],
+            cells,
+            {"displacement": moved, "von_mises": nodal},
+            {"stress": tensor[:, order], "von_mises": mises[:, order], "element": facets.element_id[order]},
+            steps=time,
+        ),
+    )
+    reader, times = time_reader(path)
+    np.testing.assert_array_equal(times, time)
+    for i in (3, 0, 4, 4, 1, 2):
+        reader.UpdateTimeStep(time[i])
+        grid = pyvista.wrap(reader.GetOutputDataObject(0))
+        np.testing.assert_array_equal(grid.point_data["displacement"], moved[i])
+        np.testing.assert_array_equal(grid.point_data["von_mises"], nodal[i])
+        assert grid.cell_data["von_mises"].dtype == np.float32
+        for cell, facet in enumerate(order):
+            nodes = facets.nodes[facet][facets.nodes[facet] >= 0]
+            np.testing.assert_array_equal(grid.get_cell(cell).points, mesh.position[nodes])
+            np.testing.assert_array_equal(grid.cell_data["stress"][cell], tensor[i, facet])
+            assert grid.cell_data["von_mises"][cell] == mises[i, facet]
+            assert grid.cell_data["element"][cell] == facets.element_id[facet]
+
+
+def test_points_of_a_surface_may_have_numbers_of_their_own():
+    """Two triangles that meet in an edge but have points of their own there, as where two materials meet."""
+    nodes = np.full((2, 8), -1)
+    nodes[:, :3] = [[0, 1, 2], [1, 3, 2]]
+    corner = np.full((2, 8), -1)
+    corner[:, :3] = [[10, 11, 12], [20, 22, 21]]
+    one = np.array([1, 2])
+    facets = Facets(element_id=one, facet=one, kind=np.zeros(2, dtype=np.int64), nodes=nodes, region=one)
+    used, (block,), order = facet_cells(facets, corner)
+    np.testing.assert_array_equal(used, [10, 11, 12, 20, 21, 22])
+    np.testing.assert_array_equal(block.nodes, [[0, 1, 2], [3, 5, 4]])
+    np.testing.assert_array_equal(order, [0, 1])

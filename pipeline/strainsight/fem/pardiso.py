@@ -35,7 +35,7 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     """
     from pypardiso import PyPardisoSolver
 
-    _name_mkl()
+    name_mkl()
     solver = PyPardisoSolver(mtype=POSITIVE_DEFINITE)
     # the same bits on every run whatever the alignment of the arrays; MKL takes it before its first computation only
     if solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AVX2) != 0:
@@ -44,7 +44,7 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     # every solution twice, which takes four times as long and which a positive definite matrix does not need.
     for place, value in ((OWN_VALUES, 1), (ORDERING, NESTED_DISSECTION), (FROM_ZERO, 1)):
         solver.iparm[place - 1] = value
-    call = _interface(solver, upper)
+    call = interface(solver, upper)
 
     def solve(B: np.ndarray) -> np.ndarray:
         X = np.empty(B.shape, order="F")
@@ -59,7 +59,7 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     return solve
 
 
-def _interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray, np.ndarray], None]:
+def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray, np.ndarray], None]:
     """One phase: (phase, B, X) with B, X (n, r) in columns, X written. Raises the errors of `pardiso`.
 
     pypardiso's own compares the matrix with its copy before each solve, or copies all its indices.
@@ -111,7 +111,7 @@ def _failure(code: int, phase: int, size: int) -> NumericalError | UserError:
     )
 
 
-def _name_mkl() -> None:
+def name_mkl() -> None:
     """Name the MKL library where pip puts it: without that, pypardiso searches the whole environment for every factor (0.3 s)."""
     found = sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*"))
     if found:

@@ -12,7 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.facets import FACET_KINDS, Facets
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 
 VTK_TYPE = {
     "vertex": 1,
@@ -90,6 +91,25 @@ def unstructured_grid(
             if offsets is not None:
                 datasets[f"Steps/{group}Offsets/{name}"] = offsets
     return VtkHdf(datasets, attributes)
+
+
+def facet_cells(facets: Facets, corner: IntArray | None = None) -> tuple[IntArray, tuple[CellBlock, ...], IntArray]:
+    """A surface as a grid of its own, without the points inside the solid.
+
+    corner (f, 8): other numbers for the facets' nodes (as of `StrainRows`), padded with −1. Returns the numbers that occur
+    (s,), ascending: what stands on points goes through them; the facets as cells, kind by kind, with the ids of their
+    elements, on points 0 … s − 1; and the facets' order (f,) there: what stands on facets goes through it.
+    """
+    nodes = facets.nodes if corner is None else corner
+    used = np.unique(nodes[nodes >= 0])
+    order = np.argsort(facets.kind, kind="stable")
+    blocks = []
+    for code in np.unique(facets.kind):
+        own = np.flatnonzero(facets.kind == code)
+        count = int(np.sum(nodes[own[0]] >= 0))
+        local = np.searchsorted(used, nodes[own, :count])
+        blocks.append(CellBlock(FACET_KINDS[code], facets.element_id[own], local, facets.region[own]))
+    return used, tuple(blocks), order
 
 
 def _steps(values: NDArray[np.float64]) -> dict[str, NDArray[Any]]:

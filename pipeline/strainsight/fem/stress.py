@@ -1,0 +1,150 @@
+"""Strain and stress of the surface at one instant of a reduced motion, with the standard deviations they inherit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.errors import DeckError
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.recovery import SHEARS, StrainRows, isotropic, lame
+from strainsight.mesh.model import Mesh
+
+CHUNK = 2048
+"""Points at a time: what belongs to them stays in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class SurfaceModel:
+    """ε = B q and σ = E(θ) C(ν) ε of p points: strain B (p, 6, r), shears γ; lam and mu (p,) Lamé's constants of unit
+    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli."""
+
+    strain: np.ndarray
+    lam: np.ndarray
+    mu: np.ndarray
+    modulus: AffineOperator
+
+
+@dataclass(frozen=True)
+class SurfaceState:
+    """strain (p, 6), shears γ; stress (p, 6) [Pa]; von_mises (p,) [Pa]; principal (p, 3) [Pa], largest first; and their
+    standard deviations, None where no covariance is given."""
+
+    strain: np.ndarray
+    stress: np.ndarray
+    von_mises: np.ndarray
+    principal: np.ndarray
+    strain_std: np.ndarray | None = None
+    stress_std: np.ndarray | None = None
+    von_mises_std: np.ndarray | None = None
+
+
+def surface_model(
+    mesh: Mesh, rows: StrainRows, field: np.ndarray, parameters: Sequence[Parameter] = ()
+) -> SurfaceModel:
+    """The rows on a displacement field per coordinate, field (3n, r), with the materials of their regions.
+
+    parameters: those that are a Young's modulus stay free in their regions. Raises DeckError where a region has no
+    material.
+    """
+    numbers, where = np.unique(rows.region, return_inverse=True)
+    for number in numbers:
+        if int(number) not in mesh.regions or mesh.regions[int(number)].material not in mesh.materials:
+            raise DeckError(f"region {number} has no material", remedy="stresses need one: give it in the deck")
+    materials = [mesh.materials[mesh.regions[int(number)].material] for number in numbers]
+    lam, mu = lame(np.array([material.poisson_ratio for material in materials])[where])
+    E = np.array([material.youngs_modulus for material in materials])[where]
+    terms = {}
+    for p in parameters:
+        if p.property == "youngs_modulus":
+            own = np.isin(rows.region, p.regions)
+            terms[p.name], E = own.astype(float), np.where(own, 0.0, E)
+    strain = rows.matrix @ np.asarray(field).reshape(3 * len(mesh.position), -1)
+    return SurfaceModel(strain.reshape(len(E), 6, -1), lam, mu, AffineOperator(E, terms))
+
+
+def surface_state(
+    model: SurfaceModel,
+    theta: Mapping[str, float],
+    q: np.ndarray,
+    covariance: np.ndarray | None = None,
+    free: Sequence[str] = (),
+) -> SurfaceState:
+    """Fields at the coordinates q (r,) and parameters theta [SI], and their standard deviations to first order:
+
+        std(gᵀx) = √(gᵀPg),   x = [q, θ_free],   ∂σ/∂q = E C B,   ∂σ/∂θ_i = C B q ∂E/∂θ_i,   ∂σ_v/∂σ = 3 dev(σ)/2σ_v
+
+    covariance P (r + k, r + k) of q and the k parameters named by free, these in SI units: of p = ln θ they are θ times p.
+    Where σ_v is zero it has no slope; √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), stands for it there.
+    """
+    r = model.strain.shape[2]
+    if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
+        raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")
+    strain = (model.strain.reshape(-1, r) @ q).reshape(-1, 6)
+    E = np.asarray(model.modulus.at(theta))
+    unit = isotropic(strain[..., None], model.lam[:, None], model.mu[:, None])[..., 0]
+    stress = E[:, None] * unit
+    mises = von_mises(stress)
+    state = SurfaceState(strain, stress, mises, principal(stress))
+    if covariance is None:
+        return state
+    slopes = np.stack([np.asarray(model.modulus.derivative(name)) for name in free], axis=1) if free else None
+    root = _root(covariance)
+    strain_std, stress_std, mises_std = np.empty_like(strain), np.empty_like(stress), np.empty_like(mises)
+    for start in range(0, len(E), CHUNK):
+        here = slice(start, start + CHUNK)
+        spread = (model.strain[here].reshape(-1, r) @ root[:r]).reshape(-1, 6, root.shape[1])
+        strain_std[here] = _length(spread)
+        factor = E[here, None]
+        spread = isotropic(spread, factor * model.lam[here, None], factor * model.mu[here, None])
+        if slopes is not None:
+            spread += unit[here, :, None] * (slopes[here] @ root[r:])[:, None, :]
+        stress_std[here] = _length(spread)
+        mises_std[here] = _mises_std(stress[here], mises[here], spread)
+    return replace(state, strain_std=strain_std, stress_std=stress_std, von_mises_std=mises_std)
+
+
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """σ_v = √(½[(σx − σy)² + (σy − σz)² + (σz − σx)²] + 3(τxy² + τyz² + τzx²)): stress (..., 6) → (...)."""
+    x, y, z = stress[..., 0], stress[..., 1], stress[..., 2]
+    shear = np.einsum("...i,...i->...", stress[..., 3:], stress[..., 3:])
+    return np.sqrt(0.5 * ((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) + 3 * shear)
+
+
+def principal(stress: np.ndarray) -> np.ndarray:
+    """σ₁ ≥ σ₂ ≥ σ₃: stress (..., 6) → (..., 3)."""
+    tensor = np.zeros((*stress.shape[:-1], 3, 3))
+    for i in range(3):
+        tensor[..., i, i] = stress[..., i]
+    for place, (i, j) in enumerate(SHEARS, start=3):
+        tensor[..., i, j] = tensor[..., j, i] = stress[..., place]
+    return np.linalg.eigvalsh(tensor)[..., ::-1]
+
+
+def _root(P: np.ndarray) -> np.ndarray:
+    """L with P = LLᵀ, of as many columns as P has rank; what rounding has made negative is zero."""
+    # to a unit diagonal first: moduli [Pa] beside coordinates lie twenty orders of magnitude apart
+    std = np.sqrt(np.maximum(np.diagonal(P), 0.0))
+    scale = np.where(std > 0, std, 1.0)
+    lam, V = np.linalg.eigh(P / np.outer(scale, scale))
+    keep = lam > 0
+    return scale[:, None] * V[:, keep] * np.sqrt(lam[keep])
+
+
+def _length(spread: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("...i,...i->...", spread, spread))
+
+
+def _mises_std(stress: np.ndarray, mises: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """std of σ_v; stress (p, 6), mises (p,), spread (p, 6, w) with covariance of the stress = spread · spreadᵀ."""
+    gradient = 3.0 * stress
+    gradient[:, :3] -= stress[:, :3].sum(axis=1, keepdims=True)
+    gradient[:, :3] *= 0.5
+    none = mises == 0
+    gradient /= np.where(none, 1.0, mises)[:, None]
+    std = np.linalg.norm(np.matmul(gradient[:, None, :], spread)[:, 0], axis=1)
+    if none.any():
+        std[none] = np.sqrt((von_mises(np.swapaxes(spread[none], 1, 2)) ** 2).sum(axis=1))
+    return std

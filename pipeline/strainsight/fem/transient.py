@@ -1,0 +1,236 @@
+"""The whole model in time: M(θ)z̈ + Cż + K(θ)z = S u(t), without a reduction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.errors import NumericalError, UserError
+from strainsight.fem.complex_factor import factorise_complex
+from strainsight.fem.factorisation import BLOCK, Factor, factorise
+from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.modes import modes as lowest_modes
+from strainsight.fem.pade import Scheme, choose
+from strainsight.fem.viscous import ViscousDamping
+
+FIRST_MODES = 4
+LOAD_SHARE = 0.999
+BAND = 1 / 2.56
+"""Usable band of a measuring chain as a share of its sampling rate: what is left below the flank of its filter."""
+
+
+@dataclass(frozen=True)
+class Transient:
+    """Readings at T + 1 instants: reading (T + 1, m), rows · z; acceleration (T + 1, a), acceleration rows · z̈; snapshot
+    (k, n_free) [m], z at the instants asked for; end (2, n_free), z and ż at the last one. order of the scheme in the time
+    step, substeps of every step, highest [Hz]: to there periods are right to 1e-4 and no mode gains more damping than 1e-4.
+    """
+
+    reading: np.ndarray
+    acceleration: np.ndarray
+    snapshot: np.ndarray
+    end: np.ndarray
+    order: int
+    substeps: int
+    highest: float
+
+
+def transient(
+    model: FiniteElementModel,
+    S: np.ndarray,
+    theta: Mapping[str, float],
+    damping: ViscousDamping,
+    held: np.ndarray,
+    h: float,
+    rows: sparse.csr_array | np.ndarray,
+    acceleration_rows: sparse.csr_array | np.ndarray | None = None,
+    *,
+    highest: float | None = None,
+    snapshots: Sequence[int] = (),
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Transient:
+    """Integrate with x = [z, ż], x⁺ = R(hA)x + …, R a rational approximation of the exponential with poles p_k (`fem.pade`):
+
+        (K + s_kC + s_k²M) w_k = (Kz/s_k − Mż − f_k)/h,     s_k = p_k/h,     f_k = Σⱼ j! h p_k^{−j−1} S uⱼ
+        z⁺ = z + Σ_k 2 Re c_k w_k,        ż⁺ = R∞ż + Σ_k 2 Re c_k s_k w_k
+
+    A force that is a polynomial within the step enters as by the exact variation of constants with R in place of the
+    exponential, so that what a motion owes to a polynomial force is exact however fast the mode. The damping given mode by
+    mode has low rank and is added to every solution (Woodbury).
+    S (n_free, n_u) [-]; theta [SI]; held (T, J, n_u) polynomial coefficients of the load in τ/h, J ≤ 3; h [s] between
+    instants; rows (m, n_free) and acceleration_rows (a, n_free) of what is read, sparse or dense (`free_rows` makes them
+    from rows of nodes); snapshots: instants 0 … T; start: z and ż (n_free,) at first, rest where not given; progress takes
+    the share done.
+    highest [Hz]: up to there every mode keeps its period to 1e-4; degree and substeps follow from it. Not given, it is
+    what the loads reach (99.9 % of their power) or the fourth mode, whichever is higher; where accelerations are read,
+    which fast modes govern, at least 1/2.56 of the sampling rate.
+    Memory: the factors, and some 32 instants of the motion. Raises UserError for accelerations of a model with unknowns
+    without mass, NumericalError where the motion is not finite, and the errors of `factorise` and `modes`.
+    Source: Song, Eisenträger and Zhang (2022), in partial fractions.
+    """
+    K, M = model.stiffness.at(theta), model.mass.at(theta)
+    mass = None if acceleration_rows is None or not acceleration_rows.shape[0] else _mass_factor(M)
+    reach = highest
+    if reach is None:
+        reach = max(_reach(K, M, damping, held, h), 0.0 if mass is None else BAND / h)
+    scheme, substeps = choose(2 * np.pi * reach * h)
+    step = _Step(K, M, sparse.csr_array(S), damping, scheme, h, substeps, held.shape[1])
+    z, v = (np.zeros(K.shape[0]),) * 2 if start is None else start
+    motion = np.stack([z, v]).astype(float)
+    recorder = _Recorder(step, rows, acceleration_rows, mass, len(held) + 1)
+    wanted = set(snapshots)
+    kept: dict[int, np.ndarray] = {}
+    for i in range(len(held) + 1):
+        u = held[i, 0] if i < len(held) else held[-1].sum(axis=0)
+        recorder.take(motion, u)
+        if i in wanted:
+            kept[i] = motion[0].copy()
+        if i < len(held):
+            motion = step.advance(motion, held[i])
+        if progress is not None and i % BLOCK == 0:
+            progress(i / max(1, len(held)))
+    recorder.flush()
+    if not np.all(np.isfinite(motion)):
+        raise NumericalError("the motion of the full model is not finite", remedy="check the loads and the materials")
+    return Transient(
+        recorder.reading,
+        recorder.acceleration,
+        np.array([kept[i] for i in snapshots]).reshape(-1, K.shape[0]),
+        motion,
+        2 * scheme.degree - 1,
+        substeps,
+        scheme.reach * substeps / (2 * np.pi * h),
+    )
+
+
+def free_rows(model: FiniteElementModel, rows: sparse.csr_array) -> sparse.csr_array:
+    """Rows (m, 3n) of displacements of the nodes → rows (m, n_free) of the free motions."""
+    return sparse.csr_array(rows @ model.constraint.transform[: 3 * len(model.mesh.position)])
+
+
+class _Step:
+    """One step of length h in `substeps` parts, with the factors it needs."""
+
+    def __init__(
+        self,
+        K: sparse.csr_array,
+        M: sparse.csr_array,
+        S: sparse.csr_array,
+        damping: ViscousDamping,
+        scheme: Scheme,
+        h: float,
+        substeps: int,
+        coefficients: int,
+    ):
+        self.K, self.M, self.S, self.damping, self.scheme = K, M, S, damping, scheme
+        self.part = h / substeps
+        self.s = scheme.pole / self.part
+        self.weight = self.part * scheme.load_weights(coefficients, substeps)
+        alpha, beta = damping.alpha, damping.beta
+        self.solve = [factorise_complex((1 + s * beta) * K + (s * s + s * alpha) * M) for s in self.s]
+        self.modal = damping.shapes is not None and bool(np.any(damping.rate))
+        if self.modal:
+            s, c = self.s[:, None], damping.rate
+            # the shapes are eigenvectors: (K + …)⁻¹Mφ = φ/a without a further solve
+            a = s * s + s * alpha + (1 + s * beta) * damping.frequency**2
+            self.gain = s * c / (a + s * c)
+            self.shapes = np.asarray(damping.shapes)
+            self.M_shapes = M @ self.shapes
+
+    def advance(self, motion: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """[z, ż] (2, n) one step later; held (J, n_u)."""
+        z, v = motion
+        for weight in self.weight:
+            Kz, Mv = self.K @ z, self.M @ v
+            force = (weight @ held).T
+            pair = np.zeros((2, len(z)))
+            low = np.zeros((2, self.M_shapes.shape[1])) if self.modal else None
+            for k, (s, c) in enumerate(zip(self.s, self.scheme.residue, strict=True)):
+                w = self.solve[k]((Kz / s - Mv - self.S @ force[:, k]) / self.part)
+                pair[0] += 2 * (c * w).real
+                pair[1] += 2 * (c * s * w).real
+                if low is not None:
+                    share = self.gain[k] * _real_times(self.M_shapes, w)
+                    low[0] += 2 * (c * share).real
+                    low[1] += 2 * (c * s * share).real
+            if low is not None:
+                pair -= low @ self.shapes.T
+            z, v = z + pair[0], self.scheme.infinity * v + pair[1]
+        return np.stack([z, v])
+
+    def damped(self, v: np.ndarray) -> np.ndarray:
+        """C ż; (n, b) → (n, b)."""
+        force = self.damping.alpha * (self.M @ v) + self.damping.beta * (self.K @ v)
+        if self.modal:
+            force += self.M_shapes @ (self.damping.rate[:, None] * (self.M_shapes.T @ v))
+        return force
+
+
+class _Recorder:
+    """What is read, in blocks of instants: one product with the rows, one solution with the mass, for all of them."""
+
+    def __init__(
+        self,
+        step: _Step,
+        rows: sparse.csr_array | np.ndarray,
+        acceleration_rows: sparse.csr_array | np.ndarray | None,
+        mass: Factor | None,
+        instants: int,
+    ):
+        self.step, self.rows, self.acceleration_rows, self.mass = step, rows, acceleration_rows, mass
+        count = 0 if acceleration_rows is None else acceleration_rows.shape[0]
+        self.reading, self.acceleration = np.zeros((instants, rows.shape[0])), np.zeros((instants, count))
+        self.motions: list[np.ndarray] = []
+        self.loads: list[np.ndarray] = []
+        self.done = 0
+
+    def take(self, motion: np.ndarray, u: np.ndarray) -> None:
+        self.motions.append(motion)
+        self.loads.append(u)
+        if len(self.motions) == BLOCK:
+            self.flush()
+
+    def flush(self) -> None:
+        if not self.motions:
+            return
+        z, v = (np.ascontiguousarray(part.T) for part in np.stack(self.motions, axis=1))
+        here = slice(self.done, self.done + len(self.motions))
+        self.reading[here] = (self.rows @ z).T
+        if self.mass is not None and self.acceleration_rows is not None:
+            force = self.step.S @ np.array(self.loads).T - self.step.K @ z - self.step.damped(v)
+            self.acceleration[here] = (self.acceleration_rows @ self.mass.solve(force)).T
+        self.done = here.stop
+        self.motions, self.loads = [], []
+
+
+def _real_times(X: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Xᵀw for real X (n, N) and complex w (n,), without a complex copy of X."""
+    real, imaginary = w.view(float).reshape(-1, 2).T @ X
+    return real + 1j * imaginary
+
+
+def _mass_factor(M: sparse.csr_array) -> Factor:
+    try:
+        return factorise(M)
+    except NumericalError:
+        raise UserError(
+            "accelerations of a model with unknowns that have no mass are not defined",
+            remedy="give every unknown a mass, or read strains and displacements only",
+        ) from None
+
+
+def _reach(K: sparse.csr_array, M: sparse.csr_array, damping: ViscousDamping, held: np.ndarray, h: float) -> float:
+    """The frequency [Hz] up to which periods count: LOAD_SHARE of the loads' power, and the first modes."""
+    count = min(FIRST_MODES, int(np.count_nonzero(M.diagonal() > 0)))
+    known = damping.frequency[:count] / (2 * np.pi)
+    first = known[-1] if len(known) == count else lowest_modes(K, M, count)[0][-1]
+    u = held[:, 0] * np.hanning(len(held) + 2)[1:-1, None]
+    power = (np.abs(np.fft.rfft(u, axis=0)) ** 2).sum(axis=1)
+    total = np.cumsum(power)
+    frequency = np.fft.rfftfreq(len(held), h)
+    reached = frequency[np.searchsorted(total, LOAD_SHARE * total[-1])] if total[-1] > 0 else 0.0
+    return float(max(first, reached))

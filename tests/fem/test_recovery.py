@@ -1,0 +1,366 @@
+"""The strain and stress of the surface, of all six solids, against known fields, closed forms, gauges and draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from strainsight.errors import DeckError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.assembly import assemble
+from strainsight.fem.element_matrices import element_stiffnesses
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.recovery import bubble_amplitudes, facet_strain, node_strain
+from strainsight.fem.stress import principal, surface_model, surface_state, von_mises
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.rows import channel_matrix
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+
+KINDS = ("tet4", "tet10", "hex8", "hex20", "wedge6", "wedge15")
+E, NU, RHO = 2.1e11, 0.3, 7850.0
+
+
+def voigt(tensor):
+    """(..., 3, 3) symmetric → [xx yy zz 2xy 2yz 2zx]."""
+    t = np.asarray(tensor)
+    return np.stack(
+        [t[..., 0, 0], t[..., 1, 1], t[..., 2, 2], 2 * t[..., 0, 1], 2 * t[..., 1, 2], 2 * t[..., 2, 0]], axis=-1
+    )
+
+
+def shaken(mesh: Mesh, size: float, seed: int = 0) -> Mesh:
+    """Every node moved, mid-side nodes too: distorted elements with curved facets."""
+    moved = mesh.position + size * np.random.default_rng(seed).uniform(-1, 1, mesh.position.shape)
+    return Mesh(mesh.node_ids, moved, mesh.blocks, mesh.regions, mesh.materials, mesh.fixed)
+
+
+def column(field):
+    return np.asarray(field).reshape(-1, 1)
+
+
+def tensors(rows, field):
+    return (rows.matrix @ np.asarray(field).ravel()).reshape(-1, 6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("recover", [facet_strain, node_strain])
+def test_a_linear_field_is_recovered_exactly_on_distorted_and_curved_elements(box, kind, recover):
+    mesh = shaken(box(kind), 0.03)
+    G = np.random.default_rng(1).standard_normal((3, 3))
+    rows = recover(mesh, exterior_facets(mesh))
+    expected = np.tile(voigt(0.5 * (G + G.T)), (len(rows.region), 1))
+    np.testing.assert_allclose(tensors(rows, mesh.position @ G.T + 0.7), expected, atol=2e-13)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_rigid_motion_strains_nothing(box, kind):
+    mesh = shaken(box(kind), 0.04)
+    field = np.cross([0.3, -1.2, 0.5], mesh.position) + np.array([1.0, 2.0, 3.0])
+    assert np.abs(tensors(facet_strain(mesh, exterior_facets(mesh)), field)).max() < 1e-13
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex20", "wedge15"])
+@pytest.mark.parametrize("recover", [facet_strain, node_strain])
+def test_a_quadratic_field_is_recovered_exactly_on_straight_elements(box, kind, recover):
+    mesh = box(kind, (2, 2, 2), (1.0, 0.8, 0.6))
+    x, y, z = mesh.position.T
+    field = np.column_stack([x * y + z**2, x**2 - y * z, x * z + y**2])
+    facets = exterior_facets(mesh)
+    rows = recover(mesh, facets)
+    if rows.corner is None:
+        corners = 4 if kind == "hex20" else None
+        points = np.array(
+            [
+                mesh.position[n[: corners or (3 if f == 1 else 4)]].mean(axis=0)
+                for n, f in zip(facets.nodes, facets.kind, strict=True)
+            ]
+        )
+    else:
+        points = mesh.position[rows.node]
+    x, y, z = points.T
+    zero = np.zeros_like(x)
+    G = np.array([[y, x, 2 * z], [2 * x, -z, -y], [z, 2 * y, x + zero]]).transpose(2, 0, 1)
+    np.testing.assert_allclose(tensors(rows, field), voigt(0.5 * (G + G.transpose(0, 2, 1))), atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_along_the_surface_it_is_what_a_gauge_reads(box, kind):
+    """Any field, distorted and curved elements: tᵀεt at a facet's centre is the row of a point gauge there."""
+    mesh = shaken(box(kind), 0.05, seed=3)
+    facets = exterior_facets(mesh)
+    gauges = candidates(mesh, facets, (1.0, 0.7, 0.4), (0.0, 30.0, 90.0))
+    field = np.random.default_rng(5).standard_normal(3 * len(mesh.position))
+    read = channel_matrix(mesh.position, gauges, facets) @ field
+    number = {(e, f): i for i, (e, f) in enumerate(zip(facets.element_id, facets.facet, strict=True))}
+    at = [number[key] for key in zip(gauges.element, gauges.facet, strict=True)]
+    strain = tensors(facet_strain(mesh, facets), field)[at]
+    t = gauges.direction
+    along = voigt(np.einsum("mi,mj->mij", t, t)) * [1, 1, 1, 0.5, 0.5, 0.5]
+    np.testing.assert_allclose(np.sum(along * strain, axis=1), read, rtol=1e-10, atol=1e-10 * np.abs(read).max())
+
+
+def test_the_incompatible_modes_stand_where_the_assembly_condenses_them(box):
+    """zᵀKz of the assembled element is the energy of the strain with these amplitudes, at its own quadrature points."""
+    mesh = shaken(box("hex8", (1, 1, 1)), 0.1)
+    position, ids, nu = mesh.position[mesh.blocks[0].nodes], np.array([1]), np.array([NU])
+    a, b = np.triu_indices(8)
+    blocks = element_stiffnesses("hex8", position, nu, ids)[0].reshape(-1, 3, 3)
+    K = np.zeros((8, 3, 8, 3))
+    K[a, :, b, :] = blocks
+    K[b, :, a, :] = blocks.transpose(0, 2, 1)
+    K = K.reshape(24, 24)
+    z = np.random.default_rng(2).standard_normal(24)
+    alpha = bubble_amplitudes(position, nu, ids)[0] @ z
+    gauss = 1 / np.sqrt(3)
+    sign = 2 * (np.array(np.meshgrid(*[[0, 1]] * 3, indexing="ij")).reshape(3, -1).T) - 1
+    corners = np.array(
+        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
+    )
+
+    def jacobian(xi):
+        half = 0.5 * (1 + corners * xi)
+        dN = np.stack([0.5 * corners[:, d] * np.prod(np.delete(half, d, axis=1), axis=1) for d in range(3)], axis=1)
+        return dN, position[0].T @ dN
+
+    _, J0 = jacobian(np.zeros(3))
+    lam, mu = NU / ((1 + NU) * (1 - 2 * NU)), 0.5 / (1 + NU)
+    energy = 0.0
+    for xi in gauss * sign:
+        dN, J = jacobian(xi)
+        G = z.reshape(8, 3).T @ dN @ np.linalg.inv(J)
+        own = np.linalg.det(J0) / np.linalg.det(J) * (-2 * np.diag(xi)) @ np.linalg.inv(J0)
+        G = G + alpha.reshape(3, 3).T @ own
+        strain = 0.5 * (G + G.T)
+        energy += np.linalg.det(J) * (lam * np.trace(strain) ** 2 + 2 * mu * np.sum(strain**2))
+    assert energy == pytest.approx(z @ K @ z, rel=1e-12)
+
+
+def bar(box, kind, counts, load, components=(0, 1, 2), **more):
+    """A bar 1 × 0.1 × 0.08 m whose ends are moved by `load` (of x and of y, z from the axis) in these components; where x is
+    not one of them it is held on the axis. Returns the mesh and the displacements."""
+    mesh = box(kind, counts, (1.0, 0.1, 0.08), material=(E, NU, RHO), **more)
+    x, y, z = mesh.position.T
+    y, z = y - 0.05, z - 0.04
+    exact = np.column_stack(load(x, y, z))
+    ends = np.isclose(x, 0) | np.isclose(x, 1)
+    K, _ = assemble(mesh)
+    given = np.isin(np.arange(3), components) & ends[:, None]
+    given[ends & np.isclose(y, 0) & np.isclose(z, 0), 0] = True
+    given = given.ravel()
+    K = K.constant
+    free = np.flatnonzero(~given)
+    field = exact.ravel().copy()
+    field[free] = -factorise(K[free][:, free]).solve(K[free][:, np.flatnonzero(given)] @ field[given])
+    return mesh, field
+
+
+def middle_stresses(mesh, field, recover):
+    """Stress at the points at least 0.25 m from the ends, and the points."""
+    facets = exterior_facets(mesh)
+    rows = recover(mesh, facets)
+    if rows.corner is None:
+        points = np.array(
+            [mesh.position[n[: 3 if k < 2 else 4]].mean(axis=0) for n, k in zip(facets.nodes, facets.kind, strict=True)]
+        )
+    else:
+        points = mesh.position[rows.node]
+    state = surface_state(surface_model(mesh, rows, column(field)), {}, np.ones(1))
+    inner = np.abs(points[:, 0] - 0.5) < 0.25
+    return state, points - [0.0, 0.05, 0.04], inner
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("recover", [facet_strain, node_strain])
+def test_tension_of_a_bar(box, kind, recover):
+    """u = [εx, −νεy, −νεz]: σxx = Eε alone, everywhere; von Mises and the first principal stress are σxx."""
+    e = 1e-4
+    mesh, field = bar(box, kind, (6, 2, 2), lambda x, y, z: (e * x, -NU * e * y, -NU * e * z), distort=0.2)
+    state, _, _ = middle_stresses(mesh, field, recover)
+    np.testing.assert_allclose(state.stress, np.tile([E * e, 0, 0, 0, 0, 0], (len(state.stress), 1)), atol=1e-8 * E * e)
+    np.testing.assert_allclose(state.von_mises, E * e, rtol=1e-8)
+    np.testing.assert_allclose(state.principal, np.tile([E * e, 0, 0], (len(state.stress), 1)), atol=1e-8 * E * e)
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex8", "hex20", "wedge15"])
+@pytest.mark.parametrize("recover", [facet_strain, node_strain])
+def test_pure_bending_of_a_bar(box, kind, recover):
+    """u = κ[−xz, −νyz·(−1), …]: σxx = −Eκz alone. Quadratic elements hold the field, and hex8 by its incompatible modes."""
+    k = 1e-3
+
+    def field_of(x, y, z):
+        return -k * x * z, k * NU * y * z, 0.5 * k * (x**2 + NU * (z**2 - y**2))
+
+    mesh, field = bar(box, kind, (8, 2, 2), field_of)
+    state, points, inner = middle_stresses(mesh, field, recover)
+    expected = np.zeros_like(state.stress)
+    expected[:, 0] = -E * k * points[:, 2]
+    peak = E * k * 0.04
+    # hex8's ends hold only the corners of a quadratic motion: the disturbance dies out within a height
+    np.testing.assert_allclose(state.stress[inner], expected[inner], atol=(2e-3 if kind == "hex8" else 1e-8) * peak)
+
+
+def test_torsion_of_a_bar(box):
+    """Saint-Venant's rectangle: the largest shear stress in the middle of the long side."""
+    a, b, twist = 0.1, 0.08, 1e-2
+    mesh, field = bar(
+        box, "hex20", (6, 12, 12), lambda x, y, z: (0 * x, -twist * (x - 0.5) * z, twist * (x - 0.5) * y), (1, 2)
+    )
+    n = np.arange(1, 60, 2)
+    k = 1 - 8 / np.pi**2 * np.sum(1 / (n**2 * np.cosh(n * np.pi * a / (2 * b))))
+    peak = E / (2 * (1 + NU)) * twist * b * k
+    state, points, inner = middle_stresses(mesh, field, node_strain)
+    at = np.flatnonzero(
+        inner & (np.abs(points[:, 1]) < 1e-9) & np.isclose(points[:, 2], 0.04) & (np.abs(points[:, 0] - 0.5) < 0.1)
+    )
+    assert len(at)
+    np.testing.assert_allclose(np.abs(state.stress[at, 3]), peak, rtol=5e-3)
+    np.testing.assert_allclose(state.von_mises[at], np.sqrt(3) * peak, rtol=5e-3)
+    np.testing.assert_allclose(state.principal[at], np.tile([peak, 0, -peak], (len(at), 1)), atol=5e-3 * peak)
+
+
+def test_nodes_between_two_materials_are_points_of_both(box):
+    """In series under tension the stress goes on and the strain jumps: neither is smeared."""
+    mesh = box("hex20", (4, 2, 2), region=np.repeat([1, 2], 8), materials={1: (E, 0.0, RHO), 2: (E / 4, 0.0, RHO)})
+    assert set(mesh.blocks[0].region[mesh.position[mesh.blocks[0].nodes][:, :, 0].mean(axis=1) < 0.5]) == {1}
+    x = mesh.position[:, 0]
+    field = np.zeros((len(x), 3))
+    field[:, 0] = np.where(x < 0.5, x, 0.5 + 4 * (x - 0.5))
+    facets = exterior_facets(mesh)
+    rows = node_strain(mesh, facets)
+    between = np.isclose(mesh.position[rows.node, 0], 0.5)
+    assert sorted(set(rows.region[between])) == [1, 2]
+    state = surface_state(surface_model(mesh, rows, column(field)), {}, np.ones(1))
+    np.testing.assert_allclose(state.strain[:, 0], np.where(rows.region == 1, 1.0, 4.0), rtol=1e-12)
+    np.testing.assert_allclose(state.stress[:, 0], E, rtol=1e-12)
+    for facet in range(len(facets.nodes)):
+        there = rows.corner[facet][rows.corner[facet] >= 0]
+        np.testing.assert_array_equal(rows.node[there], facets.nodes[facet][facets.nodes[facet] >= 0])
+        assert set(rows.region[there]) == {facets.region[facet]}
+
+
+def test_invariants_do_not_turn_with_the_axes():
+    rng = np.random.default_rng(0)
+    s = np.array([3.0, -1.0, 0.5])
+    for R in Rotation.random(20, random_state=rng).as_matrix():
+        t = R @ np.diag(s) @ R.T
+        stress = voigt(t) * [1, 1, 1, 0.5, 0.5, 0.5]
+        np.testing.assert_allclose(principal(stress), np.sort(s)[::-1], atol=1e-14)
+        assert von_mises(stress) == pytest.approx(np.sqrt(0.5 * ((4) ** 2 + 1.5**2 + 2.5**2)), rel=1e-14)
+
+
+@pytest.fixture(scope="module")
+def random_model(box):
+    mesh = shaken(box("hex8", region=np.repeat([1, 2], 4), materials={1: (E, NU, RHO), 2: (7e10, 0.33, 2700.0)}), 0.03)
+    facets = exterior_facets(mesh)
+    rng = np.random.default_rng(7)
+    field = rng.standard_normal((3 * len(mesh.position), 5))
+    parameters = (Parameter("E1", "youngs_modulus", (1,), E), Parameter("rho", "density", (2,), 2700.0))
+    return surface_model(mesh, facet_strain(mesh, facets), field, parameters), facets
+
+
+def test_stress_is_affine_in_a_free_modulus(random_model):
+    model, facets = random_model
+    q = np.random.default_rng(8).standard_normal(5)
+    once, twice = (surface_state(model, {"E1": factor * E}, q).stress for factor in (1, 2))
+    factor = np.where(facets.region == 1, 2.0, 1.0)[:, None]
+    np.testing.assert_allclose(twice, factor * once, rtol=1e-14)
+    lam, mu = (7e10 * NU_ for NU_ in (0.33 / (1.33 * 0.34), 0.5 / 1.33))
+    strain = surface_state(model, {"E1": E}, q).strain[facets.region == 2]
+    expected = 2 * mu * strain * [1, 1, 1, 0.5, 0.5, 0.5]
+    expected[:, :3] += lam * strain[:, :3].sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(once[facets.region == 2], expected, rtol=1e-13)
+
+
+def test_standard_deviations_are_those_of_draws(random_model):
+    """q and E drawn together, correlated: components exactly linear in q, von Mises and σ(q, E) to first order."""
+    model, facets = random_model
+    rng = np.random.default_rng(9)
+    q = rng.standard_normal(5)
+    A = rng.standard_normal((6, 6))
+    scale = np.r_[np.full(5, 2e-3), 2e-3 * E]
+    P = (A @ A.T) * np.outer(scale, scale)
+    state = surface_state(model, {"E1": E}, q, P, ("E1",))
+    draws = 20_000
+    x = np.r_[q, E] + rng.multivariate_normal(np.zeros(6), P / np.outer(scale, scale), draws) * scale
+    some = np.linspace(0, len(facets.kind) - 1, 6).astype(int)
+    strain = np.einsum("pir,dr->dpi", model.strain[some], x[:, :5])
+    factor = np.where(facets.region[some] == 1, x[:, 5:], 7e10)[..., None]
+    nu = np.where(facets.region[some] == 1, NU, 0.33)[:, None]
+    stress = factor / (1 + nu) * strain * [1, 1, 1, 0.5, 0.5, 0.5]
+    stress[..., :3] += factor * nu / ((1 + nu) * (1 - 2 * nu)) * strain[..., :3].sum(axis=2, keepdims=True)
+    within = 4 / np.sqrt(2 * draws)
+    np.testing.assert_allclose(state.strain_std[some], strain.std(axis=0), rtol=within)
+    np.testing.assert_allclose(state.stress_std[some], stress.std(axis=0), rtol=within)
+    np.testing.assert_allclose(state.von_mises_std[some], von_mises(stress).std(axis=0), rtol=within)
+
+
+def test_at_rest_von_mises_has_the_root_mean_square_for_its_deviation(random_model):
+    model, _ = random_model
+    P = np.diag(np.arange(1.0, 6.0))
+    state = surface_state(model, {"E1": E}, np.zeros(5), P)
+    draws = np.random.default_rng(3).standard_normal((20_000, 5)) * np.sqrt(np.diag(P))
+    stress = np.stack([surface_state(model, {"E1": E}, e).stress[:4] for e in np.eye(5)])
+    mises = von_mises(np.einsum("rpi,dr->dpi", stress, draws))
+    np.testing.assert_allclose(state.von_mises_std[:4], np.sqrt((mises**2).mean(axis=0)), rtol=0.03)
+
+
+def test_a_covariance_without_full_rank_and_one_of_another_size(random_model):
+    model, _ = random_model
+    v = np.random.default_rng(4).standard_normal(5)
+    state = surface_state(model, {"E1": E}, v, np.outer(v, v))
+    np.testing.assert_allclose(
+        state.stress_std, np.abs(state.stress), rtol=1e-7, atol=1e-6 * np.abs(state.stress).max()
+    )
+    with pytest.raises(ValueError, match="covariance"):
+        surface_state(model, {"E1": E}, v, np.eye(5), ("E1",))
+
+
+def test_a_region_without_material_has_no_stress(box):
+    mesh = box("tet4", (1, 1, 1))
+    bare = Mesh(mesh.node_ids, mesh.position, mesh.blocks, {1: Region(1, "", 0)}, {}, mesh.fixed)
+    rows = facet_strain(bare, exterior_facets(bare))
+    with pytest.raises(DeckError, match="region 1 has no material"):
+        surface_model(bare, rows, np.zeros((3 * len(mesh.position), 1)))
+
+
+def test_blocks_of_several_kinds_and_ids_in_any_order():
+    """A wedge on a hexahedron, element numbers descending: every facet finds its own solid."""
+    position = np.array(
+        [
+            [0, 0, 0],
+            [1, 0, 0],
+            [1, 1, 0],
+            [0, 1, 0],
+            [0, 0, 1],
+            [1, 0, 1],
+            [1, 1, 1],
+            [0, 1, 1],
+            [2, 0, 0],
+            [2, 0, 1],
+            [-1, 0, 0],
+            [-1, 1, 0],
+            [-1, 0, 1],
+            [-1, 1, 1],
+        ],
+        dtype=float,
+    )
+    hexahedra = np.array([[0, 1, 2, 3, 4, 5, 6, 7], [10, 0, 3, 11, 12, 4, 7, 13]])
+    blocks = (
+        CellBlock("hex8", np.array([9, 4]), hexahedra, np.array([1, 1])),
+        CellBlock("wedge6", np.array([6]), np.array([[1, 8, 2, 5, 9, 6]]), np.array([1])),
+    )
+    mesh = Mesh(
+        np.arange(1, 15),
+        position,
+        blocks,
+        {1: Region(1, "", 1)},
+        {1: Material(1, E, NU, RHO)},
+        np.zeros((0, 2), dtype=int),
+    )
+    facets = exterior_facets(mesh)
+    field = np.zeros((14, 3))
+    field[:, 1] = np.where(position[:, 0] > 1, 5 * (position[:, 0] - 1), 0.0)
+    strain = tensors(facet_strain(mesh, facets), field)
+    assert np.all((np.abs(strain[:, 3]) > 1) == (facets.element_id == 6))

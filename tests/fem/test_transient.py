@@ -1,0 +1,422 @@
+"""The whole model in time against exponentials of dense matrices, closed forms, scipy's integrators and its own modes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import factorial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh, expm
+
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import NumericalError, UserError
+from strainsight.fem import complex_factor
+from strainsight.fem import transient as module
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.complex_factor import factorise_complex
+from strainsight.fem.constraints import Constraint
+from strainsight.fem.model import FiniteElementModel, PointLoad, build_model, input_shape
+from strainsight.fem.pade import DEGREES, choose, pade
+from strainsight.fem.transient import free_rows, transient
+from strainsight.fem.viscous import ViscousDamping, modal_damping
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.rows import channel_matrix
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import RigidElement
+from strainsight.rom.modal_step import simulate
+from strainsight.rom.model import Damping
+from strainsight.rom.reduction import modal_model
+from strainsight.signals.histories import Sine, hold_coefficients, instant_values
+
+NONE = ViscousDamping()
+
+
+def model_of(K, M) -> FiniteElementModel:
+    """A model of given matrices; it has no mesh."""
+    K, M = sparse.csr_array(np.asarray(K, float)), sparse.csr_array(np.asarray(M, float))
+    free = sparse.csr_array(sparse.eye_array(K.shape[0], format="csr"))
+    constraint = Constraint(free, {}, np.arange(K.shape[0]))
+    return FiniteElementModel(None, constraint, AffineOperator(K, {}), AffineOperator(M, {}))
+
+
+def chain(n, stiffness=4e4, mass=1.0, coupling=0.1):
+    """n masses in a row, the first on a spring to the ground; a mass matrix that is not diagonal."""
+    K = stiffness * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    K[-1, -1] = stiffness
+    return K, mass * (np.eye(n) + coupling * (np.eye(n, k=1) + np.eye(n, k=-1)))
+
+
+def dense_damping(K, M, damping):
+    C = damping.alpha * M + damping.beta * K
+    for i, c in enumerate(damping.rate):
+        m = M @ damping.shapes[:, i]
+        C = C + c * np.outer(m, m)
+    return C
+
+
+def exact(K, M, C, S, held, h, x0=None):
+    """[z, ż, z̈] (T + 1, 3, n) by the exponential of the system and its polynomial load together."""
+    n, J = len(K), held.shape[1]
+    inverse = np.linalg.inv(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ C]])
+    B = np.vstack([np.zeros_like(S), inverse @ S])
+    width = S.shape[1]
+    full = np.zeros((2 * n + J * width,) * 2)
+    full[: 2 * n, : 2 * n] = A
+    full[: 2 * n, 2 * n : 2 * n + width] = B
+    for j in range(J - 1):
+        full[2 * n + j * width : 2 * n + (j + 1) * width, 2 * n + (j + 1) * width : 2 * n + (j + 2) * width] = np.eye(
+            width
+        )
+    E = expm(full * h)
+    factor = np.array([1.0, 1.0 / h, 2.0 / h**2])[:J, None]
+    x = np.zeros(2 * n) if x0 is None else np.concatenate(x0)
+    states = [x]
+    for u in held:
+        x = E[: 2 * n] @ np.concatenate([x, (factor * u).ravel()])
+        states.append(x)
+    states = np.array(states)
+    u = instant_values(held)
+    z, v = states[:, :n], states[:, n:]
+    return np.stack([z, v, (u @ S.T - z @ K - v @ C) @ inverse], axis=1)
+
+
+def random_load(T, width, J=3, seed=0):
+    return np.random.default_rng(seed).standard_normal((T, J, width))
+
+
+# ---- the scheme
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+def test_the_approximation_has_its_order_and_its_damping(degree):
+    """R has the Taylor coefficients of eᶻ up to z^(2s−1) and no further, |R(iy)| ≤ 1 everywhere, and |R∞| < 1."""
+    scheme = pade(degree)
+    turn = np.arange(64)
+    coefficient = np.fft.fft(scheme.at(np.exp(2j * np.pi * turn / 64)))[: 2 * degree + 1].real / 64
+    error = np.abs(coefficient - [1 / factorial(k) for k in range(2 * degree + 1)])
+    assert error[:-1].max() < 3e-14 < error[-1]
+    y = np.geomspace(1e-2, 1e6, 2000)
+    assert np.all(np.abs(scheme.at(1j * y)) <= 1 + 1e-13)
+    assert abs(scheme.at(1e12j)) == pytest.approx(abs(scheme.infinity), rel=1e-6)
+    assert abs(scheme.infinity) < 0.91
+    assert np.all(scheme.pole.real > 0)
+
+
+@pytest.mark.parametrize("y", [0.01, 0.3, 0.5, 0.9, 2.7, 3.0, 5.6, 7.0, 20.0])
+def test_what_is_resolved_keeps_its_period_and_its_amplitude(y):
+    scheme, substeps = choose(y)
+    R = scheme.at(1j * y / substeps) ** substeps
+    turned = np.angle(R * np.exp(-1j * y))
+    assert abs(turned) <= 1.01e-4 * y
+    assert abs(np.log(abs(R))) <= 1e-4 * y
+
+
+def test_fewest_solves_and_never_more_factors_for_nothing():
+    cost = {y: choose(y)[0].degree * choose(y)[1] // 2 for y in (0.1, 0.5, 1.0, 2.0, 4.0, 8.0)}
+    assert cost == {0.1: 1, 0.5: 1, 1.0: 2, 2.0: 2, 4.0: 3, 8.0: 6}
+
+
+# ---- one and few unknowns
+
+
+@pytest.mark.parametrize(
+    ("rate", "zeta"), [(rate, zeta) for rate in (0.05, 0.5, 2.0) for zeta in (0.0, 0.02, 0.5)] + [(0.5, 1.5)]
+)
+def test_one_mass_under_a_held_load_is_its_exponential(rate, zeta):
+    h, T = 1e-3, 70
+    omega = rate / h
+    model = model_of([[3.0 * omega**2]], [[3.0]])
+    damping = ViscousDamping(alpha=2 * zeta * omega)
+    held = random_load(T, 1)
+    found = transient(
+        model, np.array([[2.0]]), {}, damping, held, h, np.eye(1), np.eye(1), highest=5.6 / (2 * np.pi * h)
+    )
+    true = exact(*(np.array([[value]]) for value in (3.0 * omega**2, 3.0, 3.0 * 2 * zeta * omega, 2.0)), held, h)
+    assert (found.order, found.substeps) == (11, 1)
+    within = 1e-9 if rate < 1 else 3e-7
+    for got, expected in ((found.reading[:, 0], true[:, 0, 0]), (found.acceleration[:, 0], true[:, 2, 0])):
+        np.testing.assert_allclose(got, expected, atol=within * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("J", [1, 2, 3])
+def test_several_masses_loads_and_rows_over_several_blocks(J):
+    K, M = chain(6)
+    S = np.random.default_rng(1).standard_normal((6, 2))
+    damping = replace(modal_damping(sparse.csr_array(K), sparse.csr_array(M), 0.03, 3), alpha=2.0)
+    # the shapes are eigenvectors whatever the mass-proportional part
+    held, h = random_load(70, 2, J), 2e-3
+    rows = np.random.default_rng(2).standard_normal((4, 6))
+    found = transient(
+        model_of(K, M), S, {}, damping, held, h, rows, sparse.csr_array(rows[:2]), highest=600.0, snapshots=(0, 33, 70)
+    )
+    true = exact(K, M, dense_damping(K, M, damping), S, held, h)
+    np.testing.assert_allclose(found.reading, true[:, 0] @ rows.T, atol=1e-10 * np.abs(true[:, 0]).max())
+    np.testing.assert_allclose(found.acceleration, true[:, 2] @ rows[:2].T, atol=1e-9 * np.abs(true[:, 2]).max())
+    np.testing.assert_allclose(found.snapshot, true[[0, 33, 70], 0], atol=1e-10 * np.abs(true[:, 0]).max())
+    np.testing.assert_allclose(found.end, true[-1, :2], rtol=0, atol=1e-10 * np.abs(true[-1, :2]).max())
+
+
+@pytest.mark.parametrize("degree", [2, 4])
+def test_halving_the_step_divides_the_error_by_its_order(degree, monkeypatch):
+    monkeypatch.setattr(module, "choose", lambda y: (pade(degree), 1))
+    K, M = chain(3)
+    C = 2.0 * M + 1e-5 * K
+    S, errors = np.eye(3)[:, :1], []
+    for T in (24, 48, 96) if degree == 2 else (6, 12, 24):
+        h = 0.05 / T
+        u = hold_coefficients([Sine(15, 50.0)], 0.0, h, T)
+        found = transient(model_of(K, M), S, {}, ViscousDamping(2.0, 1e-5), u, h, np.eye(3))
+        errors.append(np.abs(found.end[0] - exact(K, M, C, S, u, h)[-1, 0]).max())
+    assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 2 * degree - 1)
+
+
+def test_a_motion_that_follows_its_load_is_exact_however_fast_the_mode():
+    """Quadratic load, quadratic motion: z = u/k − m ü/k², for modes from far below to far above the step."""
+    h, T = 1e-3, 40
+    omega = np.array([10.0, 1e3, 1e5, 1e7])
+    t = h * np.arange(T)
+    held = np.stack([1 + 50 * t + 4e3 * t**2, h * (50 + 8e3 * t), np.full(T, 4e3 * h * h)], axis=1)[:, :, None]
+    k = omega**2
+    now = lambda time: (1 + 50 * time + 4e3 * time**2)[..., None] / k - 8e3 / k**2  # noqa: E731
+    found = transient(
+        model_of(np.diag(k), np.eye(4)),
+        np.ones((4, 1)),
+        {},
+        NONE,
+        held,
+        h,
+        np.eye(4),
+        start=(now(np.zeros(())), 50 / k),
+        highest=50.0,
+    )
+    expected = now(h * np.arange(T + 1))
+    np.testing.assert_allclose(found.reading[:, 1:], expected[:, 1:], rtol=1e-11)
+    np.testing.assert_allclose(found.reading[:, 0], expected[:, 0], rtol=1e-6)
+
+
+def test_energy_stays_without_damping_and_load():
+    K, M = chain(8)
+    omega = np.sqrt(eigh(K, M, eigvals_only=True))
+    rng = np.random.default_rng(4)
+    x0 = (rng.standard_normal(8), rng.standard_normal(8) * omega[0])
+    h = 0.5 / omega[-1]
+    T = 2000
+
+    def energy(z, v):
+        return 0.5 * (z @ K @ z + v @ M @ v)
+
+    held = np.zeros((T, 1, 1))
+    found = transient(
+        model_of(K, M), np.ones((8, 1)), {}, NONE, held, h, np.eye(8), start=x0, highest=5.6 / (2 * np.pi * h)
+    )
+    assert energy(*found.end) == pytest.approx(energy(*x0), rel=1e-9)
+
+
+def test_periods_at_the_highest_frequency_are_right_to_a_ten_thousandth():
+    f, h = 37.0, 1e-3
+    omega = 2 * np.pi * f
+    T = 2703
+    found = transient(
+        model_of([[omega**2]], [[1.0]]),
+        np.ones((1, 1)),
+        {},
+        NONE,
+        np.zeros((T, 1, 1)),
+        h,
+        np.eye(1),
+        start=(np.ones(1), np.zeros(1)),
+        highest=f,
+    )
+    assert found.highest >= f
+    t = h * np.arange(T + 1)
+    cycles = f * T * h
+    assert np.abs(found.reading[:, 0] - np.cos(omega * t)).max() < 2 * np.pi * cycles * 1.5e-4
+
+
+# ---- damping
+
+
+def test_damping_by_modes_is_the_stated_ratio_in_each_and_grows_above():
+    K, M = chain(8)
+    lam, Phi = eigh(K, M)
+    omega = np.sqrt(lam)
+    for above, expected in (
+        ("stiffness", 0.02 * np.maximum(1.0, omega / omega[3])),
+        ("none", np.where(np.arange(8) < 4, 0.02, 0.0)),
+    ):
+        C = dense_damping(K, M, modal_damping(sparse.csr_array(K), sparse.csr_array(M), 0.02, 4, above))
+        np.testing.assert_allclose(Phi.T @ C @ Phi, np.diag(2 * expected * omega), atol=1e-10 * omega[-1])
+
+
+# ---- meshes
+
+
+def tied(box):
+    """A soft beam of hexahedra of two regions, clamped at its root, a rigid plate on its tip led by a node of its own."""
+    mesh = box(
+        "hex8",
+        (5, 1, 1),
+        (1.0, 0.2, 0.15),
+        clamp_root=True,
+        region=np.array([1, 1, 1, 2, 2]),
+        materials={1: (1.0e7, 0.3, 1000.0), 2: (2.0e7, 0.25, 1500.0)},
+    )
+    tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 1.0))
+    n = len(mesh.position)
+    return replace(
+        mesh,
+        node_ids=np.append(mesh.node_ids, 900),
+        position=np.vstack([mesh.position, [1.1, 0.1, 0.075]]),
+        rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
+    )
+
+
+@pytest.mark.parametrize("kind", ["rayleigh", "modal"])
+def test_a_mesh_with_supports_and_a_rigid_tie_agrees_with_solve_ivp(box, kind):
+    mesh = tied(box)
+    model = build_model(mesh, (Parameter("E2", "youngs_modulus", (2,), 2.0e7),))
+    theta = {"E2": 2.6e7}
+    K, M = model.stiffness.at(theta), model.mass.at(theta)
+    S = input_shape(model, [PointLoad("tip", (0, 0.3, 1), node_id=900)])
+    damping = ViscousDamping(1.5, 2e-5) if kind == "rayleigh" else modal_damping(K, M, 0.02, 6)
+    first = np.sqrt(eigh(K.toarray(), M.toarray(), eigvals_only=True)[0]) / (2 * np.pi)
+    T = 160
+    h = 2.0 / first / T
+
+    held = hold_coefficients([Sine(0.8 * first, 100.0)], 0.0, h, T)
+    facets = exterior_facets(mesh)
+    gauges = candidates(mesh, facets, (1.0, 0.0, 0.0), (0.0,))
+    rows = free_rows(model, channel_matrix(mesh.position, gauges, facets))
+    moving = sparse.csr_array(sparse.eye_array(model.size, format="csr")[-6:])
+
+    n, inverse = model.size, np.linalg.inv(M.toarray())
+    C = dense_damping(K.toarray(), M.toarray(), damping)
+    A = np.block([[np.zeros(K.shape), np.eye(n)], [-inverse @ K.toarray(), -inverse @ C]])
+    B = np.concatenate([np.zeros(n), inverse @ S[:, 0]])
+    states = [np.zeros(2 * n)]
+    for a, b, c in held[:, :, 0]:
+        # step by step: the load's slope jumps from one to the next
+
+        def slope(t, x, a=a, b=b, c=c):
+            return A @ x + B * (a + b * t / h + c * (t / h) ** 2)
+
+        states.append(solve_ivp(slope, (0, h), states[-1], method="DOP853", rtol=1e-9, atol=1e-12).y[:, -1])
+    true = np.array(states)
+    strain = true[:, :n] @ rows.T
+    acceleration = (true @ A.T + np.outer(instant_values(held)[:, 0], B))[:, n:] @ moving.T
+
+    default = transient(model, S, theta, damping, held, h, rows)
+    np.testing.assert_allclose(default.reading, strain, atol=1e-3 * np.abs(strain).max())
+    fine = transient(model, S, theta, damping, held, h, rows, moving, highest=6 / h)
+    np.testing.assert_allclose(fine.reading, strain, atol=1e-7 * np.abs(strain).max())
+    np.testing.assert_allclose(fine.acceleration, acceleration, atol=1e-5 * np.abs(acceleration).max())
+
+
+def test_the_cantilever_agrees_with_its_modes_as_far_as_these_go():
+    """60 modes with static terms against 10 700 unknowns: closer than 40 modes are to 60, once every mode is resolved that
+    60 modes have; and close enough with the steps that the first modes need."""
+    mesh = read_mesh(Path(__file__).parents[2] / "meshes" / "cantilever.bdf")
+    model = build_model(mesh)
+    S = input_shape(model, [PointLoad("tip", (0, 0, 1), node_id=2)])
+    h, T = 2.5e-4, 40
+    held = hold_coefficients([Sine(20.0, 1e4)], 0.0, h, T)
+    facets = exterior_facets(mesh)
+    gauges = candidates(mesh, facets, (1.0, 0.0, 0.0), (0.0,))
+    rows = free_rows(model, channel_matrix(mesh.position, gauges, facets))
+    damping = modal_damping(model.stiffness.at({}), model.mass.at({}), 0.01, 60)
+    strain = []
+    for modes in (60, 40):
+        reduced, basis = modal_model(model, S, ("tip",), {}, modes, Damping("modal", ratio=0.01))
+        x = simulate(reduced, {}, held, h)
+        strain.append(x[:, : reduced.size] @ (rows @ basis).T)
+    peak = np.abs(strain[0]).max()
+    fine = transient(model, S, {}, damping, held, h, rows, highest=7000.0)
+    assert np.abs(fine.reading - strain[0]).max() < np.abs(strain[1] - strain[0]).max()
+    plain = transient(model, S, {}, damping, held, h, rows)
+    assert (plain.order, plain.substeps) == (3, 1)
+    assert np.abs(plain.reading - strain[0]).max() < 5e-4 * peak
+
+
+# ---- edges
+
+
+def test_without_a_stated_frequency_the_first_modes_and_the_loads_are_resolved():
+    K, M = chain(8)
+    f = np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi)
+    h, T = 1e-4, 4000
+
+    def highest(frequency):
+        held = hold_coefficients([Sine(frequency, 1.0)], 0.0, h, T)
+        return module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, held, h)
+
+    assert highest(2.0) == pytest.approx(f[3], rel=1e-9)
+    assert highest(900.0) == pytest.approx(900.0, abs=10)
+    assert module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, np.zeros((5, 1, 1)), h) == pytest.approx(f[3])
+    found = transient(model_of(K, M), np.eye(8)[:, :1], {}, NONE, np.zeros((3, 1, 1)), h, np.eye(8), np.eye(8))
+    assert found.highest >= 1 / (2.56 * h)
+
+
+def test_unknowns_without_mass_move_but_have_no_acceleration():
+    """A massless node between two springs: its motion is the mean of its neighbours' all the time."""
+    K = np.array([[3e4, -1e4, 0], [-1e4, 2e4, -1e4], [0, -1e4, 1e4]])
+    M = np.diag([1.0, 0.0, 1.0])
+    held, h = hold_coefficients([Sine(5.0, 10.0)], 0.0, 1e-3, 50), 1e-3
+    S = np.eye(3)[:, 2:]
+    found = transient(model_of(K, M), S, {}, NONE, held, h, np.eye(3), highest=100.0)
+    np.testing.assert_allclose(
+        found.reading[:, 1], found.reading[:, [0, 2]].mean(axis=1), atol=1e-9 * np.abs(found.reading).max()
+    )
+    small = exact(
+        K[[0, 2]][:, [0, 2]] - np.outer(K[[0, 2], 1], K[1, [0, 2]]) / K[1, 1],
+        np.eye(2),
+        np.zeros((2, 2)),
+        S[[0, 2]],
+        held,
+        h,
+    )
+    np.testing.assert_allclose(found.reading[:, [0, 2]], small[:, 0], atol=1e-6 * np.abs(small[:, 0]).max())
+    with pytest.raises(UserError, match="no mass"):
+        transient(model_of(K, M), S, {}, NONE, held, h, np.eye(3), np.eye(3))
+
+
+def test_without_pardiso_superlu_gives_the_same(monkeypatch):
+    K, M = chain(6)
+    held = random_load(20, 1)
+    given = (model_of(K, M), np.eye(6)[:, :1], {}, ViscousDamping(1.0, 1e-5), held, 1e-3, np.eye(6))
+    once = transient(*given).reading
+
+    def missing(upper):
+        raise ImportError
+
+    monkeypatch.setattr(complex_factor, "_pardiso", missing)
+    np.testing.assert_allclose(transient(*given).reading, once, rtol=1e-11, atol=1e-13 * np.abs(once).max())
+
+
+def test_a_complex_factor_solves_and_refuses_what_it_cannot(monkeypatch):
+    rng = np.random.default_rng(0)
+    R = rng.standard_normal((30, 30))
+    A = R @ R.T + np.eye(30) + 1j * np.diag(rng.uniform(0, 50, 30))
+    b = rng.standard_normal(30) + 1j * rng.standard_normal(30)
+    np.testing.assert_allclose(factorise_complex(sparse.csr_array(A))(b), np.linalg.solve(A, b), rtol=1e-11)
+    with pytest.raises(NumericalError):
+        factorise_complex(sparse.csr_array(np.diag([1.0 + 0j, 0.0])))
+    with pytest.raises(NumericalError):
+        factorise_complex(sparse.csr_array(np.ones((2, 2), dtype=complex)))
+    monkeypatch.setattr(complex_factor, "SUPERLU_LIMIT", 10)
+    monkeypatch.setattr(complex_factor, "_pardiso", lambda upper: (_ for _ in ()).throw(ImportError()))
+    with pytest.raises(UserError, match="PARDISO"):
+        factorise_complex(sparse.csr_array(A))
+
+
+def test_progress_and_a_motion_that_overflows():
+    K, M = chain(2)
+    shares = []
+    transient(model_of(K, M), np.eye(2)[:, :1], {}, NONE, np.zeros((70, 1, 1)), 1e-3, np.eye(2), progress=shares.append)
+    assert shares == [0.0, 32 / 70, 64 / 70]
+    with pytest.raises(NumericalError, match="finite"):
+        transient(model_of(K, M), np.eye(2)[:, :1], {}, NONE, np.full((3, 1, 1), np.nan), 1e-3, np.eye(2), highest=1.0)
