@@ -1,0 +1,62 @@
+"""A recording and what its channels are → SI signals on the clock of the filter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.errors import UserError, blame, did_you_mean
+from strainsight.measurements.calibration import ChannelSettings, calibrate
+from strainsight.measurements.clock import JITTER, to_step, uniform_clock
+from strainsight.measurements.records import Recording
+
+
+@dataclass(frozen=True)
+class Signals:
+    """time (K,) [s], uniform; values (K, c) [SI], NaN where no sample is; names and quantities (c,); notes: sentences."""
+
+    time: np.ndarray
+    values: np.ndarray
+    names: tuple[str, ...]
+    quantities: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def assemble(
+    recording: Recording,
+    settings: Mapping[str, ChannelSettings],
+    step: float | None = None,
+    *,
+    jitter: float = JITTER,
+    fill: bool = True,
+) -> Signals:
+    """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one of `step` [s].
+
+    jitter, fill: see `uniform_clock`. Raises UserError where a channel is not in the recording, its unit is another one,
+    or the clock is not uniform; `key` is the name of the channel where the fault is in its settings or values.
+    """
+    clock = uniform_clock(recording, jitter=jitter, fill=fill)
+    notes = list(clock.notes)
+    taken = np.arange(len(clock.row))
+    if step is not None:
+        clock, taken, said = to_step(clock, step)
+        notes.extend(said)
+    values = np.empty((clock.count, len(settings)))
+    for column, (name, stated) in enumerate(settings.items()):
+        if name not in recording.channels:
+            raise UserError(
+                f"no channel {name!r}",
+                where=recording.source,
+                remedy=did_you_mean(name, recording.channels, f"it has {', '.join(recording.channels)}"),
+            )
+        with blame(name):
+            calibrated, done = calibrate(recording, name, stated)
+        missing = int(np.count_nonzero(np.isnan(calibrated)))
+        if missing:
+            notes.append(f"{name}: {missing} of {len(calibrated)} samples are missing")
+        notes.extend(done)
+        values[:, column] = clock.spread(calibrated[taken])
+    names = tuple(settings)
+    return Signals(clock.time, values, names, tuple(settings[name].quantity for name in names), tuple(notes))

@@ -1,0 +1,186 @@
+"""The uniform clock of a record: its step, its gaps, and the step of the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.measurements.records import Recording
+
+JITTER = 0.05
+"""Share of a step by which a time stamp may lie off the uniform clock."""
+MOST_FILLED = 10
+"""A record is not stretched to more than so many times its samples: beyond, the clock is broken."""
+SAME_STEP = 1e-5
+"""Two steps that differ by less are one: what a quartz keeps, and what the six digits of a UFF58 file resolve."""
+FURTHEST = 1e11
+"""[s] from zero."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """t_k = start + k step, k = 0 … count − 1 [s]; row (T,): k of every sample; every sentence of notes says a gap."""
+
+    start: float
+    step: float
+    count: int
+    row: np.ndarray
+    notes: tuple[str, ...] = ()
+
+    @property
+    def time(self) -> np.ndarray:
+        """(count,) [s]."""
+        return self.start + self.step * np.arange(self.count)
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Samples (T,) on the clock, (count,), NaN between them."""
+        if len(values) == self.count:
+            return values
+        out = np.full(self.count, np.nan)
+        out[self.row] = values
+        return out
+
+
+def uniform_clock(recording: Recording, *, jitter: float = JITTER, fill: bool = True) -> Clock:
+    """The uniform clock that the time stamps of a record lie on.
+
+    The step is that of a line through the stamps, at first the mean of the intervals near their median. Longer intervals
+    are gaps: a whole number of steps, to twice the jitter, is filled by rows without samples, where `fill`. Refused are
+    other intervals, steps back, repeated times, and stamps that lie off the clock by more than jitter [steps].
+    Raises UserError with file:line, time and size.
+    """
+    t = recording.time
+    _check_range(recording)
+    between = np.diff(t)
+    _check_order(recording, between)
+    middle = (len(between) - 1) // 2
+    median = float(np.partition(between, middle)[middle])  # the lower one: an interval that there is
+    # Printed times are rounded: the median of the intervals is too, their mean is not.
+    step = float(np.mean(between[np.abs(between - median) <= 2 * jitter * median]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = between / step
+        whole = np.rint(steps)
+        bad = (np.abs(steps - whole) > 2 * jitter) | (whole < 1)
+    if bad.any():
+        _refuse_interval(recording, int(np.argmax(bad)), float(steps[np.argmax(bad)]), step, bool(np.mean(bad) > 0.01))
+    if (count := float(whole.sum()) + 1) > MOST_FILLED * t.size:
+        worst = int(np.argmax(whole))
+        raise UserError(
+            f"the record of {t.size} samples would have {count:.4g} with its gaps filled, the longest "
+            f"{between[worst]:.6g} s behind {t[worst]:.9g} s",
+            where=recording.place(worst + 1),
+            remedy="cut the record at the gap, or correct the time stamp",
+        )
+    gaps = np.flatnonzero(whole > 1)
+    notes = tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
+    if gaps.size and not fill:
+        raise UserError(
+            f"{int(whole[gaps[0]]) - 1} samples are missing after {t[gaps[0]]:.9g} s"
+            + (f", and more in {gaps.size - 1} other places" if gaps.size > 1 else ""),
+            where=recording.place(int(gaps[0]) + 1),
+            remedy="mend the record, or let gaps be filled by rows without samples",
+        )
+    if gaps.size > 10:
+        notes += (f"{int(np.sum(whole[gaps[10:]] - 1))} more in {gaps.size - 10} other gaps",)
+    row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
+    start, step = _fitted(t, row)
+    _check_stamps(recording, t - (start + step * row), step, jitter)
+    return Clock(start, step, int(row[-1]) + 1, row, notes)
+
+
+def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ...]]:
+    """The clock with the step of the filter [s], the samples (k,) that stand on it, and what was done.
+
+    Only whole ratios: a finer step leaves rows without samples between those of the record, a coarser one takes every k-th
+    sample as it stands, without averaging: the filter's measurement is that of an instant. Nothing is interpolated.
+    Raises UserError where the ratio is not whole: to SAME_STEP, or to JITTER of a step at the end of the record.
+    """
+    if not 0 < step < np.inf:
+        raise UserError(f"a time step of {step:g} s", remedy="give a positive time step")
+    ratio = step / clock.step
+    k = round(max(ratio, 1 / ratio))
+    if abs(max(ratio, 1 / ratio) / k - 1) > max(SAME_STEP, JITTER / clock.count):
+        near = clock.step * k if ratio >= 1 else clock.step / k
+        raise UserError(
+            f"the record has a step of {clock.step:.9g} s, the filter {step:.9g} s: {ratio:.7g} times",
+            remedy=f"take a whole multiple or part of it, as {near:.9g} s, or resample the record",
+        )
+    ppm = 1e6 * (max(ratio, 1 / ratio) / k - 1)
+    notes = (f"the clock of the record differs from {step:g} s by {abs(ppm):.2g} ppm",) if abs(ppm) > 0.1 else ()
+    if k == 1:
+        return Clock(clock.start, step, clock.count, clock.row), np.arange(len(clock.row)), notes
+    if ratio < 1:
+        said = f"{k - 1} rows without samples stand between two samples: the record has {clock.step:g} s, the filter {step:g} s"
+        return (
+            Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k),
+            np.arange(len(clock.row)),
+            (*notes, said),
+        )
+    taken = np.flatnonzero(clock.row % k == 0)
+    said = f"every {k}th sample was taken, {len(taken)} of {len(clock.row)}: content above {0.5 / step:g} Hz folds back"
+    return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[taken] // k), taken, (*notes, said)
+
+
+def _check_range(recording: Recording) -> None:
+    furthest = int(np.argmax(np.abs(recording.time)))
+    if abs(recording.time[furthest]) > FURTHEST:
+        raise UserError(
+            f"the time {recording.time[furthest]:.6g} s is 3000 years off",
+            where=recording.place(furthest),
+            remedy="correct the time stamp, or the unit of time",
+        )
+
+
+def _check_order(recording: Recording, between: np.ndarray) -> None:
+    wrong = np.flatnonzero(between <= 0)
+    if not wrong.size:
+        return
+    i = int(wrong[0])
+    t, where = recording.time, recording.place(i + 1)
+    more = f", the first of {wrong.size} places" if wrong.size > 1 else ""
+    if between[i] == 0:
+        raise UserError(
+            f"the time {t[i]:.9g} s stands twice{more}",
+            where=where,
+            remedy="drop repeated samples, or write the time with more digits",
+        )
+    raise UserError(
+        f"the clock steps back by {-between[i]:.6g} s, from {t[i]:.9g} to {t[i + 1]:.9g} s{more}",
+        where=where,
+        remedy="sort the record, or cut it where the clock was set",
+    )
+
+
+def _refuse_interval(recording: Recording, i: int, steps: float, step: float, many: bool) -> None:
+    t = recording.time
+    raise UserError(
+        f"the clock jumps by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s: {steps:.4g} steps of {step:.6g} s"
+        + (", and so in many places" if many else ""),
+        where=recording.place(i + 1),
+        remedy="resample the record on a uniform clock" if many else "cut the record there, or mend its clock",
+    )
+
+
+def _gap_note(recording: Recording, i: int, missing: int) -> str:
+    rows = "1 row without samples was" if missing == 1 else f"{missing} rows without samples were"
+    return f"{rows} put in behind {recording.time[i]:.9g} s ({recording.place(i + 1)})"
+
+
+def _fitted(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
+    """Start and step of the line through the stamps by least squares."""
+    middle, centre = row.mean(), t.mean()
+    step = float(np.dot(row - middle, t - centre) / np.dot(row - middle, row - middle))
+    return float(centre - step * middle), step
+
+
+def _check_stamps(recording: Recording, off: np.ndarray, step: float, jitter: float) -> None:
+    worst = int(np.argmax(np.abs(off)))
+    if abs(off[worst]) > jitter * step:
+        raise UserError(
+            f"the time {recording.time[worst]:.9g} s is {100 * abs(off[worst]) / step:.3g} % of a step off the uniform clock "
+            f"of {step:.6g} s",
+            where=recording.place(worst),
+            remedy="write the time with more digits, resample the record, or allow more jitter",
+        )

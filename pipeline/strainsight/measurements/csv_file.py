@@ -1,0 +1,157 @@
+"""Test data in text tables, read in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.measurements.csv_layout import Layout, TextFormat, header, is_comment, stated_delimiter, with_units
+from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
+from strainsight.measurements.records import Recording, opened
+from strainsight.measurements.units import time_factor
+
+BLOCK = 1 << 22
+"""[bytes] read at a time."""
+LONGEST = 1 << 20
+"""[bytes] of a line: beyond, it is no table."""
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+def read_csv(
+    path: Path,
+    channels: Sequence[str],
+    *,
+    time: str,
+    time_unit: str | None = None,
+    form: TextFormat | None = None,
+) -> Recording:
+    """Columns of a text table: a line of names, maybe a line of units below it, numbers from there on.
+
+    channels: names of the header, with or without the unit behind them in brackets; time: that of the clock. Only these
+    columns have to be numbers. An empty cell or NaN is a missing sample, except in the time. Lines that are empty, or
+    comments, are passed over; line ends of every system, UTF-8 with or without mark, or the code page 1252.
+    Raises UserError with file:line where a line does not fit.
+    """
+    form = form or TextFormat()
+    path = Path(path)
+    with opened(path) as file:
+        table = _Table(path, form, time, tuple(channels))
+        for first, block in _blocks(file, path):
+            table.take(first, block)
+    return table.recording(time_unit)
+
+
+def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[int, bytes]]:
+    """Blocks of whole lines that end in \\n, and the number of the first line of each."""
+    number, rest, start = 1, b"", True
+    while block := file.read(BLOCK):
+        if start and block[:2] in _UTF16:
+            raise UserError("a file in UTF-16", where=str(path), remedy="save it in UTF-8")
+        block = rest + (block.removeprefix(b"\xef\xbb\xbf") if start else block)
+        start = False
+        # A \r at the very end may be half of \r\n.
+        cut = max(block.rfind(b"\n"), block.rfind(b"\r", 0, -1)) + 1
+        lines, rest = _checked(block[:cut], number, path), block[cut:]
+        if lines:
+            yield number, lines
+            number += lines.count(b"\n")
+        if len(rest) > LONGEST:
+            _checked(rest, number, path)
+            raise UserError("a line of over 1 MiB", where=f"{path}:{number}", remedy="the file is no text table")
+    if rest.strip():
+        yield number, _checked(rest + b"\n", number, path)
+
+
+def _checked(lines: bytes, number: int, path: Path) -> bytes:
+    lines = lines.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if (at := lines.find(b"\0")) >= 0:
+        line = number + lines[:at].count(b"\n")
+        raise UserError(
+            "a binary file, not a text table",
+            where=f"{path}:{line}",
+            remedy="export the test data as text, HDF5 or UFF58",
+        )
+    return lines
+
+
+class _Table:
+    """The columns asked for, block by block."""
+
+    def __init__(self, path: Path, form: TextFormat, time: str, channels: tuple[str, ...]):
+        self.path, self.form, self.time, self.channels = path, form, time, channels
+        self.layout: Layout | None = None
+        self.units_passed = False
+        self.pieces: list[list[np.ndarray]] = [[] for _ in range(1 + len(channels))]
+        self.runs: list[tuple[int, int]] = []
+        self.rows = 0
+        self.next_line = -1
+
+    def take(self, first: int, block: bytes) -> None:
+        at = 0
+        while at < len(block) and not self.units_passed:
+            end = block.index(b"\n", at)
+            if self._is_data(block[at:end], first):
+                break
+            at, first = end + 1, first + 1
+        if at < len(block):
+            assert self.layout is not None
+            rows = plain_rows(block[at:], first, self.layout, self.form)
+            self._add(rows or rows_by_line(block[at:], first, self.layout, self.form, self.path))
+
+    def _is_data(self, line: bytes, number: int) -> bool:
+        """Is it the first line below names and units? Takes in names and units on the way."""
+        where, form = f"{self.path}:{number}", self.form
+        if self.layout is None:
+            if form.header_line is not None:
+                if number == form.header_line:
+                    self.layout = header(line, where, form, self.time, self.channels)
+            elif number == 1 and (said := stated_delimiter(line)) and form.delimiter in (None, said):
+                self.form = TextFormat(said, form.decimal, form.comment, None, form.missing)
+            elif line.strip() and not is_comment(line, form):
+                self.layout = header(line, where, form, self.time, self.channels)
+            return False
+        if not line.strip() or is_comment(line, form):
+            return False
+        self.units_passed = True
+        if (found := with_units(line, where, self.layout)) is None:
+            return True
+        self.layout = found
+        return False
+
+    def _add(self, rows: Rows) -> None:
+        if not len(rows.values):
+            return
+        breaks = np.flatnonzero(np.diff(rows.lines) != 1) + 1
+        if rows.lines[0] != self.next_line:
+            breaks = np.concatenate([[0], breaks])
+        self.runs.extend((self.rows + int(i), int(rows.lines[i])) for i in breaks)
+        self.rows += len(rows.values)
+        self.next_line = int(rows.lines[-1]) + 1
+        for column, pieces in enumerate(self.pieces):
+            pieces.append(rows.values[:, column].copy())
+
+    def recording(self, time_unit: str | None) -> Recording:
+        if self.layout is None:
+            raise UserError(
+                "no line of names"
+                if self.form.header_line is None
+                else f"the file has no line {self.form.header_line}",
+                where=str(self.path),
+                remedy="write the names of the columns above the numbers",
+            )
+        if not self.rows:
+            raise UserError("no line of numbers", where=str(self.path), remedy="export the test data again")
+        units = [self.layout.units[column] for column in self.layout.columns]
+        factor = time_factor(time_unit, units[0], self.layout.where)
+        joined = []
+        for pieces in self.pieces:
+            joined.append(np.concatenate(pieces))
+            pieces.clear()
+        joined[0] *= factor
+        names = dict(zip(self.channels, joined[1:], strict=True))
+        lines = np.array(self.runs, dtype=np.int64).reshape(-1, 2)
+        return Recording(joined[0], names, dict(zip(self.channels, units[1:], strict=True)), str(self.path), lines)

@@ -1,0 +1,118 @@
+"""Rows of numbers in a block of a text table."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.measurements.csv_layout import Layout, TextFormat, is_comment, split
+from strainsight.measurements.records import decoded, plain
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Values (rows, columns), and the line of every row, or of the first where they are neighbours."""
+
+    values: np.ndarray
+    lines: np.ndarray
+
+
+def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Rows | None:
+    """A block in which every line is a full row of plain numbers or empty cells, or None where it is not."""
+    mark = layout.delimiter.encode()
+    odd = ['"', *form.missing, form.comment, "." if form.decimal == "," else ""]
+    if any(sign and sign.encode() in block for sign in odd):
+        return None
+    signs = np.frombuffer(block, np.uint8)
+    ends = np.flatnonzero(signs == ord("\n"))
+    marks = np.flatnonzero(signs == mark[0])
+    if np.any(np.diff(np.searchsorted(marks, ends), prepend=0) != len(layout.names) - 1):
+        return None
+    if form.decimal == ",":
+        block = block.replace(b",", b".")
+    # Twice: of three marks in a row the first pass fills one cell of the two.
+    for _ in range(2):
+        block = block.replace(mark + mark, mark + b"nan" + mark)
+    block = block.replace(b"\n" + mark, b"\nnan" + mark).replace(mark + b"\n", mark + b"nan\n")
+    try:
+        values = np.loadtxt(
+            block.decode("latin-1").split("\n")[:-1],
+            delimiter=layout.delimiter,
+            usecols=layout.columns,
+            comments=None,
+            ndmin=2,
+        )
+    except ValueError:
+        return None
+    if len(values) != len(ends) or not np.isfinite(values[:, 0]).all() or np.isinf(values).any():
+        return None
+    return Rows(values, first + np.arange(len(values)))
+
+
+def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, path: Path) -> Rows:
+    """A block line by line: quotes, comments, blank lines, words for missing samples, and every fault with its line."""
+    found, lines = array("d"), array("q")
+    for number, line in enumerate(block.removesuffix(b"\n").split(b"\n"), start=first):
+        if not line.strip(b" ") or is_comment(line, form):
+            continue
+        where = f"{path}:{number}"
+        cells = _cells(line, layout, where)
+        if not any(cells):
+            continue
+        if len(cells) != len(layout.names):
+            raise UserError(
+                f"{len(cells)} cells where the names are {len(layout.names)}: {plain(decoded(line))}",
+                where=where,
+                remedy="numbers with a decimal comma need another delimiter: write the file with ';'"
+                if layout.delimiter == "," and len(cells) > len(layout.names)
+                else "the line was cut short or altered: export the test data again",
+            )
+        row = [_number(cells[column], column, layout, form, where) for column in layout.columns]
+        if row[0] != row[0]:
+            raise UserError(
+                f"a sample without time: {plain(decoded(line))}", where=where, remedy="give its time, or drop the line"
+            )
+        found.extend(row)
+        lines.append(number)
+    return Rows(np.frombuffer(found, float).reshape(len(lines), -1), np.frombuffer(lines, np.int64))
+
+
+def _cells(line: bytes, layout: Layout, where: str) -> list[str]:
+    text = decoded(line)
+    if '"' not in text:
+        return [cell.strip() for cell in text.split(layout.delimiter)]
+    return [cell.strip() for cell in split(text, layout.delimiter, where)]
+
+
+def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str) -> float:
+    if not cell or cell in form.missing or cell.lower().lstrip("+-") == "nan":
+        return float("nan")
+    text, name = cell, layout.names[column]
+    if form.decimal == ",":
+        text = "no number" if "." in cell else cell.replace(",", ".")
+    try:
+        value = float(text) if "_" not in text else float("no number")
+    except ValueError:
+        if form.decimal == "." and _DECIMAL_COMMA.fullmatch(cell):
+            remedy = "write points as decimal marks, or say that the decimal mark is the comma"
+        elif form.decimal == "," and "." in cell:
+            remedy = "the decimal mark is stated to be the comma: correct the number, or the statement"
+        elif column == layout.columns[0]:
+            remedy = "give the time as a number, counted from any instant, not as a date or the time of the day"
+        else:
+            remedy = "give a number, an empty cell where the sample is missing, or name the word for missing samples"
+        raise UserError(f"{plain(cell)} under {name!r} is no number", where=where, remedy=remedy) from None
+    if not np.isfinite(value):
+        raise UserError(
+            f"{plain(cell)} under {name!r} is no finite number",
+            where=where,
+            remedy="leave the cell empty where the sample is missing",
+        )
+    return value

@@ -1,0 +1,188 @@
+"""Datasets of an HDF5 file: found, checked, read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.errors import UserError, did_you_mean
+from strainsight.measurements.records import plain
+
+MOST_SAMPLES = 200_000_000
+"""Of one channel: five and a half hours at 10 kHz."""
+LARGEST_CHUNK = 1 << 30
+"""[bytes] that the library holds at once."""
+_HOPS = 16
+_COLUMN = re.compile(r"(.*)\[(\d{1,9})\]")
+_UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
+_PACKING = {"scale_factor": 1.0, "add_offset": 0.0}
+DAMAGED = "export the test data again: the file is damaged or none"
+INSTEAD = "write the samples into the file itself, one plain dataset a channel"
+
+
+def signals(path: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str | None]]:
+    """Values (T,) [unit of the file] of every name, NaN where missing, all as long as the first one, and their units.
+
+    Raises UserError for links to other files, shapes, types and packed values that cannot be taken over, and for damage,
+    as far as the library survives it.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            samples: int | None = None
+            for name in names:
+                values, unit = _signal(file, name, path, samples)
+                samples = values.size
+                yield values, unit
+    except UserError:
+        raise
+    except Exception as error:  # the library has no class of its own for damaged files
+        reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:200]}"
+        raise UserError(reason, where=str(path), remedy=DAMAGED) from None
+
+
+def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.ndarray, str | None]:
+    """Values (T,) of a dataset, or of a column of it, NaN where missing, and its unit."""
+    where = place_of(path, name)
+    item, column = _resolved(file, name, where), None
+    if item is None and (found := _COLUMN.fullmatch(name)):
+        item, column = _resolved(file, found[1], where), int(found[2])
+    if item is None:
+        known = _datasets(file)
+        raise UserError(
+            f"no dataset {name!r}",
+            where=str(path),
+            remedy=did_you_mean(name, known, f"it has {', '.join(map(plain, known[:20]))}" if known else "it has none"),
+        )
+    _check(item, column, samples, where)
+    raw = item[...] if column is None else item[:, column]
+    with np.errstate(over="ignore"):
+        values = np.asarray(raw).reshape(-1).astype(float)
+    for attribute in ("_FillValue", "missing_value"):
+        if attribute in item.attrs:
+            for word in np.atleast_1d(item.attrs[attribute]):
+                values[np.asarray(raw).reshape(-1) == word] = np.nan
+    if np.isinf(values).any():
+        sample = int(np.argmax(np.isinf(values)))
+        raise UserError(
+            f"sample {sample + 1} of {name!r} is infinite", where=where, remedy="write NaN where the sample is missing"
+        )
+    return values, _unit(item, column, where)
+
+
+def _resolved(file: Any, name: str, where: str) -> Any:
+    """The dataset, or None. Every link on the way is looked at first: one that leaves the file is never followed."""
+    import h5py
+
+    parts, group, hops = [part for part in name.split("/") if part], file, 0
+    while parts:
+        if not isinstance(group, h5py.Group) or (link := group.get(parts[0], getlink=True)) is None:
+            return None
+        if isinstance(link, h5py.ExternalLink):
+            raise UserError(f"a link to another file, {plain(link.filename)}", where=where, remedy=INSTEAD)
+        if isinstance(link, h5py.SoftLink):
+            hops += 1
+            if hops > _HOPS:
+                raise UserError(f"more than {_HOPS} links behind each other", where=where, remedy=INSTEAD)
+            group = file if link.path.startswith("/") else group
+            parts = [part for part in link.path.split("/") if part and part != "."] + parts[1:]
+            continue
+        group, parts = group[parts[0]], parts[1:]
+    return group if isinstance(group, h5py.Dataset) else None
+
+
+def _check(item: Any, column: int | None, samples: int | None, where: str) -> None:
+    """Raise UserError unless the dataset holds numbers of its own, of a bearable size, in one column of `samples`."""
+    shape, dtype = item.shape, item.dtype
+    if item.is_virtual or item.external:
+        raise UserError("takes its samples from another file", where=where, remedy=INSTEAD)
+    if dtype.kind not in "iuf":
+        raise UserError(f"holds {dtype}, not real numbers", where=where, remedy=INSTEAD)
+    if shape is None or len(shape) not in (1, 2):
+        raise UserError(f"has the shape {shape}", where=where, remedy=INSTEAD)
+    if column is None and len(shape) == 2 and shape[1] != 1:
+        raise UserError(
+            f"has {shape[1]} columns", where=where, remedy=f"say which, from 0, as in '{item.name.strip('/')}[0]'"
+        )
+    if column is not None and (len(shape) != 2 or column >= shape[1]):
+        raise UserError(
+            f"has no column {column}: its shape is {shape}",
+            where=where,
+            remedy="columns count from 0, as in 'table[0]'",
+        )
+    if shape[0] > MOST_SAMPLES:
+        raise UserError(
+            f"claims {shape[0]} samples", where=where, remedy=f"cut the record: the limit is {MOST_SAMPLES} samples"
+        )
+    if samples is not None and shape[0] != samples:
+        raise UserError(
+            f"has {shape[0]} samples, the clock {samples}",
+            where=where,
+            remedy="give channels of one clock, or cut both",
+        )
+    _check_stored(item, where)
+    for name, harmless in _PACKING.items():
+        if name in item.attrs and np.any(item.attrs[name] != harmless):
+            raise UserError(
+                f"holds packed values: {name} is {item.attrs[name]}", where=where, remedy="write the values unpacked"
+            )
+
+
+def _check_stored(item: Any, where: str) -> None:
+    """Samples that were never written read as the fill value, mostly zero: they are no measurement."""
+    if item.chunks is not None:
+        if np.prod([float(n) for n in item.chunks]) * item.dtype.itemsize > LARGEST_CHUNK:
+            raise UserError(f"is stored in chunks of {item.chunks}", where=where, remedy="write it in smaller chunks")
+        expected = int(np.prod([-(-n // c) for n, c in zip(item.shape, item.chunks, strict=True)]))
+        written = item.id.get_num_chunks()
+    else:
+        expected, written = int(item.size > 0), int(item.id.get_storage_size() > 0)
+    missing_says_nan = item.dtype.kind == "f" and np.isnan(item.fillvalue)
+    if written < expected and not missing_says_nan:
+        raise UserError(
+            f"holds {written} of {expected} blocks of samples, the others were never written",
+            where=where,
+            remedy="cut the record where the writing stopped",
+        )
+
+
+def _unit(item: Any, column: int | None, where: str) -> str | None:
+    stated = set()
+    for name in _UNIT_NAMES:
+        if name not in item.attrs:
+            continue
+        value = np.atleast_1d(item.attrs[name])
+        word = (
+            value[column] if column is not None and len(value) == item.shape[1] else value[0] if len(value) == 1 else ""
+        )
+        stated.add((word.decode("utf-8", "replace") if isinstance(word, bytes) else str(word)).strip())
+    stated.discard("")
+    if len(stated) > 1:
+        raise UserError(
+            f"states the units {' and '.join(map(plain, sorted(stated)))}", where=where, remedy="leave the right one"
+        )
+    return stated.pop() if stated else None
+
+
+def _datasets(file: Any) -> list[str]:
+    """Paths of the first thousand datasets."""
+    import h5py
+
+    found: list[str] = []
+
+    def look(name: str, item: Any) -> bool | None:
+        if isinstance(item, h5py.Dataset):
+            found.append(name)
+        return True if len(found) >= 1000 else None
+
+    file.visititems(look)
+    return found
+
+
+def place_of(path: Path, name: str) -> str:
+    return f"{path}:/{name.strip('/')}"

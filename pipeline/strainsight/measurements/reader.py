@@ -1,0 +1,74 @@
+"""Any file of test data in, a `Recording` out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from strainsight.errors import UserError
+from strainsight.measurements.csv_layout import TextFormat
+from strainsight.measurements.records import Recording
+
+FORMATS = {
+    "csv": (".csv", ".txt", ".tsv", ".dat", ".asc"),
+    "hdf5": (".h5", ".hdf5", ".hdf", ".nc"),
+    "uff58": (".uff", ".unv", ".ufb", ".uff58", ".58"),
+}
+"""Format → endings of the names it has."""
+
+
+def read_recording(
+    path: Path,
+    channels: Sequence[str],
+    *,
+    time: str | None = None,
+    time_unit: str | None = None,
+    format: str = "auto",
+    form: TextFormat | None = None,
+) -> Recording:
+    """Read channels of a test, each as the file has it.
+
+    channels: columns of a table, datasets, or "node:direction" or id line of a function; time: column or dataset of the
+    clock, not for UFF58; time_unit: that of the file has to agree; format: csv, hdf5, uff58, or auto by the ending of the
+    name; form: how a text table is written.
+    Raises UserError for a file that cannot be taken over, with its line.
+    """
+    path = Path(path)
+    match format_of(path) if format == "auto" else format:
+        case "csv":
+            from strainsight.measurements.csv_file import read_csv
+
+            return read_csv(path, channels, time=_needed(time, path), time_unit=time_unit, form=form)
+        case "hdf5":
+            from strainsight.measurements.hdf5_file import read_hdf5
+
+            return read_hdf5(path, channels, time=_needed(time, path), time_unit=time_unit)
+        case "uff58":
+            from strainsight.measurements.uff58_file import read_uff58
+
+            if time is not None:
+                raise UserError(
+                    f"the time {time!r} is asked for, but functions of a universal file carry their own",
+                    where=str(path),
+                    remedy="drop the name of the time",
+                )
+            return read_uff58(path, channels, time_unit=time_unit)
+        case unknown:
+            raise UserError(f"unknown format {unknown!r}", remedy=f"known formats: {', '.join(FORMATS)}")
+
+
+def format_of(path: Path) -> str:
+    """The format by the ending of the name. Raises UserError for an ending that says none."""
+    ending = path.suffix.lower()
+    for name, endings in FORMATS.items():
+        if ending in endings:
+            return name
+    raise UserError(
+        f"the ending {ending!r} says no format of test data", where=str(path), remedy=f"state it: {', '.join(FORMATS)}"
+    )
+
+
+def _needed(time: str | None, path: Path) -> str:
+    if time is None:
+        raise UserError("the clock is not named", where=str(path), remedy="state the column or dataset of the time")
+    return time

@@ -1,0 +1,132 @@
+"""Units of test data: what they measure and how much SI they are."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from strainsight.errors import UserError, did_you_mean
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s²]."""
+_POUND = 0.45359237 * STANDARD_GRAVITY
+
+
+class Unit(NamedTuple):
+    """quantity: strain, bridge (output over excitation [V/V]), acceleration …; factor: SI in one of it."""
+
+    quantity: str
+    factor: float
+
+
+_TABLE: Mapping[str, Mapping[str, float]] = {
+    "strain": {
+        **dict.fromkeys(("strain", "m/m", "ε"), 1.0),
+        **dict.fromkeys(("um/m", "ppm", "microstrain", "ustrain", "uε"), 1e-6),
+        "mm/m": 1e-3,
+        "%": 1e-2,
+    },
+    "bridge": {"V/V": 1.0, "mV/V": 1e-3, "uV/V": 1e-6},
+    "acceleration": {
+        "m/s2": 1.0,
+        "mm/s2": 1e-3,
+        "cm/s2": 1e-2,
+        "g": STANDARD_GRAVITY,
+        "mg": 1e-3 * STANDARD_GRAVITY,
+        "in/s2": 0.0254,
+        "ft/s2": 0.3048,
+    },
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "force": {
+        "N": 1.0,
+        "mN": 1e-3,
+        "daN": 10.0,
+        "kN": 1e3,
+        "MN": 1e6,
+        "lbf": _POUND,
+        "kip": 1e3 * _POUND,
+        "kgf": STANDARD_GRAVITY,
+    },
+    "moment": {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3, "MNm": 1e6, "lbfft": _POUND * 0.3048, "lbfin": _POUND * 0.0254},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": _POUND / 0.0254**2},
+}
+UNITS: Mapping[str, Unit] = {
+    spelt: Unit(quantity, factor) for quantity, row in _TABLE.items() for spelt, factor in row.items()
+}
+"""Every unit in the spelling of `spelling`."""
+SI: Mapping[str, str] = {
+    "strain": "m/m",
+    "bridge": "m/m",
+    "acceleration": "m/s²",
+    "displacement": "m",
+    "force": "N",
+    "moment": "N m",
+    "pressure": "Pa",
+}
+"""Quantity → unit of the calibrated channel; a bridge output becomes a strain."""
+TIME: Mapping[str, float] = {
+    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "min": 60.0,
+    "h": 3600.0,
+}
+"""[s]."""
+
+
+def spelling(unit: str) -> str:
+    """One spelling: µm/m, μm/m → um/m; m/s², m/s^2, m/s**2 → m/s2; N·m, N*m, N m → Nm; brackets around it dropped."""
+    text = unicodedata.normalize("NFKC", unit).replace("μ", "u").replace("^", "").replace("**", "")
+    text = "".join(sign for sign in text if sign not in "*·⋅" and not sign.isspace())
+    return text[1:-1] if len(text) > 2 and text[0] + text[-1] in ("[]", "()") else text
+
+
+def known_unit(unit: str | None) -> Unit | None:
+    """The unit, or None where it is not known."""
+    return UNITS.get(spelling(unit)) if unit else None
+
+
+def required_unit(unit: str) -> Unit:
+    """The unit; UserError where it is not known."""
+    if (found := known_unit(unit)) is None:
+        raise UserError(
+            f"unknown unit {unit!r}",
+            remedy=did_you_mean(spelling(unit), UNITS, f"known units: {', '.join(UNITS)}"),
+        )
+    return found
+
+
+def seconds_in(unit: str) -> float | None:
+    """Seconds in one unit of time, or None; whole words in any case."""
+    spelt = spelling(unit)
+    return TIME.get(spelt, TIME.get(spelt.lower()) if len(spelt) > 2 else None)
+
+
+def time_factor(stated: str | None, found: str | None, where: str) -> float:
+    """Seconds in one unit of the time column: stated by the user, found in the file at `where`.
+
+    Raises UserError where neither says it, both say different things, or it is not known.
+    """
+    for unit, said in ((stated, "the unit of time asked for"), (found, "the unit of time of the file")):
+        if unit is not None and seconds_in(unit) is None:
+            raise UserError(
+                f"{said}, {unit!r}, is unknown",
+                where=where if unit is found else None,
+                remedy=did_you_mean(spelling(unit), TIME, f"known units of time: {', '.join(TIME)}"),
+            )
+    if stated is None and found is None:
+        raise UserError(
+            "the file does not say the unit of its time",
+            where=where,
+            remedy="state the unit of time, or write it into the file, as in 'time [s]'",
+        )
+    factors = [factor for unit in (stated, found) if unit is not None and (factor := seconds_in(unit)) is not None]
+    if factors[0] != factors[-1]:
+        raise UserError(
+            f"the time is stated in {stated}, the file has it in {found}",
+            where=where,
+            remedy="correct the one that is wrong",
+        )
+    return factors[0]

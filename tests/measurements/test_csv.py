@@ -1,0 +1,214 @@
+"""Text tables come back as they were written, and every line that does not fit is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.measurements import csv_file
+from strainsight.measurements.csv_file import read_csv
+from strainsight.measurements.csv_layout import TextFormat
+
+PLAIN = "time [s],a [um/m],b [um/m]\n0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Text or bytes → Recording, by way of a file."""
+
+    def from_content(content, channels=("a", "b"), time="time", **options):
+        path = tmp_path / "test.csv"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_csv(path, channels, time=time, **options)
+
+    return from_content
+
+
+def expect_plain(recording):
+    np.testing.assert_allclose(recording.time, [0, 1e-3, 2e-3], rtol=1e-15)
+    np.testing.assert_array_equal(recording.channels["a"], [1.5, 2.5, 3.5])
+    np.testing.assert_array_equal(recording.channels["b"], [-2, -3, -4])
+    assert recording.units == {"a": "um/m", "b": "um/m"}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        PLAIN,
+        PLAIN.replace("\n", "\r\n"),
+        PLAIN.replace("\n", "\r"),
+        PLAIN.replace("\n", "\r\r\n"),
+        "\ufeff" + PLAIN,
+        PLAIN.rstrip("\n"),
+        PLAIN.replace(",", ";"),
+        PLAIN.replace(",", "\t"),
+        PLAIN.replace(",", " , "),
+        "sep=;\n" + PLAIN.replace(",", ";"),
+        "# made by a logger; 1,2,3\n\n" + PLAIN,
+        PLAIN + "# the end\n\n",
+        PLAIN + ",,\n",
+        "b [um/m],time [s],text,a [um/m]\n-2,0,x,1.5\n-3,0.001,,2.5\n-4,0.002,#DIV/0!,3.5\n",
+        'b [um/m],time [s],"text, quoted",a [um/m]\n-2,0,"x,y",1.5\n-3,0.001,,"2.5"\n-4,0.002,"",3.5\n',
+        "time,a,b\n[s],[um/m],[um/m]\n0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n",
+        "time,a,b\ns,um/m,um/m\n# then numbers\n0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n",
+        "time [ms],a (um/m),b (um/m)\n0,1.5,-2\n1,2.5,-3\n2,3.5,-4\n",
+        "time (ms),a [um/m],b [um/m]\n0,1.5e0,-2E+0\n1,+2.5,-3.\n2,3.5,-4\n",
+    ],
+)
+def test_the_same_table_in_many_forms(read, content):
+    expect_plain(read(content))
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_decimal_commas_where_they_are_stated(read, mark):
+    table = PLAIN.replace(",", mark).replace(".", ",")
+    expect_plain(read(table, form=TextFormat(decimal=",")))
+    with pytest.raises(UserError, match=r"'1,5' under 'a' is no number") as caught:
+        read(table)
+    assert caught.value.where.endswith("test.csv:2")
+    assert "decimal mark is the comma" in caught.value.remedy
+
+
+def test_a_point_is_refused_where_the_comma_is_the_decimal_mark(read):
+    with pytest.raises(UserError, match=r"'1\.234' under 'a' is no number") as caught:
+        read("time [s];a [um/m]\n0;1,5\n0,1;1.234\n", ["a"], form=TextFormat(decimal=","))
+    assert caught.value.where.endswith(":3")
+
+
+def test_decimal_commas_between_commas_are_refused_with_a_remedy(read):
+    with pytest.raises(UserError, match="4 cells where the names are 2") as caught:
+        read("time [s],a [um/m]\n0,001,2,5\n", ["a"])
+    assert caught.value.where.endswith(":2")
+    assert "';'" in caught.value.remedy
+
+
+@pytest.mark.parametrize("quoted", [False, True])
+def test_missing_samples_are_nan(read, quoted):
+    table = "time [s],a [um/m],b [um/m]\n0,,1\n1,nan,\n2, ,NaN\n3,4,5\n"
+    found = read(table.replace("4,", '"4",') if quoted else table)
+    np.testing.assert_array_equal(found.channels["a"], [np.nan, np.nan, np.nan, 4])
+    np.testing.assert_array_equal(found.channels["b"], [1, np.nan, np.nan, 5])
+
+
+def test_words_for_missing_samples_are_stated(read):
+    table = "time [s],a [um/m]\n0,1\n1,NA\n2,-9999\n"
+    found = read(table, ["a"], form=TextFormat(missing=("NA", "-9999")))
+    np.testing.assert_array_equal(found.channels["a"], [1, np.nan, np.nan])
+    # A word that is a number is a word, too: where no other line of the block is odd.
+    found = read("time [s],a [um/m]\n0,1\n1,-9999\n2,-9999.5\n", ["a"], form=TextFormat(missing=("-9999",)))
+    np.testing.assert_array_equal(found.channels["a"], [1, np.nan, -9999.5])
+    with pytest.raises(UserError, match="'NA' under 'a'"):
+        read(table, ["a"])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_micro_signs_of_every_system(read, encoding):
+    found = read("Zeit [s],Ärmel [µm/m]\n0,1\n1,2\n".encode(encoding), ["Ärmel"], time="Zeit")
+    assert found.units == {"Ärmel": "µm/m"}
+
+
+def test_a_comment_that_looks_like_a_row_is_a_comment(read):
+    found = read("note,time [s],a [um/m]\nx,0,1\n# out,1,2\ny,2,3\n", ["a"])
+    np.testing.assert_array_equal(found.time, [0, 2])
+    assert found.place(1).endswith(":4")
+
+
+def test_names_in_a_stated_line_and_in_a_comment(read):
+    body = "0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n"
+    expect_plain(read("logger 7\nrate;1000\n\ntime [s],a [um/m],b [um/m]\n" + body, form=TextFormat(header_line=4)))
+    expect_plain(read("# time [s],a [um/m],b [um/m]\n" + body, form=TextFormat(header_line=1)))
+    with pytest.raises(UserError, match="no names"):
+        read("# time [s],a [um/m],b [um/m]\n" + body)
+
+
+def test_a_channel_is_asked_for_with_or_without_its_unit(read):
+    found = read(PLAIN, ["a [um/m]", "b"])
+    assert list(found.channels) == ["a [um/m]", "b"]
+    assert found.units["a [um/m]"] == "um/m"
+
+
+def test_brackets_that_hold_no_unit_belong_to_the_name(read):
+    found = read("time [s],gauge (left),strain[0],strain[1]\n0,1,2,3\n1,4,5,6\n", ["gauge (left)", "strain[1]"])
+    assert found.units == {"gauge (left)": None, "strain[1]": None}
+    np.testing.assert_array_equal(found.channels["strain[1]"], [3, 6])
+
+
+@pytest.mark.parametrize("block", [64, 100, 129, 1 << 22])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_blocks_leave_no_seam(read, monkeypatch, block, end):
+    monkeypatch.setattr(csv_file, "BLOCK", block)
+    rng = np.random.default_rng(1)
+    a = np.where(rng.random(300) < 0.1, np.nan, rng.normal(size=300))
+    rows = [f"{k},{'' if np.isnan(v) else v:.17g}" if not np.isnan(v) else f"{k}," for k, v in enumerate(a)]
+    for at in (250, 120, 7):
+        rows.insert(at, "# a remark")
+    found = read(end.join(["time [s],a [um/m]", *rows]) + end, ["a"])
+    np.testing.assert_array_equal(found.channels["a"], a)
+    np.testing.assert_array_equal(found.time, np.arange(300))
+    lines = [i for i, row in enumerate(rows, start=2) if not row.startswith("#")]
+    assert [found.place(k).rpartition(":")[2] for k in range(300)] == [str(line) for line in lines]
+
+
+FAULTS = {
+    "a word": ("0,1,2\n0.001,oops,3\n", 3, "'oops' under 'a' is no number"),
+    "a cut line": ("0,1,2\n0.001,1\n", 3, "2 cells where the names are 3"),
+    "too many cells": ("0,1,2,3\n", 2, "4 cells where the names are 3"),
+    "no time": ("0,1,2\n,1,2\n", 3, "a sample without time"),
+    "time is nan": ("0,1,2\nnan,1,2\n", 3, "a sample without time"),
+    "infinite": ("0,1,2\n1,inf,2\n", 3, "no finite number"),
+    "too large": ("0,1,2\n1,1e999,2\n", 3, "no finite number"),
+    "underscores": ("0,1,2\n1,1_000,2\n", 3, "no number"),
+    "hexadecimal": ("0,1,2\n1,0x10,2\n", 3, "no number"),
+    "open quote": ('0,1,2\n1,"2,3\n', 3, "no line of a table"),
+    "binary": ("0,1,2\n1,\0\0,2\n", 3, "a binary file"),
+    "two unit lines": ("[s],[um/m],[um/m]\n[s],[um/m],[um/m]\n0,1,2\n", 3, "no number"),
+    "too few units": ("[s],[um/m]\n0,1,2\n", 2, "2 units for 3 names"),
+    "other units": ("[s],[mm],[um/m]\n0,1,2\n", 2, "is in um/m in the line of names, in mm"),
+    "a date": ("2024-05-01 12:00:00,1,2\n", 2, "'2024-05-01 12:00:00' under 'time' is no number"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_named_with_their_line(read, fault):
+    body, line, said = FAULTS[fault]
+    with pytest.raises(UserError, match=said) as caught:
+        read("time [s],a [um/m],b [um/m]\n" + body)
+    assert caught.value.where.endswith(f"test.csv:{line}")
+    assert caught.value.remedy
+
+
+HEADERS = {
+    "no such column": ("time [s],aa,b\n0,1,2\n", "no column 'a'", "did you mean aa?"),
+    "twice": ("time [s],a,a,b\n0,1,2,3\n", "'a' stands over columns 2, 3", "own name"),
+    "two delimiters": ("time [s];a;b, left\n0;1;2\n", "commas and semicolons", "which of them"),
+    "no delimiter": ("time\n0\n", "no comma, semicolon or tab", "names"),
+    "no names": ("0,1,2\n1,2,3\n", "no names", "line of names"),
+    "no unit of time": ("time,a,b\n0,1,2\n1,2,3\n", "does not say the unit of its time", "time \\[s\\]"),
+    "unknown unit of time": ("time [fortnights],a,b\n0,1,2\n1,2,3\n", "is unknown", "known units of time"),
+    "no numbers": ("time [s],a,b\n", "no line of numbers", "again"),
+    "one sample": ("time [s],a,b\n0,1,2\n", "1 samples", "two"),
+    "only comments": ("# a\n# b\n", "no line of names", "names"),
+}
+
+
+@pytest.mark.parametrize("fault", HEADERS)
+def test_faults_of_the_header(read, fault):
+    content, said, remedy = HEADERS[fault]
+    with pytest.raises(UserError, match=said) as caught:
+        read(content)
+    import re
+
+    assert re.search(remedy, caught.value.remedy)
+
+
+def test_the_unit_of_time_is_stated_or_in_the_file_and_never_two(read):
+    np.testing.assert_allclose(read("time,a\n0,1\n1,2\n", ["a"], time_unit="ms").time, [0, 1e-3])
+    with pytest.raises(UserError, match="stated in s, the file has it in ms"):
+        read("time [ms],a\n0,1\n1,2\n", ["a"], time_unit="s")
+
+
+def test_settings_that_cannot_be():
+    for wrong in ({"decimal": ";"}, {"delimiter": ",", "decimal": ","}, {"delimiter": "ab"}, {"header_line": 0}):
+        with pytest.raises(UserError):
+            TextFormat(**wrong)

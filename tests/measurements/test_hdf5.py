@@ -1,0 +1,195 @@
+"""Datasets come back as they were written; links, shapes, types and holes that cannot be taken over are refused."""
+
+from __future__ import annotations
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.measurements import hdf5_file
+from strainsight.measurements.hdf5_file import read_hdf5
+
+T = np.arange(100) * 1e-3
+A = np.random.default_rng(0).normal(size=100)
+
+
+@pytest.fixture
+def make(tmp_path):
+    """A function that fills an open file → its path, with a clock "time" [s] unless it makes one."""
+
+    def written(fill):
+        path = tmp_path / "test.h5"
+        with h5py.File(path, "w") as file:
+            fill(file)
+            if "time" not in file:
+                file["time"] = T
+                file["time"].attrs["units"] = "s"
+        return path
+
+    return written
+
+
+def test_datasets_of_any_depth_type_and_storage(make):
+    def fill(file):
+        file["run 1/strain/a"] = A.astype(">f4")
+        file["run 1/strain/a"].attrs["unit"] = np.bytes_("um/m")
+        file.create_dataset("b", data=np.arange(100, dtype="i2"), chunks=(7,), compression="gzip", shuffle=True)
+        file["b"].attrs["units"] = "mV/V"
+        file["column"] = A[:, None]
+        file["link"] = h5py.SoftLink("/run 1/here")
+        file["run 1/here"] = h5py.SoftLink("strain/a")
+
+    found = read_hdf5(make(fill), ["run 1/strain/a", "/b", "column", "link"], time="time")
+    np.testing.assert_array_equal(found.time, T)
+    np.testing.assert_array_equal(found.channels["run 1/strain/a"], A.astype("f4"))
+    np.testing.assert_array_equal(found.channels["/b"], np.arange(100))
+    np.testing.assert_array_equal(found.channels["column"], A)
+    np.testing.assert_array_equal(found.channels["link"], A.astype("f4"))
+    assert found.units == {"run 1/strain/a": "um/m", "/b": "mV/V", "column": None, "link": "um/m"}
+    assert found.channels["/b"].dtype == float
+    assert found.place(3).endswith("test.h5, sample 4")
+
+
+def test_columns_of_a_table(make):
+    def fill(file):
+        file["data"] = np.stack([T * 1e3, A, 2 * A], axis=1)
+        file["data"].attrs["units"] = ["ms", "um/m", "g"]
+
+    found = read_hdf5(make(fill), ["data[2]", "data[1]"], time="data[0]")
+    np.testing.assert_allclose(found.time, T, rtol=1e-15)
+    np.testing.assert_array_equal(found.channels["data[2]"], 2 * A)
+    assert found.units == {"data[2]": "g", "data[1]": "um/m"}
+
+
+def test_fill_values_and_nan_are_missing(make):
+    def fill(file):
+        file["a"] = np.where(np.arange(100) % 7 == 0, -999.0, A)
+        file["a"].attrs["_FillValue"] = -999.0
+        file["b"] = np.where(np.arange(100) % 7 == 0, np.nan, A)
+
+    found = read_hdf5(make(fill), ["a", "b"], time="time")
+    np.testing.assert_array_equal(found.channels["a"], found.channels["b"])
+
+
+def hole(file):
+    file.create_dataset("a", shape=(100,), chunks=(10,), dtype=float)[:50] = 1.0
+
+
+def two_units(file):
+    file["a"] = A
+    file["a"].attrs.update(units="um/m", unit="g")
+
+
+def packed(file):
+    file["a"] = np.arange(100)
+    file["a"].attrs["scale_factor"] = 0.5
+
+
+def virtual(file):
+    layout = h5py.VirtualLayout(shape=(100,), dtype=float)
+    layout[:] = h5py.VirtualSource("other.h5", "a", shape=(100,))
+    file.create_virtual_dataset("a", layout)
+
+
+FAULTS = {
+    "external link": (lambda file: file.__setitem__("a", h5py.ExternalLink("other.h5", "/a")), "link to another file"),
+    "external group": (lambda file: file.__setitem__("g", h5py.ExternalLink("x.h5", "/")), None),
+    "behind a soft link": (
+        lambda file: (
+            file.__setitem__("e", h5py.ExternalLink("x.h5", "/")),
+            file.__setitem__("a", h5py.SoftLink("/e/a")),
+        ),
+        "link to another file",
+    ),
+    "soft links in a circle": (
+        lambda file: (file.__setitem__("a", h5py.SoftLink("/b")), file.__setitem__("b", h5py.SoftLink("/a"))),
+        "more than 16 links",
+    ),
+    "dangling link": (lambda file: file.__setitem__("a", h5py.SoftLink("/nowhere")), "no dataset 'a'"),
+    "virtual": (virtual, "from another file"),
+    "external storage": (
+        lambda file: file.create_dataset("a", (100,), float, external=[("other.raw", 0, 800)]),
+        "from another file",
+    ),
+    "group": (lambda file: file.create_group("a"), "no dataset 'a'"),
+    "text": (lambda file: file.__setitem__("a", ["1"] * 100), "not real numbers"),
+    "complex": (lambda file: file.__setitem__("a", A + 1j), "not real numbers"),
+    "boolean": (lambda file: file.__setitem__("a", A > 0), "not real numbers"),
+    "compound": (lambda file: file.__setitem__("a", np.zeros(100, [("x", float)])), "not real numbers"),
+    "scalar": (lambda file: file.__setitem__("a", 1.0), r"shape \(\)"),
+    "empty": (lambda file: file.__setitem__("a", h5py.Empty("f")), "shape None"),
+    "cube": (lambda file: file.__setitem__("a", np.zeros((100, 2, 2))), r"shape \(100, 2, 2\)"),
+    "table": (lambda file: file.__setitem__("a", np.zeros((100, 3))), "has 3 columns"),
+    "shorter": (lambda file: file.__setitem__("a", A[:99]), "has 99 samples, the clock 100"),
+    "absurd": (lambda file: file.create_dataset("a", (10**15,), float, chunks=(1000,)), "claims 1000000000000000"),
+    "chunks": (
+        lambda file: file.create_dataset("a", (100,), float, chunks=(2**29 - 8,), maxshape=(None,)),
+        "stored in chunks",
+    ),
+    "never written": (lambda file: file.create_dataset("a", (100,), float), "0 of 1 blocks"),
+    "half written": (hole, "5 of 10 blocks"),
+    "infinite": (
+        lambda file: file.__setitem__("a", np.where(np.arange(100) == 4, np.inf, A)),
+        "sample 5 of 'a' is infinite",
+    ),
+    "two units": (two_units, "states the units"),
+    "packed": (packed, "packed values"),
+    "misspelt": (lambda file: file.__setitem__("b/a", A), "no dataset 'a'"),
+    "time missing": (
+        lambda file: (file.__setitem__("a", A), file.__setitem__("time", T + np.nan)),
+        "say the unit|missing",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_cannot_be_taken_over_is_refused(make, fault):
+    fill, said = FAULTS[fault]
+    name = "g/a" if said is None else "a"
+    with pytest.raises(UserError, match=said or "link to another file") as caught:
+        read_hdf5(make(fill), [name], time="time", apart=False)
+    assert caught.value.remedy
+    assert "test.h5" in caught.value.where
+
+
+def test_a_time_without_unit_or_with_holes_is_refused(make):
+    def fill(file):
+        file["time"] = np.where(np.arange(100) == 3, np.nan, T)
+
+    path = make(fill)
+    with pytest.raises(UserError, match="does not say the unit of its time"):
+        read_hdf5(path, [], time="time")
+    with pytest.raises(UserError, match="sample 4 of the time is missing"):
+        read_hdf5(path, [], time="time", time_unit="s")
+
+
+def test_no_hdf5_file(tmp_path):
+    for content in (b"a", b"\x89HDF\r\n\x1a\n", np.random.default_rng(0).bytes(4096)):
+        (tmp_path / "a.h5").write_bytes(content)
+        with pytest.raises(UserError, match="cannot be read as HDF5"):
+            read_hdf5(tmp_path / "a.h5", ["a"], time="time")
+
+
+@pytest.mark.parametrize("does", ["import os; os.abort()", "import time; time.sleep(60)", "print('{')", ""])
+def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(make, monkeypatch, does):
+    path = make(lambda file: file.__setitem__("a", A))
+    monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", does])
+    monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.5)
+    with pytest.raises(UserError, match="crashed, or did not come to an end"):
+        read_hdf5(path, ["a"], time="time")
+
+
+def test_apart_and_here_give_the_same(make):
+    path = make(lambda file: file.__setitem__("µ", A))
+    apart, here = (read_hdf5(path, ["µ"], time="time", apart=choice) for choice in (True, False))
+    np.testing.assert_array_equal(apart.channels["µ"], here.channels["µ"])
+    assert (apart.units, apart.source) == (here.units, here.source)
+    said = []
+    for choice in (True, False):
+        with pytest.raises(UserError) as caught:
+            read_hdf5(path, ["mu"], time="time", apart=choice)
+        said.append(str(caught.value))
+    assert said[0] == said[1]

@@ -1,0 +1,212 @@
+"""Damaged and malicious files end in a UserError, soon, and in little memory."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import tracemalloc
+import warnings
+
+import h5py
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.measurements.assemble import assemble
+from strainsight.measurements.calibration import ChannelSettings
+from strainsight.measurements.reader import read_recording
+
+RUBBISH = np.random.default_rng(5).bytes(200_000)
+TABLE = b"time [s],a [um/m]\n" + b"".join(b"%.3f,%d\n" % (k * 1e-3, k) for k in range(500))
+HEADER = (
+    b"gauge\nNONE\nNONE\nNONE\nNONE\n    1         0    0         0 NONE               1   3 NONE               0   0\n"
+    b"         %d%10d         %d  0.00000E+00  1.00000E-03  0.00000E+00\n"
+    + b"        17    0    0    0 NONE                 NONE\n"
+    + b"         0    0    0    0 NONE                 NONE\n" * 3
+)
+UFF = b"    -1\n    58\n" + HEADER % (2, 60, 1) + (b"  1.00000E+00" * 6 + b"\n") * 10 + b"    -1\n"
+UFB = b"    -1\n    58b     1     2          11         480     0     0           0           0\n"
+UFB += HEADER % (4, 60, 1) + np.ones(60).tobytes() + b"    -1\n"
+
+
+def hdf5(tmp_path, fill):
+    with h5py.File(tmp_path / "made.h5", "w") as file:
+        fill(file)
+    return (tmp_path / "made.h5").read_bytes()
+
+
+def good_hdf5(file):
+    file["time"], file["a"] = np.arange(500) * 1e-3, np.arange(500.0)
+    file["time"].attrs["units"] = "s"
+
+
+def bomb(file):
+    good_hdf5(file)
+    del file["a"]
+    file.create_dataset("a", (10**12,), "f8", chunks=(10**6,), compression="gzip")
+
+
+def circle(file):
+    good_hdf5(file)
+    del file["a"]
+    file["a"] = h5py.SoftLink("/a")
+
+
+def deep(file):
+    good_hdf5(file)
+    del file["a"]
+    file["a"] = h5py.SoftLink("/loop/loop/loop/a")
+    file["loop"] = h5py.SoftLink("/loop")
+
+
+def spoilt(content, seed):
+    """Half of the bytes behind the first hundred replaced."""
+    rng = np.random.default_rng(seed)
+    data = np.frombuffer(content, np.uint8).copy()
+    at = rng.choice(np.arange(100, len(data)), len(data) // 2, replace=False)
+    data[at] = rng.integers(0, 256, len(at))
+    return data.tobytes()
+
+
+CSV = {
+    "empty": b"",
+    "blank": b"\n \n\r\n" * 100,
+    "rubbish": RUBBISH,
+    "rubbish without zeros": RUBBISH.replace(b"\0", b"x"),
+    "rubbish behind a header": b"time [s],a [um/m]\n" + RUBBISH.replace(b"\0", b"x"),
+    "zeros": bytes(1_000_000),
+    "one endless line": b"1," * 3_000_000,
+    "endless cell": b"time [s],a [um/m]\n0," + b"1" * 5_000_000 + b"\n1,2\n",
+    "endless quote": b'time [s],a [um/m]\n0,"' + b"1,\n" * 100_000,
+    "endless header": b"," * 2_000_000,
+    "utf-16": "time [s],a [um/m]\n0,1\n1,2\n".encode("utf-16"),
+    "utf-32": "time [s],a [um/m]\n0,1\n1,2\n".encode("utf-32"),
+    "gzip": b"\x1f\x8b\x08" + RUBBISH,
+    "spreadsheet": b"PK\x03\x04" + RUBBISH,
+    "web page": b"<html><body>404</body></html>\n" * 10,
+    "cut in the header": TABLE[:10],
+    "cut in a line": TABLE[: TABLE.rfind(b",")],
+    "spoilt": spoilt(TABLE, 0),
+    "clock far away": TABLE + b"1e300,1\n",
+    "clock far but possible": TABLE + b"9e10,1\n",
+    "clock infinite": TABLE + b"inf,1\n",
+    "clock of tiny steps": b"time [s],a [um/m]\n0,1\n5e-324,2\n1e9,3\n",
+    "clock of commas": TABLE.replace(b".", b","),
+    "escape signs": b"\x1b]0;own\x07,\x1b[2J\n1,2\n",
+    "formula": TABLE + b'0.500,=cmd|"/c calc"!A1\n',
+}
+OTHER = {
+    "empty.h5": lambda tmp: b"",
+    "rubbish.h5": lambda tmp: RUBBISH,
+    "signature.h5": lambda tmp: b"\x89HDF\r\n\x1a\n" + RUBBISH,
+    "cut.h5": lambda tmp: hdf5(tmp, good_hdf5)[:3000],
+    "bomb.h5": lambda tmp: hdf5(tmp, bomb),
+    "circle.h5": lambda tmp: hdf5(tmp, circle),
+    "deep.h5": lambda tmp: hdf5(tmp, deep),
+    "empty.uff": lambda tmp: b"",
+    "rubbish.uff": lambda tmp: RUBBISH,
+    "marks.uff": lambda tmp: b"    -1\n" * 100_001,
+    "open.uff": lambda tmp: b"    -1\n    58\n",
+    "endless dataset.uff": lambda tmp: b"    -1\n  2411\n" + b"1\n" * 500_000,
+    "one line.uff": lambda tmp: b"    -1\n    15\n" + b"x" * 3_000_000,
+    "cut.uff": lambda tmp: UFF[:-100],
+    "claims.uff": lambda tmp: UFF.replace(b"%10d" % 60, b"%10d" % 999_999_999),
+    "cut.ufb": lambda tmp: UFB[:-100],
+    "claims.ufb": lambda tmp: UFB.replace(b"%10d" % 60, b"%10d" % 999_999_999),
+    "shifted.ufb": lambda tmp: UFB.replace(b"%10d" % 60, b"%10d" % 59),
+    "spoilt.uff": lambda tmp: spoilt(UFF, 1),
+    "nameless": lambda tmp: TABLE,
+}
+
+
+def read(path):
+    names = ["1:3"] if path.suffix in (".uff", ".ufb") else ["a"]
+    recording = read_recording(path, names, time=None if names == ["1:3"] else "time")
+    return assemble(recording, {names[0]: ChannelSettings("um/m")})
+
+
+@pytest.fixture(autouse=True)
+def soon():
+    """Ten seconds for a test."""
+
+    def late(number, frame):
+        raise TimeoutError("ten seconds")
+
+    old = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, 10)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, old)
+
+
+def refused(path):
+    tracemalloc.start()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(UserError) as caught:
+                read(path)
+        assert tracemalloc.get_traced_memory()[1] < 200e6
+    finally:
+        tracemalloc.stop()
+    error = caught.value
+    assert error.remedy
+    assert len(str(error)) < 2000
+    assert str(error).replace("\n", "").isprintable()
+
+
+def test_the_good_files_are_good(tmp_path):
+    for name, content in {"a.csv": TABLE, "a.h5": hdf5(tmp_path, good_hdf5), "a.uff": UFF, "a.ufb": UFB}.items():
+        (tmp_path / name).write_bytes(content)
+        assert np.isfinite(read(tmp_path / name).values).all()
+
+
+@pytest.mark.parametrize("name", CSV)
+def test_text_tables(tmp_path, name):
+    (tmp_path / "bad.csv").write_bytes(CSV[name])
+    refused(tmp_path / "bad.csv")
+
+
+@pytest.mark.parametrize("name", OTHER)
+def test_other_files(tmp_path, name):
+    (tmp_path / name).write_bytes(OTHER[name](tmp_path))
+    refused(tmp_path / name)
+
+
+def test_what_is_no_file(tmp_path):
+    (tmp_path / "folder.csv").mkdir()
+    for path in (
+        tmp_path / "folder.csv",
+        tmp_path / "none.csv",
+        tmp_path / "none.h5",
+        tmp_path / ("x" * 300 + ".csv"),
+    ):
+        refused(path)
+
+
+def altered(content, rng, count=4):
+    """A few bytes of the first four thousand replaced, and maybe the end cut off."""
+    data = np.frombuffer(content, np.uint8).copy()
+    data[rng.integers(0, min(len(data), 4000), count)] = rng.integers(0, 256, count)
+    return data[: rng.integers(len(data) // 2, len(data) + 1)].tobytes()
+
+
+def refused_or_uniform(path):
+    """Whatever is left readable is on a uniform clock; nothing else than a UserError comes out."""
+    with contextlib.suppress(UserError):
+        signals = read(path)
+        np.testing.assert_allclose(np.diff(signals.time), np.diff(signals.time).mean(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_few_altered_bytes_are_refused_or_read(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    for name, content in {"a.csv": TABLE, "a.uff": UFF, "a.ufb": UFB}.items():
+        (tmp_path / name).write_bytes(altered(content, rng))
+        refused_or_uniform(tmp_path / name)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_few_altered_bytes_of_hdf5_are_refused_or_read(tmp_path, seed):
+    (tmp_path / "a.h5").write_bytes(altered(hdf5(tmp_path, good_hdf5), np.random.default_rng(seed)))
+    refused_or_uniform(tmp_path / "a.h5")
