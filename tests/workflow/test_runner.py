@@ -177,6 +177,39 @@ def test_kernels_and_config_stay_out_of_the_workflow():
         "strainsight.workflow",
         *(
             f"strainsight.workflow.{m}"
-            for m in ["artefact", "lock", "output", "plan", "runner", "seal", "slices", "stage", "store"]
+            for m in ["artefact", "borrow", "lock", "output", "plan", "runner", "seal", "slices", "stage", "store"]
         ),
     }
+
+
+def test_what_a_run_beside_has_done_on_the_same_inputs_is_taken_over(job):
+    """Only the last stage has another setting, so only it runs; the others are the same to the byte."""
+    done(job)
+    other = changed(job, name="other", show={"limit": 200.0})
+    ran = []
+    stages = tuple(Stage(*(s.name, s.version, s.reads, s.upstream, s.files, noted(s.run, s.name, ran))) for s in STAGES)
+    reasons = {event.stage: event.reason for event in run(stages, other) if event.status == "done"}
+    assert ran == ["show"]
+    assert "taken over from toy" in reasons["read"]
+    for name in ("read", "halve"):
+        assert (other.folder / f"{name}.h5").read_bytes() == (job.folder / f"{name}.h5").read_bytes()
+    assert {event.status for event in run(STAGES, other)} == {"up to date"}
+
+
+def test_nothing_is_taken_over_by_force_or_from_a_damaged_file(job):
+    done(job)
+    other = changed(job, name="other")
+    damaged = job.folder / "halve.h5"
+    damaged.write_bytes(damaged.read_bytes()[:-1] + b"x")
+    reasons = {event.stage: event.reason for event in run(STAGES, other, forced=["read"]) if event.status == "done"}
+    assert "taken over" not in reasons["read"]
+    assert "taken over" not in reasons["halve"]
+    assert "taken over" in reasons["show"]
+
+
+def noted(function, name, ran):
+    def call(context):
+        ran.append(name)
+        return function(context)
+
+    return call

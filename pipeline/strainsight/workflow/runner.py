@@ -11,6 +11,7 @@ from pathlib import Path
 
 from strainsight.errors import StrainsightError
 from strainsight.workflow.artefact import Artefact, Header, file_digest
+from strainsight.workflow.borrow import borrowed
 from strainsight.workflow.lock import locked
 from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge
 from strainsight.workflow.slices import Slice
@@ -54,7 +55,8 @@ def run(
     Input files of all stages are looked for before anything is written. The lock of the results folder is held until
     the iterator ends. A stage that fails writes nothing and leaves all earlier artefacts as they were; its
     StrainsightError gets the place of its config key. `forced` names stages that run in any case. A stage whose
-    upstream ran again but came out the same stays up to date.
+    upstream ran again but came out the same stays up to date; one that a run beside this has done on the same inputs is
+    taken over from there.
     """
     # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
     with _placed(job):
@@ -72,9 +74,15 @@ def run(
                 continue
             yield Event(stage.name, RUNNING, status.reason)
             start = time.perf_counter()
-            with _placed(job):
-                finished[stage.name] = _execute(stage, job, inputs[stage.name], finished, progress)
-            yield Event(stage.name, DONE, status.reason, time.perf_counter() - start, finished[stage.name])
+            taken = None if stage.name in forced else borrowed(stage, job, inputs[stage.name], finished)
+            if taken is not None:
+                finished[stage.name], lender = taken
+                reason = f"{status.reason}, taken over from {lender}"
+            else:
+                reason = status.reason
+                with _placed(job):
+                    finished[stage.name] = _execute(stage, job, inputs[stage.name], finished, progress)
+            yield Event(stage.name, DONE, reason, time.perf_counter() - start, finished[stage.name])
 
 
 def _execute(stage: Stage, job: Job, inputs: Inputs, finished: Mapping[str, Artefact], progress: Progress) -> Artefact:
