@@ -6,7 +6,7 @@ CONFIG ?= configs/cantilever-youngs-modulus.yaml
 ARGS ?=
 VENV := .venv
 READY := $(VENV)/.ready
-STAGES := import rom train screen place validate report
+STAGES := import rom train screen observe place validate report
 # A config that takes a guess from another run comes after those that do not.
 CONFIGS = $(shell grep -L 'from:' configs/*.yaml) $(shell grep -l 'from:' configs/*.yaml)
 # Two test workers on two cores: more threads would only get in each other's way.

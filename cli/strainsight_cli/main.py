@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from pathlib import Path
@@ -137,6 +138,46 @@ for _name, _what in pipelines.STAGES.items():
     _add_stage(_name, _what)
 
 
+@app.command(help="Estimate loads, parameters and strains from the measurements of a test.")
+def estimate(
+    config: ConfigFile,
+    measurements: Annotated[
+        Path | None,
+        typer.Option("--measurements", metavar="FILE", help="CSV, HDF5 or UFF58 file; default: estimate.file."),
+    ] = None,
+    allow_unobservable: Annotated[
+        bool, typer.Option("--allow-unobservable", help="Go on where the channels cannot tell all unknowns.")
+    ] = False,
+    force: Force = False,
+    dry_run: DryRun = False,
+    results: Results = DEFAULT_RESULTS,
+    as_json: Json = False,
+    overrides: Set = None,
+    verbose: Verbose = False,
+) -> None:
+    with reported(verbose):
+        from strainsight.errors import ConfigError
+
+        asked = list(overrides or ())
+        if measurements is not None:
+            # From the config's folder, as all paths of a config: no absolute path gets into the results.
+            relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
+            asked.append(f"estimate.file={json.dumps(Path(relative).as_posix())}")
+        if allow_unobservable:
+            asked.append("estimate.allow_unobservable=true")
+        stages, job = _job(config, results, asked)
+        names = [stage.name for stage in stages]
+        if "estimate" not in names:
+            raise ConfigError(
+                "no measurements to estimate from",
+                key="estimate",
+                where=str(config),
+                remedy="give `estimate: {channels: …}` in the config and --measurements FILE",
+            )
+        upto = stages[: names.index("estimate") + 1]
+        _bring_up_to_date(upto, job, ["estimate"] if force else [], dry_run, as_json, verbose, tables=["estimate"])
+
+
 def _job(path: Path, results: Path, overrides: list[str] | None) -> tuple[tuple[Stage, ...], Job]:
     """Check the config before anything else is loaded."""
     from strainsight.config.load import load_config
@@ -145,7 +186,7 @@ def _job(path: Path, results: Path, overrides: list[str] | None) -> tuple[tuple[
     from strainsight.workflow.plan import Job
 
     data: dict[str, Any] = config.data
-    return pipelines.stages_of(data["kind"]), Job(data, path.parent, results, config.locate)
+    return pipelines.stages_of(data), Job(data, path.parent, results, config.locate)
 
 
 def _show_plan(stages: tuple[Stage, ...], job: Job, forced: list[str] | tuple[str, ...], as_json: bool) -> None:
@@ -192,7 +233,9 @@ def _bring_up_to_date(
             raise
     if as_json:
         return
-    render.print_tables([table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables])
+    render.print_tables(
+        [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
+    )
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
             print(f"{Path(name).stem}: {artefact.path.parent / name}")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from strainsight.workflow.stage import Stage
@@ -12,15 +13,17 @@ STAGES = {
     "rom": "Reduce the model",
     "train": "Simulate the training run and the strain of every candidate",
     "screen": "Drop weak and clustered candidates",
+    "observe": "Say which unknowns could be told apart",
     "place": "Choose the gauges",
     "validate": "Estimate from simulated measurements",
     "report": "Write report.html",
 }
 
 
-def stages_of(kind: str) -> tuple[Stage, ...]:
-    """The pipeline of a config's kind, in order."""
-    assert kind == "placement"
-    from strainsight.stages.placement import PLACEMENT
+def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
+    """The pipeline of a config, in order."""
+    assert config["kind"] == "placement"
+    from strainsight.stages.placement import stages_for
 
-    return PLACEMENT
+    estimate = config.get("estimate")
+    return stages_for(bool(estimate and estimate.get("file")))

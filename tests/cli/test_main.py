@@ -49,7 +49,7 @@ def test_a_dry_run_and_status_write_nothing(call, tmp_path):
     for words in (("run", CONFIG, "--dry-run"), ("status", CONFIG)):
         done = call(*words)
         assert done.exit_code == 0
-        assert done.output.count("never run") == 7
+        assert done.output.count("never run") == 8
     assert not (tmp_path / "results").exists()
 
 
@@ -76,7 +76,7 @@ def test_every_stage_has_a_command(name):
 
 
 def test_the_stages_of_the_command_line_are_those_of_the_pipeline():
-    assert tuple(pipelines.STAGES) == tuple(stage.name for stage in pipelines.stages_of("placement"))
+    assert tuple(pipelines.STAGES) == tuple(stage.name for stage in pipelines.stages_of({"kind": "placement"}))
 
 
 def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(call, monkeypatch):

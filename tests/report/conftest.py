@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from strainsight.report.data import (
+    Case,
     Consistency,
+    Criteria,
     Gauge,
     GaugeSignal,
     History,
@@ -64,6 +66,46 @@ def layout():
     )
 
 
+def mixed_layout():
+    """Every kind of sensor on the same box: a rosette, mirrored gauges, some glued already, a triaxial accelerometer."""
+    beam = layout()
+    one, two, below, far = beam.gauges
+    turn = np.radians([0, 45, 90])
+    fan = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(3)])
+    side, up = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    gauges = (
+        replace(one, peak=9.1e-5, range=3e-3, mirror="G3"),
+        replace(two, kind="rosette", directions=fan, peak=2.4e-4, range=2e-4),
+        replace(below, peak=9.1e-5, range=3e-3, mirror="G1", glued=True),
+        replace(far, kind="accelerometer", position=np.array([1.9, 0.04, 0.12]), normal=up, directions=np.eye(3),
+                direction=np.eye(3)[0], peak=41.2, unit="m/s^2", label="G4", facet=0, nodes=(2,)),
+        Gauge("G5", 1310, 2, np.array([1.5, 0.0, 0.06]), side, side, 0.0, {"E": np.inf}, (5, 6), glued=True,
+              kind="accelerometer", peak=np.nan, range=50.0, unit="m/s^2"),
+        Gauge("G6", 1400, 3, np.array([1.2, 0.04, 0.12]), up, up, 0.0, {}, (8, 9), kind="displacement sensor",
+              peak=4.3e-4, range=2e-3, unit="m"),
+    )  # fmt: skip
+    return replace(beam, gauges=gauges)
+
+
+@pytest.fixture
+def mixed():
+    """A function: changed fields → report on a layout with every kind of sensor, and a signal of every channel."""
+
+    def make(**changes):
+        time = np.arange(1001) * 1e-3
+        wave = np.sin(2 * np.pi * 20 * time)
+        labels = ["G1", *(f"G2 {angle}°" for angle in (0, 45, 90)), "G3", *(f"G4 {axis}" for axis in "xyz"), "G5", "G6"]
+        size = {"G4": (41.2, "m/s^2"), "G5": (12.0, "m/s^2"), "G6": (4.3e-4, "m")}
+        signals = []
+        for label in labels:
+            peak, unit = size.get(label[:2], (9e-5, "strain"))
+            small = np.full(1001, 0.01 * peak)
+            signals.append(GaugeSignal(label, time, peak * wave + small, peak * wave, peak * wave, small, unit))
+        return report(**{"layout": mixed_layout(), "gauge_signals": tuple(signals)} | changes)
+
+    return make
+
+
 @pytest.fixture
 def full():
     """A function: changed fields → report."""
@@ -110,7 +152,22 @@ def report(**changes):
         ),
         repeats=(Repeats("E", np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), "not identified"),),
         frequencies=(40.12, 58.9, 247.3),
-        baselines={"efi": 3.5, "random, worst of 10": np.inf},
+        criteria=(
+            Criteria("elimination, exchange", 2.62, -6.1, 1.7, {"tip": 1.15e3, "E": 1.65e8}),
+            Criteria("random, median of 10", np.inf, np.inf, np.inf, {"tip": 2.1e3, "E": np.inf}),
+            Criteria("effective independence", 3.5, -5.2, 2.9, {"tip": 1.3e3, "E": 1.9e8}),
+            Criteria("log-determinant", 2.71, -6.3, 1.9, {"tip": 1.2e3, "E": 1.6e8}),
+        ),
+        cases=tuple(
+            Case(unknowns, excitation, hard * factor, 1e16 * hard, lost)
+            for excitation, factor in (("training run", 1.0), ("35 Hz", 2.0))
+            for unknowns, hard, lost in (
+                (("tip",), 8.0, ""),
+                (("E", "rho"), 91.0, ""),
+                (("tip", "E", "rho"), 9e11, "tip, E and rho scaled by one factor"),
+            )
+        ),
+        advice=("2 gauges more would lower σ by 7 %.", "G1 and G3 read alike: either stands in for the other."),
         observability={"condition (scaled)": 91.0, "condition (raw)": 3.1e23},
         truth_description="60 modes with static terms, damping 1.5 times the filter's",
         consistency=Consistency(1.04, (0.9, 1.1), 1.31, (0.96, 1.04)),

@@ -22,7 +22,7 @@ def test_a_full_report_has_every_figure_once_small_and_with_units(full):
     drawings = placement_figures(full())
     keys = [drawing.key for drawing in drawings]
     assert len(keys) == len(set(keys))
-    assert {"trend", "noise", "repeats-E", "strain-G4", "estimate-tip", "closing-E"} < set(keys)
+    assert {"trend", "noise", "repeats-E", "signal-G4", "estimate-tip", "closing-E"} < set(keys)
     assert {"random-errors-tip", "random-errors-E", "random-histories-E"} < set(keys)
     assert "random-histories-tip" not in keys
     for drawing in drawings:
@@ -87,6 +87,17 @@ def test_a_diverged_filter_can_still_be_drawn():
     estimate_figure(history)
     closing_figure(history, "parameter")
     closing_figure(replace(history, truth=None, mean=np.full(3000, np.nan)), "parameter")
+    lost = np.where(time < 1.5, 1.0, np.inf)
+    blown = replace(history, mean=lost, std=lost, truth=lost, smoothed=lost, smoothed_std=lost)
+    estimate_figure(blown)
+    closing_figure(blown, "input")
+
+
+def test_the_last_periods_of_a_run_that_diverged_at_times_are_counted_where_it_did_not():
+    time = np.arange(10_000) * 1e-4
+    wave = np.where(time < 0.1, np.nan, np.sin(2 * np.pi * 20 * time) + 0.3)
+    assert time[-1] - time[last_periods(wave)][0] == pytest.approx(4 / 20, abs=0.5 / 20)
+    assert last_periods(np.full(50, np.inf)) == slice(0, None)
 
 
 def test_lost_random_sets_are_counted_and_a_luckier_one_is_admitted():

@@ -64,3 +64,9 @@ def test_two_views_show_gauges_on_top_and_underneath(beam):
     seen = sum(seen_from(beam.points, triangle, position, normal, corner) for corner in corners)
     assert np.all(seen >= 1)
     assert len(views(beam.points, triangle, position[:2], normal[:2])) == 1
+
+
+def test_a_sensor_without_a_normal_is_not_hidden_by_the_facet_it_sits_on(beam):
+    triangle, eye = triangles(beam.faces), np.array([0.3, -0.7, 0.65])
+    place = np.array([[1.0, 0.03, 0.12], [1.0, 0.03, 0.0]])
+    assert seen_from(beam.points, triangle, place, np.zeros((2, 3)), eye / np.linalg.norm(eye)).tolist() == [1, 0]

@@ -14,7 +14,9 @@ from strainsight.errors import StrainsightError
 from strainsight.report import scene
 from strainsight.report.data import Layout, Load
 from strainsight.report.drawing import gauge_colour
-from strainsight.report.picture import LINES, _arrow, _free_end, spread_labels
+from strainsight.report.labels import spread_labels
+from strainsight.report.markers import arrow, free_end
+from strainsight.report.picture import LINES
 
 
 def colours(png):
@@ -61,6 +63,19 @@ def test_a_large_pool_is_thinned_and_arrays_survive_the_way_to_the_child(beam):
     assert again.loads[0].name == "tip"
 
 
+def test_every_kind_of_sensor_is_pictured_and_survives_the_way_to_the_child(mixed):
+    layout = mixed().layout
+    again = scene.unpack(scene.pack(layout))
+    for before, after in zip(layout.gauges, again.gauges, strict=True):
+        assert (before.label, before.kind, before.glued) == (after.label, after.kind, after.glued)
+        np.testing.assert_array_equal(before.channels, after.channels)
+    assert scene.unpack(scene.pack(replace(layout, gauges=()))).gauges == ()
+    pixels = colours(scene.render(layout))
+    for i in range(len(layout.gauges)):
+        wanted = [int(gauge_colour(i)[k : k + 2], 16) for k in (1, 3, 5)]
+        assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
+
+
 def test_a_crash_of_the_renderer_becomes_an_error_that_names_the_packages(beam, monkeypatch, tmp_path):
     crash = tmp_path / "python"
     crash.write_text("#!/bin/sh\necho 'Failed to load EGL!' >&2\nkill -SEGV $$\n")
@@ -86,8 +101,8 @@ def test_loads_are_drawn_outside_the_body(beam):
     tip = np.array([2.0, 0.04, 0.06])
     for direction in ([0.0, 0.0, 2.0], [-1.0, 0.0, 0.0], [0.0, 3.0, 1.0]):
         load = Load("F", tip, np.array(direction))
-        start, step = _arrow(load, beam)
+        start, step = arrow(load, beam)
         np.testing.assert_allclose(np.cross(step, direction), 0.0, atol=1e-12)
-        free = _free_end(load, beam)
+        free = free_end(load, beam)
         assert np.linalg.norm(free - np.clip(free, 0.0, [2.0, 0.08, 0.12])) > 0.1
         assert min(np.linalg.norm(start - tip), np.linalg.norm(start + step - tip)) < 1e-12

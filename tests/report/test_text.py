@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from strainsight.report.text import number, percent, quantity, short
+from strainsight.report.text import number, percent, quantity, reading_unit, short
 
 DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -69,3 +69,11 @@ def test_what_is_no_number_is_said():
 def test_a_long_name_is_cut_and_a_line_break_taken_out():
     assert short("a\nb") == "a b"
     assert len(short("x" * 100)) == 20
+
+
+def test_readings_are_shown_in_the_units_of_their_instruments():
+    assert reading_unit(9e-5, "strain") == (1e-6, "µm/m")
+    assert [reading_unit(size, "m")[1] for size in (3e-9, 4e-6, 1e-3, 2.0, 5e3)] == ["nm", "µm", "mm", "m", "m"]
+    assert reading_unit(41.0, "m/s^2") == reading_unit(41.0, "m/s²") == (1.0, "m/s²")
+    for size in (math.nan, math.inf, 0.0):
+        assert reading_unit(size, "m") == (1.0, "m")

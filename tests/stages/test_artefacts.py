@@ -8,14 +8,16 @@ from pathlib import Path
 import pytest
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
-STAGES = ("import", "rom", "train", "screen", "place", "validate", "report")
+STAGES = ("import", "rom", "train", "screen", "observe", "place", "validate", "report")
 BELOW_KIND = {
     "<kind>": r"(tet4|tet10|hex8|hex20|wedge6|wedge15)",
     "<name>": r"[\w-]+",
     "<parameter>": r"(?!constant$)[\w-]+",
+    "<case>": r"[\w+]+",
 }
-ONLY_SOMETIMES = r"/reduced/mass/\(\?|/matrices/|/gauges/given/"
-"""Where a density is a parameter; where stiffness and mass, or strain rows, come from files (test_ready.py)."""
+ONLY_SOMETIMES = r"/reduced/mass/\(\?|/matrices/|/gauges/given/|/glued/|/sweep/"
+"""Where a density is a parameter; where stiffness and mass, or strain rows, come from files (test_ready.py); where gauges
+are glued already (test_sensors.py); where sweeps are asked for (test_estimate.py)."""
 
 
 def rows(stage: str) -> list[tuple[str, int, str]]:
@@ -59,4 +61,7 @@ def test_every_summary_scalar_is_listed(artefacts, stage):
     text = DOC.read_text(encoding="utf-8").split(f"## {stage}.h5\n")[1].split("\n## ")[0]
     listed = re.findall(r"`([^`]+)`", text.split("Summary:")[1])
     for name in artefacts[stage].summary:
-        assert any(re.fullmatch(re.escape(entry).replace("<name>", r"[\w-]+"), name) for entry in listed), name
+        assert any(
+            re.fullmatch(re.escape(entry).replace("<name>", r"[\w-]+").replace("<case>", r"[\w+]+"), name)
+            for entry in listed
+        ), name

@@ -162,3 +162,36 @@ def test_more_modes_than_the_model_has_is_refused_at_the_number_of_modes(project
     message = refused(project, "rom")
     assert f"own.yaml:{line}:" in message
     assert "rom.modes" in message
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "says"),
+    [
+        (["damping.ratio=0.0"], "place.estimate", "give the structure damping"),
+        (
+            [
+                "loads.tip.known=false",
+                "place.estimate=[tip, E, rho]",
+                "validate.initial_std={tip: 0.1, E: 0.1, rho: 0.1}",
+                "parameters.rho={property: density, region: 1, guess: 7850, range: [7000, 9000]}",
+            ],
+            "place.estimate",
+            "tip, E and rho together: fix one of them",
+        ),
+        (
+            ["gauges.include=[{box: [[0.04, -1, -1], [0.11, 1, 1]]}]", "screen.keep=all", "place.keep=40"],
+            "place.keep",
+            "40 gauges",
+        ),
+    ],
+)
+def test_what_no_pool_can_do_is_refused_by_place(project, overrides, key, says):
+    settings = [f"--set={text}" for text in ("train.duration=0.2", *overrides)]
+    done = CliRunner().invoke(
+        app, ["place", str(project / "configs" / "own.yaml"), "--results", str(project / "results"), *settings]
+    )
+    message = done.output + (done.stderr or "")
+    assert done.exit_code == 2, message
+    assert key in message
+    assert says in message
+    assert "place.h5" not in written(project)

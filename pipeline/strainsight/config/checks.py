@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
 from strainsight.config.loads import Load, MultiSine, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
@@ -18,10 +19,13 @@ FEWEST_STEPS_A_PERIOD = 8
 def problems(config: PlacementConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of a config."""
     yield from model_problems(config)
+    yield from gauge_problems(config)
     yield from _time("train", config.train.duration, config.train.time_step, config)
     yield from _time("validate", config.validation.duration, config.validation.time_step, config)
     yield from _estimate(config)
-    yield from _keep(config)
+    yield from _optimum(config)
+    yield from _input_models(config)
+    yield from _fast(config)
     yield from _validation(config)
 
 
@@ -89,25 +93,44 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
             )
 
 
-def _keep(config: PlacementConfig) -> Iterator[Problem]:
+def _optimum(config: PlacementConfig) -> Iterator[Problem]:
     if config.place.prove > 0 and config.place.optimise != "trace":
         yield Problem("place.prove", "a proof is of the trace, not of the worst failure", "remove one of the two keys")
-    keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
-    kinds = {"inputs" if name in config.loads else "parameters" for name in names}
-    what = f"unknown {kinds.pop()}" if len(kinds) == 1 else "unknowns"
-    if keep < len(names):
+    if config.place.symmetry is not None and config.place.optimise != "trace":
         yield Problem(
-            "place.keep",
-            f"{keep} gauge{'s' * (keep != 1)} cannot observe {len(names)} {what} ({', '.join(names)})",
-            f"keep at least {len(names)}, or estimate fewer {what.removeprefix('unknown ')}",
+            "place.symmetry", "of a mirrored pair one gauge would fail, not both", "remove one of the two keys"
         )
-    pool = config.screen.keep
-    if pool != "all" and keep > pool:
-        yield Problem(
-            "place.keep",
-            f"{keep} is larger than the pool of {pool} (screen.keep)",
-            f"keep at most {pool}, or raise screen.keep",
-        )
+
+
+def _input_models(config: PlacementConfig) -> Iterator[Problem]:
+    if config.process_noise.rule == "continuous":
+        return
+    for name, load in config.loads.items():
+        if not load.known and load.process_noise.model != "random_walk":
+            yield Problem(
+                "process_noise.rule",
+                f"'{config.process_noise.rule}' is a rule for random walks, and load '{name}' is a "
+                f"{load.process_noise.model}",
+                "choose continuous, or the model random_walk",
+            )
+
+
+def _fast(config: PlacementConfig) -> Iterator[Problem]:
+    """Frequencies beside those of the signals that the training step has to resolve."""
+    step = config.train.time_step
+    asked = [(f"observe.frequencies.{i}", f) for i, f in enumerate(config.observe.frequencies)]
+    asked += [
+        (f"loads.{name}.process_noise.frequency", load.process_noise.frequency)
+        for name, load in config.loads.items()
+        if not load.known and load.process_noise.frequency is not None
+    ]
+    for key, frequency in asked:
+        if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
+            yield Problem(
+                key,
+                f"{frequency:g} Hz, of which train.time_step takes {1 / (step * frequency):.3g} steps a period",
+                f"take at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or a shorter step",
+            )
 
 
 def _validation(config: PlacementConfig) -> Iterator[Problem]:

@@ -1,10 +1,9 @@
-"""What one field of a config demands of another: mesh, parameters, loads, directions of gauges."""
+"""What one field of a config demands of another: mesh, parameters, loads."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from strainsight.config.gauges import AxisDirection, KeepOutBox
 from strainsight.config.loads import Load, MultiSine, Recorded
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
@@ -15,7 +14,7 @@ RESERVED = {"constant"}  # names the terms of an affine operator that belong to 
 
 
 def model_problems(config: PlacementConfig) -> Iterator[Problem]:
-    """Contradictions between the fields that make the model and the candidates."""
+    """Contradictions between the fields that make the model."""
     yield from _names(config)
     yield from _mesh(config.mesh)
     yield from _matrices(config)
@@ -23,14 +22,6 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
         yield from _parameter(f"parameters.{name}", parameter, config.name)
     for name, load in config.loads.items():
         yield from _load(f"loads.{name}", load)
-    yield from _direction(config.gauges.direction)
-    for i, zone in enumerate(config.gauges.exclude):
-        if isinstance(zone, KeepOutBox) and any(low >= high for low, high in zip(*zone.box, strict=True)):
-            yield Problem(
-                f"gauges.exclude.{i}.box",
-                "the lower corner is not below the upper one",
-                "give [[lowest], [highest]] x, y, z",
-            )
 
 
 def _names(config: PlacementConfig) -> Iterator[Problem]:
@@ -108,13 +99,6 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(
                 f"parameters.{name}.region", "mesh.matrices say what belongs to the parameter", "remove the key"
             )
-    if config.gauges.given is None and config.gauges.direction is None:
-        yield Problem("gauges.direction", "missing", "give {type: axis, axis: [1, 0, 0]}, or gauges.given", at_key=True)
-    if config.gauges.given is not None:
-        if matrices is None:
-            yield Problem("gauges.given", "strain rows belong to ready matrices", "give mesh.matrices", at_key=True)
-        if config.gauges.direction is not None:
-            yield Problem("gauges.direction", "given gauges have their own directions", "remove the key", at_key=True)
     if matrices is None:
         return
     named: set[str] = set()
@@ -146,14 +130,3 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
                 f"give a term parameter: {name}",
                 at_key=True,
             )
-
-
-def _direction(direction: AxisDirection | None) -> Iterator[Problem]:
-    if direction is None:
-        return
-    if not any(direction.axis):
-        yield Problem("gauges.direction.axis", "an axis of length zero", "give a vector such as [1, 0, 0]")
-    # A gauge turned by half a turn is the same gauge.
-    turned = [angle % 180 for angle in direction.angles]
-    if len(set(turned)) < len(turned):
-        yield Problem("gauges.direction.angles", "two angles are the same direction", "remove one of them")

@@ -1,28 +1,15 @@
-"""Where gauges may go, along what, and how noisy they are."""
+"""Where gauges may go, along what, how noisy they are; those already glued; accelerometers and displacement sensors."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field, Tag
 
-from strainsight.config.base import Positive, Section, Text, Vector
+from strainsight.config.base import NotNegative, Positive, Section, Text, Vector
+from strainsight.config.zones import Zone, key_of
 
-
-def _key_of(*keys: str) -> Any:
-    """Tell the members of a union apart by the one key each of them has."""
-
-    def which(value: Any) -> str | None:
-        if isinstance(value, Section):
-            return next((key for key in keys if key in type(value).model_fields), None)
-        found = [key for key in keys if key in value] if isinstance(value, dict) else []
-        return found[0] if len(found) == 1 else None
-
-    return Discriminator(
-        which,
-        custom_error_type="one_key",
-        custom_error_message="give exactly one of " + ", ".join(f"'{key}'" for key in keys),
-    )
+Angles = Annotated[tuple[float, ...], Field(min_length=1)]
 
 
 class AxisDirection(Section):
@@ -30,86 +17,40 @@ class AxisDirection(Section):
 
     type: Literal["axis"] = Field(description="Kind of direction.")
     axis: Vector = Field(description="Axis in global coordinates [-]; its length does not matter.")
-    angles: Annotated[tuple[float, ...], Field(min_length=1)] = Field(
-        (0.0,), description="Angles from the projected axis, positive about the outward normal [deg]; a candidate each."
+    angles: Angles = Field(
+        (0.0,),
+        description="Angles from the projected axis, right-handed about the outward normal [deg]; a candidate each, or the "
+        "grids of a rosette.",
     )
+
+
+class PrincipalDirection(Section):
+    """Gauges along the direction that strains most in the training run, facet by facet, and turned by angles."""
+
+    type: Literal["principal"] = Field(description="Kind of direction.")
+    angles: Angles = Field((0.0,), description="Angles from it, right-handed about the outward normal [deg].")
+
+
+Direction = Annotated[AxisDirection | PrincipalDirection, Field(discriminator="type")]
 
 
 class RelativeNoise(Section):
     """Noise as a share of the strongest candidate."""
 
-    relative_to_strongest: Positive = Field(description="Noise standard deviation over the largest RMS strain [-].")
+    relative_to_strongest: Positive = Field(description="Noise standard deviation over the largest RMS reading [-].")
 
 
 class AbsoluteNoise(Section):
-    """Noise as a strain."""
+    """Noise in the unit of the reading."""
 
-    value: Positive = Field(description="Noise standard deviation of one sample at train.time_step [strain].")
-
-
-class KeepOutBox(Section):
-    """No gauges in a box."""
-
-    box: tuple[Vector, Vector] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
-
-
-class CylinderZone(Section):
-    """A cylinder without ends."""
-
-    point: Vector = Field(description="A point on its axis [m].")
-    axis: Vector = Field(description="Direction of its axis [-].")
-    radius: Positive = Field(description="Radius [m].")
-
-
-class KeepOutCylinder(Section):
-    """No gauges in a cylinder."""
-
-    cylinder: CylinderZone = Field(description="The cylinder.")
-
-
-class ConeZone(Section):
-    """Normals near an axis."""
-
-    axis: Vector = Field(description="Axis in global coordinates [-]; its sign does not matter.")
-    angle: float = Field(gt=0, le=90, description="Largest angle between the facet's normal and the axis [deg].")
-
-
-class KeepOutNormals(Section):
-    """No gauges on facets that face along an axis."""
-
-    normal_cone: ConeZone = Field(description="The normals.")
-
-
-class SetZone(Section):
-    """The surroundings of a set."""
-
-    set: Text = Field(description="Name of a node or element set.")
-    distance: Positive = Field(description="Least distance from its nodes [m].")
-
-
-class KeepOutSet(Section):
-    """No gauges close to a set."""
-
-    near_set: SetZone = Field(description="The set.")
-
-
-class KeepOutEdges(Section):
-    """No gauges close to edges."""
-
-    near_edges: Positive = Field(description="Least distance from an edge of the body [m].")
+    value: Positive = Field(
+        description="Noise standard deviation of one sample at train.time_step [strain, m/s² or m]."
+    )
 
 
 NoiseStd = Annotated[
     Annotated[RelativeNoise, Tag("relative_to_strongest")] | Annotated[AbsoluteNoise, Tag("value")],
-    _key_of("relative_to_strongest", "value"),
-]
-KeepOut = Annotated[
-    Annotated[KeepOutBox, Tag("box")]
-    | Annotated[KeepOutCylinder, Tag("cylinder")]
-    | Annotated[KeepOutNormals, Tag("normal_cone")]
-    | Annotated[KeepOutEdges, Tag("near_edges")]
-    | Annotated[KeepOutSet, Tag("near_set")],
-    _key_of("box", "cylinder", "normal_cone", "near_edges", "near_set"),
+    key_of("relative_to_strongest", "value"),
 ]
 
 
@@ -122,13 +63,63 @@ class GivenGauges(Section):
     )
 
 
+class GluedGauge(Section):
+    """A gauge that is already glued, and so in every layout."""
+
+    position: Vector = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
+    direction: Vector = Field(description="Measuring direction [-]; it is laid on the surface there.")
+    length: NotNegative | None = Field(
+        None, description="Length of its grid [m], over which it averages; null: gauges.grid_length."
+    )
+    angles: Angles = Field(
+        (0.0,), description="Angles of its grids from the direction, right-handed about the outward normal [deg]."
+    )
+
+
 class Gauges(Section):
-    """Where gauges may go, along what, and how noisy they are."""
+    """Where strain gauges may go, along what, and how noisy they are."""
 
     surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
-    direction: AxisDirection | None = Field(
+    direction: Direction | None = Field(
         None, description="Measuring directions of the candidates; left out only with `given`."
+    )
+    rosette: bool = Field(
+        False,
+        description="true: the angles of one place are a rosette, placed and removed as one; false: a gauge each.",
+    )
+    grid_length: NotNegative = Field(
+        0.0, description="Length of a gauge's grid [m], over which it averages; 0: the strain at its centre."
     )
     given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
-    exclude: tuple[KeepOut, ...] = Field((), description="Zones without gauges.")
+    range: Positive | None = Field(
+        None,
+        description="Largest strain that a gauge can measure [strain]; candidates that see more in training are dropped.",
+    )
+    price: NotNegative = Field(1.0, description="Price of a gauge, in the unit of place.budget.")
+    include: tuple[Zone, ...] = Field((), description="Zones that gauges have to be in, one of them; none: everywhere.")
+    exclude: tuple[Zone, ...] = Field((), description="Zones without gauges.")
+    fixed: tuple[GluedGauge, ...] = Field((), description="Gauges that are already glued; they count in place.keep.")
+    snap_tolerance: Positive = Field(
+        0.005, description="How far a glued gauge may be from the surface of the mesh before it is refused [m]."
+    )
+
+
+class MotionSensors(Section):
+    """Accelerometers or displacement sensors that may be placed beside the strain gauges."""
+
+    quantity: Literal["acceleration", "displacement"] = Field(description="What they measure: [m/s²] or [m].")
+    surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
+    axes: Annotated[tuple[Vector | Literal["normal"], ...], Field(min_length=1, max_length=3)] = Field(
+        ("normal",),
+        description="Measuring directions, 'normal' to the surface or in global coordinates [-]; several are one sensor, as "
+        "a triaxial one.",
+    )
+    every: Positive | None = Field(None, description="Least distance between candidates [m]; null: one on every facet.")
+    noise_std: NoiseStd = Field(description="Noise standard deviation of every channel.")
+    range: Positive | None = Field(
+        None, description="Largest reading [m/s² or m]; candidates that see more are dropped."
+    )
+    price: NotNegative = Field(1.0, description="Price of a sensor, in the unit of place.budget.")
+    include: tuple[Zone, ...] = Field((), description="Zones that they have to be in, one of them; none: everywhere.")
+    exclude: tuple[Zone, ...] = Field((), description="Zones without them.")

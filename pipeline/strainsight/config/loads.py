@@ -49,15 +49,25 @@ class Recorded(Section):
 
 
 class InputNoise(Section):
-    """Random walk that models an unknown load: intensity q = κ ω a², ω = 2π frequency."""
+    """How an unknown load is modelled in time, by placement and filter alike."""
 
-    kappa: Positive = Field(0.1, description="Factor κ of the intensity [-].")
+    model: Literal["random_walk", "integrated_random_walk", "matern", "oscillator"] = Field(
+        "random_walk",
+        description="random_walk: any load, and noisy (the thesis); integrated_random_walk: a smooth one; matern: one with a "
+        "bandwidth; oscillator: one about a known frequency.",
+    )
+    kappa: Positive | None = Field(
+        None, description="Factor κ of the intensity κω of both walks [-]; null: 0.1, integrated 1/(4π)."
+    )
     frequency: Positive | None = Field(
-        None, description="Typical frequency of the load [Hz]; null: that of its signal."
+        None,
+        description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of its signal.",
     )
     amplitude: Positive | None = Field(
         None, description="Typical amplitude of the load [N]; initial_std is relative to it; null: that of its signal."
     )
+    smoothness: Literal["1/2", "3/2", "5/2"] = Field("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
+    damping: Positive = Field(0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency.")
 
 
 class Load(Section):
@@ -68,10 +78,12 @@ class Load(Section):
     )
     set: Text | None = Field(None, description="Name of a node set instead of a node.")
     deck_load: Text | None = Field(
-        None, description="Name of a load of the deck (FORCE-7: the FORCE cards of set 7) instead of a node and direction."
+        None,
+        description="Name of a load of the deck (FORCE-7: the FORCE cards of set 7) instead of a node and direction.",
     )
     direction: Vector | None = Field(
-        None, description="Direction in global coordinates [-]; its length does not matter. Left out only with deck_load."
+        None,
+        description="Direction in global coordinates [-]; its length does not matter. Left out only with deck_load.",
     )
     known: bool = Field(description="true: measured by other means; false: to be estimated.")
     signal: Annotated[Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")] = Field(

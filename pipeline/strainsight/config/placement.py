@@ -6,10 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, with_defaults
-from strainsight.config.gauges import Gauges
+from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, Vector, with_defaults
+from strainsight.config.estimate import Estimate
+from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.loads import Load
 from strainsight.config.mesh import MeshFile
+from strainsight.config.validation import Validate
+from strainsight.config.zones import Zone
 
 KeepAll = Literal["all"]
 
@@ -78,16 +81,19 @@ class Train(Section):
 class Screen(Section):
     """Which candidates enter the elimination."""
 
-    keep: Annotated[int, Field(ge=1)] | KeepAll = Field("all", description="Candidates to keep [-], or 'all'.")
+    keep: Annotated[int, Field(ge=1)] | KeepAll = Field(
+        "all", description="Candidates to keep of every kind of sensor [-], or 'all'."
+    )
     minimum_spacing: NotNegative = Field(0.0, description="Least distance between kept candidates [m].")
 
 
 class ProcessNoise(Section):
     """Process noise of the filter."""
 
-    rule: Literal["continuous", "thesis"] = Field(
+    rule: Literal["continuous", "thesis", "as_printed"] = Field(
         "continuous",
-        description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is.",
+        description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is; as_printed: "
+        "those numbers, and σ² of the gauges, put into the Riccati equation as if they were intensities.",
     )
     model_error: NotNegative = Field(
         0.01,
@@ -96,18 +102,49 @@ class ProcessNoise(Section):
     )
 
 
+class ZoneLimit(Section):
+    """So many gauges in a zone, and no more."""
+
+    zone: Zone = Field(description="The zone.")
+    count: int = Field(ge=0, description="Most gauges in it [-].")
+
+
+class Symmetry(Section):
+    """A plane: gauges on both sides are placed in pairs."""
+
+    point: Vector = Field((0.0, 0.0, 0.0), description="A point of the plane [m].")
+    normal: Vector = Field(description="Its normal in global coordinates [-].")
+
+
 class Place(Section):
     """The elimination."""
 
     estimate: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(
         description="Unknown loads and parameters to place for."
     )
-    keep: int = Field(ge=1, description="Gauges to glue [-].")
-    instants: int = Field(20, ge=1, description="Instants of the training run that the model is linearised at [-].")
-    aggregate: Literal["mean", "worst"] = Field("mean", description="How the instants are put together.")
+    keep: int = Field(
+        ge=1, description="Gauges to glue [-], those already glued among them; with a budget at most so many."
+    )
+    instants: int = Field(20, ge=1, description="Instants of a training run that the model is linearised at [-].")
+    parameter_samples: int = Field(
+        1,
+        ge=1,
+        description="Parameter values to place for [-]: 1, the guess alone; more, points of the parameters' ranges too.",
+    )
+    aggregate: Literal["mean", "worst"] = Field(
+        "mean", description="How instants and parameter samples are put together."
+    )
     weights: Literal["normalised", "thesis"] = Field(
         "normalised",
         description="normalised: every unknown starts at 1; thesis: the plain trace, which orders by units.",
+    )
+    minimum_spacing: NotNegative = Field(0.0, description="Least distance between gauges of the layout [m].")
+    at_most: tuple[ZoneLimit, ...] = Field((), description="Most gauges in some zones.")
+    budget: Positive | None = Field(
+        None, description="What the gauges may cost together (gauges.price); null: no limit."
+    )
+    symmetry: Symmetry | None = Field(
+        None, description="Place gauges in mirrored pairs; those without a mirror are left out."
     )
     certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
     exchange: bool = Field(True, description="Exchange gauges after the elimination until none helps.")
@@ -121,39 +158,31 @@ class Place(Section):
     )
 
 
-class Truth(Section):
-    """What stands for reality in the validation."""
+class Cases(Section):
+    """Which unknowns could be told apart (tables 6.1, 6.2): the unknown loads, or all where all are known, the moduli and the
+    densities, in every combination."""
 
-    model: Literal["modes", "rich", "rom"] = Field(
-        "rich",
-        description="modes: many modes and static terms; rich: that, with other damping and misplaced gauges; rom: the "
-        "filter's own model.",
+    frequencies: tuple[Positive, ...] = Field(
+        (), description="Excitations to compare beside the training run: every load a sine of this frequency [Hz]."
     )
-    modes: int = Field(60, ge=1, description="Modes of the truth model [-].")
-    parameters: dict[Name, Positive] = Field(
-        {}, description="True values [Pa or kg/m³]; a parameter left out is at its guess."
-    )
-    damping_factor: NotNegative = Field(1.5, description="rich: true damping over the filter's [-].")
-    gauge_offset: NotNegative = Field(0.002, description="rich: how far every gauge is off its place [m].")
-    gauge_rotation: NotNegative = Field(2.0, description="rich: how far every gauge is turned [deg].")
 
 
-class Validate(Section):
-    """The filter on simulated measurements."""
+class Filter(Section):
+    """The filter itself, in validation and estimation; the σ that place expects is its σ."""
 
-    truth: Truth = with_defaults(Truth, "What stands for reality.")
-    time_step: Positive = Field(description="Time step of the filter [s].")
-    duration: Positive = Field(description="Length of the measurement [s].")
-    initial_std: dict[Name, Positive] = Field(
-        description="Initial σ of every unknown, relative to its guess or amplitude [-]."
+    scheme: Literal["exact", "trapezoidal", "implicit_euler"] = Field(
+        "exact",
+        description="Time step: exact for every mode, or a rule whose bias of frequency and damping is printed.",
     )
-    random_sets: int = Field(
-        10, ge=0, description="Random gauge sets to compare with, from all candidates and from the pool [-]."
+    form: Literal["joseph", "square_root"] = Field(
+        "joseph", description="Of the covariance; square_root for noise so small that joseph loses its digits."
     )
-    noise_factors: tuple[Positive, ...] = Field(
-        (0.1, 5.0), description="Other noise levels to try, relative to the stated one [-]."
+    iterations: int = Field(
+        1,
+        ge=1,
+        le=50,
+        description="Of the update [-]: 1 is the extended Kalman filter; matters for accelerometers only.",
     )
-    repeats: int = Field(20, ge=1, description="Seeds and starting values to repeat with [-].")
 
 
 class Report(Section):
@@ -177,8 +206,14 @@ class PlacementConfig(Section):
     rom: ReducedModel = with_defaults(ReducedModel, "The parametric reduced model.")
     train: Train = Field(description="The training run.")
     gauges: Gauges = Field(description="Candidates and their noise.")
+    motion_sensors: dict[Name, MotionSensors] = Field(
+        {}, description="Accelerometers and displacement sensors, by name."
+    )
     screen: Screen = with_defaults(Screen, "Which candidates enter the elimination.")
     process_noise: ProcessNoise = with_defaults(ProcessNoise, "Process noise of the filter.")
+    observe: Cases = with_defaults(Cases, "Which unknowns could be told apart.")
     place: Place = Field(description="The elimination.")
+    filter: Filter = with_defaults(Filter, "The filter itself.")
     validation: Validate = Field(alias="validate", description="The filter on simulated measurements.")
+    estimate: Estimate | None = Field(None, description="The filter on measurements of a test.")
     report: Report = with_defaults(Report, "The page.")

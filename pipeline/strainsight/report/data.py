@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from strainsight.report.layout import FloatArray as FloatArray
+from strainsight.report.layout import Gauge as Gauge
+from strainsight.report.layout import IntArray as IntArray
+from strainsight.report.layout import Layout as Layout
+from strainsight.report.layout import Load as Load
 
 
 @dataclass(frozen=True)
@@ -45,54 +45,6 @@ class Unknown:
     std: float | None = None
     smoothed_error: float | None = None
     expected_std: float | None = None
-
-
-@dataclass(frozen=True)
-class Gauge:
-    """One gauge of the chosen set.
-
-    label ("G1"); element, facet ids of the file; position (3,) [m]; direction, normal (3,) unit vectors;
-    angle [deg] from the projected axis; nodes: ids of the facet's nodes;
-    without: unknown's name → relative standard deviation expected when this gauge is left out (inf: not observable).
-    """
-
-    label: str
-    element: int
-    facet: int
-    position: FloatArray
-    direction: FloatArray
-    normal: FloatArray
-    angle: float
-    without: Mapping[str, float] = field(default_factory=dict)
-    nodes: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class Load:
-    """A point load to draw: name, point (3,) [m], direction (3,), and whether its history is known to the filter."""
-
-    name: str
-    point: FloatArray
-    direction: FloatArray
-    known: bool = True
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The structure and what sits on it.
-
-    points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
-    (told apart by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
-    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid.
-    """
-
-    points: FloatArray
-    faces: IntArray
-    pool: FloatArray
-    gauges: tuple[Gauge, ...]
-    loads: tuple[Load, ...] = ()
-    fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -128,7 +80,8 @@ class History:
 
 @dataclass(frozen=True)
 class GaugeSignal:
-    """One gauge over time: time (T,) [s]; measured, truth (without noise), estimated, std (T,) [strain]."""
+    """One channel over time: label ("G1", or "G1 45°" of a rosette); time (T,) [s]; measured, truth (without noise),
+    estimated, std (T,) [unit]."""
 
     label: str
     time: FloatArray
@@ -136,6 +89,36 @@ class GaugeSignal:
     truth: FloatArray | None
     estimated: FloatArray
     std: FloatArray
+    unit: str = "strain"
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """One layout by every criterion, all from the same covariances (inf: it cannot observe everything).
+
+    rule: how it was found ("elimination, exchange", "log-determinant", "effective independence", "random, median of 10");
+    trace: tr(W P); log_determinant and worst_eigenvalue of the unknowns' covariance in units of their scales;
+    std: unknown's name → frozen σ [SI]: a ranking number, not what a filter will claim.
+    """
+
+    rule: str
+    trace: float
+    log_determinant: float
+    worst_eigenvalue: float
+    std: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Case:
+    """How well one set of unknowns could be told apart: its names; excitation ("training run", "35 Hz"); condition of the
+    scaled PBH matrix at λ = 0, raw: the thesis's number, which orders cases by their units; lost: in words what is (nearly)
+    unobservable, empty where nothing is."""
+
+    unknowns: tuple[str, ...]
+    excitation: str
+    condition: float
+    raw: float
+    lost: str = ""
 
 
 @dataclass(frozen=True)
@@ -189,7 +172,8 @@ class PlacementReport:
     """All that the page of a placement shows.
 
     name of the config, title for people; frequencies [Hz] of the model at the reference;
-    baselines: name → metric tr(W P) of that set (inf: cannot observe everything); observability: name → number;
+    criteria: layouts by every rule, ours first; cases: what could be told apart; observability: name → number;
+    advice: sentences, what to do with the layout (how many gauges are worth it, which stand in for each other, limits);
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     facts: mesh, mass, pool sizes, timing; provenance: versions, seed, keys.
     """
@@ -205,7 +189,9 @@ class PlacementReport:
     noise: tuple[NoiseRow, ...] = ()
     repeats: tuple[Repeats, ...] = ()
     frequencies: tuple[float, ...] = ()
-    baselines: Mapping[str, float] = field(default_factory=dict)
+    criteria: tuple[Criteria, ...] = ()
+    cases: tuple[Case, ...] = ()
+    advice: tuple[str, ...] = ()
     observability: Mapping[str, float] = field(default_factory=dict)
     truth_description: str = ""
     consistency: Consistency = field(default_factory=Consistency)

@@ -1,6 +1,6 @@
 """The figures of a placement report: each turns arrays into an SVG with its caption and alternative text.
 
-The metric's trend, the estimates with their bands, the gauges' strains: thesis figures 6.1b, 6.2, 6.5b, 6.6 and 6.8.
+The metric's trend and the estimates with their bands: thesis figures 6.1b, 6.2, 6.5b and 6.6.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.report.comparisons import noise_figure, random_errors_figure, random_histories_figure, repeats_figure
-from strainsight.report.data import FloatArray, GaugeSignal, History, IntArray, PlacementReport, Trend
+from strainsight.report.data import FloatArray, History, IntArray, PlacementReport, Trend
 from strainsight.report.drawing import (
     BLUE,
     GREEN,
@@ -19,12 +19,12 @@ from strainsight.report.drawing import (
     VERMILION,
     Drawing,
     figure,
-    gauge_colour,
     styled,
     svg,
     visible_instants,
 )
-from strainsight.report.panels import dots, focus_on, last_periods, legend_above, plain_ticks, shown_unit, time_axis
+from strainsight.report.panels import drawable, focus_on, last_periods, legend_above, plain_ticks, shown_unit, time_axis
+from strainsight.report.signals import signal_figures
 from strainsight.report.text import number, quantity, short
 
 
@@ -36,7 +36,7 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
     for entry in report.histories:
         drawings.append(estimate_figure(entry))
         drawings.append(closing_figure(entry, kind.get(entry.name, "parameter")))
-    drawings += [strain_figure(signal, gauge_colour(i)) for i, signal in enumerate(report.gauge_signals)]
+    drawings += signal_figures(report.gauge_signals, report.layout.gauges)
     for name in dict.fromkeys(sets.name for sets in report.random_sets):
         sets = tuple(entry for entry in report.random_sets if entry.name == name)
         drawings.append(random_errors_figure(sets))
@@ -82,13 +82,15 @@ def trend_figure(trend: Trend) -> Drawing:
         axes.plot(count, trace, color=BLUE, lw=2, label="tr(W P)")
         keep = int(trend.count[-1])
         axes.plot([keep], [trend.final_trace], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final_trace)}")
-        if trend.lower_bound is not None:
+        if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
             label = f"no set of {keep} below {number(trend.lower_bound)}"
             axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
         if bend is not None:
             at = trace[count == bend][0]
             axes.plot([bend], [at], "D", mfc="none", mec=INK, ms=7, label=f"elbow: {bend} gauges")
-        axes.set_xscale("log")
+        # An axis without a point to show has no logarithm.
+        if len(count):
+            axes.set_xscale("log")
         positive = trace[trace > 0]
         if len(positive) == len(trace) and len(trace) and positive.max() > 5 * positive.min():
             axes.set_yscale("log")
@@ -133,44 +135,13 @@ def closing_figure(history: History, kind: str) -> Drawing:
     return Drawing(f"closing-{history.name}", f"{history.name}: {span}", caption, _history_alt(history), image)
 
 
-def strain_figure(signal: GaugeSignal, colour: str) -> Drawing:
-    """Measured and estimated strain of one gauge over the last periods."""
-    window = last_periods(signal.estimated)
-    time = signal.time[window]
-    measured, estimated, std = (1e6 * values[window] for values in (signal.measured, signal.estimated, signal.std))
-    index = visible_instants(np.column_stack([measured, estimated]))
-    with styled():
-        drawn, axes, below = figure(4.1, (2.2, 1.0))
-        dots(axes, time[index], measured[index], "measured")
-        if signal.truth is not None:
-            axes.plot(
-                time[index], 1e6 * signal.truth[window][index], color=INK, lw=1, ls=(0, (4, 2)), label="without noise"
-            )
-        axes.plot(time[index], estimated[index], color=colour, label="estimated")
-        below.fill_between(time[index], -2 * std[index], 2 * std[index], color=colour, alpha=0.35, lw=0)
-        dots(below, time[index], (measured - estimated)[index], "")
-        axes.set_ylabel("strain [µε]")
-        below.set_ylabel("measured −\nestimated [µε]")
-        time_axis(below)
-        legend_above(axes)
-        image = svg(drawn)
-    residual = np.sqrt(np.mean((signal.measured - signal.estimated) ** 2)) * 1e6
-    caption = (
-        f"Strain at gauge {signal.label}, last periods. Below, what the filter leaves unexplained "
-        f"(RMS {number(residual, 3)} µε over the run) and the ±2σ band of its estimate."
-    )
-    peak = number(float(np.max(np.abs(estimated))), 3)
-    alt = f"Line chart of measured and estimated strain at gauge {signal.label}, peak {peak} microstrain."
-    return Drawing(f"strain-{signal.label}", f"Gauge {signal.label}", caption, alt, image)
-
-
 def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     factor, unit = shown_unit(history)
     time = history.time[window]
-    mean, std = history.mean[window] / factor, history.std[window] / factor
+    mean, std = drawable(history.mean[window]) / factor, drawable(history.std[window]) / factor
     columns = [mean, mean - 2 * std, mean + 2 * std]
-    truth = None if history.truth is None else history.truth[window] / factor
-    smoothed = None if history.smoothed is None else history.smoothed[window] / factor
+    truth = None if history.truth is None else drawable(history.truth[window]) / factor
+    smoothed = None if history.smoothed is None else drawable(history.smoothed[window]) / factor
     columns += [values for values in (truth, smoothed) if values is not None]
     index = visible_instants(np.column_stack(columns))
     with styled():
@@ -179,7 +150,7 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
         axes.plot(time[index], mean[index], color=BLUE, label="estimate")
         if smoothed is not None:
             if history.smoothed_std is not None:
-                wide = 2 * history.smoothed_std[window][index] / factor
+                wide = 2 * drawable(history.smoothed_std[window])[index] / factor
                 axes.fill_between(
                     time[index], smoothed[index] - wide, smoothed[index] + wide, color=GREEN, alpha=0.25, lw=0
                 )

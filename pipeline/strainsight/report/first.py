@@ -4,30 +4,41 @@ from __future__ import annotations
 
 import base64
 import math
+from collections import Counter
 from html import escape
 
-import numpy as np
-
 from strainsight.report import picture
-from strainsight.report.data import FloatArray, Gauge, PlacementReport, Unknown
+from strainsight.report.data import PlacementReport, Unknown
 from strainsight.report.drawing import VERMILION
-from strainsight.report.markup import badge, bullets, measure, plain, share, table
-from strainsight.report.text import number
+from strainsight.report.gauge_table import SINGLE, coordinates, decimals
+from strainsight.report.layout import Gauge
+from strainsight.report.markers import shape
+from strainsight.report.markup import bullets, measure, plain, share
+
+OUTLINES = {
+    "bar": "polygon(0 30%,100% 30%,100% 70%,0 70%)",
+    "star": "polygon(38% 0,62% 0,62% 38%,100% 38%,100% 62%,62% 62%,62% 100%,38% 100%,38% 62%,0 62%,0 38%,38% 38%)",
+    "cone": "polygon(0 0,100% 0,50% 100%)",
+}
+"""The shapes of `markers.shape` that are no square, in small."""
 
 
 def answer(report: PlacementReport) -> str:
     """The first sentence: how many gauges tell what, how well, how far from the best, and which unknown is weakest."""
     gauges, pool = len(report.layout.gauges), int(report.trend.count[0])
-    many = "gauge, chosen" if gauges == 1 else "gauges, chosen"
+    glued = sum(gauge.glued for gauge in report.layout.gauges)
+    word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
+    many = f"{word}{'s' * (gauges != 1)}, {f'{glued} of them glued already, ' * bool(glued)}chosen"
     known = [unknown for unknown in report.unknowns if _sigma(unknown) is not None]
     parts = [f"{escape(unknown.name)} to within ±{share(_sigma(unknown))}" for unknown in known]
     text = f"<strong>{gauges} {many} from {pool} candidates</strong>"
     relative = ", of a load relative to its RMS" if any(unknown.kind == "input" for unknown in known) else ""
-    text += (
-        f" tell {_join(parts)} (one standard deviation{relative})."
-        if parts
-        else " tell " + _join([escape(unknown.name) for unknown in report.unknowns]) + "."
-    )
+    if parts:
+        text += f" tell {_join(parts)} (one standard deviation{relative})."
+    elif report.unknowns:
+        text += f" tell {_join([escape(unknown.name) for unknown in report.unknowns])}."
+    else:
+        text += "."
     tested = [unknown for unknown in report.unknowns if unknown.error is not None]
     if tested:
         errors = _join([f"{share(unknown.error)} for {escape(unknown.name)}" for unknown in tested])
@@ -114,10 +125,10 @@ def _bound_tile(report: PlacementReport) -> str:
     if trend.lower_bound is not None:
         rows.append(("no set can go below", plain(trend.lower_bound)))
     rows.append((f"all {int(trend.count[0])} gauges", plain(float(trend.trace[0]))))
-    finite = {name: value for name, value in report.baselines.items() if math.isfinite(value)}
-    if finite:
-        best = min(finite, key=lambda name: finite[name])
-        rows.append((f"best baseline ({escape(best)})", plain(finite[best])))
+    others = [entry for entry in report.criteria[1:] if math.isfinite(entry.trace)]
+    if others:
+        best = min(others, key=lambda entry: entry.trace)
+        rows.append((f"best other rule ({escape(best.rule)})", plain(best.trace)))
     items = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in rows)
     gap = (
         "not certified"
@@ -137,11 +148,11 @@ def _picture(report: PlacementReport, scene: bytes | None, problem: str) -> str:
     if scene is None:
         shown = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
     else:
-        where = "; ".join(
-            f"{gauge.label} at {_coordinates(gauge.position, _decimals(layout.points))} m" for gauge in layout.gauges
-        )
+        places = decimals(layout.points)
+        where = "; ".join(f"{gauge.label} at {coordinates(gauge.position, places)} m" for gauge in layout.gauges)
         alt = f"The structure from one or two sides with its {len(layout.gauges)} gauges: {where}."
-        key = [(picture.POOL, "dot", f"{len(layout.pool)} candidates in the pool")]
+        key = [("var(--muted)", name, text) for name, text in _kinds(layout.gauges)]
+        key.append((picture.POOL, "dot", f"{len(layout.pool)} candidates in the pool"))
         if layout.loads:
             key.append(
                 (
@@ -155,9 +166,7 @@ def _picture(report: PlacementReport, scene: bytes | None, problem: str) -> str:
             key.append((picture.CLAMP, "", "clamped nodes"))
         if len(layout.loose):
             key.append((picture.LINES, "", "nodes outside the solids"))
-        items = "".join(
-            f'<li><i class="{shape}" style="background:{colour}"></i>{escape(text)}</li>' for colour, shape, text in key
-        )
+        items = "".join(_key(*entry) for entry in key)
         shown = (
             '<div class="scene" tabindex="0" role="region" aria-label="picture of the gauges">'
             f'<img alt="{escape(alt)}" width="1200" height="700" '
@@ -166,60 +175,28 @@ def _picture(report: PlacementReport, scene: bytes | None, problem: str) -> str:
     return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>'
 
 
+def _kinds(gauges: tuple[Gauge, ...]) -> list[tuple[str, str]]:
+    """Which marks stand for sensors, and how many of each kind: only what occurs."""
+    count = Counter(gauge.kind for gauge in gauges)
+    marks = [(shape(kind), f"{many} {kind}{'s' * (many > 1)}") for kind, many in count.items()]
+    glued = sum(gauge.glued for gauge in gauges)
+    return marks + [("hollow", f"{glued} of them glued already")] * bool(glued)
+
+
+def _key(colour: str, name: str, text: str) -> str:
+    """One entry of the picture's key: a small shape in its colour, and its words."""
+    outline = f";clip-path:{OUTLINES[name]}" if name in OUTLINES else ""
+    style = f"background:{colour}{outline}" if name != "hollow" else f"background:#ffffff;border:2px solid {colour}"
+    return f'<li><i class="{name}" style="{style}"></i>{escape(text)}</li>'
+
+
 def _panels(report: PlacementReport) -> str:
-    """The warnings and what was not tested."""
+    """What to do with the layout, the warnings, and what was not tested."""
     panels = ""
+    if report.advice:
+        panels += f'<section class="card notes"><h3>What to do with this layout</h3>{bullets(report.advice)}</section>'
     if report.warnings:
         panels += f'<section class="card warnings"><h3>Warnings</h3>{bullets(report.warnings)}</section>'
     if report.not_tested:
         panels += f'<section class="card notes"><h3>Not tested</h3>{bullets(report.not_tested)}</section>'
     return f'<div class="panels">{panels}</div>' if panels else ""
-
-
-def gauge_table(report: PlacementReport) -> str:
-    gauges = report.layout.gauges
-    places = _decimals(report.layout.points)
-    names = [unknown.name for unknown in report.unknowns if any(unknown.name in gauge.without for gauge in gauges)]
-    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
-
-    def row(index: int, gauge: Gauge) -> list[str]:
-        nodes = " ".join(str(node) for node in gauge.nodes) or "–"
-        left_out = [share(gauge.without.get(name, math.nan)) for name in names]
-        return [
-            badge(gauge.label, index), str(gauge.element), str(gauge.facet or "–"), nodes,
-            _whole(_coordinates(gauge.position, places)), _whole(_direction(gauge.direction)),
-            f"{number(gauge.angle, 3)}°", *left_out,
-        ]  # fmt: skip
-
-    head = ["gauge", "element", "facet", "nodes", "x y z [m]", "direction", "angle"]
-    head += [f"σ({escape(name)}) without it" for name in names]
-    foot = (
-        ["all together", *[""] * 6, *[share(sigma[name]) for name in names]]
-        if any(sigma[n] is not None for n in names)
-        else []
-    )
-    caption = (
-        "Ids are those of the mesh file; direction is the measuring one in global axes, angle from the projected axis."
-    )
-    if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
-        caption += " ∞: without that gauge the unknown can no longer be observed."
-    rows = [row(i, gauge) for i, gauge in enumerate(gauges)]
-    return table(head, rows, caption=caption, numeric=[1, 2, 6, *range(7, 7 + len(names))], foot=foot)
-
-
-def _decimals(points: FloatArray) -> int:
-    """Decimals that show a position to about a ten-thousandth of the structure's size."""
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return min(max(4 - math.floor(math.log10(size)), 0), 9) if size > 0 else 4
-
-
-def _coordinates(position: FloatArray, places: int) -> str:
-    return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
-
-
-def _whole(text: str) -> str:
-    return f'<span class="whole">{text}</span>'
-
-
-def _direction(vector: FloatArray) -> str:
-    return " ".join(number(round(float(value), 4), 4) for value in vector)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.report.data import FloatArray, IntArray
+from strainsight.report.layout import FloatArray, IntArray
 
 # Local node triples by number of facet nodes, in VTK order; facets with mid-side nodes are cut along them.
 TRIANGLES = {
@@ -67,7 +67,7 @@ def seen_from(
     a, b, c = (shadow[triangle[:, k]] for k in range(3))
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     for i in np.flatnonzero(seen):
-        origin = position[i] + 1e-4 * size * normal[i]
+        origin = position[i] + 1e-4 * size * (normal[i] if np.any(normal[i]) else view)
         near = ((low <= origin @ plane) & (origin @ plane <= high)).all(axis=1)
         seen[i] = not hit_by_ray(points, triangle[near], origin, view)
     return seen.astype(int)

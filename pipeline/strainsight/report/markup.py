@@ -88,10 +88,12 @@ def pairs(entries: Iterable[tuple[str, str]]) -> str:
     return table((), [(escape(name), f"<span>{escape(value)}</span>") for name, value in entries])
 
 
-def badge(label: str, index: int) -> str:
-    """A gauge's label on its own colour."""
+def badge(label: str, index: int, *, hollow: bool = False) -> str:
+    """A gauge's label on its own colour, or hollow in a frame of it."""
     colour = drawing.gauge_colour(index)
-    return f'<span class="badge" style="background:{colour};color:{drawing.ink_on(colour)}">{escape(label)}</span>'
+    ground = "#ffffff" if hollow else colour
+    style = f"background:{ground};color:{drawing.ink_on(ground)}" + f";box-shadow:inset 0 0 0 2px {colour}" * hollow
+    return f'<span class="badge" style="{style}">{escape(label)}</span>'
 
 
 def figure(entry: Drawing, index: int) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from html import escape
 from importlib.resources import files
 
 from strainsight.report.data import PlacementReport
 from strainsight.report.drawing import Drawing
-from strainsight.report.first import answer, first_screen, gauge_table
+from strainsight.report.first import answer, first_screen
+from strainsight.report.gauge_table import gauge_table
 from strainsight.report.markup import figure, measure, pairs, plain, share, table
+from strainsight.report.tables import cases_table, criteria_meaning, criteria_table
 from strainsight.report.text import number
 
 # Nothing is fetched and nothing runs, whatever a name in a deck contains.
@@ -53,38 +54,37 @@ def placement_page(
     )
 
 
-def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool]) -> str:
+def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfolded: int | None = None) -> str:
+    """Cards of the wanted figures; from number `unfolded` on they are shown on demand."""
     cards = [figure(entry, i) for i, entry in enumerate(drawings) if wanted(entry.key)]
-    return f'<div class="figures">{"".join(cards)}</div>' if cards else ""
+    shown, folded = cards[:unfolded], cards[len(cards[:unfolded]) :]
+    text = f'<div class="figures">{"".join(shown)}</div>' if shown else ""
+    if folded:
+        summary = f'<summary style="padding:12px 0;cursor:pointer">{len(folded)} more</summary>'
+        text += f'<details>{summary}<div class="figures">{"".join(folded)}</div></details>'
+    return text
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     shown = _chosen(drawings, lambda key: key.startswith(("estimate-", "closing-")))
-    strains = _chosen(drawings, lambda key: key.startswith("strain-"))
-    if not shown and not strains:
+    signals = _chosen(drawings, lambda key: key.startswith("signal-"), unfolded=12)
+    if not shown and not signals:
         return ""
     lead = f'<p class="lead">Truth: {escape(report.truth_description)}.</p>' if report.truth_description else ""
     text = f"<h2>What they tell</h2>{lead}{shown}"
-    if strains:
+    if signals:
+        strains = all(signal.unit == "strain" for signal in report.gauge_signals)
         lead = '<p class="lead">What each gauge measured and what the filter makes of it.</p>'
-        text += f"<h2>Gauge strains</h2>{lead}{strains}"
+        text += f"<h2>{'Gauge strains' if strains else 'Readings'}</h2>{lead}{signals}"
     return text
 
 
 def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    trend = report.trend
-    rows = [("<strong>chosen set</strong>", trend.final_trace)]
-    if trend.lower_bound is not None:
-        rows.append(("certified lower bound", trend.lower_bound))
-    rows += sorted(((escape(name), value) for name, value in report.baselines.items()), key=lambda row: row[1])
-    chosen = trend.final_trace if 0 < trend.final_trace < math.inf else math.nan
-    cells = [(name, plain(value), plain(value / chosen, 3)) for name, value in rows]
-    caption = (
-        "Sets of the same size from the same pool, scored by the same steady covariance; ∞ cannot observe all unknowns."
-    )
-    baselines = table(("set", "tr(W P)", "times the chosen"), cells, caption=caption, numeric=(1, 2))
-    cards = [figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "trend"]
-    return f'<h2>How good the set is</h2><div class="figures">{"".join(cards)}<div class="card">{baselines}</div></div>'
+    cards = "".join(figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "trend")
+    if report.criteria:
+        cards += f'<div class="card">{criteria_meaning()}</div>'
+    below = f'<div class="card" style="margin-top:16px">{criteria_table(report)}</div>'
+    return f'<h2>How good the set is</h2><div class="figures">{cards}</div>{below}'
 
 
 def _random(drawings: tuple[Drawing, ...]) -> str:
@@ -108,7 +108,7 @@ def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
             [share(row.level), *(share(source.get(name)) for name in names for source in (row.error, row.std))]
             for row in report.noise
         ]
-        caption = "Noise as a share of the strongest candidate's RMS strain; error beside the claimed σ."
+        caption = "Noise as a share of the strongest candidate's RMS reading; error beside the claimed σ."
         cards.append(f'<div class="card">{table(head, rows, caption=caption, numeric=range(1, len(head)))}</div>')
     return f'<h2>How sure one can be</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
 
@@ -152,7 +152,10 @@ def _observability(report: PlacementReport) -> str:
             )
         )
     body = "".join(f'<div class="card">{card}</div>' for card in cards)
-    return f'<h2>Observability, consistency, modes</h2><div class="panels">{body}</div>' if cards else ""
+    body = f'<div class="panels">{body}</div>' if cards else ""
+    if report.cases:
+        body = f'<div class="card"><h3>What can be told apart</h3>{cases_table(report.cases)}</div>{body}'
+    return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""
 
 
 def _inside(value: float, band: tuple[float, float] | None) -> str:

@@ -41,8 +41,10 @@ def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
-    vertices = np.repeat(np.column_stack([x, y]), 2, axis=0)
-    codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(x))
+    shown = np.column_stack([x, y])
+    shown = shown[np.isfinite(shown).all(axis=1)]
+    vertices = np.repeat(shown, 2, axis=0)
+    codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(shown))
     style = {"color": MUTED, "lw": 2.4, "capstyle": "round"}
     axes.add_patch(PathPatch(Path(vertices, codes), fill=False, alpha=0.8, **style))
     if label:
@@ -59,6 +61,8 @@ def plain_ticks(axes: Axes, which: str) -> None:
     if axis.get_scale() != "log":
         return
     low, high = axis.get_view_interval()
+    if not 0 < low < high < np.inf:
+        return
     decades = np.log10(high / low)
     subs = (
         (1.0,)
@@ -79,13 +83,19 @@ def shown_unit(history: History) -> tuple[float, str]:
     return prefix(float(np.nanmax(np.abs(reference), initial=0.0)), history.unit)
 
 
+def drawable(values: FloatArray) -> FloatArray:
+    """The values with a gap wherever one is no finite number."""
+    return np.where(np.isfinite(values), values, np.nan)
+
+
 def last_periods(values: FloatArray, periods: float = 4.0, least: float = 0.02) -> slice:
     """The last few periods of an oscillation (T,), counted by crossings of its mean; at least a fiftieth of the run.
 
     A history that hardly oscillates is shown whole.
     """
-    steps = len(values)
-    crossing = np.flatnonzero(np.diff(np.signbit(values - np.mean(values))))
+    steps, finite = len(values), values[np.isfinite(values)]
+    mean = np.mean(finite) if len(finite) else 0.0
+    crossing = np.flatnonzero(np.diff(np.signbit(values - mean)))
     needed = round(2 * periods)
     start = int(crossing[-needed]) if len(crossing) > needed else 0
     return slice(max(min(start, steps - max(round(least * steps), 2)), 0), None)

@@ -17,7 +17,7 @@ import numpy as np
 
 import strainsight
 from strainsight.errors import StrainsightError
-from strainsight.report.data import Gauge, Layout, Load
+from strainsight.report.layout import Gauge, Layout, Load
 
 WIDTH, HEIGHT = 1200, 700
 TIME_LIMIT = 120.0
@@ -28,8 +28,8 @@ DOTS = 4000
 def render(layout: Layout) -> bytes:
     """PNG of 1200 × 700 pixels on a transparent ground, for light and dark pages alike.
 
-    Shows the facets with their edges, the candidate pool as dots, gauges as labelled bars along their direction, loads
-    as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
+    Shows the facets with their edges, the candidate pool as dots, sensors as labelled marks by their kind
+    (`markers.marker`), loads as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
     Raises StrainsightError that names the Debian packages where nothing can render.
     """
     with tempfile.TemporaryDirectory(prefix="strainsight-scene-") as folder:
@@ -68,6 +68,10 @@ def pack(layout: Layout) -> dict[str, np.ndarray]:
         "gauge_position": np.array([gauge.position for gauge in gauges], dtype=float).reshape(-1, 3),
         "gauge_direction": np.array([gauge.direction for gauge in gauges], dtype=float).reshape(-1, 3),
         "gauge_normal": np.array([gauge.normal for gauge in gauges], dtype=float).reshape(-1, 3),
+        "gauge_kind": np.array([gauge.kind for gauge in gauges], dtype=str),
+        "gauge_glued": np.array([gauge.glued for gauge in gauges], dtype=bool),
+        "gauge_channels": np.array([len(gauge.channels) for gauge in gauges], dtype=np.int64),
+        "channel_direction": np.concatenate([np.empty((0, 3)), *(gauge.channels for gauge in gauges)]),
         "load_name": np.array([load.name for load in loads], dtype=str),
         "load_point": np.array([load.point for load in loads], dtype=float).reshape(-1, 3),
         "load_direction": np.array([load.direction for load in loads], dtype=float).reshape(-1, 3),
@@ -77,10 +81,13 @@ def pack(layout: Layout) -> dict[str, np.ndarray]:
 
 def unpack(arrays: dict[str, np.ndarray]) -> Layout:
     """The layout that `pack` flattened, as far as a picture needs it."""
+    channels = np.split(arrays["channel_direction"], np.cumsum(arrays["gauge_channels"])[:-1])
     gauges = tuple(
-        Gauge(str(label), 0, 0, position, direction, normal, 0.0)
-        for label, position, direction, normal in zip(
-            *(arrays[f"gauge_{name}"] for name in ("label", "position", "direction", "normal")), strict=True
+        Gauge(str(label), 0, 0, position, direction, normal, 0.0, kind=str(kind), directions=axes, glued=bool(glued))
+        for label, position, direction, normal, kind, glued, axes in zip(
+            *(arrays[f"gauge_{name}"] for name in ("label", "position", "direction", "normal", "kind", "glued")),
+            channels[: len(arrays["gauge_label"])],
+            strict=True,
         )
     )
     loads = tuple(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+READINGS = {"strain": "strain", "m/s^2": "acceleration", "m/s²": "acceleration", "m": "displacement"}
+"""What a gauge reads, by the unit that the artefacts state."""
 PREFIXED_UNITS = frozenset({"Pa", "N", "N·m", "Nm", "N/m", "Hz", "W", "J"})
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -39,6 +41,16 @@ def prefix(size: float, unit: str) -> tuple[float, str]:
         return 1.0, unit
     power = min(max(3 * math.floor(math.log10(size * (1 + 1e-12)) / 3), -9), 12)
     return 10.0**power, PREFIXES[power] + unit
+
+
+def reading_unit(size: float, unit: str) -> tuple[float, str]:
+    """The factor and the unit in which readings of this size are shown: strain in µm/m, displacements from nm to m."""
+    if unit == "strain":
+        return 1e-6, "µm/m"
+    if unit == "m" and math.isfinite(size) and size > 0:
+        power = min(max(3 * math.floor(math.log10(size * (1 + 1e-12)) / 3), -9), 0)
+        return 10.0**power, PREFIXES[power] + unit
+    return prefix(size, unit.replace("^2", "²"))
 
 
 def percent(ratio: float, digits: int = 2) -> str:

@@ -89,7 +89,9 @@ def with_additions(mesh: Mesh, config: Any) -> Mesh:
                 mesh = with_node(mesh, tie.reference, tie.at)
             reference = node_index(mesh, tie.reference)
             if tie.type == "rigid":
-                mesh = with_rigid_element(mesh, reference, nodes, _components(tie.components or (1, 2, 3)), f"mesh.ties.{i}")
+                mesh = with_rigid_element(
+                    mesh, reference, nodes, _components(tie.components or (1, 2, 3)), f"mesh.ties.{i}"
+                )
             else:
                 components = _components(tie.components or (1, 2, 3, 4, 5, 6))
                 mesh = with_averaging_element(mesh, reference, nodes, components, f"mesh.ties.{i}")

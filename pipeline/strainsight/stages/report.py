@@ -60,7 +60,7 @@ REPORT = Stage(
     "report",
     version=2,
     reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
-    upstream=("import", "rom", "train", "screen", "place", "validate"),
+    upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),
     run=run,
 )

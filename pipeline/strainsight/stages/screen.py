@@ -3,44 +3,114 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
-from strainsight.errors import blame
-from strainsight.gauges.screening import screen
+from strainsight.errors import ConfigError, blame
+from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.screening import Screening, screen
+from strainsight.stages.case.settings import families
+from strainsight.stages.records.gauges import candidates_from
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context) -> Output:
-    """Settle the one noise level of all gauges, drop the weak, thin the clusters."""
+    """Settle the noise of every channel, drop the weak and the overloaded, thin the clusters."""
     config, train = context.config, context.upstream["train"]
-    rms = np.sqrt(np.mean(train["/strain"] ** 2, axis=0))
-    stated = config.gauges.noise_std
-    noise_std = float(stated["value"]) if "value" in stated else float(stated.relative_to_strongest * rms.max())
-    keep = None if config.screen.keep == "all" else int(config.screen.keep)
+    pool, strain = candidates_from(train), train["/strain"]
+    rms, peak = np.sqrt(np.mean(strain**2, axis=0)), np.abs(strain).max(axis=0)
+    noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
+    for i, (key, family) in enumerate(families(config).items()):
+        own = pool.array == i
+        # Of candidates: one glued in a loud place must not make all others noisier.
+        free = own & ~pool.glued if (own & ~pool.glued).any() else own
+        noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
+        if family.range is not None:
+            limit[own] = float(family.range)
     with blame("screen.keep"):
-        result = screen(rms, noise_std, train["/gauges/position"], keep, config.screen.minimum_spacing)
+        result = _screened(config.screen, pool, rms, peak, noise_std, limit)
     dropped = Counter(str(code) for code in result.reason if code)
+    unit = 1e6 * noise_std[0] if pool.quantity[0] == 0 else noise_std[0]
     return Output(
         datasets={
-            "/kept": Dataset(result.kept, "1", "index of every kept candidate, ascending"),
-            "/snr": Dataset(result.snr, "1", "RMS training strain over noise of every candidate"),
+            "/kept": Dataset(result.kept, "1", "number of every kept gauge, ascending"),
+            "/snr": Dataset(result.snr, "1", "RMS training reading over noise of every gauge"),
             "/reason": Dataset(
-                np.asarray(result.reason, dtype=np.str_), "1", "why a candidate was dropped; empty where it was kept"
+                np.asarray(result.reason, dtype=np.str_), "1", "why a gauge was dropped; empty where it was kept"
             ),
-            "/noise_std": Dataset(np.array(noise_std), "strain", "noise of one gauge sample at the training time step"),
+            "/noise_std": Dataset(
+                noise_std,
+                "strain",
+                "noise of one sample of every channel at the training time step, of motion sensors in m/s² or m",
+            ),
+            "/family": Dataset(
+                np.array([key.removeprefix("motion_sensors.") for key in families(config)], dtype=np.str_),
+                "1",
+                "name of every kind of sensor, as /gauges/array of train.h5 counts them",
+            ),
+            "/range": Dataset(
+                limit, "strain", "what every channel can measure, of motion sensors in m/s² or m; inf: not stated"
+            ),
         },
-        summary={"candidates": len(rms), "kept": len(result.kept), "noise_std": noise_std}
+        summary={"candidates": pool.gauges, "kept": len(result.kept), "noise_std": float(noise_std[0])}
         | {f"dropped.{code}": count for code, count in dropped.items()},
-        message=f"{len(rms)} → {len(result.kept)}, noise {1e6 * noise_std:.3g} µm/m",
+        message=f"{pool.gauges} → {len(result.kept)}, noise {unit:.3g} {'µm/m' if pool.quantity[0] == 0 else ''}".rstrip(),
     )
+
+
+def _screened(
+    settings: Any, pool: Candidates, rms: np.ndarray, peak: np.ndarray, noise_std: np.ndarray, limit: np.ndarray
+) -> Screening:
+    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge."""
+    keep = None if settings.keep == "all" else int(settings.keep)
+    kinds = pool.array[pool.first]
+    kept, snr, reason = [], np.empty(pool.gauges), np.empty(pool.gauges, dtype="<U7")
+    for kind in np.unique(kinds):
+        gauges, own = np.flatnonzero(kinds == kind), np.flatnonzero(pool.array == kind)
+        # Of a kind that has fewer all are kept; of one alone that is an error, as it was asked for.
+        most = keep if keep is None or len(np.unique(kinds)) == 1 else min(keep, len(gauges))
+        found = screen(
+            rms[own],
+            noise_std[own],
+            pool.position[own],
+            most,
+            settings.minimum_spacing,
+            gauge=np.searchsorted(gauges, pool.gauge[own]),
+            glued=pool.glued[own],
+            largest=peak[own],
+            limit=limit[own],
+        )
+        kept.append(gauges[found.kept])
+        snr[gauges], reason[gauges] = found.snr, found.reason
+    return Screening(np.sort(np.concatenate(kept)), snr, reason)
+
+
+def _noise_std(stated: Any, rms: np.ndarray, key: str) -> float:
+    """σ of a family of sensors: as stated, or a share of its strongest candidate."""
+    if "value" in stated:
+        return float(stated["value"])
+    strongest = float(rms.max())
+    if strongest <= 0:
+        raise ConfigError(
+            "no candidate reads anything in the training run, of which the noise would be a share",
+            key=key,
+            remedy="give {value: …}, or load the structure",
+        )
+    return float(stated.relative_to_strongest * strongest)
 
 
 SCREEN = Stage(
     "screen",
-    version=1,
-    reads=("screen", "gauges.noise_std"),
+    version=2,
+    reads=(
+        "screen",
+        "gauges.noise_std",
+        "gauges.range",
+        "motion_sensors.*.noise_std",
+        "motion_sensors.*.range",
+    ),
     upstream=("train",),
     files=(),
     run=run,

@@ -1,86 +1,130 @@
-"""train: every candidate gauge on the surface, and what each would read under the training load (5.2)."""
+"""train: every candidate on the surface, and what each would read under the training load (5.2)."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
-from strainsight.gauges.candidates import Candidates, candidates
+from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
-from strainsight.gauges.rows import strain_rows
-from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, Zone
+from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import hold_coefficients, instant_values
+from strainsight.stages.case.candidates import OnSurface, candidates_on_surface, zone_of
+from strainsight.stages.case.channels import readings
 from strainsight.stages.case.given_gauges import read_given
 from strainsight.stages.case.settings import signal_of
 from strainsight.stages.records.gauges import candidate_datasets, given_datasets
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.records.model import model_from
-from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context) -> Output:
-    """Simulate the reduced model at the guess from rest, and read the strain of every candidate."""
+    """Simulate the reduced model at the guess from rest, and read every candidate."""
     config = context.config
     mesh, rom = mesh_from(context.upstream["import"]), context.upstream["rom"]
     model = model_from(rom)
-    if config.gauges.given is None:
-        pool, given = _on_surface(mesh, config), None
-        rows = strain_rows(mesh.position, pool, rom["/basis"])
-    else:
-        pool, given = _given(context, mesh)
-        rows = given @ rom["/matrices/basis"]
     h = config.train.time_step
     steps = round(config.train.duration / h)
     with blame("train"):
         signals = [signal_of(name, config.loads[name].signal, context.files) for name in model.inputs]
         held = hold_coefficients(signals, 0.0, h, steps)
-    x = simulate(model, model.reference, held, h)
-    strain = x[:, : model.size] @ rows.T
-    strongest = float(np.sqrt(np.mean(strain**2, axis=0)).max())
+    x, u = simulate(model, model.reference, held, h), instant_values(held)
     n = model.size
+    context.progress("candidates", 0.3)
+    surface, given = None, None
+    if config.gauges.given is None:
+        basis = rom["/basis"]
+        surface = candidates_on_surface(mesh, config, basis, x[:, :n])
+        pool = surface.candidates
+        rows = channel_rows(mesh.position, pool, basis, facets=exterior_facets(mesh))
+    else:
+        pool, given = _given(context, mesh)
+        rows = given @ rom["/matrices/basis"]
+    moved = np.zeros(0) if surface is None else surface.moved
+    strain = readings(model, model.reference, rows, pool.quantity, x, u)
+    rms = np.sqrt(np.mean(strain**2, axis=0))
+    strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     return Output(
         datasets=candidate_datasets(pool)
         | ({} if given is None else given_datasets(given))
+        | (
+            {"/glued/distance": Dataset(moved, "m", "how far every glued gauge was moved to the surface")}
+            if len(moved)
+            else {}
+        )
         | {
             "/time": Dataset(h * np.arange(steps + 1), "s", "time of the training run"),
-            "/input": Dataset(instant_values(held), "N", "training load (time × input)", ("/time", "")),
+            "/input": Dataset(u, "N", "training load (time × input)", ("/time", "")),
             "/coordinate": Dataset(x[:, :n], "kg^1/2 m", "reduced coordinates q (time × coordinate)", ("/time", "")),
             "/velocity": Dataset(x[:, n:], "kg^1/2 m/s", "reduced velocities (time × coordinate)", ("/time", "")),
-            "/strain": Dataset(strain, "strain", "strain of every candidate (time × candidate)", ("/time", "")),
-            "/gauges/row": Dataset(rows, "strain/(kg^1/2 m)", "strain per reduced coordinate (candidate × coordinate)"),
+            "/strain": Dataset(
+                strain,
+                "strain",
+                "reading of every channel, of motion sensors in m/s² or m (time × candidate)",
+                ("/time", ""),
+            ),
+            "/gauges/row": Dataset(
+                rows,
+                "strain/(kg^1/2 m)",
+                "strain, or displacement [m], per reduced coordinate (candidate × coordinate)",
+            ),
         },
-        summary={"candidates": len(rows), "steps": steps, "strongest_rms": strongest},
-        message=f"{len(rows)} candidates, {steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m",
+        summary={
+            "candidates": pool.gauges,
+            "left_out": surface.left_out if surface else 0,
+            "channels": len(rows),
+            "steps": steps,
+            "strongest_rms": strongest,
+        },
+        message=_message(pool, steps, strongest, surface),
+        tables=(_glued_table(pool, moved),) if len(moved) else (),
     )
 
 
-def _on_surface(mesh: Mesh, config: Any) -> Candidates:
-    if not mesh.blocks:
-        raise ConfigError(
-            "the mesh has no solids, and so no surface",
-            key="gauges.surface",
-            remedy="give mesh.matrices and gauges.given: strain rows of the gauges",
+def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface | None) -> str:
+    first = pool.first
+    kinds = (
+        (pool.array[first] == 0) & ~pool.glued[first],
+        pool.glued[first],
+        pool.quantity[first] == 1,
+        pool.quantity[first] == 2,
+    )
+    words = ("candidates", "glued", "accelerometers", "displacement sensors")
+    counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
+    said = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
+    if surface is not None and len(surface.moved):
+        said.append(f"glued ones moved by up to {1e3 * surface.moved.max():.2g} mm")
+    if surface is not None and surface.left_out:
+        said.append(f"{surface.left_out} places left out: a grid over a sharp edge")
+    if surface is not None and surface.empty:
+        said.append(f"no facet in the zone {', '.join(surface.empty)}: is it in metres?")
+    return ", ".join(said)
+
+
+def _glued_table(own: Candidates, moved: np.ndarray) -> Table:
+    """Where the glued gauges are; they are the first candidates."""
+    rows = tuple(
+        (
+            f"fixed {i + 1}",
+            str(own.element[c]),
+            str(own.facet[c]),
+            " ".join(f"{x:.4f}" for x in own.position[c]),
+            " ".join(f"{round(d, 3) + 0.0:g}" for d in own.direction[c]),
+            f"{1e3 * moved[i]:.3g} mm",
         )
-    facets = exterior_facets(mesh)
-    with blame("gauges.surface"):
-        return candidates(
-            mesh,
-            facets,
-            config.gauges.direction.axis,
-            config.gauges.direction.angles,
-            exclude=[zone_of(entry) for entry in config.gauges.exclude],
-            surface=config.gauges.surface,
-        )
+        for i, c in enumerate(own.first[: len(moved)])
+    )
+    return Table(
+        "glued gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows
+    )
 
 
 def _given(context: Context, mesh: Mesh) -> tuple[Candidates, sparse.csr_array]:
@@ -104,31 +148,27 @@ def _given(context: Context, mesh: Mesh) -> tuple[Candidates, sparse.csr_array]:
     return given.pool, given.rows
 
 
-def zone_of(entry: Mapping[str, Any]) -> Zone:
-    """A zone of `gauges.exclude`."""
-    (kind, value), *_ = entry.items()
-    match kind:
-        case "box":
-            return Box(*value)
-        case "cylinder":
-            return Cylinder(value.point, value.axis, value.radius)
-        case "normal_cone":
-            return NormalCone(value.axis, value.angle)
-        case "near_set":
-            return NearSet(value.set, value.distance)
-    return NearEdges(float(value))
-
-
 TRAIN = Stage(
     "train",
-    version=2,
+    version=3,
     reads=(
         "loads.*.signal",
         "train",
         "gauges.surface",
         "gauges.direction",
+        "gauges.rosette",
+        "gauges.grid_length",
+        "gauges.include",
         "gauges.exclude",
+        "gauges.fixed",
+        "gauges.snap_tolerance",
         "gauges.given",
+        "motion_sensors.*.quantity",
+        "motion_sensors.*.surface",
+        "motion_sensors.*.axes",
+        "motion_sensors.*.every",
+        "motion_sensors.*.include",
+        "motion_sensors.*.exclude",
         "mesh.length_unit",
         "mesh.matrices",
     ),

@@ -6,15 +6,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.estimation.consistency import chi_square_band, nees, nis, whiteness
+from strainsight.estimation.consistency import chi_square_band, nees, nis, verdict, whiteness
 from strainsight.estimation.filter import FilterRun, output_std, run_filter
 from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
+from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.stages.case.full_model import FILES, READS
-from strainsight.stages.case.problem import filter_model
-from strainsight.stages.case.studies import Study, identified, sample_noise, studies_of, study_datasets
+from strainsight.stages.case.problem import filter_model, filter_options, sample_std, scheme_in_words
+from strainsight.stages.case.studies import Study, identified, ranks, sample_noise, studies_of, study_datasets
+from strainsight.stages.case.sweeps import sweep_datasets, sweep_table, sweeps_of
 from strainsight.stages.case.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.stages.records.grids import gauge_grid
+from strainsight.stages.records.measured import measured_csv
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -25,12 +28,23 @@ def run(context: Context) -> Output:
     trial = trial_of(context)
     context.progress("filter", 0.2)
     model = filter_model(trial.problem, trial.chosen, trial.h)
-    noise = sample_noise(context.seed, 0, len(trial.time) - 1, len(trial.chosen)) * np.sqrt(model.r / trial.h)
-    measured = trial.strain[1:, trial.chosen] + noise
-    main = run_filter(model, np.zeros(model.size), trial.covariance, trial.known, measured, keep="all")
+    noise = sample_noise(context.seed, 0, len(trial.time) - 1, len(trial.chosen))
+    true = trial.reading(trial.chosen)[1:]
+    measured = true + noise * sample_std(trial.problem, trial.chosen, trial.h)
+    main = run_filter(
+        model,
+        np.zeros(model.size),
+        trial.covariance,
+        trial.known,
+        measured,
+        keep="all",
+        **filter_options(trial.problem),
+    )
     smoothed = smooth(model, main)
     context.progress("noise levels, repeats, random sets", 0.4)
     studies = studies_of(trial, context.config.validate, context.upstream["screen"]["/kept"], context.seed)
+    context.progress("sweeps", 0.8)
+    swept = sweeps_of(trial, context.config.validate, context.seed)
     estimate = physical(model, main.mean[:, 0], main.std[:, 0])
     later = physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
     filtered_error = real_and_claimed(trial, model, main.mean, main.std)
@@ -42,7 +56,9 @@ def run(context: Context) -> Output:
     )
     summary: dict[str, Scalar] = {
         "truth": str(context.config.validate.truth.model),
-        "description": trial.truth.description,
+        "description": trial.truth.description
+        + (f"; {words}" if (words := scheme_in_words(trial.problem, trial.h)) else "")
+        + (f"; {trial.stopped} of the layout stopped at an edge" if trial.stopped else ""),
     }
     for name in trial.names:
         summary[f"estimate.{name}"] = _one_number(trial, name, estimate[name][0])
@@ -55,18 +71,22 @@ def run(context: Context) -> Output:
         {path.rpartition("/")[2]: entry.array for path, entry in field.items() if entry.array.ndim},
     )
     summary["whiteness"] = float(whiteness(main.whitened[:, 0]))
+    summary["verdict"] = verdict(main.whitened[:, 0]).text
+    summary |= ranks(trial, studies["all"], errors["error"], errors["std"])
     summary["lost_runs"] = int(sum(np.isnan(study.real[trial.names[-1]]).sum() for study in studies.values()))
     return Output(
         datasets=grid
         | _histories(trial, estimate, later)
-        | _gauges(trial, measured, main)
+        | _gauges(trial, measured, true, main)
         | _consistency(trial, *consistency)
         | study_datasets(studies, trial)
+        | sweep_datasets(swept, trial.names)
         | field,
         attributes=grid_attributes,
         summary=summary,
         message=_message(trial, summary),
-        tables=(_table(trial, summary, studies),),
+        tables=(_table(trial, summary, studies), *([sweep_table(swept, trial.names)] if swept else [])),
+        files={"measured.csv": measured_csv(trial, measured, context.upstream["place"]["/selected/final/channel"])},
     )
 
 
@@ -94,16 +114,18 @@ def _histories(trial: Trial, estimate: Histories, smoothed: Histories) -> dict[s
     return record
 
 
-def _gauges(trial: Trial, measured: np.ndarray, main: FilterRun) -> dict[str, Dataset]:
+def _gauges(trial: Trial, measured: np.ndarray, true: np.ndarray, main: FilterRun) -> dict[str, Dataset]:
     scales = ("/gauge/time", "")
     return {
         "/gauge/time": Dataset(trial.time[1:], "s", "sampling times of the gauges"),
-        "/gauge/measured": Dataset(measured, "strain", "measured strain, with noise (time × gauge)", scales),
-        "/gauge/true": Dataset(
-            trial.strain[1:, trial.chosen], "strain", "true strain at the gauges (time × gauge)", scales
+        "/gauge/measured": Dataset(
+            measured, "strain", "measured by every channel, with noise, of motion in m/s² or m (time × channel)", scales
         ),
-        "/gauge/estimated": Dataset(main.gauge_mean[:, 0], "strain", "estimated strain (time × gauge)", scales),
-        "/gauge/std": Dataset(main.gauge_std[:, 0], "strain", "its claimed standard deviation (time × gauge)", scales),
+        "/gauge/true": Dataset(true, "strain", "the same without noise (time × channel)", scales),
+        "/gauge/estimated": Dataset(main.gauge_mean[:, 0], "strain", "its estimate (time × channel)", scales),
+        "/gauge/std": Dataset(
+            main.gauge_std[:, 0], "strain", "its claimed standard deviation (time × channel)", scales
+        ),
     }
 
 
@@ -122,19 +144,42 @@ def _consistency(trial: Trial, own_nees: np.ndarray, own_nis: np.ndarray) -> dic
 
 def _field(trial: Trial, main: FilterRun) -> dict[str, Dataset]:
     """The strain of every candidate, glued or not, at the instant of the largest true strain."""
-    instant = int(np.argmax(np.max(np.abs(trial.strain[1:]), axis=1))) + 1
-    n, rows = trial.problem.model.size, trial.problem.rows
+    n, own = trial.problem.model.size, trial.problem.channels
+    straining = np.flatnonzero(own.quantity == STRAIN)
+    instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(own.quantity)))
+    still = own.quantity != ACCELERATION
     assert main.covariance is not None
+    true = np.where(still, _at_instant(trial, instant, len(own.quantity)), np.nan)
     return {
         "/field/instant": Dataset(np.array(trial.time[instant]), "s", "instant of the largest true strain"),
-        "/field/true": Dataset(trial.strain[instant], "strain", "true strain of every candidate at that instant"),
+        "/field/true": Dataset(
+            true, "strain", "true strain of every candidate at that instant, of displacement sensors in m, else NaN"
+        ),
         "/field/strain": Dataset(
-            rows @ main.mean[instant, 0, :n], "strain", "estimated strain of every candidate at that instant"
+            np.where(still, own.rows @ main.mean[instant, 0, :n], np.nan), "strain", "the same as estimated"
         ),
         "/field/std": Dataset(
-            output_std(rows, main.covariance[instant, 0, :n, :n]), "strain", "its claimed standard deviation"
+            np.where(still, output_std(own.rows, main.covariance[instant, 0, :n, :n]), np.nan),
+            "strain",
+            "its claimed standard deviation",
         ),
     }
+
+
+PART = 1000
+"""Channels that are read in time at once: pools are large."""
+
+
+def _at_instant(trial: Trial, instant: int, channels: int) -> np.ndarray:
+    parts = np.array_split(np.arange(channels), max(1, channels // PART))
+    return np.concatenate([trial.reading(part)[instant] for part in parts])
+
+
+def _instant_of_largest(trial: Trial, channels: np.ndarray) -> int:
+    """Index of the instant at which any of the channels reads most, after the start."""
+    parts = np.array_split(channels, max(1, len(channels) // PART))
+    largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in parts], axis=0)
+    return int(np.argmax(largest)) + 1
 
 
 def _message(trial: Trial, summary: Mapping[str, Scalar]) -> str:
@@ -193,8 +238,8 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
 
 VALIDATE = Stage(
     "validate",
-    version=2,
-    reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "validate", *READS),
+    version=3,
+    reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "filter", "validate", *READS),
     upstream=("import", "rom", "train", "screen", "place"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),
     run=run,

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.augmentation.linearisation import Unknowns
+from strainsight.augmentation.input_models import InputModel, IntegratedRandomWalk, Matern, Oscillator, RandomWalk
+from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ArtefactError, ConfigError, blame, did_you_mean
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
@@ -104,6 +105,16 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, Any]) -> np.ndar
     return np.hstack(columns)
 
 
+def families(config: Any) -> dict[str, Any]:
+    """Config key → kinds of sensors in the order of `Candidates.array`: the strain gauges, the motion sensors by name.
+
+    By name, because the order in a config is none: two configs that differ only by it are the same.
+    """
+    return {"gauges": config.gauges} | {
+        f"motion_sensors.{name}": config.motion_sensors[name] for name in sorted(config.motion_sensors)
+    }
+
+
 def damping_of(config: Mapping[str, Any]) -> Damping:
     """The damping law."""
     if config["type"] == "modal":
@@ -182,9 +193,27 @@ def unknowns_of(
 ) -> Unknowns:
     """The inputs and parameters to estimate, with the scale of each: an amplitude, a guess."""
     inputs = tuple(name for name in estimate if name in loads)
+    typical = {name: characteristic(loads[name], signals[name], duration) for name in inputs}
     return Unknowns(
         inputs=inputs,
         parameters=tuple(name for name in estimate if name not in loads),
-        amplitude={name: characteristic(loads[name], signals[name], duration)[1] for name in inputs},
+        amplitude={name: amplitude for name, (_, amplitude) in typical.items()},
         guess={name: reference[name] for name in estimate if name not in loads},
+        models={name: input_model(loads[name]["process_noise"], typical[name][0]) for name in inputs},
     )
+
+
+SMOOTHNESS: dict[str, Any] = {"1/2": 0.5, "3/2": 1.5, "5/2": 2.5}
+
+
+def input_model(noise: Mapping[str, Any], frequency: float) -> InputModel:
+    """How an unknown input moves in time; frequency [Hz]: its typical one."""
+    match noise["model"]:
+        case "integrated_random_walk":
+            kappa = {} if noise["kappa"] is None else {"kappa": float(noise["kappa"])}
+            return IntegratedRandomWalk(frequency, **kappa)
+        case "matern":
+            return Matern(frequency, SMOOTHNESS[noise["smoothness"]])
+        case "oscillator":
+            return Oscillator(frequency, float(noise["damping"]))
+    return RandomWalk()

@@ -11,16 +11,16 @@ import numpy as np
 from strainsight.estimation.consistency import not_identified
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import physical
-from strainsight.stages.case.problem import filter_model
+from strainsight.stages.case.problem import filter_model, filter_options, sample_std
 from strainsight.stages.case.trial import Trial, real_and_claimed
 from strainsight.workflow.output import Dataset
 
 
 @dataclass(frozen=True)
 class Runs:
-    """Filter runs: gauges (B, k) candidates, noise_factor (B,), start (B, unknowns) of [ũ, p], seed (B,) of the noise."""
+    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p], seed (B,) of the noise."""
 
-    gauges: np.ndarray
+    channels: np.ndarray
     noise_factor: np.ndarray
     start: np.ndarray
     seed: np.ndarray
@@ -64,9 +64,12 @@ def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed
         "repeats": _runs(trial.chosen, 1.0, starts, np.arange(1, repeats + 1)),
         "starts": _runs(trial.chosen, 1.0, starts, own[:repeats]),
     }
-    for key, pool in (("screened", kept), ("all", np.arange(trial.strain.shape[1]))):
-        sets = [rng.choice(pool, len(trial.chosen), replace=False) for _ in range(count)]
-        parts[key] = _runs(np.array(sets, dtype=int).reshape(count, len(trial.chosen)), 1.0, home, own[:count])
+    every = trial.problem.channels
+    size = len(np.unique(every.gauge[trial.chosen]))
+    for key, pool in (("screened", kept), ("all", np.arange(every.gauges))):
+        sets = [rng.choice(pool, size, replace=False) for _ in range(count)]
+        channels = every.of(np.array(sets, dtype=int).reshape(count, size))
+        parts[key] = _runs(channels.reshape(count, size * channels.shape[-1]), 1.0, home, own[:count])
     return _filtered(trial, parts, seed)
 
 
@@ -88,6 +91,31 @@ def identified(trial: Trial, starts: Study) -> dict[str, bool]:
             spread = np.sqrt(np.mean(np.ptp(value, axis=1) ** 2))
             found[name] = bool(spread <= 3 * np.sqrt(np.mean(std**2)))
     return found
+
+
+def ranks(
+    trial: Trial, random: Study, real: Mapping[str, np.ndarray], claimed: Mapping[str, np.ndarray]
+) -> dict[str, float | int]:
+    """The layout among the random sets of all candidates: its rank by real and by claimed error (1 is best), and Spearman's
+    correlation of the two over all of them (thesis 6.3, as statistics)."""
+    found: dict[str, float | int] = {}
+    for name in trial.names:
+        r, c = (
+            np.append(values[name], own[name][0]) for values, own in ((random.real, real), (random.claimed, claimed))
+        )
+        known = np.isfinite(r) & np.isfinite(c)
+        if known.sum() < FEWEST_SETS or not known[-1]:
+            continue
+        r, c = r[known], c[known]
+        found[f"rank_real.{name}"] = int(1 + np.sum(r[:-1] < r[-1]))
+        found[f"rank_claimed.{name}"] = int(1 + np.sum(c[:-1] < c[-1]))
+        order = np.argsort(np.argsort([r, c], axis=1), axis=1).astype(float)
+        found[f"rank_correlation.{name}"] = float(np.corrcoef(order)[0, 1])
+    return found
+
+
+FEWEST_SETS = 10
+"""Sets below which a rank says nothing."""
 
 
 def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:
@@ -121,7 +149,9 @@ def study_datasets(studies: Mapping[str, Study], trial: Trial) -> dict[str, Data
                     f"start of {name} for every {what}, relative to its scale (parameters: logarithm)",
                 )
         if random:
-            record[f"{group}/candidate"] = Dataset(study.runs.gauges, "1", f"candidates of every {what} (set × gauge)")
+            record[f"{group}/candidate"] = Dataset(
+                study.runs.channels, "1", f"rows of train.h5 of every {what}, −1 for none (set × channel)"
+            )
     return record
 
 
@@ -134,11 +164,11 @@ LABELS = {
 }
 
 
-def _runs(gauges: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarray, seed: np.ndarray) -> Runs:
+def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarray, seed: np.ndarray) -> Runs:
     """Runs with whatever is common repeated for each; seed (B,) sets their number."""
     B = len(seed)
     return Runs(
-        np.broadcast_to(gauges, (B, gauges.shape[-1])),
+        np.broadcast_to(channels, (B, channels.shape[-1])),
         np.broadcast_to(np.asarray(noise_factor, dtype=float), (B,)),
         np.broadcast_to(start, (B, start.shape[-1])),
         seed,
@@ -146,22 +176,24 @@ def _runs(gauges: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarra
 
 
 def _filtered(trial: Trial, parts: Mapping[str, Runs], seed: int) -> dict[str, Study]:
-    names = ("gauges", "noise_factor", "start", "seed")
-    runs = Runs(*(np.concatenate([getattr(part, name) for part in parts.values()]) for name in names))
-    model = filter_model(trial.problem, runs.gauges, trial.h, runs.noise_factor)
-    shape = (len(trial.strain) - 1, runs.gauges.shape[1])
-    noise = np.stack([sample_noise(seed, int(realisation), *shape) for realisation in runs.seed], axis=1)
-    mean = np.zeros((len(runs.seed), model.size))
-    mean[:, -len(trial.names) :] = runs.start
-    run = run_filter(
-        model, mean, trial.covariance, trial.known, trial.strain[1:, runs.gauges] + noise * np.sqrt(model.r / trial.h)
+    width = max(part.channels.shape[1] for part in parts.values())
+    channels = np.concatenate([_widened(part.channels, width) for part in parts.values()])
+    factor, start, stream = (
+        np.concatenate([getattr(part, name) for part in parts.values()]) for name in ("noise_factor", "start", "seed")
     )
+    model = filter_model(trial.problem, channels, trial.h, factor)
+    shape = (len(trial.time) - 1, width)
+    noise = np.stack([sample_noise(seed, int(realisation), *shape) for realisation in stream], axis=1)
+    mean = np.zeros((len(stream), model.size))
+    mean[:, model.position] = start
+    measured = trial.reading(channels)[1:] + noise * sample_std(trial.problem, channels, trial.h, factor)
+    run = run_filter(model, mean, trial.covariance, trial.known, measured, **filter_options(trial.problem))
     real, claimed = real_and_claimed(trial, model, run.mean, run.std)
     values = physical(model, run.mean, run.std)
-    found, start = {}, 0
+    found, first = {}, 0
     for key, part in parts.items():
-        span = slice(start, start + len(part.seed))
-        start = span.stop
+        span = slice(first, first + len(part.seed))
+        first = span.stop
         found[key] = Study(
             part,
             {name: real[name][span] for name in trial.names},
@@ -170,3 +202,8 @@ def _filtered(trial: Trial, parts: Mapping[str, Runs], seed: int) -> dict[str, S
             {name: values[name][1][:, span] for name in trial.names},
         )
     return found
+
+
+def _widened(channels: np.ndarray, width: int) -> np.ndarray:
+    """Channels (B, k) with columns of none added up to a width."""
+    return np.pad(channels, ((0, 0), (0, width - channels.shape[1])), constant_values=-1)

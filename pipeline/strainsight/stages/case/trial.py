@@ -1,19 +1,18 @@
-"""A validation set up: the truth, what every candidate would read, and what the filter is told."""
+"""A validation set up: the truth and its motion, and what the filter is told."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.errors import blame
 from strainsight.estimation.metrics import input_error, parameter_error
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.signals.histories import hold_coefficients, step_means
+from strainsight.signals.histories import hold_coefficients, instant_values
 from strainsight.stages.case.problem import Problem, initial_covariance, problem_of
-from strainsight.stages.case.truth import Truth, truth_of
-from strainsight.stages.records.gauges import candidates_from
+from strainsight.stages.case.truth import Motion, ReadMotion, Truth, truth_of
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.stage import Context
 
@@ -21,18 +20,19 @@ from strainsight.workflow.stage import Context
 @dataclass(frozen=True)
 class Trial:
     """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N] what the filter is told;
-    truth and strain (T + 1, candidates) of every candidate, misplaced as it is glued; history: unknown's name →
-    (T + 1,) [SI], of an input the mean over the step that follows, which is what its state stands for;
-    chosen (k,) candidates of the layout; covariance P₀ (n*, n*); units: unknown's name → unit."""
+    truth and its motion; history: unknown's name → (T + 1,) [SI]; chosen (k,) channels of the layout, stopped: how many of
+    its gauges a sharp edge has kept from being misplaced as far as asked; covariance P₀ (n*, n*); units: unknown's name →
+    unit."""
 
     problem: Problem
     h: float
     time: np.ndarray
     known: np.ndarray
     truth: Truth
-    strain: np.ndarray
+    motion: Motion
     history: Mapping[str, np.ndarray]
     chosen: np.ndarray
+    stopped: int
     covariance: np.ndarray
     units: Mapping[str, str]
 
@@ -41,37 +41,60 @@ class Trial:
         """The unknowns."""
         return self.problem.unknowns.names
 
+    def reading(self, channels: np.ndarray) -> np.ndarray:
+        """What channels (...) read without noise (T + 1, ...) [unit of the channel], NaN where there is none (−1)."""
+        needed, place = np.unique(channels, return_inverse=True)
+        read = self.motion.reading(needed)[:, place.reshape(channels.shape)]
+        return np.where(channels >= 0, read, np.nan)
+
 
 def trial_of(context: Context) -> Trial:
-    """Simulate the truth of the config and read it at every candidate."""
+    """Simulate the truth of the config at the time step of `validate`."""
     config, problem = context.config, problem_of(context)
     settings, names = config.validate, problem.unknowns.names
-    h = float(settings.time_step)
-    steps = round(settings.duration / h)
-    with blame("validate.duration"):
-        held = hold_coefficients(list(problem.signals.values()), 0.0, h, steps)
-    mesh = mesh_from(context.upstream["import"])
-    truth = truth_of(context, problem, mesh, held, h)
-    with blame("validate.truth.gauge_offset"):
-        strain = truth.strain(mesh, candidates_from(context.upstream["train"]), context.seed)
-    load = step_means(held)
-    inputs, place = problem.unknowns.inputs, context.upstream["place"]
-    return Trial(
+    truth = truth_of(context, problem, mesh_from(context.upstream["import"]))
+    place = context.upstream["place"]
+    chosen = place["/selected/final/channel"]
+    own = np.zeros(0)
+    trial = Trial(
         problem=problem,
+        h=0.0,
+        time=own,
+        known=own,
+        truth=truth,
+        motion=ReadMotion(own),
+        history={},
+        chosen=chosen[chosen >= 0],
+        stopped=int(truth.held[place["/selected/final/number"]].sum()),
+        covariance=initial_covariance(problem, {name: float(settings.initial_std[name]) for name in names}),
+        units={
+            name: "N" if name in problem.unknowns.inputs else PARAMETER_UNITS[config.parameters[name].property]
+            for name in names
+        },
+    )
+    with blame("validate.duration"):
+        return at_step(trial, float(settings.time_step), float(settings.duration))
+
+
+def at_step(trial: Trial, h: float, duration: float) -> Trial:
+    """The same trial with the truth simulated, and sampled, at another time step [s]."""
+    problem, unknowns = trial.problem, trial.problem.unknowns
+    steps = round(duration / h)
+    held = hold_coefficients(list(problem.signals.values()), 0.0, h, steps)
+    load = instant_values(held)
+    history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
+    history |= {name: np.full(steps + 1, trial.truth.theta[name]) for name in unknowns.parameters}
+    return replace(
+        trial,
         h=h,
         time=h * np.arange(steps + 1),
         known=held[:, :, problem.columns(problem.known)],
-        truth=truth,
-        strain=strain,
-        history={name: load[:, problem.columns([name])[0]] for name in inputs}
-        | {name: np.full(steps + 1, truth.theta[name]) for name in problem.unknowns.parameters},
-        chosen=place["/pool/candidate"][place["/selected/final/gauge"]],
-        covariance=initial_covariance(problem, {name: float(settings.initial_std[name]) for name in names}),
-        units={name: "N" if name in inputs else UNITS[config.parameters[name].property] for name in names},
+        motion=trial.truth.motion(held, h),
+        history=history,
     )
 
 
-UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
+PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
 
 
 def real_and_claimed(
@@ -104,4 +127,4 @@ def scaled_error(trial: Trial, mean: np.ndarray) -> np.ndarray:
     unknowns = trial.problem.unknowns
     true = [trial.history[name] / unknowns.amplitude[name] for name in unknowns.inputs]
     true += [np.log(trial.history[name] / unknowns.guess[name]) for name in unknowns.parameters]
-    return mean[:, :, 2 * trial.problem.model.size :] - np.stack(true, axis=-1)[:, None]
+    return mean[:, :, unknowns.position(trial.problem.model)] - np.stack(true, axis=-1)[:, None]

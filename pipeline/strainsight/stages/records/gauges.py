@@ -15,10 +15,16 @@ COLUMNS = {
     "facet": ("1", "facet number within the element, from 1, in the order of docs/artefacts.md"),
     "kind": ("1", "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8"),
     "nodes": ("1", "node indices of the facet, −1 where it has fewer (candidate × 8)"),
-    "position": ("m", "facet centre (candidate × xyz)"),
+    "position": ("m", "where it sits, of a candidate the facet's centre (candidate × xyz)"),
     "normal": ("1", "outward normal (candidate × xyz)"),
-    "direction": ("1", "measuring direction, in the facet's plane (candidate × xyz)"),
+    "direction": ("1", "measuring direction, of strain in the facet's plane (candidate × xyz)"),
     "angle": ("deg", "from the projected axis, right-handed about the outward normal"),
+    "local": ("1", "local coordinates on the facet (candidate × 2)"),
+    "length": ("m", "length of the grid that the strain is averaged over, 0: at the point"),
+    "quantity": ("1", "0 strain, 1 acceleration, 2 displacement"),
+    "gauge": ("1", "number of the gauge that the channel belongs to"),
+    "array": ("1", "0 gauges, then the motion_sensors of the config in their order"),
+    "glued": ("1", "1 where the gauge is in place already"),
 }
 
 

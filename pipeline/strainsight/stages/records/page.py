@@ -8,25 +8,22 @@ from typing import Any, Literal
 import numpy as np
 
 from strainsight import __version__
-from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.suspicions import only_control, suspicions
-from strainsight.report.data import (
-    Consistency,
-    Gauge,
-    GaugeSignal,
-    History,
-    Layout,
-    Load,
-    NoiseRow,
-    PlacementReport,
-    RandomSets,
-    Repeats,
-    Trend,
-    Unknown,
-)
+from strainsight.report.data import PlacementReport, RandomSets, Repeats
 from strainsight.stages.records.gauges import given_from
 from strainsight.stages.records.mesh import mesh_from
+from strainsight.stages.records.page_layout import is_ready, layout_of_page
+from strainsight.stages.records.page_numbers import (
+    cases_of,
+    consistency_of,
+    criteria_of,
+    history_of,
+    noise_rows,
+    signals_of,
+    trend_of,
+    unknown_of,
+)
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
@@ -45,12 +42,12 @@ def placement_report(context: Context) -> PlacementReport:
     mesh = mesh_from(up["import"])
     return PlacementReport(
         name=context.name,
-        title=f"{context.name}: {len(up['place']['/selected/final/gauge'])} gauges for {' and '.join(names)}",
-        unknowns=tuple(_unknown(name, kinds[name], up) for name in names),
-        layout=_layout(mesh, up, config.loads),
-        trend=_trend(up["place"]),
-        histories=tuple(_history(name, validate) for name in names),
-        gauge_signals=_gauge_signals(validate, up["place"]),
+        title=f"{context.name}: {len(up['place']['/selected/final/gauge'])} {_word(up)} for {' and '.join(names)}",
+        unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
+        layout=layout_of_page(mesh, up, config.loads),
+        trend=trend_of(up["place"]),
+        histories=tuple(history_of(name, validate) for name in names),
+        gauge_signals=signals_of(up),
         random_sets=tuple(
             RandomSets(
                 name,
@@ -63,7 +60,7 @@ def placement_report(context: Context) -> PlacementReport:
             for key, label in POOLS
             if len(validate[f"/random_sets/{key}/error/{name}"])
         ),
-        noise=_noise(names, up),
+        noise=noise_rows(names, up),
         repeats=tuple(
             Repeats(
                 name,
@@ -75,12 +72,14 @@ def placement_report(context: Context) -> PlacementReport:
             if f"identified.{name}" in validate.summary
         ),
         frequencies=tuple(up["rom"]["/frequency"].tolist()),
-        baselines={name: float(value) for name, value in up["place"].children("/baseline").items()},
+        criteria=criteria_of(names, up["place"]),
+        cases=cases_of(up["observe"]),
+        advice=tuple(up["place"]["/advice"].tolist()),
         observability={
             name: float(value) for name, value in up["place"].children("/observability").items() if np.ndim(value) == 0
         },
         truth_description=str(validate.summary["description"]),
-        consistency=_consistency(validate),
+        consistency=consistency_of(validate),
         warnings=_warnings(up, names, mesh),
         not_tested=_not_tested(up["train"], config),
         facts=_facts(up),
@@ -89,164 +88,8 @@ def placement_report(context: Context) -> PlacementReport:
     )
 
 
-def _unknown(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
-    validate, place = up["validate"], up["place"]
-    units = validate.attributes(f"/estimate/{name}")["units"]
-    summary = validate.summary
-    truth = validate[f"/truth/{name}"]
-    return Unknown(
-        name=name,
-        unit=str(units),
-        kind=kind,
-        guess=float(place.attributes(f"/expected_std/{name}")["scale"]),
-        truth=float(truth[-1]) if kind == "parameter" else float(np.sqrt(np.mean(truth**2))),
-        estimate=float(summary[f"estimate.{name}"]),
-        error=float(summary[f"error.{name}"]),
-        std=float(summary[f"std.{name}"]),
-        smoothed_error=float(summary[f"smoothed.{name}"]),
-        expected_std=float(place[f"/expected_std/{name}"]) / _size(name, validate),
-    )
-
-
-def _size(name: str, validate: Artefact) -> float:
-    """What errors are relative to: a parameter's true value, the RMS of an input's true history."""
-    return float(np.sqrt(np.mean(validate[f"/truth/{name}"] ** 2)))
-
-
-def _layout(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
-    place, train = up["place"], up["train"]
-    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
-    candidate = place["/pool/candidate"]
-    final = place["/selected/final/gauge"]
-    chosen = candidate[final]
-    columns = {
-        key: train[f"/gauges/{key}"][chosen]
-        for key in ("element", "facet", "position", "direction", "normal", "angle", "nodes")
-    }
-    # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
-    without = {
-        name: values * float(place.attributes(f"/expected_std/{name}")["scale"]) / _size(name, up["validate"])
-        for name, values in place.children("/without").items()
-    }
-    gauges = tuple(
-        Gauge(
-            label=f"G{i + 1}",
-            element=int(columns["element"][i]),
-            facet=int(columns["facet"][i]),
-            position=columns["position"][i],
-            direction=columns["direction"][i],
-            normal=columns["normal"][i],
-            angle=float(columns["angle"][i]),
-            without={name: float(values[i]) for name, values in without.items()},
-            nodes=tuple(int(mesh.node_ids[n]) for n in columns["nodes"][i] if n >= 0),
-        )
-        for i in range(len(chosen))
-    )
-    return Layout(
-        points=mesh.position,
-        faces=faces,
-        pool=train["/gauges/position"][candidate],
-        gauges=gauges,
-        loads=tuple(Load(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()),
-        fixed=mesh.position[np.unique(mesh.fixed[:, 0])],
-        loose=_loose(mesh) if _is_ready(up["rom"]) else np.empty((0, 3)),
-    )
-
-
-def _is_ready(rom: Artefact) -> bool:
-    """Whether the model came as matrices."""
-    return "/matrices/notes" in rom
-
-
-def _loose(mesh: Mesh) -> np.ndarray:
-    """Nodes that no solid has (l, 3) [m]: of shells and beams, which only the matrices know."""
-    alone = np.ones(len(mesh.position), dtype=bool)
-    for block in mesh.blocks:
-        alone[block.nodes] = False
-    return mesh.position[alone]
-
-
-def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Where a load is drawn and along what: a load of the deck at the mean of its nodes, weighted by their forces."""
-    if entry.get("deck_load") is not None:
-        forces = mesh.loads[entry.deck_load]
-        size = np.linalg.norm(forces.force, axis=1)
-        return size @ mesh.position[forces.nodes] / size.sum(), forces.force.sum(axis=0)
-    direction = np.array(entry.direction, float)
-    if entry.get("node") is not None:
-        return mesh.position[mesh.node_index(int(entry.node))], direction
-    members = mesh.node_sets[entry.set]
-    return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0), direction
-
-
-def _trend(place: Artefact) -> Trend:
-    trace = place["/elimination/trace"]
-    blocks = place["/elimination/blocks"]
-    summary = place.summary
-    certified = "lower_bound" in summary
-    return Trend(
-        count=np.arange(int(summary["pool"]), int(summary["pool"]) - len(trace), -1),
-        trace=trace,
-        blocks={str(name): blocks[:, i] for i, name in enumerate(place["/elimination/unknowns"])},
-        final_trace=float(summary["trace_final"]),
-        lower_bound=float(summary["lower_bound"]) if certified else None,
-        gap=float(summary["gap"]) if certified else None,
-    )
-
-
-def _history(name: str, validate: Artefact) -> History:
-    return History(
-        name,
-        str(validate.attributes(f"/estimate/{name}")["units"]),
-        validate["/time"],
-        validate[f"/truth/{name}"],
-        validate[f"/estimate/{name}"],
-        validate[f"/std/{name}"],
-        validate[f"/smoothed/{name}"],
-        validate[f"/smoothed_std/{name}"],
-    )
-
-
-def _gauge_signals(validate: Artefact, place: Artefact) -> tuple[GaugeSignal, ...]:
-    time = validate["/gauge/time"]
-    measured, true, estimated, std = (validate[f"/gauge/{key}"] for key in ("measured", "true", "estimated", "std"))
-    return tuple(
-        GaugeSignal(f"G{i + 1}", time, measured[:, i], true[:, i], estimated[:, i], std[:, i])
-        for i in range(len(place["/selected/final/gauge"]))
-    )
-
-
-def _noise(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, ...]:
-    validate = up["validate"]
-    strongest = float(up["train"].summary["strongest_rms"])
-    level = float(up["screen"].summary["noise_std"]) / strongest
-    rows = [
-        NoiseRow(
-            level,
-            1.0,
-            {n: float(validate.summary[f"error.{n}"]) for n in names},
-            {n: float(validate.summary[f"std.{n}"]) for n in names},
-        )
-    ]
-    for i, factor in enumerate(validate["/noise/factor"].tolist()):
-        rows.append(
-            NoiseRow(
-                level * factor,
-                factor,
-                {n: float(validate[f"/noise/error/{n}"][i]) for n in names},
-                {n: float(validate[f"/noise/std/{n}"][i]) for n in names},
-            )
-        )
-    return tuple(sorted(rows, key=lambda row: row.factor))
-
-
-def _consistency(validate: Artefact) -> Consistency:
-    nees_band, nis_band = ((float(low), float(high)) for low, high in validate["/consistency/band"])
-    return Consistency(float(validate.summary["nees"]), nees_band, float(validate.summary["nis"]), nis_band)
-
-
 def _warnings(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
-    ready = _is_ready(up["rom"])
+    ready = is_ready(up["rom"])
     said = [f"{text}." for text in (up["rom"]["/matrices/notes"] if ready else suspicions(mesh))]
     cards = [card for card in map(str, up["import"]["/ignored/card"]) if not only_control(card)]
     if cards:
@@ -286,3 +129,9 @@ def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
 
 def _facts(up: Mapping[str, Artefact]) -> dict[str, str]:
     return {stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "validate")}
+
+
+def _word(up: Mapping[str, Artefact]) -> str:
+    """Gauges, or sensors where some of the layout are not."""
+    channels = up["place"]["/selected/final/channel"][:, 0]
+    return "gauges" if np.all(up["train"]["/gauges/quantity"][channels] == 0) else "sensors"

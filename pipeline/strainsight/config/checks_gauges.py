@@ -1,0 +1,159 @@
+"""What one field of a config demands of another: candidates, glued gauges, other sensors, limits of a layout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from strainsight.config.gauges import AxisDirection, Gauges
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.problem import Problem
+from strainsight.config.zones import BoxZone, FacingZone, InCylinder
+
+NO_LENGTH = "a vector of length zero"
+FOR_EXAMPLE = "give a vector such as [1, 0, 0]"
+
+
+def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
+    """Contradictions between the fields that make the candidates and the limits of a layout."""
+    gauges, place = config.gauges, config.place
+    yield from _given(config)
+    yield from _directions(gauges)
+    yield from _zones("gauges.include", gauges.include)
+    yield from _zones("gauges.exclude", gauges.exclude)
+    for name, sensors in config.motion_sensors.items():
+        for i, axis in enumerate(sensors.axes):
+            if axis != "normal" and not any(axis):
+                yield Problem(f"motion_sensors.{name}.axes.{i}", NO_LENGTH, FOR_EXAMPLE)
+        directions = [axis if axis == "normal" else _unit(axis) for axis in sensors.axes]
+        if any(a in directions[:i] for i, a in enumerate(directions)):
+            yield Problem(f"motion_sensors.{name}.axes", "two axes are the same direction", "remove one of them")
+        yield from _zones(f"motion_sensors.{name}.include", sensors.include)
+        yield from _zones(f"motion_sensors.{name}.exclude", sensors.exclude)
+    for i, limit in enumerate(place.at_most):
+        yield from _zone(f"place.at_most.{i}.zone", limit.zone)
+    if place.symmetry is not None and not any(place.symmetry.normal):
+        yield Problem("place.symmetry.normal", NO_LENGTH, FOR_EXAMPLE)
+    yield from _mirrored(config)
+    yield from _count(config)
+
+
+def channels_of_a_gauge(config: PlacementConfig) -> int:
+    """The most signals that one gauge can give: a rosette, a triaxial accelerometer."""
+    direction = config.gauges.direction
+    counts = [len(sensors.axes) for sensors in config.motion_sensors.values()]
+    counts += [len(glued.angles) for glued in config.gauges.fixed]
+    return max([len(direction.angles) if direction is not None and config.gauges.rosette else 1, *counts])
+
+
+def _given(config: PlacementConfig) -> Iterator[Problem]:
+    """Gauges by their strain rows have nothing to do with the surface of a mesh."""
+    gauges = config.gauges
+    if gauges.given is None:
+        if gauges.direction is None:
+            yield Problem(
+                "gauges.direction", "missing", "give {type: axis, axis: [1, 0, 0]}, or gauges.given", at_key=True
+            )
+        return
+    if config.mesh.matrices is None:
+        yield Problem("gauges.given", "strain rows belong to ready matrices", "give mesh.matrices", at_key=True)
+    for key, is_set in (
+        ("gauges.direction", gauges.direction is not None),
+        ("gauges.rosette", gauges.rosette),
+        ("gauges.grid_length", gauges.grid_length > 0),
+        ("gauges.fixed", bool(gauges.fixed)),
+        ("motion_sensors", bool(config.motion_sensors)),
+        ("place.symmetry", config.place.symmetry is not None),
+    ):
+        if is_set:
+            what = (
+                "given gauges have their own directions"
+                if key == "gauges.direction"
+                else "it needs a surface to lie on"
+            )
+            yield Problem(key, f"{what}, and gauges.given is there", "remove the key", at_key=True)
+
+
+def _directions(gauges: Gauges) -> Iterator[Problem]:
+    direction = gauges.direction
+    if isinstance(direction, AxisDirection) and not any(direction.axis):
+        yield Problem("gauges.direction.axis", "an axis of length zero", FOR_EXAMPLE)
+    if direction is not None:
+        yield from _angles("gauges.direction.angles", direction.angles)
+        if gauges.rosette and len(direction.angles) < 2:
+            yield Problem(
+                "gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]"
+            )
+    if direction is not None and len(direction.angles) > 3 and gauges.rosette:
+        yield Problem("gauges.direction.angles", f"a rosette of {len(direction.angles)} grids", "give at most three")
+    for i, glued in enumerate(gauges.fixed):
+        if not any(glued.direction):
+            yield Problem(f"gauges.fixed.{i}.direction", NO_LENGTH, FOR_EXAMPLE)
+        yield from _angles(f"gauges.fixed.{i}.angles", glued.angles)
+
+
+def _unit(axis: Sequence[float]) -> tuple[float, ...]:
+    """The direction of an axis without its length and sign, rounded."""
+    length = sum(x * x for x in axis) ** 0.5 or 1.0
+    first = next((x for x in axis if x), 1.0)
+    return tuple(round(x / length * (1 if first > 0 else -1), 9) + 0.0 for x in axis)
+
+
+def _angles(key: str, angles: Sequence[float]) -> Iterator[Problem]:
+    # A gauge turned by half a turn is the same gauge.
+    if len({angle % 180 for angle in angles}) < len(angles):
+        yield Problem(key, "two angles are the same direction", "remove one of them")
+
+
+def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
+    """Mirroring turns an angle of +45° into one of −45°: a gauge has a mirror image only where both are there."""
+    direction = config.gauges.direction
+    if config.place.symmetry is None or direction is None:
+        return
+    angles = {round(angle % 180, 6) for angle in direction.angles}
+    if angles != {round(-angle % 180, 6) for angle in direction.angles}:
+        yield Problem(
+            "gauges.direction.angles",
+            "mirrored, they become " + ", ".join(f"{-angle:g}" for angle in direction.angles),
+            "with place.symmetry give angles such as [0, 60, 120], [0, 90] or [-45, 0, 45]",
+        )
+
+
+def _zones(key: str, zones: Sequence[Any]) -> Iterator[Problem]:
+    for i, zone in enumerate(zones):
+        yield from _zone(f"{key}.{i}", zone)
+
+
+def _zone(key: str, zone: Any) -> Iterator[Problem]:
+    if isinstance(zone, BoxZone) and any(low >= high for low, high in zip(*zone.box, strict=True)):
+        yield Problem(f"{key}.box", "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
+    elif isinstance(zone, InCylinder) and not any(zone.cylinder.axis):
+        yield Problem(f"{key}.cylinder.axis", NO_LENGTH, FOR_EXAMPLE)
+    elif isinstance(zone, FacingZone) and not any(zone.normal_cone.axis):
+        yield Problem(f"{key}.normal_cone.axis", NO_LENGTH, FOR_EXAMPLE)
+
+
+def _count(config: PlacementConfig) -> Iterator[Problem]:
+    keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
+    kinds = {"inputs" if name in config.loads else "parameters" for name in names}
+    what = f"unknown {kinds.pop()}" if len(kinds) == 1 else "unknowns"
+    signals = keep * channels_of_a_gauge(config)
+    if signals < len(names):
+        yield Problem(
+            "place.keep",
+            f"{keep} gauge{'s' * (keep != 1)} cannot observe {len(names)} {what} ({', '.join(names)})",
+            f"keep at least {-(-len(names) * keep // signals)}, or estimate fewer {what.removeprefix('unknown ')}",
+        )
+    if keep < len(config.gauges.fixed):
+        yield Problem(
+            "place.keep",
+            f"{keep} gauges, and {len(config.gauges.fixed)} are glued already (gauges.fixed)",
+            f"keep at least {len(config.gauges.fixed)}",
+        )
+    pool = config.screen.keep
+    if pool != "all" and keep > pool:
+        yield Problem(
+            "place.keep",
+            f"{keep} is larger than the pool of {pool} (screen.keep)",
+            f"keep at most {pool}, or raise screen.keep",
+        )

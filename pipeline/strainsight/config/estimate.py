@@ -1,0 +1,116 @@
+"""Measurements of a test: which channel of the file is which gauge or load, and how it is to be read."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import Name, Positive, Section, Text, with_defaults
+from strainsight.config.gauges import GluedGauge
+
+BridgeKind = Literal["quarter", "half", "half-opposite", "half-poisson", "full", "full-bending-poisson", "full-poisson"]
+
+
+class Bridge(Section):
+    """How gauges sit in a Wheatstone bridge, for channels in mV/V."""
+
+    arrangement: BridgeKind = Field(description="Arms with gauges, see docs/estimation.md.")
+    gauge_factor: Positive = Field(description="Gauge factor [-].")
+    poisson_ratio: float | None = Field(None, gt=-1, lt=0.5, description="Of the part, where gauges lie across [-].")
+
+
+class Channel(Section):
+    """A channel of the file, and what is done to it. Nothing is guessed: unit and bridge are stated."""
+
+    channel: Text = Field(description="Column, dataset, or node:direction or id line of a UFF function.")
+    unit: Text = Field(
+        description="Unit of the readings: um/m, mV/V, m/s2, g, mm, kN, …; has to agree with the file's."
+    )
+    override: bool = Field(False, description="true: the unit in the file is wrong.")
+    bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
+    sign: Literal[1, -1] = Field(1, description="-1: wired the other way round.")
+    scale: Positive = Field(1.0, description="Factor on the calibrated signal [-].")
+    offset: float = Field(0.0, description="Subtracted from the readings [unit].")
+    drift: float = Field(0.0, description="Subtracted from the readings, times the time since the start [unit/s].")
+    zero: tuple[float, float] | None = Field(
+        None, description="[from, to] [s]: the mean of the readings there is subtracted."
+    )
+
+
+class GaugeChannel(Channel):
+    """A channel of a gauge."""
+
+    gauge: Text | Annotated[int, Field(ge=0)] = Field(
+        description="Label in the layout (G1, as gauges.csv has it), or number of a gauge in train.h5."
+    )
+    grid: int = Field(1, ge=1, description="Which grid of a rosette or axis of a sensor, from 1.")
+    noise_std: Positive | None = Field(
+        None,
+        description="Noise of one sample [strain, m/s² or m]; null: that of the config, at the sampling of the file.",
+    )
+    bias: Positive | None = Field(
+        None, description="σ of an unknown constant offset, which is estimated too [strain, m/s² or m]; null: none."
+    )
+
+
+class Clock(Section):
+    """The time of the file; a UFF function carries its own."""
+
+    channel: Text | None = Field(None, description="Column or dataset of the time.")
+    unit: Text = Field("s", description="Its unit: s, ms, us, min.")
+
+
+class TextForm(Section):
+    """How a text table is written."""
+
+    delimiter: Literal[",", ";", "\t"] | None = Field(None, description="Between cells; null: as the first line shows.")
+    decimal: Literal[".", ","] = Field(".", description="Decimal mark.")
+    comment: str = Field("#", description="What lines to pass over begin with; empty: none.")
+    header_line: Annotated[int, Field(ge=1)] | None = Field(
+        None, description="Line of the names, where others without a comment sign stand above it [-]."
+    )
+    missing: tuple[Text, ...] = Field((), description="Words that stand for no sample, beside an empty cell and NaN.")
+
+
+class Field3D(Section):
+    """The strain and stress of the whole surface in time."""
+
+    every: Positive | None = Field(None, description="Time between pictures [s]; null: a hundred of them.")
+
+
+class Tune(Section):
+    """Noise levels from the measurements themselves, by maximum likelihood."""
+
+    parts: tuple[Literal["process", "inputs", "model_error", "parameters", "noise"], ...] = Field(
+        (), description="Which noises get a factor; none: all as stated."
+    )
+
+
+class Estimate(Section):
+    """The filter on measurements of a test."""
+
+    file: Text | None = Field(
+        None,
+        description="CSV, HDF5 or UFF58 file, from the config's folder; `estimate --measurements FILE` gives another.",
+    )
+    format: Literal["auto", "csv", "hdf5", "uff58"] = Field(
+        "auto", description="Which reader; auto goes by the ending."
+    )
+    text: TextForm = with_defaults(TextForm, "How a CSV file is written.")
+    time: Clock = with_defaults(Clock, "The time of the file.")
+    time_step: Positive | None = Field(
+        None, description="Time step of the filter [s], a whole part of the sampling interval; null: that interval."
+    )
+    channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(description="Channels of gauges.")
+    inputs: dict[Name, Channel] = Field({}, description="Channels of the known loads, by the names of these.")
+    start: Literal["rest", "moving"] = Field(
+        "moving", description="rest: the structure stands still when the record begins; moving: nothing is known of it."
+    )
+    initial_std: dict[Name, Positive] = Field(
+        {}, description="Initial σ of unknowns, relative to guess or amplitude [-]; default: those of validate."
+    )
+    virtual: tuple[GluedGauge, ...] = Field((), description="Gauges that were never glued, whose strain is wanted.")
+    field: Field3D | None = Field(None, description="Strain and stress of the surface in time; null: none.")
+    tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
+    allow_unobservable: bool = Field(False, description="true: go on where the channels cannot tell all unknowns.")

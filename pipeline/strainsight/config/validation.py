@@ -1,0 +1,56 @@
+"""What a validation assumes for reality, and what it tries."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import Name, NotNegative, Positive, Section, with_defaults
+
+
+class Truth(Section):
+    """What stands for reality in the validation."""
+
+    model: Literal["full", "modes", "rich", "rom"] = Field(
+        "rich",
+        description="full: the whole finite-element model in time; modes: many modes and static terms; rich: that, with other "
+        "damping and misplaced gauges; rom: the filter's own model.",
+    )
+    modes: int = Field(60, ge=1, description="Modes of the truth model [-].")
+    parameters: dict[Name, Positive] = Field(
+        {}, description="True values [Pa or kg/m³]; a parameter left out is at its guess."
+    )
+    damping_factor: NotNegative = Field(1.5, description="rich: true damping over the filter's [-].")
+    gauge_offset: NotNegative = Field(0.002, description="rich: how far every gauge is off its place [m].")
+    gauge_rotation: NotNegative = Field(2.0, description="rich: how far every gauge is turned [deg].")
+
+
+class Sweeps(Section):
+    """Studies of one change at a time, each a run of the layout's filter on the layout's own measurement."""
+
+    time_steps: tuple[Positive, ...] = Field((), description="Other time steps of filter and samples [s].")
+    process_noise: tuple[Positive, ...] = Field((), description="Factors on all process noise of the filter [-].")
+    wrong_parameters: dict[Name, Annotated[tuple[Positive, ...], Field(min_length=1)]] = Field(
+        {}, description="Factors on a parameter that the filter takes as known: 0.9 is ten per cent too low [-]."
+    )
+
+
+class Validate(Section):
+    """The filter on simulated measurements."""
+
+    truth: Truth = with_defaults(Truth, "What stands for reality.")
+    time_step: Positive = Field(description="Time step of the filter [s].")
+    duration: Positive = Field(description="Length of the measurement [s].")
+    initial_std: dict[Name, Positive] = Field(
+        description="Initial σ of every unknown, relative to its guess or amplitude [-]."
+    )
+    random_sets: int = Field(
+        10, ge=0, description="Random gauge sets to compare with, from all candidates and from the pool [-]."
+    )
+    noise_factors: tuple[Positive, ...] = Field(
+        (0.1, 5.0), description="Other noise levels to try, relative to the stated one [-]."
+    )
+    repeats: int = Field(20, ge=1, description="Seeds and starting values to repeat with [-].")
+    sweeps: Sweeps = with_defaults(Sweeps, "Changes of the filter, one at a time.")
+    workers: int = Field(0, ge=0, description="Processes for the sweeps [-]; 0: one a core.")

@@ -1,0 +1,76 @@
+"""The structure and the sensors on it, as a picture and a table need them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """One gauge of the chosen set.
+
+    label ("G1"); element, facet ids of the file; position (3,) [m]; direction, normal (3,) unit vectors;
+    angle [deg] from the projected axis; nodes: ids of the facet's nodes;
+    without: unknown's name → relative standard deviation expected when this gauge is left out (inf: not observable);
+    kind ("strain gauge", "rosette", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the
+    first is `direction`; glued: it was there already; peak: largest training reading of its channels [unit]; range: what it
+    can measure [unit], None where not stated; unit of its readings;
+    mirror: label of its mirror image, where the two were placed as one.
+    """
+
+    label: str
+    element: int
+    facet: int
+    position: FloatArray
+    direction: FloatArray
+    normal: FloatArray
+    angle: float
+    without: Mapping[str, float] = field(default_factory=dict)
+    nodes: tuple[int, ...] = ()
+    kind: str = "strain gauge"
+    directions: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    glued: bool = False
+    peak: float | None = None
+    range: float | None = None
+    unit: str = "strain"
+    mirror: str = ""
+
+    @property
+    def channels(self) -> FloatArray:
+        """Directions of all that it reads (c, 3), one where no more are stated."""
+        return self.directions if len(self.directions) else np.asarray(self.direction, dtype=float).reshape(1, 3)
+
+
+@dataclass(frozen=True)
+class Load:
+    """A point load to draw: name, point (3,) [m], direction (3,), and whether its history is known to the filter."""
+
+    name: str
+    point: FloatArray
+    direction: FloatArray
+    known: bool = True
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The structure and what sits on it.
+
+    points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
+    (told apart by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
+    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid.
+    """
+
+    points: FloatArray
+    faces: IntArray
+    pool: FloatArray
+    gauges: tuple[Gauge, ...]
+    loads: tuple[Load, ...] = ()
+    fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))

@@ -1,0 +1,81 @@
+"""What every candidate measures, channel by channel, and which channels belong to a set of gauges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.gauges.candidates import ACCELERATION
+from strainsight.rom.model import ReducedModel, damping_matrix
+from strainsight.workflow.artefact import Artefact
+
+UNITS = ("strain", "m/s^2", "m")
+"""Of the quantities strain, acceleration and displacement."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """All candidates, one row a channel, those of one gauge one behind the other.
+
+    rows (m, n): strain, or displacement of the point, per reduced coordinate; quantity (m,): 0 strain, 1 acceleration,
+    2 displacement; noise_std (m,) of one sample at the training time step [unit of the quantity]; gauge (m,): number of the
+    gauge.
+    """
+
+    rows: np.ndarray
+    quantity: np.ndarray
+    noise_std: np.ndarray
+    gauge: np.ndarray
+
+    @property
+    def gauges(self) -> int:
+        """How many gauges there are."""
+        return int(self.gauge[-1]) + 1
+
+    def of(self, gauges: np.ndarray) -> np.ndarray:
+        """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest."""
+        first = np.searchsorted(self.gauge, gauges)
+        count = np.searchsorted(self.gauge, gauges, side="right") - first
+        each = np.arange(int(count.max(initial=1)))
+        return np.where(each < count[..., None], first[..., None] + each, -1)
+
+
+def channels_from(train: Artefact, screen: Artefact) -> Channels:
+    """The channels that train and screen have written."""
+    return Channels(train["/gauges/row"], train["/gauges/quantity"], screen["/noise_std"], train["/gauges/gauge"])
+
+
+def readings(
+    model: ReducedModel,
+    theta: Mapping[str, float],
+    rows: np.ndarray,
+    quantity: np.ndarray,
+    x: np.ndarray,
+    u: np.ndarray,
+) -> np.ndarray:
+    """What channels read in a motion without noise: row·q of strain and displacement, row·q̈ of acceleration.
+
+    theta: all parameters [SI]; rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants.
+    Returns (s, m) [strain, m/s² or m].
+    """
+    n = model.size
+    reading = x[:, :n] @ rows.T
+    moving = quantity == ACCELERATION
+    if moving.any():
+        reading[:, moving] = accelerations(model, theta, x, u) @ rows[moving].T
+    return reading
+
+
+def accelerations(model: ReducedModel, theta: Mapping[str, float], x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """q̈ = M⁻¹(S u − C q̇ − K q) (s, n), arguments as in `readings`."""
+    n = model.size
+    force = u @ model.input_shape.T - x[:, :n] @ model.stiffness.at(theta) - x[:, n:] @ damping_matrix(model, theta)
+    return np.asarray(np.linalg.solve(model.mass.at(theta), force.T).T)
+
+
+def largest_of_quantity(reading: np.ndarray, quantity: np.ndarray) -> np.ndarray:
+    """For every channel the largest reading of any channel of its quantity (m,); reading (s, m), quantity (m,)."""
+    peak = np.abs(reading).max(axis=0)
+    return np.array([peak[quantity == q].max() for q in quantity])

@@ -1,0 +1,126 @@
+"""What an engineer can do with a layout, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from strainsight.placement.certificate import Certificate
+from strainsight.placement.recommendation import WORTH, gains, worth_keeping
+from strainsight.workflow.output import Table
+
+NEARLY = 0.8
+"""A gauge that sees this share of its range in training is worth a word."""
+
+
+def advice(
+    *,
+    labels: Sequence[str],
+    trace: np.ndarray,
+    keep: int,
+    kept: int,
+    std: Mapping[str, float],
+    certificate: Certificate | None,
+    groups: Sequence[tuple[int, ...]],
+    glued: np.ndarray,
+    load: np.ndarray,
+    loss: np.ndarray,
+    without: Mapping[str, np.ndarray],
+    ties: int,
+    cost: tuple[float, float] | None,
+    alone: int,
+) -> tuple[str, ...]:
+    """Sentences, the most useful first.
+
+    labels (k,) of the gauges; trace of the elimination, the whole pool first, of one set only where limits rule the size;
+    keep: gauges asked for; kept: pool rows in the layout; std: unknown → σ relative to its scale, without: the same without
+    each gauge (k,); groups of gauges that read alike; glued (k,) bool; load (k,): largest training reading over the range,
+    NaN where no range is stated; loss (k,): tr(W P) when each fails, inf where an unknown is lost; ties: removals that
+    could as well have been of another gauge; cost: (price of the layout, budget); alone: gauges without a mirror image.
+    """
+    return (
+        *_how_many(trace, kept, labels, keep),
+        *_weakest(std),
+        *_best_possible(certificate),
+        *(
+            f"{', '.join(labels[i] for i in group)} read alike in the training run: they average noise, and stand in for "
+            "each other."
+            for group in groups
+        ),
+        *_failures(labels, loss, std, without),
+        *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(glued)),
+        *_loads(labels, load),
+        *([f"The layout costs {cost[0]:g} of {cost[1]:g}."] if cost else []),
+        *([f"{alone} gauges have no mirror image that is free, and were left out."] if alone else []),
+        *(
+            [f"{ties} removals were between gauges that are equally good: other layouts are as good as this one."]
+            if ties
+            else []
+        ),
+    )
+
+
+def advice_table(sentences: Sequence[str]) -> Table:
+    """The sentences as they are printed."""
+    return Table("advice", ("",), tuple((sentence,) for sentence in sentences))
+
+
+def _how_many(trace: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
+    if len(labels) < keep:
+        yield f"{len(labels)} gauges, not {keep}: within the limits of the layout no further one was found that fits and helps."
+    gain = gains(trace)
+    if not len(gain):
+        return
+    worth = worth_keeping(trace, kept)
+    if worth == kept:
+        yield (
+            f"{len(labels)} gauges are enough: one more would lower σ by {100 * gain[0]:.2g} %, and no further one by "
+            f"{100 * WORTH:g} %."
+        )
+    else:
+        total = 1 - np.prod(1 - gain[: worth - kept])
+        yield (
+            f"One more gauge would lower σ by {100 * gain[0]:.2g} %, {worth - kept} more by {100 * total:.2g} %; beyond "
+            f"that none lowers it by {100 * WORTH:g} %."
+        )
+
+
+def _weakest(std: Mapping[str, float]) -> Iterator[str]:
+    if len(std) > 1:
+        name = max(std, key=lambda key: std[key])
+        yield f"{name} is what this layout knows least: ± {100 * std[name]:.2g} % of its guess or amplitude."
+
+
+def _best_possible(certificate: Certificate | None) -> Iterator[str]:
+    if certificate is None:
+        return
+    lower = 100 * (1 - np.sqrt(1 - max(certificate.gap, 0.0)))
+    if lower < 0.05:
+        yield "No other layout within the limits is better by 0.05 % in σ."
+    else:
+        yield f"No other layout within the limits can have a σ lower by more than {lower:.2g} %."
+
+
+def _failures(
+    labels: Sequence[str], loss: np.ndarray, std: Mapping[str, float], without: Mapping[str, np.ndarray]
+) -> Iterator[str]:
+    lost = [label for label, value in zip(labels, loss, strict=True) if not np.isfinite(value)]
+    if len(lost) == len(labels):
+        yield "Whichever gauge fails, an unknown is lost."
+    elif lost:
+        yield f"An unknown is lost if {' or '.join(lost)} fails."
+    else:
+        name, worst, growth = max(
+            ((name, int(np.argmax(values)), float(np.max(values)) / std[name]) for name, values in without.items()),
+            key=lambda found: found[2],
+        )
+        yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {100 * (growth - 1):.2g} %."
+
+
+def _loads(labels: Sequence[str], load: np.ndarray) -> Iterator[str]:
+    for label, share in zip(labels, load, strict=True):
+        if share > 1:
+            yield f"{label} sees {share:.2g} times what it can measure in the training run."
+        elif share > NEARLY:
+            yield f"{label} sees {100 * share:.0f} % of its range in the training run."

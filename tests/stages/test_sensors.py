@@ -1,0 +1,293 @@
+"""Layouts of strain gauges, rosettes, accelerometers and displacement sensors, within the limits a config states."""
+
+from __future__ import annotations
+
+import csv
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_are
+from typer.testing import CliRunner
+
+from strainsight.stages.placement import PLACEMENT
+from strainsight_cli.main import app
+
+from .conftest import ROOT, SHORT, finished, job_of
+
+MIXED = """
+kind: placement
+name: mixed
+mesh: {file: MESH}
+parameters:
+  E: {property: youngs_modulus, region: 1, guess: 1.89e+11, range: [1.6e+11, 2.4e+11]}
+  rho: {property: density, region: 1, guess: 7850, range: [7000, 9000]}
+loads:
+  tip: {node: 2, direction: [0, 0, 1], known: false, signal: {type: sine, frequency: 30.0, amplitude: 1.0e+4}}
+damping: {type: modal, ratio: 0.01}
+train: {duration: 0.2, time_step: 5.0e-4}
+gauges:
+  direction: {type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}
+  rosette: true
+  grid_length: 0.004
+  range: 5.0e-3
+  noise_std: {relative_to_strongest: 0.01}
+  fixed: [{position: [0.3, 0.02, 0.096], direction: [1, 0.02, 0], length: 0.006}]
+motion_sensors:
+  acc: {quantity: acceleration, every: 0.1, noise_std: {value: 0.5}, price: 3}
+  laser: {quantity: displacement, axes: [[0, 0, 1]], every: 0.2, noise_std: {value: 1.0e-4}, price: 10}
+screen: {keep: 250}
+place:
+  estimate: [tip, E]
+  keep: 5
+  instants: 2
+  parameter_samples: 2
+  minimum_spacing: 0.3
+  budget: 9
+  at_most: [{zone: {box: [[0, -1, -1], [0.35, 1, 1]]}, count: 1}]
+validate:
+  truth: {model: rich, parameters: {E: 2.0e+11}, modes: 20}
+  time_step: 5.0e-4
+  duration: 0.2
+  initial_std: {tip: 0.1, E: 0.1}
+  random_sets: 2
+  repeats: 2
+"""
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    """stage → Artefact of the config above."""
+    folder = tmp_path_factory.mktemp("mixed")
+    config = folder / "mixed.yaml"
+    config.write_text(MIXED.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf")))
+    return {stage: artefact for stage, (_, _, artefact) in finished(job_of(config, folder / "results")).items()}
+
+
+def test_a_layout_keeps_every_limit(mixed):
+    train, place = mixed["train"], mixed["place"]
+    chosen = place["/selected/final/channel"]
+    first = chosen[:, 0]
+    position, array, glued = (train[f"/gauges/{key}"][first] for key in ("position", "array", "glued"))
+    assert 2 <= len(chosen) <= 5
+    assert all(np.linalg.norm(a - b) >= 0.3 * (1 - 1e-9) for a, b in combinations(position, 2))
+    assert np.sum(position[:, 0] <= 0.35) == 1
+    assert np.where(glued, 0.0, np.array([1.0, 3.0, 10.0])[array]).sum() <= 9
+    assert glued.sum() == 1
+
+
+def test_a_rosette_is_one_gauge_of_three_channels(mixed):
+    train, chosen = mixed["train"], mixed["place"]["/selected/final/channel"]
+    rosettes = chosen[(chosen >= 0).sum(axis=1) == 3]
+    assert len(rosettes)
+    for own in rosettes:
+        assert len(np.unique(train["/gauges/gauge"][own])) == 1
+        assert np.ptp(train["/gauges/position"][own], axis=0).max() == 0
+        assert train["/gauges/angle"][own].tolist() == [0, 45, 90]
+
+
+def test_a_glued_gauge_is_snapped_and_stays(mixed):
+    train = mixed["train"]
+    assert train["/glued/distance"] == pytest.approx([0.001], rel=1e-9)
+    np.testing.assert_allclose(train["/gauges/position"][0], [0.3, 0.02, 0.095], atol=1e-12)
+    assert train["/gauges/length"][0] == 0.006
+    assert 0 in mixed["screen"]["/kept"]
+    assert 0 in mixed["place"]["/selected/final/number"]
+    assert any("was there already" in sentence for sentence in mixed["place"]["/advice"])
+
+
+def test_the_stored_scenarios_give_the_trace_of_the_layout(mixed):
+    """From F, H, Q, R and weight of the file, by scipy's solver."""
+    place = mixed["place"]
+    own = np.isin(place["/pool/row"], place["/selected/final/gauge"])
+    traces = []
+    for F, H, Q, R, W in zip(*(place[f"/augmented/{key}"] for key in ("F", "H", "Q", "R", "weight")), strict=True):
+        # Strain and motion have readings of different size: rows at unit noise suit the solver.
+        rows = H[own] / np.sqrt(R[own])[:, None]
+        traces.append(W @ np.diag(solve_continuous_are(F.T, rows.T, Q, np.eye(len(rows)))))
+    assert len(traces) == 4
+    assert np.mean(traces) == pytest.approx(place.summary["trace_final"], rel=1e-5)
+
+
+def test_an_accelerometer_reads_the_acceleration_of_the_linearised_motion(mixed):
+    train, place = mixed["train"], mixed["place"]
+    n = mixed["rom"]["/basis"].shape[1]
+    quantity, channel = train["/gauges/quantity"], place["/pool/channel"]
+    moving = np.flatnonzero(quantity[channel] == 1)
+    assert len(moving)
+    for F, H, scale in zip(*(place[f"/augmented/{key}"] for key in ("F", "H", "scale")), strict=True):
+        rates = (F * scale[:, None] / scale)[n : 2 * n]
+        row = train["/gauges/row"][channel[moving]]
+        np.testing.assert_allclose(H[moving] / scale, row @ rates, rtol=1e-9, atol=1e-9 * np.abs(row @ rates).max())
+
+
+def test_training_accelerations_are_second_differences_of_displacements(mixed):
+    train = mixed["train"]
+    moving = train["/gauges/quantity"] == 1
+    z = train["/coordinate"] @ train["/gauges/row"][moving].T
+    h = train["/time"][1]
+    second = (z[2:] - 2 * z[1:-1] + z[:-2]) / h**2
+    # Of a component at f: 1 − (2πfh)²/12, 4 % at 220 Hz, of which there is little.
+    error = np.abs(second - train["/strain"][1:-1, moving]).max() / np.abs(second).max()
+    assert error < 0.05
+
+
+def test_lists_of_gauges_name_every_channel(mixed):
+    folder, chosen = mixed["place"].path.parent, mixed["place"]["/selected/final/channel"]
+    with (folder / "gauges.csv").open(encoding="utf-8") as lines:
+        rows = list(csv.DictReader(lines))
+    assert len(rows) == (chosen >= 0).sum()
+    assert {row["gauge"] for row in rows} == {f"G{i + 1}" for i in range(len(chosen))}
+    assert [row["glued"] for row in rows].count("yes") == 1
+    nodes = (folder / "gauges.unv").read_text().count("-1")
+    assert nodes >= 8
+
+
+def test_the_filter_takes_all_of_them(mixed):
+    validate, chosen = mixed["validate"], mixed["place"]["/selected/final/channel"]
+    assert validate["/gauge/measured"].shape[1] == (chosen >= 0).sum()
+    assert np.isfinite(validate["/estimate/tip"]).all()
+    assert validate.summary["error.E"] < 0.1
+
+
+def test_all_seven_cases_are_compared(mixed):
+    observe = mixed["observe"]
+    assert observe["/case"].tolist() == ["input", "E", "rho", "input+E", "input+rho", "E+rho", "input+E+rho"]
+    condition = dict(zip(observe["/case"].tolist(), observe["/condition"][0], strict=True))
+    for joint in ("input+E", "input+rho", "E+rho"):
+        assert condition[joint] > max(condition[single] for single in joint.split("+"))
+    assert observe["/condition_raw"].max() > 1e15
+
+
+@pytest.fixture(scope="module")
+def youngs(config, results, artefacts, tmp_path_factory):
+    """A run of the example with other settings, on a copy of its results up to `screen`."""
+
+    def run_with(*overrides):
+        import shutil
+
+        folder = tmp_path_factory.mktemp("own") / "results"
+        shutil.copytree(results, folder)
+        last = next(i for i, stage in enumerate(PLACEMENT) if stage.name == "place")
+        return {
+            s: a for s, (_, _, a) in finished(job_of(config, folder, *SHORT, *overrides), PLACEMENT[: last + 1]).items()
+        }
+
+    return run_with
+
+
+def test_a_plane_of_symmetry_places_mirrored_pairs(youngs):
+    place = youngs("place.symmetry={normal: [0, 0, 1]}", "place.keep=4")["place"]
+    position = place["/selected/final/position"]
+    mirrored = position * [1, 1, -1]
+    distance = np.linalg.norm(position[:, None] - mirrored[None], axis=2).min(axis=1)
+    assert len(position) == 4
+    assert distance.max() < 1e-9
+    assert len(np.unique(place["/selected/final/gauge"])) == 2
+
+
+def test_covariances_as_printed_are_those_of_the_thesis(youngs, config):
+    """(5.15-5.17): Q = (hδ)² of the parameter and R = σ², no intensities."""
+    found = youngs("process_noise.rule=as_printed", "place.instants=1")
+    place, screen = found["place"], found["screen"]
+    scale, h, delta = place["/augmented/scale"][0], 5e-4, 0.05
+    assert place["/augmented/Q"][0, -1, -1] * scale[-1] ** 2 == pytest.approx((h * delta) ** 2, rel=1e-9)
+    assert place["/augmented/R"][0] == pytest.approx(screen["/noise_std"][place["/pool/channel"]] ** 2, rel=1e-12)
+    assert len(place["/augmented/F"]) == 1
+
+
+def test_the_metric_uses_the_input_model_of_the_filter(tmp_path):
+    config = ROOT / "configs" / "cantilever-input.yaml"
+    done = finished(
+        job_of(
+            config,
+            tmp_path,
+            *SHORT,
+            "loads.tip.process_noise={model: integrated_random_walk}",
+            "parameters.E.guess=2.0e+11",
+        ),
+        PLACEMENT[:6],
+    )
+    place, n = done["place"][2], done["rom"][2]["/basis"].shape[1]
+    F, scale = place["/augmented/F"][0], place["/augmented/scale"][0]
+    assert F.shape == (2 * n + 2, 2 * n + 2)
+    assert (F * scale[:, None] / scale)[2 * n, 2 * n + 1] == pytest.approx(2 * np.pi * 20.0, rel=1e-9)
+    weight = place["/augmented/weight"][0]
+    assert weight[2 * n] > 0
+    assert weight[2 * n + 1] == 0
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "says"),
+    [
+        ("place.minimum_spacing=1.5", "place.minimum_spacing", "room for"),
+        ("place.budget=0.5", "place.budget", "0"),
+        ("place.at_most=[{zone: {box: [[-9, -9, -9], [9, 9, 9]]}, count: 2}]", "place.at_most.0", "2"),
+        ("gauges.include=[{box: [[5, 5, 5], [6, 6, 6]]}]", "gauges.include", "no facet is left"),
+        ("gauges.fixed=[{position: [0.3, 0.5, 0.095], direction: [1, 0, 0]}]", "gauges.fixed.0", "from the surface"),
+        ("gauges.fixed=[{position: [0.3, 0.0, 0.095], direction: [0, 0, 1]}]", "gauges.fixed.0", "normal"),
+        ("gauges.range=1.0e-9", "screen.keep", "range"),
+        ("gauges.grid_length=5.0", "gauges.grid_length", "sharp edge"),
+        ("place.symmetry={point: [0, 0, 0.3], normal: [0, 0, 1]}", "place.symmetry", "mirror"),
+    ],
+)
+def test_a_request_that_nothing_meets_names_the_limit(config, results, artefacts, override, key, says, tmp_path):
+    import shutil
+
+    shutil.copytree(results, tmp_path / "results")
+    settings = [f"--set={text}" for text in (*SHORT, override)]
+    done = CliRunner().invoke(app, ["place", str(config), "--results", str(tmp_path / "results"), *settings])
+    message = done.output + (done.stderr or "")
+    assert done.exit_code == 2, message
+    assert key in message
+    assert says in message
+    assert "Traceback" not in message
+
+
+def test_the_order_of_sensors_in_a_config_is_none(mixed, tmp_path):
+    """Two configs that differ by it are the same, so a cached artefact of one has to serve the other."""
+    lines = MIXED.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf")).splitlines()
+    acc = next(i for i, line in enumerate(lines) if line.startswith("  acc:"))
+    lines[acc], lines[acc + 1] = lines[acc + 1], lines[acc]
+    config = tmp_path / "mixed.yaml"
+    config.write_text("\n".join(lines))
+    again = finished(job_of(config, tmp_path / "results"), PLACEMENT[:4])
+    for stage, dataset in (("train", "/gauges/quantity"), ("train", "/gauges/array"), ("screen", "/noise_std")):
+        np.testing.assert_array_equal(again[stage][2][dataset], mixed[stage][dataset])
+
+
+def test_mirrored_gauges_keep_their_spacing_too(youngs):
+    place = youngs("place.symmetry={normal: [0, 1, 0]}", "place.keep=4", "place.minimum_spacing=0.15")["place"]
+    position = place["/selected/final/position"]
+    assert len(position) >= 3
+    assert min(np.linalg.norm(a - b) for a, b in combinations(position, 2)) >= 0.15 * (1 - 1e-9)
+
+
+def test_a_glued_gauge_in_a_loud_place_leaves_the_noise_of_others(youngs, artefacts):
+    """The root strains most; a gauge glued there is no candidate, of whose strongest the noise is a share."""
+    zone = "gauges.exclude=[{box: [[-1, -1, -1], [1.0, 1, 1]]}]"
+    glued = "gauges.fixed=[{position: [0.1, 0.0, 0.095], direction: [1, 0, 0]}]"
+    quiet, loud = (found["screen"].summary["noise_std"] for found in (youngs(zone), youngs(zone, glued)))
+    assert loud == pytest.approx(quiet, rel=1e-12)
+
+
+def test_places_where_a_grid_runs_over_an_edge_are_counted(youngs, artefacts):
+    train = youngs("gauges.grid_length=0.3")["train"]
+    assert train.summary["left_out"] > 0
+    assert train.summary["left_out"] + train.summary["candidates"] == artefacts["train"].summary["candidates"]
+    assert "left out" in train.message
+
+
+def test_gauges_along_the_principal_direction_read_the_most(youngs):
+    """No other direction at the same place has a larger RMS strain in the training run."""
+    first = youngs("gauges.direction={type: principal}", "screen.minimum_spacing=0")["train"]
+    turned = youngs("gauges.direction={type: principal, angles: [0, 20, -20]}", "screen.minimum_spacing=0")["train"]
+    rms = np.sqrt(np.mean(turned["/strain"] ** 2, axis=0)).reshape(-1, 3)
+    np.testing.assert_allclose(np.sqrt(np.mean(first["/strain"] ** 2, axis=0)), rms[:, 0], rtol=1e-9)
+    assert np.all(rms[:, 0] >= rms[:, 1:].max(axis=1) * (1 - 1e-9))
+
+
+def test_a_zone_in_the_wrong_unit_is_noticed(youngs):
+    """A box in millimetres takes no facet of a beam of two metres."""
+    train = youngs("gauges.exclude=[{box: [[500, -100, -100], [600, 100, 100]]}]")["train"]
+    assert "gauges.exclude.0: is it in metres?" in train.message
