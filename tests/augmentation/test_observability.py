@@ -8,6 +8,7 @@ import pytest
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Oscillator
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
 from strainsight.augmentation.observability import (
+    balanced_units,
     least_gauges,
     marginal_modes,
     observability,
@@ -33,6 +34,17 @@ def test_load_modulus_and_density_together_are_undetectable_without_a_known_scal
     np.testing.assert_allclose(lost[-3:, 0] / lost[-1, 0], [30.0 / 40.0, 1.0, 1.0], rtol=1e-8)
     assert np.abs(lost[:10]).max() < 1e-8 * np.abs(lost).max()
     assert undetectable_in_words(lost, names).startswith("tip, E and rho together: fix one")
+
+
+def test_balanced_units_do_not_depend_on_those_of_the_unknowns(chain_of, theta):
+    F, _, _ = system(chain_of(), theta, ("tip", "side"), ("E", "rho"), side=9.0)
+    here = balanced_units(F)
+    d = np.ones(len(F))
+    d[-4:] = 10.0 ** np.random.default_rng(2).uniform(-6, 6, 4)
+    np.testing.assert_allclose(balanced_units(F / d[:, None] * d) * d, here, rtol=1e-12)
+    balanced = F / here[:, None] * here
+    norms = np.linalg.norm(balanced, axis=0)
+    assert norms.max() < 30 * norms.min()
 
 
 @pytest.mark.parametrize("known", ["ground", "extra", "load"])

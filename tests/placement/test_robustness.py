@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from strainsight.augmentation.linearisation import Unknowns, augment_rows, linea
 from strainsight.augmentation.noise import gauge_intensity, process_intensity
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
+from strainsight.placement.scenario import solve_pool
 
 
 def five_unknowns(beam_of, noise, *, modes, foundation, gauges=30):
@@ -45,6 +47,51 @@ def test_forty_modes_and_five_unknowns_are_solved_at_every_noise(beam_of, noise)
     assert np.linalg.eigvalsh(pool.P).min() > 0
     assert found.residual < 1e-10
     assert np.all(found.rise > 0)
+
+
+@pytest.mark.parametrize("noise", [1e-9, 1e-6])
+@pytest.mark.parametrize("modes", [10, 40])
+def test_units_of_unknowns_change_nothing(beam_of, noise, modes):
+    scenario = five_unknowns(beam_of, noise, modes=modes, foundation=1e5)
+    here = solve_pool(scenario)
+    far = 10.0 ** np.random.default_rng(6).uniform(-6, 6, 5)
+    for factors in [*(permutations([1e3, 1e-4, 30.0]) if modes == 10 else [(1e3, 1e-4, 30.0)]), far]:
+        d = np.concatenate([np.ones(len(scenario.F) - len(factors)), factors])
+        there = solve_pool(scenario.scaled(d))
+        assert there.residual < 1e-12
+        np.testing.assert_allclose(there.P, here.P, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(there.scale * d, here.scale, rtol=1e-6)
+
+
+def test_units_of_unknowns_change_nothing_beside_accelerometers(beam_of, scenarios_of):
+    (strain,) = scenarios_of(beam_of(20, 6), ("Fz", "Fy"), ("E",), noise=1e-6)
+    scenario = with_precise_accelerometers(strain, 6)
+    here = solve_pool(scenario)
+    for factors in permutations([1e3, 1e-4, 30.0]):
+        d = np.concatenate([np.ones(len(scenario.F) - 3), factors])
+        there = solve_pool(scenario.scaled(d))
+        assert there.residual < 1e-11
+        np.testing.assert_allclose(there.P, here.P, rtol=0, atol=1e-7)
+
+
+def test_an_elimination_beside_precise_accelerometers_is_brute_force_by_exact_covariances(
+    oracle, beam_of, scenarios_of
+):
+    (strain,) = scenarios_of(beam_of(8, 3), ("Fz",), ("E",), noise=1e-4)
+    scenario = with_precise_accelerometers(strain, 3)
+    found = eliminate([scenario], 3)
+    assert found.residual < 1e-10
+    np.testing.assert_allclose(np.diff(found.trace), found.rise, rtol=1e-4, atol=1e-7)
+    follow(oracle, found)
+
+
+def with_precise_accelerometers(scenario, modes):
+    """Two that read the unknowns 1e6 times above their noise."""
+    H = np.random.default_rng(3).normal(size=(2, modes)) @ scenario.F[modes : 2 * modes]
+    r = (1e-6 * np.linalg.norm(H[:, 2 * modes :], axis=1)) ** 2 * 5e-4
+    return Scenario(
+        scenario.F, scenario.Q, np.vstack([scenario.H, H]), np.concatenate([scenario.r, r]), scenario.weight
+    )
 
 
 @pytest.mark.parametrize("noise", [1e-9, 1e-6, 1e-4])

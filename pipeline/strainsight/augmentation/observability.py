@@ -122,19 +122,22 @@ def marginal_modes(F: np.ndarray) -> MarginalModes:
 def balanced_units(F: np.ndarray) -> np.ndarray:
     """Units (n,) of the states in which rows and columns of F (n, n) have like norms: x = units · x̃.
 
-    LAPACK's balance leaves a state alone whose row or column is zero, as that of a random walk: its other one is
-    brought to the mean norm of the rest, so that the units do not depend on those of the unknowns.
+    A state whose row or column is zero, as that of a random walk, is left out of LAPACK's balance, where its units would
+    change those of the others; its other one is brought to the mean norm of the rest.
     """
-    balanced, (scale, _) = matrix_balance(F, permute=False, separate=True)
-    outside = np.abs(balanced - np.diag(np.diag(balanced)))
-    rows, columns = np.linalg.norm(outside, axis=1), np.linalg.norm(outside, axis=0)
-    whole = (rows > 0) & (columns > 0)
+    outside = np.abs(F - np.diag(np.diag(F)))
+    rows, columns = outside.any(axis=1), outside.any(axis=0)
+    whole, scale = rows & columns, np.ones(len(F))
     if not whole.any():
         return scale
-    typical = np.sqrt(np.mean(rows[whole] * columns[whole]))
-    driver, follower = (rows == 0) & (columns > 0), (columns == 0) & (rows > 0)
-    scale[driver] *= typical / columns[driver]
-    scale[follower] *= rows[follower] / typical
+    balanced, (scale[whole], _) = matrix_balance(F[np.ix_(whole, whole)], permute=False, separate=True)
+    inner = np.abs(balanced - np.diag(np.diag(balanced)))
+    typical = float(np.sqrt(np.mean(np.linalg.norm(inner, axis=1) * np.linalg.norm(inner, axis=0)))) or 1.0
+    driver, follower = columns & ~rows, rows & ~columns
+    answer = np.linalg.norm(outside[:, driver][whole] / scale[whole, None], axis=0)
+    scale[driver] = np.divide(typical, answer, out=np.ones(len(answer)), where=answer > 0)
+    cause = np.linalg.norm(outside[follower][:, whole] * scale[whole], axis=1)
+    scale[follower] = np.where(cause > 0, cause / typical, 1.0)
     return scale
 
 

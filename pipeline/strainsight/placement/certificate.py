@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.placement.increment import gauge_gradients
+from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, as_limits
 from strainsight.placement.region import Region
 from strainsight.placement.riccati import Loop, close_loop
@@ -138,7 +139,7 @@ class _Relaxation:
     def _loop(self, i: int, w: np.ndarray) -> Loop:
         pool = self.pools[i]
         rows = (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
-        G = rows.T @ rows
+        G = information(rows)
         P = refined(pool, G, self.last[i])
         self.last[i] = P
         return close_loop(pool.scenario.F, G, P)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from strainsight.placement.increment import Slopes, removal, sharper_bound, slopes, squares
+from strainsight.placement.information import information
 from strainsight.placement.remaining import Remaining
 from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
@@ -92,7 +93,7 @@ def known_to_go(
     increments = []
     for pool, loop in zip(pools, loops, strict=True):
         rows = pool.stacked(left.without(at))
-        increments.append(refined(pool, rows.T @ rows, None) - loop.P)
+        increments.append(refined(pool, information(rows), None) - loop.P)
     rises = np.array([p.scenario.weight @ np.diag(D) for p, D in zip(pools, increments, strict=True)])
     rise = aggregated(costs + rises, aggregate) - aggregated(costs, aggregate)
     return Choice(gauge, at, increments, float(rise), ())

@@ -13,6 +13,7 @@ from strainsight.augmentation.observability import undetectable_directions
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.placement.choice import TIE
 from strainsight.placement.increment import removal, squares
+from strainsight.placement.information import information
 from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop
 from strainsight.placement.scenario import Pool, refined
 from strainsight.placement.score import unknown_block
@@ -68,7 +69,7 @@ def _descend(
     """The gauges (keep,) left in the end; None where every removal would lose an unknown before, or P becomes inaccurate."""
     left = np.arange(len(pools[0].rows))
     try:
-        loops = [close_loop(p.scenario.F, _gram(p, left), p.P) for p in pools]
+        loops = [close_loop(p.scenario.F, information(p.stacked(left)), p.P) for p in pools]
         while len(left) > keep:
             found = _least_missed(pools, loops, left, ~np.isin(left, list(fixed)), criterion, unknown)
             if found is None:
@@ -76,7 +77,7 @@ def _descend(
             at, increments = found
             left = np.delete(left, at)
             for i, (pool, D) in enumerate(zip(pools, increments, strict=True)):
-                G = _gram(pool, left)
+                G = information(pool.stacked(left))
                 loops[i] = close_loop(pool.scenario.F, G, refined(pool, G, loops[i].P + D))
     except (NumericalError, np.linalg.LinAlgError):
         return None
@@ -175,8 +176,3 @@ def _cover(pools: Sequence[Pool], fixed: Collection[int]) -> set[int]:
 def _lost(pools: Sequence[Pool], gauges: Sequence[int]) -> int:
     chosen = np.asarray(gauges, dtype=int)
     return sum(undetectable_directions(p.scenario.F, p.stacked(chosen), p.modes).shape[1] for p in pools)
-
-
-def _gram(pool: Pool, gauges: np.ndarray) -> np.ndarray:
-    rows = pool.stacked(gauges)
-    return rows.T @ rows

@@ -11,6 +11,7 @@ from scipy.optimize import linprog
 from strainsight.augmentation.observability import undetectable_directions
 from strainsight.errors import NumericalError
 from strainsight.placement.increment import gauge_gradients
+from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, as_limits
 from strainsight.placement.region import cheapest
 from strainsight.placement.riccati import close_loop
@@ -55,7 +56,7 @@ def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | No
         rows = (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
         if not detects(pool, rows):
             return None
-        G = rows.T @ rows
+        G = information(rows)
         try:
             P = refined(pool, G, None if last is None else last[i])
         except NumericalError:

@@ -94,7 +94,7 @@ def _descend(
 ) -> Elimination:
     """The removals until the limits are kept; all over again with a guard where without one none is possible before."""
     left = Remaining(pools, limits.fixed, None if limits.plain else limits.alike)
-    loops = [close_loop(p.scenario.F, left.gram(i), p.P) for i, p in enumerate(pools)]
+    loops = [close_loop(p.scenario.F, left.information(i), p.P) for i, p in enumerate(pools)]
     residual = max(p.residual for p in pools)
     removed: list[int] = []
     solves: list[int] = []
@@ -119,7 +119,7 @@ def _descend(
                 continue
         left.remove(found.at)
         for i, (pool, D) in enumerate(zip(pools, found.increments, strict=True)):
-            G = left.gram(i)
+            G = left.information(i)
             P = refined(pool, G, loops[i].P + D)
             residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
             loops[i] = close_loop(pool.scenario.F, G, P)

@@ -10,6 +10,7 @@ import numpy as np
 
 from strainsight.placement.fill import costs_of, gradients_of, with_gauge
 from strainsight.placement.increment import gauge_gradients, removal
+from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, Swaps, as_limits
 from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import (
@@ -154,7 +155,7 @@ def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.nd
         D = removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
         if D is None:
             return None, number
-        swapped.append(loop_of(pool, rest, refined(pool, rows.T @ rows, loop.P + D)))
+        swapped.append(loop_of(pool, rest, refined(pool, information(rows), loop.P + D)))
     return swapped, len(pools)
 
 

@@ -53,7 +53,7 @@ def with_gauge(pools: Sequence[Pool], loops: Sequence[Loop], gauge: int) -> list
     grown = []
     for pool, loop in zip(pools, loops, strict=True):
         block = pool.rows[gauge]
-        G = loop.G + block.T @ block
+        G = loop.information.with_rows(block)
         P = loop.P + addition(pool.scenario.F, pool.scenario.Q, loop, block)
         grown.append(close_loop(pool.scenario.F, G, refined(pool, G, P)))
     return grown

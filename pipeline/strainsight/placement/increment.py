@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.augmentation.observability import MarginalModes, undetectable_directions
 from strainsight.errors import NumericalError
+from strainsight.placement.information import information
 from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop, lyapunov, lyapunov_in_schur, solve_anew
 
 CONVERGED = 1e-13
@@ -20,13 +21,14 @@ DOUBT = 1e-10
 class Slopes:
     """What the lower bounds of all removals from one loop share.
 
-    factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W = 0 in the Schur coordinates of the loop; G (n, n) there.
+    factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W = 0 in the Schur coordinates of the loop; G there, as one
+    matrix (n, n) or as two whose product it is.
     """
 
     loop: Loop
     factor: np.ndarray
     X: np.ndarray
-    G: np.ndarray
+    G: tuple[np.ndarray, ...]
 
 
 def slopes(loop: Loop, weight: np.ndarray) -> Slopes:
@@ -35,7 +37,7 @@ def slopes(loop: Loop, weight: np.ndarray) -> Slopes:
     # squares of a factor keep the digits of a small φ that the products of P X P lose
     values, vectors = np.linalg.eigh(X)
     factor = loop.P @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    return Slopes(loop, factor, loop.U.T @ X @ loop.U, loop.U.T @ loop.G @ loop.U)
+    return Slopes(loop, factor, loop.U.T @ X @ loop.U, _in_schur(loop))
 
 
 def gauge_gradients(loop: Loop, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -72,7 +74,7 @@ def sharper_bound(at: Slopes, block: np.ndarray) -> float:
     h = loop.U.T @ block.T
     b = loop.U.T @ (loop.P @ block.T)
     Y = lyapunov_in_schur(loop, b @ b.T)
-    Xb, Yh, GY = at.X @ b, Y @ h, at.G @ Y
+    Xb, Yh, GY = at.X @ b, Y @ h, _times(at.G, Y)
     a1 = float(np.vdot(b, Xb))
     XY = at.X @ Y
     a2 = 2 * float(np.vdot(Xb, Yh)) - float(np.sum(XY * GY.T))
@@ -103,7 +105,7 @@ def removal(
         return D
     # summed anew: a gauge that outweighs the rest would leave its rounding behind
     remaining = rest().reshape(-1, len(F))
-    G = remaining.T @ remaining
+    G = information(remaining)
     # a stable loop proves detectability; an unstable one proves nothing
     without = close_loop(F, G, loop.P)
     doubtful = without.abscissa > -1e-9 * np.linalg.norm(loop.A)
@@ -122,7 +124,7 @@ def addition(F: np.ndarray, Q: np.ndarray, loop: Loop, block: np.ndarray) -> np.
     if D is not None:
         return D
     # Kleinman: the old gain with zero for the new gauge stabilises, so the next loop F − P G' does
-    G = loop.G + block.T @ block
+    G = loop.information.with_rows(block)
     D = _newton(loop, block, -1.0, close_loop(F, G, loop.P))
     return D if D is not None else solve_anew(F, Q, G) - loop.P
 
@@ -134,12 +136,12 @@ def _fixed_point(loop: Loop, block: np.ndarray, sign: float) -> np.ndarray | Non
     axis on the way from A to A': the limit is the stabilising solution.
     """
     U = loop.U
-    h, b, G = U.T @ block.T, U.T @ (loop.P @ block.T), U.T @ loop.G @ U
+    h, b, G = U.T @ block.T, U.T @ (loop.P @ block.T), _in_schur(loop)
     D = lyapunov_in_schur(loop, sign * (b @ b.T))
     change = np.linalg.norm(D)
     for _ in range(20):
         e = b + D @ h
-        new = lyapunov_in_schur(loop, sign * (e @ e.T) - D @ G @ D)
+        new = lyapunov_in_schur(loop, sign * (e @ e.T) - _squared(G, D))
         before, change = change, np.linalg.norm(new - D)
         D = new
         if change <= CONVERGED * np.linalg.norm(D):
@@ -154,7 +156,7 @@ def _newton(loop: Loop, block: np.ndarray, sign: float, start: Loop) -> np.ndarr
     """D by Newton-Kleinman from D = 0, `start` being the loop F − P G'; None where it does not converge."""
     b = loop.P @ block.T
     source = sign * (b @ b.T)
-    G = start.G
+    G = (start.G,) if start.factor is None else (start.factor.T, start.factor)
     D = np.zeros_like(loop.P)
     stage = start
     change: np.floating | float = np.inf
@@ -162,12 +164,35 @@ def _newton(loop: Loop, block: np.ndarray, sign: float, start: Loop) -> np.ndarr
         if not stage.stable:
             return None
         try:
-            new = lyapunov(stage, source + D @ G @ D)
+            new = lyapunov(stage, source + _squared(G, D))
         except NumericalError:
             return None
         before, change = change, np.linalg.norm(new - D)
         D = new
         if change <= CONVERGED * np.linalg.norm(D) or (change > 0.5 * before and change <= 1e-10 * np.linalg.norm(D)):
             return D
-        stage = close_loop(start.A, G, D)
+        stage = close_loop(start.A, start.information, D)
     return None
+
+
+def _in_schur(loop: Loop) -> tuple[np.ndarray, ...]:
+    """Uᵀ G U, as the two factors Uᵀ Rᵀ, R U where the sum lacks digits."""
+    if loop.factor is None:
+        return (loop.U.T @ loop.G @ loop.U,)
+    RU = loop.factor @ loop.U
+    return RU.T, RU
+
+
+def _times(G: tuple[np.ndarray, ...], Y: np.ndarray) -> np.ndarray:
+    """G Y, from right to left."""
+    for part in reversed(G):
+        Y = part @ Y
+    return Y
+
+
+def _squared(G: tuple[np.ndarray, ...], D: np.ndarray) -> np.ndarray:
+    """D G D, D symmetric, the factors first multiplied by D."""
+    if len(G) == 1:
+        return D @ G[0] @ D
+    B = D @ G[0]
+    return B @ B.T

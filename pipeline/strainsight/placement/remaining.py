@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import numpy as np
 
+from strainsight.placement.information import Information
 from strainsight.placement.scenario import Pool
 
 SUMMED = 256
@@ -32,6 +34,7 @@ class Remaining:
         if apart is not None:
             self._twin = np.unique(self._twin * len(apart) + apart, return_inverse=True)[1]
         self._has_twins = len(np.unique(self._twin)) < self.count
+        self._pools = pools
         self._size = [p.rows.shape[2] for p in pools]
         self._G = [_gram(rows) for rows in self._rows]
         self._summed = [np.diag(G).copy() for G in self._G]
@@ -59,6 +62,10 @@ class Remaining:
         G = np.zeros((self._size[scenario],) * 2)
         G[np.ix_(self._columns[scenario], self._columns[scenario])] = self._G[scenario]
         return G
+
+    def information(self, scenario: int) -> Information:
+        """The same G with the rows it is the sum of, as they are now."""
+        return Information(self.gram(scenario), partial(self._pools[scenario].stacked, self.gauges))
 
     def twins(self, at: int) -> np.ndarray:
         """Places of the movable gauges that say the same as the one at this place, itself among them."""

@@ -16,15 +16,8 @@ from strainsight.augmentation.observability import (
     undetectable_in_words,
 )
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
-from strainsight.placement.riccati import (
-    ACCEPTED,
-    Loop,
-    balance,
-    close_loop,
-    polish,
-    relative_residual,
-    solve_anew,
-)
+from strainsight.placement.information import Information, information
+from strainsight.placement.riccati import ACCEPTED, Loop, balance, close_loop, polish, relative_residual, solve_anew
 
 Aggregate = Literal["mean", "worst"]
 
@@ -97,21 +90,26 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
             remedy="estimate fewer unknowns, or make a load, a mass or a stiffness known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
-    if undetectable_directions(scenario.F.T, scenario.Q).shape[1]:
+    if undetectable_directions(scenario.F.T, _noise_rows(scenario.Q)).shape[1]:
         raise InfeasibleError(
             "a motion or an unknown that does not decay is reached by no process noise: no steady filter exists",
             remedy="give the structure damping, or process noise to its velocities and to every unknown",
         )
-    d, P = balance(scenario.F, scenario.Q, rows.T @ rows)
+    d, P = balance(scenario.F, scenario.Q, information(rows))
     balanced = scenario.scaled(d)
-    rows = balanced.rows.reshape(-1, size)
-    residual = relative_residual(balanced.F, balanced.Q, rows.T @ rows, P)
+    residual = relative_residual(balanced.F, balanced.Q, information(balanced.rows.reshape(-1, size)), P)
     if not residual <= ACCEPTED:
         raise NumericalError(
             f"the Riccati equation of the pool is solved to {residual:.1e} only, {ACCEPTED:.0e} is asked for",
             remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
         )
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
+
+
+def _noise_rows(Q: np.ndarray) -> np.ndarray:
+    """Q (n, n) with its rows at unit variance, so that no unit of a state hides the noise of another; same null space."""
+    std = np.sqrt(np.diag(Q))
+    return np.divide(Q, std[:, None], out=np.zeros_like(Q), where=std[:, None] > 0)
 
 
 def _check(scenario: Scenario) -> None:
@@ -142,10 +140,10 @@ def subset_covariance(pool: Pool, gauges: Sequence[int] | np.ndarray) -> np.ndar
     s = pool.scenario
     if undetectable_directions(s.F, rows, pool.modes).shape[1]:
         return None
-    return refined(pool, rows.T @ rows, None)
+    return refined(pool, information(rows), None)
 
 
-def refined(pool: Pool, G: np.ndarray, P: np.ndarray | None) -> np.ndarray:
+def refined(pool: Pool, G: Information | np.ndarray, P: np.ndarray | None) -> np.ndarray:
     """P polished where its residual is above 1e-12; solved anew from None, or where polishing does not reach 1e-10."""
     s = pool.scenario
     if P is not None:
@@ -173,7 +171,7 @@ def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
 
 def loop_of(pool: Pool, gauges: Sequence[int] | np.ndarray, P: np.ndarray) -> Loop:
     rows = pool.stacked(np.asarray(gauges, dtype=int))
-    return close_loop(pool.scenario.F, rows.T @ rows, P)
+    return close_loop(pool.scenario.F, information(rows), P)
 
 
 def weighted_trace(pool: Pool, P: np.ndarray) -> float:
