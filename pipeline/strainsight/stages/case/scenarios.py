@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from strainsight.augmentation.linearisation import linearisation_instants, linearise
 from strainsight.augmentation.measurement import measurement_rows
@@ -59,6 +58,8 @@ def parameter_samples(
     names = sorted(reference)
     if count == 1 or not names:
         return [dict(reference)]
+    from scipy.stats import qmc  # a quarter of a second to import, which most runs need not spend
+
     low, high = (np.array([float(ranges[name][end]) for name in names]) for end in (0, 1))
     points = low + (high - low) * qmc.Halton(len(names), seed=seed).random(count - 1)
     return [dict(reference), *({n: float(v) for n, v in zip(names, row, strict=True)} for row in points)]
