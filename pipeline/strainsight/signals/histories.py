@@ -141,12 +141,3 @@ def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: 
 def instant_values(held: np.ndarray) -> np.ndarray:
     """u at the start of every step and at the end of the last: hold coefficients (steps, 3, n_u) → (steps + 1, n_u)."""
     return np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
-
-
-def step_means(held: np.ndarray) -> np.ndarray:
-    """Mean of u over the step that begins at every instant, u₀ + u₁/2 + u₂/3; (steps, 3, n_u) → (steps + 1, n_u).
-
-    What a filter that holds an unknown input constant within a step estimates at that instant. The last entry, behind the
-    last step, is u there.
-    """
-    return np.concatenate([held[:, 0] + held[:, 1] / 2 + held[:, 2] / 3, held[-1:].sum(axis=1)])

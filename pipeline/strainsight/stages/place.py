@@ -11,12 +11,12 @@ from strainsight.errors import blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.export import uff_text
 from strainsight.placement.elimination import Elimination, eliminate
-from strainsight.placement.recommendation import alike, worth_keeping
+from strainsight.placement.recommendation import worth_keeping
 from strainsight.placement.scenario import Scenario
 from strainsight.rom.model import modal_basis
 from strainsight.stages.case.channels import largest_of_quantity
 from strainsight.stages.case.comparison import Comparison, comparison
-from strainsight.stages.case.expectation import Expectation, expectation
+from strainsight.stages.case.expectation import Expectation, alike_gauges, expectation
 from strainsight.stages.case.layout import Layout, gauge_losses, layout_of
 from strainsight.stages.case.pool import PoolRows, layout_cost, limits_of_config, pool_of
 from strainsight.stages.case.problem import Problem, problem_of
@@ -149,7 +149,7 @@ def _advice(
         kept=len(layout.gauges),
         std=expected.std,
         certificate=layout.certificate,
-        groups=_alike(problem, gauges),
+        groups=alike_gauges(problem, gauges),
         glued=listed.glued,
         load=listed.peak / listed.range,
         loss=loss,
@@ -158,23 +158,6 @@ def _advice(
         cost=layout_cost(context.config, candidates, gauges),
         alone=pool.alone,
     )
-
-
-def _alike(problem: Problem, gauges: np.ndarray) -> list[tuple[int, ...]]:
-    """Groups of gauges (k,), by their places in the list, that read the same quantity alike in the training run.
-
-    Rows R L on coordinates that are uncorrelated and of unit size there, L Lᵀ = cov(q).
-    """
-    values, V = np.linalg.eigh(np.cov(problem.x[:, : problem.model.size], rowvar=False))
-    L = V * np.sqrt(np.maximum(values, 0.0))
-    channels = problem.channels.of(gauges)
-    quantity = problem.channels.quantity[channels[:, 0]]
-    groups = []
-    for kind in np.unique(quantity):
-        own = np.flatnonzero(quantity == kind)
-        rows = np.where((channels[own] >= 0)[..., None], problem.channels.rows[channels[own]], 0.0)
-        groups += [tuple(int(own[i]) for i in group) for group in alike(rows @ L)]
-    return sorted(groups)
 
 
 def _output(context: Context, problem: Problem, candidates: Candidates, found: _Found) -> Output:

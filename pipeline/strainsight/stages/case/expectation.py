@@ -1,4 +1,4 @@
-"""What a filter on a layout is expected to claim along the training run, with all gauges and without each."""
+"""What a filter on a layout is expected to claim along the training run, with all gauges and without each; which read alike."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.filter import covariance_recursion
+from strainsight.placement.recommendation import alike
 from strainsight.stages.case.problem import SILENT, Problem, filter_model, initial_covariance
 
 
@@ -53,3 +54,20 @@ def expectation(problem: Problem, gauges: np.ndarray) -> Expectation:
         {name: float(level[0, i]) for i, name in enumerate(names)},
         {name: level[1:, i] for i, name in enumerate(names)},
     )
+
+
+def alike_gauges(problem: Problem, gauges: np.ndarray) -> list[tuple[int, ...]]:
+    """Groups of gauges (k,), by their places in the list, that read the same quantity alike in the training run.
+
+    Rows R L on coordinates that are uncorrelated and of unit size there, L Lᵀ = cov(q).
+    """
+    values, V = np.linalg.eigh(np.cov(problem.x[:, : problem.model.size], rowvar=False))
+    L = V * np.sqrt(np.maximum(values, 0.0))
+    channels = problem.channels.of(gauges)
+    quantity = problem.channels.quantity[channels[:, 0]]
+    groups = []
+    for kind in np.unique(quantity):
+        own = np.flatnonzero(quantity == kind)
+        rows = np.where((channels[own] >= 0)[..., None], problem.channels.rows[channels[own]], 0.0)
+        groups += [tuple(int(own[i]) for i in group) for group in alike(rows @ L)]
+    return sorted(groups)
