@@ -115,7 +115,12 @@ def _failures(
             ((name, int(np.argmax(values)), float(np.max(values)) / std[name]) for name, values in without.items()),
             key=lambda found: found[2],
         )
-        yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {100 * (growth - 1):.2g} %."
+        yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
+
+
+def _percent(share: float) -> str:
+    """Two digits, and no powers of ten."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
 def _loads(labels: Sequence[str], load: np.ndarray) -> Iterator[str]:
