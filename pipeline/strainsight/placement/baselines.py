@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from strainsight.errors import ConfigError
+from strainsight.placement.ordering import lowest_first
 
 VITAL = 1e-9
 """A mode is lost with a unit whose hat block has an eigenvalue of 1, up to this."""
@@ -62,9 +63,9 @@ def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
 
 def _least_leverage(basis: np.ndarray) -> int:
     """The unit of the smallest trace of its hat block among those that lose no mode; basis (units, c, k) orthonormal."""
-    order = np.argsort(np.sum(basis**2, axis=2).sum(axis=1), kind="stable")
-    spared = (at for at in order if np.linalg.norm(basis[at], 2) ** 2 < 1 - VITAL)
-    return int(next(spared, order[0]))
+    leverage = np.einsum("uck,uck->u", basis, basis)
+    spared = (at for at in lowest_first(leverage) if np.linalg.norm(basis[at], 2) ** 2 < 1 - VITAL)
+    return next(spared, int(np.argmin(leverage)))
 
 
 def qr_pivoting(rows: np.ndarray, keep: int) -> np.ndarray:

@@ -133,7 +133,7 @@ def _exactly(
     parts, increments = bounds.copy(), []
     for i, (pool, loop) in enumerate(zip(pools, loops, strict=True)):
         s, block = pool.scenario, pool.rows[left.index[at]]
-        D = removal(s.F, s.Q, loop, block, partial(_rest, pool, left, at), pool.modes)
+        D = removal(s.F, s.Q, loop, block, partial(rest, pool, left, at), pool.modes)
         if D is None:
             return np.inf, None, i + 1
         increments.append(D)
@@ -143,5 +143,6 @@ def _exactly(
     return float(aggregated(level + parts, aggregate)), increments, len(pools)
 
 
-def _rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
+def rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
+    """Rows (m − 1, c, n*) of the gauges left but the one at this place."""
     return pool.rows[left.without(at)]

@@ -11,9 +11,10 @@ from scipy.linalg import solve_triangular
 
 from strainsight.augmentation.observability import undetectable_directions
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.placement.choice import TIE
+from strainsight.placement.choice import TIE, rest
 from strainsight.placement.increment import removal, squares
-from strainsight.placement.information import information
+from strainsight.placement.ordering import lowest_first
+from strainsight.placement.remaining import Remaining
 from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop
 from strainsight.placement.scenario import Pool, refined
 from strainsight.placement.score import unknown_block
@@ -67,51 +68,48 @@ def _descend(
     pools: Sequence[Pool], keep: int, criterion: Criterion, unknown: np.ndarray, fixed: Collection[int]
 ) -> np.ndarray | None:
     """The gauges (keep,) left in the end; None where every removal would lose an unknown before, or P becomes inaccurate."""
-    left = np.arange(len(pools[0].rows))
+    left = Remaining(pools, fixed)
     try:
-        loops = [close_loop(p.scenario.F, information(p.stacked(left)), p.P) for p in pools]
-        while len(left) > keep:
-            found = _least_missed(pools, loops, left, ~np.isin(left, list(fixed)), criterion, unknown)
+        loops = [close_loop(p.scenario.F, left.information(i), p.P) for i, p in enumerate(pools)]
+        while left.count > keep:
+            found = _least_missed(pools, loops, left, criterion, unknown)
             if found is None:
                 return None
             at, increments = found
-            left = np.delete(left, at)
+            left.remove(at)
             for i, (pool, D) in enumerate(zip(pools, increments, strict=True)):
-                G = information(pool.stacked(left))
+                G = left.information(i)
                 loops[i] = close_loop(pool.scenario.F, G, refined(pool, G, loops[i].P + D))
     except (NumericalError, np.linalg.LinAlgError):
         return None
-    return left
+    return left.gauges
 
 
 def _least_missed(
-    pools: Sequence[Pool],
-    loops: Sequence[Loop],
-    left: np.ndarray,
-    movable: np.ndarray,
-    criterion: Criterion,
-    unknown: np.ndarray,
+    pools: Sequence[Pool], loops: Sequence[Loop], left: Remaining, criterion: Criterion, unknown: np.ndarray
 ) -> tuple[int, list[np.ndarray]] | None:
-    """Place in `left` (m,) of the gauge to remove and D (n*, n*) of every scenario; None where none can go."""
-    bounds = np.mean([_bound(p, l, left, criterion, unknown) for p, l in zip(pools, loops, strict=True)], axis=0)
-    bounds[~movable] = np.inf
+    """Place in `left` of the gauge to remove and D (n*, n*) of every scenario; None where none can go."""
+    parts = [_bound(p, loop, left, i, criterion, unknown) for i, (p, loop) in enumerate(zip(pools, loops, strict=True))]
+    bounds = np.where(left.movable, np.mean(parts, axis=0), np.inf)
     exact: dict[int, tuple[float, list[np.ndarray]]] = {}
     best = np.inf
-    for at in np.argsort(bounds, kind="stable"):
+    for at in lowest_first(bounds):
         if bounds[at] == np.inf or bounds[at] > best * (1 + TIE) or len(exact) == EVALUATED:
             break
-        increments = _without(pools, loops, left, int(at))
+        increments = _without(pools, loops, left, at)
         if increments is not None:
             rises = [_rise(p, l.P, D, criterion, unknown) for p, l, D in zip(pools, loops, increments, strict=True)]
-            exact[int(at)] = (float(np.mean(rises)), increments)
-            best = min(best, exact[int(at)][0])
+            exact[at] = (float(np.mean(rises)), increments)
+            best = min(best, exact[at][0])
     if not exact:
         return None
     at = min(place for place, (rise, _) in exact.items() if rise <= best + TIE * abs(best))
     return at, exact[at][1]
 
 
-def _bound(pool: Pool, loop: Loop, left: np.ndarray, criterion: Criterion, unknown: np.ndarray) -> np.ndarray:
+def _bound(
+    pool: Pool, loop: Loop, left: Remaining, scenario: int, criterion: Criterion, unknown: np.ndarray
+) -> np.ndarray:
     """Least rise of the criterion (m,) when each of the gauges `left` is removed."""
     block = unknown_block(pool, loop.P, unknown)
     if criterion == "log_determinant":
@@ -124,8 +122,7 @@ def _bound(pool: Pool, loop: Loop, left: np.ndarray, criterion: Criterion, unkno
     units = pool.scale[unknown]
     W[np.ix_(unknown, unknown)] = gradient * np.outer(units, units)
     values, vectors = np.linalg.eigh(adjoint_lyapunov(loop, W))
-    factor = loop.P @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    slope = squares((pool.stacked(left) @ factor).reshape(len(left), -1, len(W)))
+    slope = squares(left.product(scenario, loop.P @ (vectors * np.sqrt(np.maximum(values, 0.0)))))
     return np.log1p(slope) if criterion == "log_determinant" else slope
 
 
@@ -148,14 +145,13 @@ def _rise(pool: Pool, P: np.ndarray, D: np.ndarray, criterion: Criterion, unknow
     return float(rise)
 
 
-def _without(pools: Sequence[Pool], loops: Sequence[Loop], left: np.ndarray, at: int) -> list[np.ndarray] | None:
+def _without(pools: Sequence[Pool], loops: Sequence[Loop], left: Remaining, at: int) -> list[np.ndarray] | None:
     """D = P' − P of every scenario where the gauge at this place leaves; None where one loses an unknown or cannot be solved."""
     increments = []
-    rest = np.delete(left, at)
     for pool, loop in zip(pools, loops, strict=True):
         s = pool.scenario
         try:
-            D = removal(s.F, s.Q, loop, pool.rows[left[at]], partial(pool.stacked, rest), pool.modes)
+            D = removal(s.F, s.Q, loop, pool.rows[left.index[at]], partial(rest, pool, left, at), pool.modes)
         except NumericalError:
             D = None
         if D is None:
