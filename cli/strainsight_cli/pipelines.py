@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 STAGES = {
     "import": "Read the deck, with its materials and constraints",
+    "modes": "Find natural frequencies and mode shapes",
     "rom": "Reduce the model",
     "train": "Simulate the training run and the strain of every candidate",
     "screen": "Drop weak and clustered candidates",

@@ -15,11 +15,11 @@ from strainsight.rom.model import Damping, modal_basis
 from strainsight.rom.reduction import (
     energy_orthonormal,
     held_out_errors,
-    held_out_samples,
     modal_model,
-    parameter_samples,
     reduce_model,
 )
+from strainsight.rom.samples import held_out_samples, parameter_samples
+from strainsight.rom.snapshots import scaled, snapshots
 
 DAMPING = Damping("modal", ratio=0.01)
 STEEL, ALLOY = Material(1, 2.1e11, 0.3, 7850.0), Material(2, 7.0e10, 0.33, 2700.0)
@@ -186,7 +186,7 @@ def test_one_material_scaled_as_a_whole_needs_only_the_reference(one):
 
 
 def test_sampling_one_material_anyway_leaves_the_basis_unchanged(one, monkeypatch):
-    monkeypatch.setattr(module, "_only_scales", lambda full: False)
+    monkeypatch.setattr(module, "only_scales", lambda full: False)
     full, S = one
     reduced = reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 3, 1e-8, DAMPING)
     assert len(reduced.samples) == 3
@@ -232,6 +232,45 @@ def test_a_modal_model_holds_the_modes_and_static_responses_of_one_point(two):
     z = np.linalg.solve(full.stiffness.at(theta).toarray(), S)
     q = np.linalg.solve(model.stiffness.at({}), model.input_shape)
     np.testing.assert_allclose(basis @ q, z, atol=1e-9 * np.abs(z).max())
+
+
+def test_modes_of_the_reference_serve_any_value_of_one_material(one):
+    """K and M times a number have the same shapes: the truth at another modulus needs no new modes."""
+    full, S = one
+    at = {"E": 2.1e11}
+    known = snapshots(full, S, at, 12)
+    theta = {"E": 2.6e11}
+    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, 10, DAMPING, known)
+    assert model.size == 12
+    lam, _ = modal_basis(model, {})
+    np.testing.assert_allclose(np.sqrt(lam[:10]) / (2 * np.pi), frequencies(full, theta, 10), rtol=1e-8)
+    z = np.linalg.solve(full.stiffness.at(theta).toarray(), S)
+    np.testing.assert_allclose(
+        basis @ np.linalg.solve(model.stiffness.at({}), model.input_shape), z, atol=1e-9 * np.abs(z).max()
+    )
+    there = scaled(full, known, at, theta)
+    np.testing.assert_allclose(there.frequency, frequencies(full, theta, 12), rtol=1e-8)
+    np.testing.assert_allclose(there.static, z, rtol=0, atol=1e-9 * np.abs(z).max())
+
+
+def test_modes_of_another_point_do_not_serve_two_materials(two):
+    full, S = two
+    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
+    known = snapshots(full, S, TWO_REFERENCE, 12)
+    with_them, _ = modal_model(full, S, ("Fz", "Fy"), theta, 10, DAMPING, known)
+    lam, _ = modal_basis(with_them, {})
+    np.testing.assert_allclose(np.sqrt(lam[:10]) / (2 * np.pi), frequencies(full, theta, 10), rtol=1e-8)
+
+
+def test_known_modes_save_the_iterations_and_change_nothing(two, reduced):
+    full, S = two
+    known = snapshots(full, S, TWO_REFERENCE, 20)
+    again = reduce_model(
+        full, S, ("Fz", "Fy"), TWO_REFERENCE, TWO_RANGES, 8, 4, 1e-8, DAMPING, (known.frequency, known.shapes)
+    )
+    assert again.model.size == reduced.model.size
+    np.testing.assert_allclose(again.frequency, reduced.frequency, rtol=1e-10)
+    np.testing.assert_allclose(again.basis, reduced.basis, atol=1e-6 * np.abs(reduced.basis).max())
 
 
 def test_energy_singular_values_are_those_of_the_cholesky_factor_times_the_snapshots():

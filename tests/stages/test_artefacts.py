@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
-STAGES = ("import", "rom", "train", "screen", "observe", "place", "validate", "report")
+STAGES = ("import", "modes", "rom", "train", "screen", "observe", "place", "validate", "report")
 BELOW_KIND = {
     "<kind>": r"(tet4|tet10|hex8|hex20|wedge6|wedge15)",
     "<name>": r"[\w-]+",

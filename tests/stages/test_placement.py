@@ -45,7 +45,7 @@ def test_zones_of_the_config_leave_gauges_out(artefacts, config, results, tmp_pa
         "gauges.exclude=[{box: [[0, -1, -1], [0.1, 1, 1]]}, {cylinder: {point: [1, 0, 0], axis: [0, 0, 1], radius: 0.2}}, "
         "{normal_cone: {axis: [0, 1, 0], angle: 5}}, {near_edges: 0.02}]"
     )
-    done = finished(job_of(config, tmp_path / "results", *SHORT, zones), PLACEMENT[:3])
+    done = finished(job_of(config, tmp_path / "results", *SHORT, zones), PLACEMENT[:4])
     every, left = artefacts["train"], done["train"][2]
     x, n = every["/gauges/position"], every["/gauges/normal"]
     keep = (x[:, 0] > 0.1) & (np.hypot(x[:, 0] - 1, x[:, 1]) >= 0.2) & (np.abs(n[:, 1]) < 0.5)

@@ -206,7 +206,7 @@ def test_the_metric_uses_the_input_model_of_the_filter(tmp_path):
             "loads.tip.process_noise={model: integrated_random_walk}",
             "parameters.E.guess=2.0e+11",
         ),
-        PLACEMENT[:6],
+        PLACEMENT[:7],
     )
     place, n = done["place"][2], done["rom"][2]["/basis"].shape[1]
     F, scale = place["/augmented/F"][0], place["/augmented/scale"][0]
@@ -251,7 +251,7 @@ def test_the_order_of_sensors_in_a_config_is_none(mixed, tmp_path):
     lines[acc], lines[acc + 1] = lines[acc + 1], lines[acc]
     config = tmp_path / "mixed.yaml"
     config.write_text("\n".join(lines))
-    again = finished(job_of(config, tmp_path / "results"), PLACEMENT[:4])
+    again = finished(job_of(config, tmp_path / "results"), PLACEMENT[:5])
     for stage, dataset in (("train", "/gauges/quantity"), ("train", "/gauges/array"), ("screen", "/noise_std")):
         np.testing.assert_array_equal(again[stage][2][dataset], mixed[stage][dataset])
 

@@ -11,17 +11,13 @@ from scipy.linalg import eigh, svd
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
-from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import FiniteElementModel
-from strainsight.fem.modes import modes as lowest_modes
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
+from strainsight.rom.samples import Theta, parameter_samples
+from strainsight.rom.snapshots import Snapshots, only_scales, scaled, snapshots
 
 DEPENDENT = 1e-10
 """A vector of unit energy whose part outside a basis is below this lies in it: the rest is rounding of the solver."""
-
-GOLDEN = (3 - 5**0.5) / 2
-
-Theta = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -31,12 +27,13 @@ class Reduction:
     model (5.3); basis Ψ (n_free, r) [1/√kg]; frequency (modes,) [Hz] of the full model at the reference; samples the
     points of the parameter box, the reference first; singular_value (s,) [-] of the part of the other samples'
     snapshots (each of unit energy) that the reference's modes and static responses do not hold: those above the
-    tolerance are in Ψ.
+    tolerance are in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S.
     """
 
     model: ReducedModel
     basis: np.ndarray
     frequency: np.ndarray
+    static: np.ndarray
     samples: tuple[dict[str, float], ...]
     singular_value: np.ndarray
 
@@ -61,6 +58,7 @@ def reduce_model(
     samples: int,
     tolerance: float,
     damping: Damping,
+    known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Reduction:
     """Modes and static responses over the parameter box, compressed in the energy inner product ⟨a, b⟩ = aᵀK(θ₀)b:
 
@@ -69,32 +67,39 @@ def reduce_model(
 
     S (n_free, n_u) [-] input shapes; inputs their names; reference θ₀ and ranges name → (low, high) [SI]; modes per
     sample; samples of the box, the reference among them; tolerance [-] beside snapshots of unit energy: every
-    snapshot is then held to tolerance·√(number dropped) in the energy norm. The reference is never truncated, so its
-    reduced frequencies are the full ones. Where one material is scaled as a whole the snapshots do not change with θ
-    and the reference is sampled alone.
+    snapshot is then held to tolerance·√(number dropped) in the energy norm; known: frequencies [Hz] and shapes of the
+    reference, where they have been found. The reference is never truncated, so its reduced frequencies are the full
+    ones. Where one material is scaled as a whole the snapshots do not change with θ and the reference is sampled alone.
     Raises InfeasibleError for a range that is missing or not positive, and the errors of `modes` and `factorise`.
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
     """
     if samples < 1:
         raise InfeasibleError(f"{samples} parameter samples", remedy="take at least 1, the reference")
-    points = parameter_samples(reference, ranges, 1 if _only_scales(full) else samples)
+    points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
     K = full.stiffness.at(reference)
-    frequency, snapshots = _snapshots(full, S, points[0], modes)
-    V, _ = energy_orthonormal(K, snapshots)
-    rest = [_snapshots(full, S, theta, modes)[1] for theta in points[1:]]
+    first = snapshots(full, S, points[0], modes, known)
+    V, _ = energy_orthonormal(K, first.vectors)
+    rest = [snapshots(full, S, theta, modes).vectors for theta in points[1:]]
     sigma = np.zeros(0)
     if rest:
         V, sigma = _compress(K, V, np.hstack(rest), tolerance)
     model, basis = _modal_coordinates(full, V, S, inputs, reference, damping)
-    return Reduction(model, basis, frequency, points, sigma)
+    return Reduction(model, basis, first.frequency, first.static, points, sigma)
 
 
 def modal_model(
-    full: FiniteElementModel, S: np.ndarray, inputs: Sequence[str], theta: Theta, modes: int, damping: Damping
+    full: FiniteElementModel,
+    S: np.ndarray,
+    inputs: Sequence[str],
+    theta: Theta,
+    modes: int,
+    damping: Damping,
+    reference: Snapshots | None = None,
 ) -> tuple[ReducedModel, np.ndarray]:
     """Modes and static responses at one θ alone: a truth with constant operators (M = I, K = Λ) and no parameters.
 
-    Arguments as in `reduce_model`. Returns the model and Ψ (n_free, r) [1/√kg].
+    Arguments as in `reduce_model`; reference: snapshots at any other θ, which serve where K and M only scale, as their
+    shapes are the same there. Returns the model and Ψ (n_free, r) [1/√kg].
     """
     frozen = FiniteElementModel(
         full.mesh,
@@ -102,8 +107,10 @@ def modal_model(
         AffineOperator(full.stiffness.at(theta), {}),
         AffineOperator(full.mass.at(theta), {}),
     )
-    reduction = reduce_model(frozen, S, inputs, {}, {}, modes, 1, 1.0, damping)
-    return reduction.model, reduction.basis
+    serves = reference is not None and only_scales(full) and len(reference.frequency) >= modes
+    span = reference.lowest(modes) if reference is not None and serves else snapshots(frozen, S, {}, modes)
+    V, _ = energy_orthonormal(frozen.stiffness.constant, span.vectors)
+    return _modal_coordinates(frozen, V, S, inputs, {}, damping)
 
 
 def held_out_errors(
@@ -111,44 +118,23 @@ def held_out_errors(
 ) -> HeldOutErrors:
     """What the reduced model misses at `thetas`: relative frequencies, and static responses in the energy norm of K(θ).
 
-    S as given to `reduce_model`. A static error ε is a relative error ε of the strain in the mean over the structure.
+    S as given to `reduce_model`. A static error ε is a relative error ε of the strain in the mean over the structure. Where
+    K and M only scale, the full model's answer there is that of the reference, scaled; else it is solved for.
     """
     model, Psi, count = reduction.model, reduction.basis, len(reduction.frequency)
+    at_reference = Snapshots(reduction.frequency, Psi[:, :0], reduction.static)
     frequency, static = np.zeros((len(thetas), count)), np.zeros((len(thetas), S.shape[1]))
     for i, theta in enumerate(thetas):
-        K = full.stiffness.at(theta)
-        factor = factorise(K)
-        exact, _ = lowest_modes(K, full.mass.at(theta), count, factor=factor)
+        if only_scales(full):
+            exact = scaled(full, at_reference, model.reference, theta)
+        else:
+            exact = snapshots(full, S, theta, count)
         lam, _ = modal_basis(model, theta)
-        frequency[i] = np.sqrt(lam[:count]) / (2 * np.pi) / exact - 1
-        z = factor.solve(S)
-        error = z - Psi @ np.linalg.solve(model.stiffness.at(theta), model.input_shape)
-        static[i] = _energy_norm(K, error) / _energy_norm(K, z)
+        frequency[i] = np.sqrt(lam[:count]) / (2 * np.pi) / exact.frequency - 1
+        K = full.stiffness.at(theta)
+        error = exact.static - Psi @ np.linalg.solve(model.stiffness.at(theta), model.input_shape)
+        static[i] = _energy_norm(K, error) / _energy_norm(K, exact.static)
     return HeldOutErrors(tuple(dict(theta) for theta in thetas), frequency, static)
-
-
-def parameter_samples(
-    reference: Theta, ranges: Mapping[str, tuple[float, float]], samples: int
-) -> tuple[dict[str, float], ...]:
-    """The reference, then samples − 1 points of a Latin hypercube in log θ that reaches both ends of every range.
-
-    reference and ranges [SI]; the columns are ordered by the ranks of a Halton sequence, so nothing is random.
-    Raises InfeasibleError for a range that is missing or not 0 < low ≤ high.
-    """
-    if not reference:
-        return ({},)
-    count = samples - 1
-    return (dict(reference), *_latin(reference, ranges, np.linspace(0, 1, count) if count > 1 else np.zeros(count)))
-
-
-def held_out_samples(
-    reference: Theta, ranges: Mapping[str, tuple[float, float]], count: int
-) -> tuple[dict[str, float], ...]:
-    """A Latin hypercube at the golden section of `count` equal parts of log θ, so never on a level of the samples.
-
-    Arguments and errors as in `parameter_samples`.
-    """
-    return _latin(reference, ranges, (np.arange(count) + GOLDEN) / count) if reference else ({},)
 
 
 def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -180,13 +166,6 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
             R[rank, j] = left
             rank += 1
     return Q[:, start:rank], R[start:rank]
-
-
-def _snapshots(full: FiniteElementModel, S: np.ndarray, theta: Theta, modes: int) -> tuple[np.ndarray, np.ndarray]:
-    K = full.stiffness.at(theta)
-    factor = factorise(K)
-    frequency, shapes = lowest_modes(K, full.mass.at(theta), modes, factor=factor)
-    return frequency, np.hstack([shapes, factor.solve(S)])
 
 
 def _compress(K: Any, V: np.ndarray, X: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -223,34 +202,6 @@ def _sign_of_largest(X: np.ndarray) -> np.ndarray:
     size = np.abs(X)
     first = np.argmax(size >= (1 - 1e-6) * size.max(axis=0), axis=0)
     return np.sign(X[first, np.arange(X.shape[1])])
-
-
-def _only_scales(full: FiniteElementModel) -> bool:
-    """K(θ) and M(θ) each a number times one matrix: modes and static responses keep their shapes over the whole box."""
-
-    def one_matrix(X: AffineOperator) -> bool:
-        return not X.terms or (len(X.terms) == 1 and abs(X.constant).sum() == 0)
-
-    return one_matrix(full.stiffness) and one_matrix(full.mass)
-
-
-def _latin(
-    reference: Theta, ranges: Mapping[str, tuple[float, float]], levels: np.ndarray
-) -> tuple[dict[str, float], ...]:
-    if not len(levels):
-        return ()
-    from scipy.stats import qmc  # a third of a second to import, which an up-to-date run need not spend
-
-    order = np.argsort(qmc.Halton(len(reference), scramble=False).random(len(levels) + 1)[1:], axis=0).argsort(axis=0)
-    columns = {}
-    for i, name in enumerate(reference):
-        if name not in ranges:
-            raise InfeasibleError(f"parameter {name} has no range", remedy="give it one")
-        low, high = ranges[name]
-        if not 0 < low <= high < np.inf:
-            raise InfeasibleError(f"parameter {name} ranges from {low:g} to {high:g}", remedy="give 0 < low <= high")
-        columns[name] = low * (high / low) ** levels[order[:, i]]
-    return tuple({name: float(column[k]) for name, column in columns.items()} for k in range(len(levels)))
 
 
 def _energy_norm(K: Any, X: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from strainsight.stages.import_mesh import IMPORT
+from strainsight.stages.modes import MODES
 from strainsight.stages.observe import OBSERVE
 from strainsight.stages.place import PLACE
 from strainsight.stages.report import REPORT
@@ -12,7 +13,7 @@ from strainsight.stages.train import TRAIN
 from strainsight.stages.validate import VALIDATE
 from strainsight.workflow.stage import Stage
 
-PLACEMENT = (IMPORT, ROM, TRAIN, SCREEN, OBSERVE, PLACE, VALIDATE, REPORT)
+PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, VALIDATE, REPORT)
 
 
 def stages_for(estimates: bool) -> tuple[Stage, ...]:
@@ -21,4 +22,4 @@ def stages_for(estimates: bool) -> tuple[Stage, ...]:
         return PLACEMENT
     from strainsight.stages.estimate import ESTIMATE  # with readers that no other stage needs
 
-    return (*PLACEMENT[:6], ESTIMATE, *PLACEMENT[6:])
+    return (*PLACEMENT[:7], ESTIMATE, *PLACEMENT[7:])

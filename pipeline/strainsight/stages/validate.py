@@ -238,9 +238,9 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
 
 VALIDATE = Stage(
     "validate",
-    version=3,
+    version=4,
     reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "filter", "validate", *READS),
-    upstream=("import", "rom", "train", "screen", "place"),
+    upstream=("import", "modes", "rom", "train", "screen", "place"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),
     run=run,
 )

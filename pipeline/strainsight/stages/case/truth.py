@@ -20,6 +20,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import ReducedModel
 from strainsight.rom.reduction import modal_model
+from strainsight.rom.snapshots import Snapshots
 from strainsight.signals.histories import instant_values
 from strainsight.stages.case.channels import accelerations
 from strainsight.stages.case.full_model import FullModel, full_model
@@ -98,7 +99,9 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     rich = stated.model == "rich"
     damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
     with blame("validate.truth.modes"):
-        model, basis = modal_model(built.model, S, problem.model.inputs, theta, stated.modes, damping)
+        model, basis = modal_model(
+            built.model, S, problem.model.inputs, theta, stated.modes, damping, _at_the_reference(context)
+        )
     words = f"{stated.modes} modes of the full model with static terms, {values}"
     if rich:
         words += f", damping × {stated.damping_factor:g}"
@@ -114,6 +117,11 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
             pool, held = _glued_badly(mesh, facets, pool, stated, context.seed)
     rows = channel_rows(mesh.position, pool, nodal(built.model, basis), facets=facets)
     return _modal(theta, words, held, model, rows, pool)
+
+
+def _at_the_reference(context: Context) -> Snapshots:
+    modes = context.upstream["modes"]
+    return Snapshots(modes["/frequency"], modes["/shape"], context.upstream["rom"]["/static"])
 
 
 def _modal(
