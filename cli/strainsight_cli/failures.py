@@ -25,10 +25,7 @@ def reported(verbose: bool = False) -> Iterator[None]:
     from strainsight.errors import StrainsightError
 
     with warnings.catch_warnings(), _interruptible():
-        if not verbose:
-            warnings.simplefilter("ignore")
-            warnings.simplefilter("default", UserWarning)
-        warnings.showwarning = _warn
+        plain_warnings(verbose)
         try:
             yield
         except (typer.Exit, BrokenPipeError):
@@ -44,6 +41,14 @@ def reported(verbose: bool = False) -> Iterator[None]:
             raise _exit(USER, f"{error.filename}  {error.strerror}\n    {remedy}", verbose) from None
         except Exception as error:
             raise _exit(INTERNAL, _internal(error), verbose) from None
+
+
+def plain_warnings(verbose: bool) -> None:
+    """From now on warnings to the user are one line each; those to developers are only shown where `verbose`."""
+    if not verbose:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("default", UserWarning)
+    warnings.showwarning = _warn
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,10 +12,10 @@ import typer
 
 from strainsight_cli import pipelines, render
 from strainsight_cli.failures import reported
+from strainsight_cli.work import Work, bring_up_to_date, say, show_plan, show_results
 
 if TYPE_CHECKING:
-    from strainsight.workflow.plan import Job
-    from strainsight.workflow.stage import Stage
+    from strainsight.config.load import LoadedConfig
 
 # The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate. Numpy reads this
 # when it is first imported, inside the commands. PARDISO has its own threads.
@@ -62,9 +62,19 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        stages, job = _job(config, results, overrides)
-        names = [stage.name for stage in stages]
-        _bring_up_to_date(stages, job, names if force else [], dry_run, as_json, verbose, tables=names)
+        loaded = _loaded(config, overrides)
+        if loaded.data["kind"] == "suite":
+            from strainsight_cli import suites
+
+            works = suites.works_of(loaded, results)
+            if dry_run:
+                suites.show_suite(works, force, as_json)
+            else:
+                suites.run_suite(works, loaded.data["jobs"], force, as_json, verbose)
+            return
+        work = _work(loaded, results)
+        names = [stage.name for stage in work.stages]
+        _bring_up_to_date(work, names if force else [], dry_run, as_json, verbose, tables=names)
 
 
 @app.command(help="Say which stages are up to date, and why the others are not.")
@@ -76,8 +86,13 @@ def status(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        stages, job = _job(config, results, overrides)
-        _show_plan(stages, job, (), as_json)
+        loaded = _loaded(config, overrides)
+        if loaded.data["kind"] == "suite":
+            from strainsight_cli import suites
+
+            suites.show_suite(suites.works_of(loaded, results), False, as_json)
+        else:
+            show_plan(_work(loaded, results), (), as_json)
 
 
 @app.command(help="Write a commented config for your own deck.")
@@ -129,9 +144,9 @@ def _add_stage(name: str, what: str) -> None:
         verbose: Verbose = False,
     ) -> None:
         with reported(verbose):
-            stages, job = _job(config, results, overrides)
-            upto = stages[: [stage.name for stage in stages].index(name) + 1]
-            _bring_up_to_date(upto, job, [name] if force else [], dry_run, as_json, verbose, tables=[name])
+            work = _work_of_one(config, results, overrides, name)
+            upto = replace(work, stages=work.stages[: [stage.name for stage in work.stages].index(name) + 1])
+            _bring_up_to_date(upto, [name] if force else [], dry_run, as_json, verbose, tables=[name])
 
 
 for _name, _what in pipelines.STAGES.items():
@@ -165,8 +180,8 @@ def estimate(
             asked.append(f"estimate.file={json.dumps(Path(relative).as_posix())}")
         if allow_unobservable:
             asked.append("estimate.allow_unobservable=true")
-        stages, job = _job(config, results, asked)
-        names = [stage.name for stage in stages]
+        work = _work_of_one(config, results, asked, "estimate")
+        names = [stage.name for stage in work.stages]
         if "estimate" not in names:
             raise ConfigError(
                 "no measurements to estimate from",
@@ -174,75 +189,43 @@ def estimate(
                 where=str(config),
                 remedy="give `estimate: {channels: …}` in the config and --measurements FILE",
             )
-        upto = stages[: names.index("estimate") + 1]
-        _bring_up_to_date(upto, job, ["estimate"] if force else [], dry_run, as_json, verbose, tables=["estimate"])
+        upto = replace(work, stages=work.stages[: names.index("estimate") + 1])
+        _bring_up_to_date(upto, ["estimate"] if force else [], dry_run, as_json, verbose, tables=["estimate"])
 
 
-def _job(path: Path, results: Path, overrides: list[str] | None) -> tuple[tuple[Stage, ...], Job]:
+def _loaded(path: Path, overrides: list[str] | None) -> LoadedConfig:
     """Check the config before anything else is loaded."""
     from strainsight.config.load import load_config
 
-    config = load_config(path, overrides or ())
+    return load_config(path, overrides or ())
+
+
+def _work(config: LoadedConfig, results: Path) -> Work:
     from strainsight.workflow.plan import Job
 
     data: dict[str, Any] = config.data
-    return pipelines.stages_of(data), Job(data, path.parent, results, config.locate)
+    return Work(pipelines.stages_of(data), Job(data, config.path.parent, results, config.locate))
 
 
-def _show_plan(stages: tuple[Stage, ...], job: Job, forced: list[str] | tuple[str, ...], as_json: bool) -> None:
-    from strainsight.workflow.plan import plan
+def _work_of_one(path: Path, results: Path, overrides: list[str] | None, stage: str) -> Work:
+    """The work of a config that has the stage; a suite has none."""
+    from strainsight_cli import suites
 
-    for entry in plan(stages, job, forced):
-        print(render.status_json(entry) if as_json else render.status_line(entry))
+    suites.refuse(path, stage)
+    return _work(_loaded(path, overrides), results)
 
 
 def _bring_up_to_date(
-    stages: tuple[Stage, ...],
-    job: Job,
-    forced: list[str],
-    dry_run: bool,
-    as_json: bool,
-    verbose: bool,
-    tables: list[str],
+    work: Work, forced: list[str], dry_run: bool, as_json: bool, verbose: bool, tables: list[str]
 ) -> None:
     """Run what is not up to date; print a line a stage and, at the end, the tables of the stages named."""
     if dry_run:
-        _show_plan(stages, job, forced, as_json)
+        show_plan(work, forced, as_json)
         return
-    from strainsight.errors import StrainsightError
-    from strainsight.workflow.runner import RUNNING
-    from strainsight.workflow.runner import run as run_stages
-
-    artefacts = []
-    at_work = ""
     with render.progress_bar(not as_json) as progress:
-        events = run_stages(stages, job, forced=forced, progress=progress, notice=_note)
-        try:
-            for event in events:
-                if event.status == RUNNING:
-                    at_work = event.stage
-                    progress(event.stage, event.reason, 0.0)
-                    continue
-                assert event.artefact is not None
-                artefacts.append(event.artefact)
-                print(render.event_json(event) if as_json else render.stage_line(event, verbose), flush=True)
-        except Exception as error:
-            if as_json and at_work:
-                reason = str(error) if isinstance(error, StrainsightError) else f"{type(error).__name__}: {error}"
-                print(render.failure_json(at_work, reason), flush=True)
-            raise
-    if as_json:
-        return
-    render.print_tables(
-        [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
-    )
-    for artefact in artefacts:
-        for name in artefact.header.beside or {}:
-            print(f"{Path(name).stem}: {artefact.path.parent / name}")
-
-
-def _note(text: str) -> None:
-    print(f"note: {text}", file=sys.stderr)
+        artefacts = bring_up_to_date(work, forced, as_json, verbose, say, progress)
+    if not as_json:
+        show_results(artefacts, tables)
 
 
 def main() -> None:

@@ -34,26 +34,27 @@ def status_line(status: Status) -> str:
     return f"{status.stage:<9} {status.status:<11} {status.reason}".rstrip()
 
 
-def event_json(event: Event) -> str:
-    """One object of --json."""
+def event_json(event: Event, run: str = "") -> str:
+    """One object of --json; run: its name within a suite."""
     assert event.artefact is not None
-    return _object(event.stage, event.status, event.reason, event.seconds, event.artefact)
+    return _object(run, event.stage, event.status, event.reason, event.seconds, event.artefact)
 
 
-def status_json(status: Status) -> str:
+def status_json(status: Status, run: str = "") -> str:
     """One object of --json for a stage that was only looked at."""
-    return _object(status.stage, status.status, status.reason, 0.0, None, str(status.artefact))
+    return _object(run, status.stage, status.status, status.reason, 0.0, None, str(status.artefact))
 
 
-def failure_json(stage: str, reason: str) -> str:
+def failure_json(stage: str, reason: str, run: str = "") -> str:
     """One object of --json for a stage that failed."""
-    return _object(stage, "failed", reason, 0.0, None)
+    return _object(run, stage, "failed", reason, 0.0, None)
 
 
 def _object(
-    stage: str, status: str, reason: str, seconds: float, artefact: Artefact | None, path: str | None = None
+    run: str, stage: str, status: str, reason: str, seconds: float, artefact: Artefact | None, path: str | None = None
 ) -> str:
-    entry = {
+    entry: dict[str, Any] = {"run": run} if run else {}
+    entry |= {
         "stage": stage,
         "status": status,
         "reason": reason,
@@ -91,28 +92,32 @@ def print_tables(tables: Sequence[Table]) -> None:
 
 
 @contextmanager
-def progress_bar(wanted: bool) -> Iterator[Callable[[str, str, float], None]]:
-    """A bar for the stage at work, on a terminal only; yields the callback that moves it."""
+def progress_bar(wanted: bool) -> Iterator[Callable[[str, str, str, float], None]]:
+    """A bar for every run at work, on a terminal only; yields the callback that moves it: (run, stage, doing, share)."""
     if not (wanted and sys.stderr.isatty()):
-        yield lambda stage, doing, share: None
+        yield lambda run, stage, doing, share: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (
+        TextColumn("{task.fields[run]}", markup=False),
         TextColumn("{task.fields[stage]:<9}"),
         BarColumn(),
         TextColumn("{task.description}"),
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        tasks: dict[str, Any] = {}
+        tasks: dict[str, tuple[str, Any]] = {}
 
-        def move(stage: str, doing: str, share: float) -> None:
-            if stage not in tasks:
-                for task in bar.task_ids:
-                    bar.remove_task(task)
-                tasks[stage] = bar.add_task("", total=1.0, stage=stage)
-            bar.update(tasks[stage], completed=min(max(share, 0.0), 1.0), description=doing.replace("[", r"\["))
+        def move(run: str, stage: str, doing: str, share: float) -> None:
+            if not stage:
+                bar.remove_task(tasks.pop(run)[1])
+                return
+            if run in tasks and tasks[run][0] != stage:
+                bar.remove_task(tasks[run][1])
+            if tasks.get(run, ("",))[0] != stage:
+                tasks[run] = stage, bar.add_task("", total=1.0, stage=stage, run=run)
+            bar.update(tasks[run][1], completed=min(max(share, 0.0), 1.0), description=doing.replace("[", r"\["))
 
         yield move

@@ -49,7 +49,7 @@ def test_a_dry_run_and_status_write_nothing(call, tmp_path):
     for words in (("run", CONFIG, "--dry-run"), ("status", CONFIG)):
         done = call(*words)
         assert done.exit_code == 0
-        assert done.output.count("never run") == 8
+        assert done.output.count("never run") == len(pipelines.STAGES)
     assert not (tmp_path / "results").exists()
 
 
@@ -67,7 +67,8 @@ def test_init_writes_a_config_that_status_accepts_and_does_not_overwrite(tmp_pat
 
 def test_schema_prints_the_schema():
     done = CliRunner().invoke(app, ["schema"])
-    assert json.loads(done.output)["title"] == "PlacementConfig"
+    kinds = [entry["$ref"].rpartition("/")[2] for entry in json.loads(done.output)["oneOf"]]
+    assert kinds == ["PlacementConfig", "SuiteConfig"]
 
 
 @pytest.mark.parametrize("name", pipelines.STAGES)
@@ -86,7 +87,7 @@ def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(
     def broken(*_, **__):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(main, "_job", broken)
+    monkeypatch.setattr(main, "_loaded", broken)
     done = call("run", CONFIG)
     assert done.exit_code == 1
     message = done.output + (done.stderr or "")

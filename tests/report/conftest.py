@@ -23,6 +23,7 @@ from strainsight.report.data import (
     Trend,
     Unknown,
 )
+from strainsight.report.suite_data import SuiteReport, SuiteRun
 
 
 def box(cells=(10, 2, 3), size=(2.0, 0.08, 0.12)):
@@ -186,3 +187,35 @@ def bare():
     unknowns = tuple(Unknown(unknown.name, unknown.unit, unknown.kind, unknown.guess) for unknown in full.unknowns)
     trend = replace(full.trend, lower_bound=None, gap=None, blocks={})
     return PlacementReport("bare", "Bare", unknowns, full.layout, trend)
+
+
+@pytest.fixture
+def suite():
+    """A function: changed fields → suite of four runs: as claimed, not identified, sure and wrong, only observed."""
+    return suite_report
+
+
+def suite_report(**changes):
+    """The runs of the small placement report: E alone; tip and E, not identified; the same, sure and wrong; observed."""
+    full = report()
+    load, modulus = full.unknowns
+    agreed = (Repeats("E", np.full(20, 0.0007), np.full(20, 0.0008), "identified"),)
+    pairs = (("G1", "G3", 0.12), ("G2", "G1", 0.2), ("G3", "G1", 0.12), ("G4", "G2", 0.23))
+    done = SuiteRun(
+        "beam-E", "E, 20 Hz", "", "../beam-E/report.html", "report", (modulus,), 4, 30, full.trend, full.layout,
+        {"E": 0.000787}, full.histories[1:], agreed, full.cases, full.frequencies, full.truth_description, pairs,
+    )  # fmt: skip
+    joint = replace(
+        done, name="beam-tip-E", label="tip + E, 20 Hz", note="A softer beam under a smaller load strains alike.",
+        page=None, unknowns=full.unknowns, histories=full.histories, repeats=full.repeats, warnings=full.warnings,
+        trend=replace(full.trend, trace=2 * full.trend.trace[0] * full.trend.trace**2, final_trace=13.0, gap=0.03),
+    )  # fmt: skip
+    wrong = replace(
+        joint, name="beam-wrong", label="tip + E, slow", repeats=(), note="",
+        unknowns=(load, replace(modulus, error=0.02)),
+        cases=tuple(replace(case, condition=1.5 * case.condition) for case in full.cases),
+    )  # fmt: skip
+    guess = Unknown("E", "Pa", "parameter", 1.89e11)
+    seen = SuiteRun("beam-all", "all three", "no gauge tells all three.", None, "observe", (guess,), cases=full.cases)
+    runs = (done, joint, wrong, seen)
+    return replace(SuiteReport("beam", "The beam of chapter 6.1", runs, {"seed": "1"}), **changes)

@@ -32,6 +32,11 @@ def test_a_beam_with_four_gauges_is_pictured(beam):
         assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
 
 
+def test_several_pictures_from_one_child_process_are_those_of_one_each(beam):
+    other = replace(beam, gauges=beam.gauges[:2])
+    assert scene.render_all([beam, other]) == [scene.render(beam), scene.render(other)]
+
+
 def test_a_plate_of_other_facets_without_loads_clamps_pool_or_hostile_labels_is_pictured():
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0], [2, 0.5, 0.1]], dtype=float)
     faces = np.array([[0, 1, 2, 3, -1, -1, -1, -1], [1, 4, 2, -1, -1, -1, -1, -1]])

@@ -196,6 +196,20 @@ def test_what_a_run_beside_has_done_on_the_same_inputs_is_taken_over(job):
     assert {event.status for event in run(STAGES, other)} == {"up to date"}
 
 
+def test_an_artefact_knows_how_long_it_took_also_where_it_was_taken_over(job):
+    done(job)
+    other = changed(job, name="other")
+    done(other)
+    own, taken = (Artefact(folder / "read.h5") for folder in (job.folder, other.folder))
+    assert own.header.seconds is not None
+    assert own.header.seconds > 0
+    assert taken.header.seconds == own.header.seconds
+    done(job, forced=("read",))
+    again = Artefact(job.folder / "read.h5")
+    assert again.header.seconds != own.header.seconds
+    assert (again.digest, again.key) == (own.digest, own.key)
+
+
 def test_nothing_is_taken_over_by_force_or_from_a_damaged_file(job):
     done(job)
     other = changed(job, name="other")

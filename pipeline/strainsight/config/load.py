@@ -15,10 +15,22 @@ from strainsight.config.checks import problems
 from strainsight.config.messages import problems_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
+from strainsight.config.suite import DOTTED, SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
 
-KINDS = {"placement": PlacementConfig}
+KINDS: dict[str, type[PlacementConfig] | type[SuiteConfig]] = {"placement": PlacementConfig, "suite": SuiteConfig}
+SET_OF_A_SUITE = re.compile(r"(set|runs\.\d+\.set)\.(.+)")
+"""A key of a suite below which one dotted key follows as a whole: `--set set.place.keep=6`."""
+
+
+@dataclass(frozen=True)
+class Override:
+    """A value from outside the file: dotted key, value, and where it was given ("--set KEY", "file:line:column")."""
+
+    key: str
+    value: Any
+    where: str
 
 
 @dataclass(frozen=True)
@@ -27,12 +39,12 @@ class LoadedConfig:
 
     path       the file as given
     model      the checked config
-    overrides  the `--set` texts that were applied, in order
+    overrides  what was put over the file, in order
     """
 
     path: Path
-    model: PlacementConfig
-    overrides: tuple[str, ...] = ()
+    model: PlacementConfig | SuiteConfig
+    overrides: tuple[Override, ...] = ()
     _places: Mapping[str, str] = field(default_factory=dict, repr=False)
 
     @property
@@ -45,26 +57,32 @@ class LoadedConfig:
         return _locate(self._places, key)
 
 
-def load_config(path: Path | str, overrides: Iterable[str] = ()) -> LoadedConfig:
-    """Read and check a config file with `KEY=VALUE` overrides on top.
+def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> LoadedConfig:
+    """Read and check a config file with overrides on top; a text is "KEY=VALUE", as behind --set.
 
     Raises ConfigError that lists every problem with file:line:column, key and remedy.
     """
-    path, overrides = Path(path), tuple(overrides)
+    path = Path(path)
+    given = tuple(_parse_override(text) if isinstance(text, str) else text for text in overrides)
     data, places, key_places = _read(path)
-    for override in overrides:
-        key, value = _parse_override(override)
-        _set(data, key, value, override)
+    for override in given:
+        _set(data, override)
+        key = override.key
         for stale in [old for old in places if old == key or old.startswith(f"{key}.")]:
             del places[stale], key_places[stale]
-        places[key] = key_places[key] = f"--set {key}"
+        places[key] = key_places[key] = override.where
     model, found = _validated(data)
     if model is None:
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in found])
-    return LoadedConfig(path, model, overrides, places)
+    return LoadedConfig(path, model, given, places)
 
 
-def _validated(data: dict[str, Any]) -> tuple[PlacementConfig | None, list[Problem]]:
+def kind_of(path: Path | str) -> Any:
+    """What the file says under `kind`; the rest is not checked."""
+    return _read(Path(path))[0].get("kind")
+
+
+def _validated(data: dict[str, Any]) -> tuple[PlacementConfig | SuiteConfig | None, list[Problem]]:
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         known = ", ".join(KINDS)
@@ -78,7 +96,7 @@ def _validated(data: dict[str, Any]) -> tuple[PlacementConfig | None, list[Probl
         model = KINDS[kind].model_validate_json(json.dumps(data))
     except ValidationError as error:
         return None, problems_of(error, KINDS[kind], data)
-    found = list(problems(model))
+    found = list(suite_problems(model) if isinstance(model, SuiteConfig) else problems(model))
     return (None, found) if found else (model, [])
 
 
@@ -131,22 +149,24 @@ def _locate(places: Mapping[str, str], key: str) -> str:
     return places[""]
 
 
-def _parse_override(override: str) -> tuple[str, Any]:
+def _parse_override(override: str) -> Override:
     key, equals, text = override.partition("=")
     key = key.strip()
-    if not equals or not re.fullmatch(r"[\w-]+(\.[\w-]+)*", key):
+    if not equals or not DOTTED.fullmatch(key):
         raise ConfigError(f"'{override}' is not KEY=VALUE", where="--set", remedy="write --set place.keep=6")
     try:
-        return key, parse(text).data
+        return Override(key, parse(text).data, f"--set {key}")
     except YamlProblem as problem:
         raise ConfigError(
             problem.what, where=f"--set {key}", remedy=problem.remedy or "quote what the shell must not see"
         ) from None
 
 
-def _set(data: dict[str, Any], key: str, value: Any, override: str) -> None:
-    """Put `value` at `key`; a mapping on the way that is not there, or is a plain value so far, is made."""
-    *parents, last = key.split(".")
+def _set(data: dict[str, Any], override: Override) -> None:
+    """Put the value at its key; a mapping on the way that is not there, or is a plain value so far, is made."""
+    *parents, last = override.key.split(".")
+    if data.get("kind") == "suite" and (found := SET_OF_A_SUITE.fullmatch(override.key)):
+        parents, last = found[1].split("."), found[2]
     spot: Any = data
     for part in parents:
         if isinstance(spot, list):
@@ -157,15 +177,15 @@ def _set(data: dict[str, Any], key: str, value: Any, override: str) -> None:
         if not isinstance(below, dict | list):
             spot[place] = below = {}
         spot = below
-    spot[_index(spot, last, override) if isinstance(spot, list) else last] = value
+    spot[_index(spot, last, override) if isinstance(spot, list) else last] = override.value
 
 
-def _index(entries: Sequence[Any], part: str, override: str) -> int:
+def _index(entries: Sequence[Any], part: str, override: Override) -> int:
     if not part.isdigit() or int(part) >= len(entries):
         raise ConfigError(
             f"a list of {len(entries)} entries has no entry '{part}'",
-            where=f"--set {override.partition('=')[0]}",
-            remedy="count from 0, or set the whole list: --set key=[a, b]",
+            where=override.where,
+            remedy=f"count from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
         )
     return int(part)
 

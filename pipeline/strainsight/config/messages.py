@@ -35,7 +35,7 @@ BOUNDS = {
 
 def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
     """Every problem of a ValidationError, in the terms of the config file; one for each key."""
-    found = [(path_in(data, entry["loc"]), entry) for entry in error.errors(include_url=False)]
+    found = [(path_in(data, entry["loc"]), entry) for entry in error.errors(include_url=False) if not _emptied(entry)]
     # The members of a union complain one after the other about the same value.
     problems = [
         _problem(path, [entry for _, entry in group], model, data)
@@ -48,6 +48,11 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
         if problem.what == UNKNOWN
     }
     return [problem for problem in problems if problem.what != MISSING or problem.key not in misspelt]
+
+
+def _emptied(entry: Any) -> bool:
+    """Whether a list only counts as too short because its entries were refused, each with a problem of its own."""
+    return entry["type"] == "too_short" and len(entry["input"]) >= entry["ctx"]["min_length"]
 
 
 def path_in(data: Any, loc: Sequence[int | str]) -> tuple[str, ...]:
@@ -91,7 +96,7 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
             )
         case "missing":
             return Problem(key, MISSING, _description(model, path, data), True)
-        case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] == "name":
+        case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] in ("name", "suffix"):
             return Problem(key, f"{_shown(first['input'])} is not a name", "letters, digits, - and _ only", True)
         case "union_tag_not_found":
             known = _choices(first["ctx"].get("expected_tags", ""), model, path, data)

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
 
 from strainsight.config.placement import PlacementConfig
+from strainsight.config.suite import SuiteConfig
+
+AnyConfig = Annotated[PlacementConfig | SuiteConfig, Field(discriminator="kind")]
 
 
 def config_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of `kind: placement`."""
+    """JSON Schema (draft 2020-12) of a config of any kind."""
+    adapter: TypeAdapter[Any] = TypeAdapter(AnyConfig)
+    schema = adapter.json_schema(by_alias=True)
+    del schema["discriminator"]  # OpenAPI's, which the draft does not know; `kind` is a constant in each
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **PlacementConfig.model_json_schema(by_alias=True),
+        "title": "strainsight config",
+        "description": "One of the kinds of config, told apart by `kind`.",
+        **schema,
     }
 
 

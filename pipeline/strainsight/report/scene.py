@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,9 @@ from strainsight.report.layout import Gauge, Layout, Load
 
 WIDTH, HEIGHT = 1200, 700
 TIME_LIMIT = 120.0
+"""For the first picture [s]."""
+TIME_A_PICTURE = 20.0
+"""For every further one [s]."""
 DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1"
 DOTS = 4000
 
@@ -32,21 +36,28 @@ def render(layout: Layout) -> bytes:
     (`markers.marker`), loads as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
     Raises StrainsightError that names the Debian packages where nothing can render.
     """
+    return render_all([layout])[0]
+
+
+def render_all(layouts: Sequence[Layout]) -> list[bytes]:
+    """A picture of each, as `render` makes it, in one child process: to start it takes longer than to draw."""
+    limit = TIME_LIMIT + TIME_A_PICTURE * (len(layouts) - 1)
     with tempfile.TemporaryDirectory(prefix="strainsight-scene-") as folder:
-        source, target = Path(folder, "layout.npz"), Path(folder, "scene.png")
-        np.savez(source, **pack(layout))  # type: ignore[arg-type]
+        pictures = [Path(folder, f"{i}.png") for i in range(len(layouts))]
+        for picture, layout in zip(pictures, layouts, strict=True):
+            np.savez(picture.with_suffix(".npz"), **pack(layout))  # type: ignore[arg-type]
         output = "no output"
         for environment in _environments():
-            command = [sys.executable, "-m", "strainsight.report.scene", str(source), str(target)]
+            command = [sys.executable, "-m", "strainsight.report.scene", *map(str, pictures)]
             try:
                 done = subprocess.run(
-                    command, env=environment, capture_output=True, timeout=TIME_LIMIT, check=False, cwd=folder
+                    command, env=environment, capture_output=True, timeout=limit, check=False, cwd=folder
                 )
             except subprocess.TimeoutExpired:
-                output = f"no picture after {TIME_LIMIT:.0f} s"
+                output = f"no picture after {limit:.0f} s"
                 continue
-            if done.returncode == 0 and target.exists():
-                return target.read_bytes()
+            if done.returncode == 0 and all(picture.exists() for picture in pictures):
+                return [picture.read_bytes() for picture in pictures]
             output = f"exit code {done.returncode}" + _last_words(done.stderr.decode(errors="replace"))
     raise StrainsightError(
         f"the 3D picture could not be rendered off-screen ({output})",
@@ -116,13 +127,14 @@ def _last_words(stderr: str) -> str:
     return f", {lines[-1].rpartition('|')[2].strip()}" if lines else ""
 
 
-def main(source: str, target: str) -> None:
-    """The child process: layout.npz in, scene.png out."""
+def main(*pictures: str) -> None:
+    """The child process: draws every picture from the .npz beside it."""
     from strainsight.report.picture import draw
 
-    with np.load(source, allow_pickle=False) as arrays:
-        layout = unpack(dict(arrays))
-    Path(target).write_bytes(draw(layout, WIDTH, HEIGHT))
+    for picture in map(Path, pictures):
+        with np.load(picture.with_suffix(".npz"), allow_pickle=False) as arrays:
+            layout = unpack(dict(arrays))
+        picture.write_bytes(draw(layout, WIDTH, HEIGHT))
 
 
 if __name__ == "__main__":

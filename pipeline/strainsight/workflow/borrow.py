@@ -5,23 +5,21 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 
 from strainsight.errors import ArtefactError
 from strainsight.workflow.artefact import Artefact, file_digest
-from strainsight.workflow.plan import Inputs, Job
+from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
 from strainsight.workflow.store import TEMPORARY
 
 
-def borrowed(stage: Stage, job: Job, inputs: Inputs, finished: Mapping[str, Artefact]) -> tuple[Artefact, str] | None:
+def borrowed(stage: Stage, job: Job, key: str) -> tuple[Artefact, str] | None:
     """The artefact of a run beside this one that was made from exactly the same, copied here, and that run's name.
 
-    The key has to agree, and so has every file that the stage found while running; a file written beside it is copied
-    too, its sha256 checked. An artefact that is damaged is passed over: its own run will notice.
+    key: of the stage as it would run now. It has to agree, and so has every file that the stage found while running; a file
+    written beside it is copied too, its sha256 checked. An artefact that is damaged is passed over: its own run will notice.
     """
-    key = inputs.key(stage, {name: finished[name].digest for name in stage.upstream})
     for path in sorted(job.results.glob(f"*/{stage.name}.h5")):
         if path.parent == job.folder:
             continue
@@ -43,13 +41,18 @@ def borrowed(stage: Stage, job: Job, inputs: Inputs, finished: Mapping[str, Arte
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Under its name only once it is complete."""
+    """Under its name only once it is complete; where the disk can, the same file under a second name, because artefacts are
+    replaced and never written into."""
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{target.name}-", dir=target.parent)
     os.close(handle)
     try:
-        shutil.copyfile(source, name)
-        shutil.copymode(source, name)
+        os.unlink(name)
+        try:
+            os.link(source, name)
+        except OSError:
+            shutil.copyfile(source, name)
+            shutil.copymode(source, name)
         os.replace(name, target)
     finally:
         Path(name).unlink(missing_ok=True)

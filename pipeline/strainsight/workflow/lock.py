@@ -1,4 +1,4 @@
-"""One run at a time on one results folder."""
+"""One run at a time on one results folder, and one process at a time on one result."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from strainsight.errors import UserError
 
 NAME = ".lock"
+COMPUTING = ".computing"
 
 
 @contextmanager
@@ -29,6 +30,21 @@ def locked(folder: Path) -> Iterator[int | None]:
         yield left_by
     finally:
         (folder / NAME).unlink(missing_ok=True)
+        os.close(handle)
+
+
+@contextmanager
+def computing(results: Path, key: str) -> Iterator[None]:
+    """Wait until no other process computes the stage of this key (hex sha256), and hold others off meanwhile.
+
+    A byte of one file in `results` stands for the key; the kernel drops the lock with the process.
+    """
+    results.mkdir(parents=True, exist_ok=True)
+    handle = os.open(results / COMPUTING, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    try:
+        fcntl.lockf(handle, fcntl.LOCK_EX, 1, int(key[:15], 16))
+        yield
+    finally:
         os.close(handle)
 
 

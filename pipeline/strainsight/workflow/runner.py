@@ -12,7 +12,7 @@ from pathlib import Path
 from strainsight.errors import StrainsightError
 from strainsight.workflow.artefact import Artefact, Header, file_digest
 from strainsight.workflow.borrow import borrowed
-from strainsight.workflow.lock import locked
+from strainsight.workflow.lock import computing, locked
 from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge
 from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context, Stage
@@ -56,7 +56,7 @@ def run(
     the iterator ends. A stage that fails writes nothing and leaves all earlier artefacts as they were; its
     StrainsightError gets the place of its config key. `forced` names stages that run in any case. A stage whose
     upstream ran again but came out the same stays up to date; one that a run beside this has done on the same inputs is
-    taken over from there.
+    taken over from there; where another process is at it, that one is waited for.
     """
     # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
     with _placed(job):
@@ -74,18 +74,22 @@ def run(
                 continue
             yield Event(stage.name, RUNNING, status.reason)
             start = time.perf_counter()
-            taken = None if stage.name in forced else borrowed(stage, job, inputs[stage.name], finished)
-            if taken is not None:
-                finished[stage.name], lender = taken
-                reason = f"{status.reason}, taken over from {lender}"
-            else:
-                reason = status.reason
-                with _placed(job):
-                    finished[stage.name] = _execute(stage, job, inputs[stage.name], finished, progress)
+            reason = status.reason
+            key = inputs[stage.name].key(stage, {name: finished[name].digest for name in stage.upstream})
+            with computing(job.results, key):
+                taken = None if stage.name in forced else borrowed(stage, job, key)
+                if taken is not None:
+                    finished[stage.name], lender = taken
+                    reason += f", taken over from {lender}"
+                else:
+                    with _placed(job):
+                        finished[stage.name] = _execute(stage, job, inputs[stage.name], key, finished, progress)
             yield Event(stage.name, DONE, reason, time.perf_counter() - start, finished[stage.name])
 
 
-def _execute(stage: Stage, job: Job, inputs: Inputs, finished: Mapping[str, Artefact], progress: Progress) -> Artefact:
+def _execute(
+    stage: Stage, job: Job, inputs: Inputs, key: str, finished: Mapping[str, Artefact], progress: Progress
+) -> Artefact:
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(
         config=Slice(inputs.config, stage.name),
@@ -93,17 +97,19 @@ def _execute(stage: Stage, job: Job, inputs: Inputs, finished: Mapping[str, Arte
         files=inputs.files,
         progress=lambda doing, share: progress(stage.name, doing, share),
     )
+    start = time.perf_counter()
     output = stage.run(context)
-    digests = {name: artefact.digest for name, artefact in upstream.items()}
+    seconds = time.perf_counter() - start
     header = Header(
         stage=stage.name,
         version=stage.version,
-        key=inputs.key(stage, digests),
+        key=key,
         config=inputs.config,
-        upstream=digests,
+        upstream={name: artefact.digest for name, artefact in upstream.items()},
         files=inputs.digests,
         seed=inputs.config.get("seed"),
         found={os.path.relpath(path, job.base): file_digest(Path(path)) for path in output.inputs},
+        seconds=seconds,
     )
     return write_artefact(job.folder / f"{stage.name}.h5", output, header)
 

@@ -176,6 +176,8 @@ def _write_header(file: h5py.File, header: Header, message: str) -> None:
     attributes["h5py"] = h5py.__version__
     if header.seed is not None:
         attributes["seed"] = header.seed
+    if header.seconds is not None:
+        attributes["seconds"] = header.seconds
     for name in ("config", "upstream", "files", "found", "beside"):
         attributes[name] = canonical(getattr(header, name))
     attributes["message"] = message

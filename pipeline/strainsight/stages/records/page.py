@@ -10,7 +10,7 @@ import numpy as np
 from strainsight import __version__
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.suspicions import only_control, suspicions
-from strainsight.report.data import PlacementReport, RandomSets, Repeats
+from strainsight.report.data import PlacementReport, RandomSets
 from strainsight.stages.records.gauges import given_from
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.records.page_layout import is_ready, layout_of_page
@@ -20,6 +20,7 @@ from strainsight.stages.records.page_numbers import (
     criteria_of,
     history_of,
     noise_rows,
+    repeats_of,
     signals_of,
     trend_of,
     unknown_of,
@@ -61,16 +62,7 @@ def placement_report(context: Context) -> PlacementReport:
             if len(validate[f"/random_sets/{key}/error/{name}"])
         ),
         noise=noise_rows(names, up),
-        repeats=tuple(
-            Repeats(
-                name,
-                validate[f"/repeats/error/{name}"],
-                validate[f"/repeats/std/{name}"],
-                "identified" if validate.summary[f"identified.{name}"] else "not identified",
-            )
-            for name in names
-            if f"identified.{name}" in validate.summary
-        ),
+        repeats=repeats_of(names, validate),
         frequencies=tuple(up["rom"]["/frequency"].tolist()),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
@@ -80,7 +72,7 @@ def placement_report(context: Context) -> PlacementReport:
         },
         truth_description=str(validate.summary["description"]),
         consistency=consistency_of(validate),
-        warnings=_warnings(up, names, mesh),
+        warnings=warnings_of(up, names, mesh),
         not_tested=_not_tested(up["train"], config),
         facts=_facts(up),
         provenance={"strainsight": __version__, "seed": str(context.seed)}
@@ -88,14 +80,20 @@ def placement_report(context: Context) -> PlacementReport:
     )
 
 
-def _warnings(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
-    ready = is_ready(up["rom"])
+def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
+    """What a reader has to know: of the model, and once they were validated, of the estimates."""
+    ready = "rom" in up and is_ready(up["rom"])
     said = [f"{text}." for text in (up["rom"]["/matrices/notes"] if ready else suspicions(mesh))]
     cards = [card for card in map(str, up["import"]["/ignored/card"]) if not only_control(card)]
     if cards:
         but = ": what they add must be in the matrices" * ready
         said.append(f"Not taken over from the deck: {', '.join(cards)}{but}.")
-    summary = up["validate"].summary
+    return (*said, *(_doubts(up["validate"], names) if "validate" in up else ()))
+
+
+def _doubts(validate: Artefact, names: list[str]) -> list[str]:
+    said = []
+    summary = validate.summary
     for name in names:
         if summary.get(f"identified.{name}") is False:
             said.append(f"{name} is not identified: other starting values end more than 3 σ apart.")
@@ -104,7 +102,7 @@ def _warnings(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple
             said.append(
                 f"{name} is off by {100 * error:.2g} %, more than three times the {100 * std:.2g} % that the filter claims."
             )
-        random = up["validate"][f"/random_sets/all/std/{name}"]
+        random = validate[f"/random_sets/all/std/{name}"]
         if len(random) and np.nanmedian(random) < 0.9 * std:
             said.append(
                 f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
@@ -112,7 +110,7 @@ def _warnings(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple
             )
     if lost := int(summary["lost_runs"]):
         said.append(f"{lost} runs of the studies diverged and are left out of the medians.")
-    return tuple(said)
+    return said
 
 
 def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:

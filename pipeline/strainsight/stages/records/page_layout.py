@@ -22,8 +22,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     candidates = candidates_from(train)
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
     without = {
-        name: values * float(place.attributes(f"/expected_std/{name}")["scale"]) / true_size(name, up["validate"])
-        for name, values in place.children("/without").items()
+        name: values * placed_scale(name, place) / size(name, up) for name, values in place.children("/without").items()
     }
     listed = listed_gauges(up)
     row = place["/selected/final/gauge"]
@@ -91,6 +90,16 @@ def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray
         return mesh.position[mesh.node_index(int(entry.node))], direction
     members = mesh.node_sets[entry.set]
     return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0), direction
+
+
+def placed_scale(name: str, place: Artefact) -> float:
+    """What place.h5 has an unknown relative to: a parameter's guess, an input's amplitude."""
+    return float(place.attributes(f"/expected_std/{name}")["scale"])
+
+
+def size(name: str, up: Mapping[str, Artefact]) -> float:
+    """What the page shows an unknown relative to: its truth, or before it was validated its scale at placement."""
+    return true_size(name, up["validate"]) if "validate" in up else placed_scale(name, up["place"])
 
 
 def true_size(name: str, validate: Artefact) -> float:

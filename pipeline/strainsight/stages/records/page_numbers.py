@@ -14,11 +14,12 @@ from strainsight.report.data import (
     GaugeSignal,
     History,
     NoiseRow,
+    Repeats,
     Trend,
     Unknown,
 )
 from strainsight.stages.records.gauge_list import channel_labels
-from strainsight.stages.records.page_layout import listed_gauges, true_size
+from strainsight.stages.records.page_layout import listed_gauges, placed_scale, true_size
 from strainsight.stages.records.placement import RULES
 from strainsight.workflow.artefact import Artefact
 
@@ -32,7 +33,7 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         name=name,
         unit=str(units),
         kind=kind,
-        guess=float(place.attributes(f"/expected_std/{name}")["scale"]),
+        guess=placed_scale(name, place),
         truth=float(truth[-1]) if kind == "parameter" else float(np.sqrt(np.mean(truth**2))),
         estimate=float(summary[f"estimate.{name}"]),
         error=float(summary[f"error.{name}"]),
@@ -67,6 +68,19 @@ def history_of(name: str, validate: Artefact) -> History:
         validate[f"/std/{name}"],
         validate[f"/smoothed/{name}"],
         validate[f"/smoothed_std/{name}"],
+    )
+
+
+def repeats_of(names: list[str], validate: Artefact) -> tuple[Repeats, ...]:
+    return tuple(
+        Repeats(
+            name,
+            validate[f"/repeats/error/{name}"],
+            validate[f"/repeats/std/{name}"],
+            "identified" if validate.summary[f"identified.{name}"] else "not identified",
+        )
+        for name in names
+        if f"identified.{name}" in validate.summary
     )
 
 

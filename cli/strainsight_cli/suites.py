@@ -1,0 +1,165 @@
+"""A suite on the command line: its runs one after the other, then its own page, then where the time went."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from strainsight.errors import ConfigError, UserError, did_you_mean
+from strainsight_cli import pipelines, render
+from strainsight_cli.timing import peak_memory, timing_table
+from strainsight_cli.work import Progress, Work, bring_up_to_date, say, show_results
+
+if TYPE_CHECKING:
+    from strainsight.config.load import LoadedConfig
+    from strainsight.config.suite_runs import PlannedRun
+    from strainsight.workflow.artefact import Artefact
+    from strainsight.workflow.stage import Stage
+
+
+def works_of(suite: LoadedConfig, results: Path) -> list[Work]:
+    """The runs of a suite, in order, and last the suite itself. Raises ConfigError for whatever is wrong with any of them."""
+    from strainsight.config.suite_runs import runs_of
+    from strainsight.stages.suite import SUITE, config_of_run
+    from strainsight.workflow.plan import Job
+
+    runs = runs_of(suite)
+    works, told = [], []
+    for run in runs:
+        stages = _stages(suite, run)
+        data = run.config.data
+        works.append(
+            Work(
+                stages,
+                Job(data, run.config.path.parent, results, run.config.locate),
+                data["name"],
+                f"run {run.place + 1} of {len(runs)} {data['name']}",
+            )
+        )
+        told.append(config_of_run(data, run.entry.label, run.entry.note, [stage.name for stage in stages]))
+    model = suite.data
+    job = Job({"name": model["name"], "title": model["title"], "runs": told}, results, results, suite.locate)
+    return [*works, Work((SUITE,), job, model["name"])]
+
+
+def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
+    """The run's stages up to the last one that is asked for."""
+    stages = pipelines.stages_of(run.config.data)
+    names = [stage.name for stage in stages]
+    if run.entry.until not in names:
+        raise ConfigError(
+            f"the run has no stage '{run.entry.until}'",
+            key=f"runs[{run.place}].until",
+            where=suite.locate(f"runs.{run.place}.until"),
+            remedy=did_you_mean(run.entry.until, names, f"its stages are {', '.join(names)}"),
+        )
+    return stages[: names.index(run.entry.until) + 1]
+
+
+def refuse(path: Path, stage: str) -> None:
+    """Raise UserError where the file is a suite, which has no stages of its own."""
+    from strainsight.config.load import kind_of
+
+    if kind_of(path) == "suite":
+        raise UserError(
+            f"a suite has no stage '{stage}'",
+            where=str(path),
+            remedy=f"strainsight {stage} on the config of one of its runs, or: strainsight run {path}",
+        )
+
+
+def show_suite(works: Sequence[Work], force: bool, as_json: bool) -> None:
+    """What would run and why, run by run; the page follows wherever a run will do anything."""
+    from strainsight.workflow.plan import UP_TO_DATE, WILL_RUN, plan
+
+    pending = []
+    for work in works[:-1]:
+        statuses = plan(work.stages, work.job, [stage.name for stage in work.stages] if force else ())
+        if not as_json:
+            print(work.beside)
+        for status in statuses:
+            print(render.status_json(status, work.run) if as_json else f"  {render.status_line(status)}")
+        if any(status.status != UP_TO_DATE for status in statuses):
+            pending.append(f"{work.run} changed")
+    (own,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
+    if pending:
+        besides = [reason for reason in own.reasons if not reason.endswith(" is missing")]
+        own = replace(own, status=WILL_RUN, reasons=(*besides, *pending))
+    print(render.status_json(own, works[-1].run) if as_json else render.status_line(own))
+
+
+def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool) -> None:
+    """Bring every run up to date, `jobs` at a time, then the page; a run that fails ends it, and the message says which."""
+    _look_for_inputs(works[:-1])
+    with render.progress_bar(not as_json) as progress:
+        found = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
+        page = works[-1]
+        if not as_json:
+            say(_heading(page))
+        with _named(page):
+            (own,) = bring_up_to_date(page, [page.stages[0].name] if force else [], as_json, verbose, say, progress)
+    if as_json:
+        return
+    show_results([own], [page.stages[0].name])
+    render.print_tables([timing_table([work.run for work in works[:-1]], found, own)])
+    print(peak_memory(jobs))
+
+
+def _all_runs(
+    works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
+) -> list[Sequence[Artefact]]:
+    if jobs > 1 and len(works) > 1:
+        from strainsight_cli.side_by_side import side_by_side
+
+        by_place: dict[int, Sequence[Artefact]] = {}
+        for ended in side_by_side(works, jobs, force, as_json, verbose, progress):
+            if not as_json:
+                say(_heading(works[ended.place]))
+            for line in ended.lines:
+                say(line)
+            by_place[ended.place] = ended.artefacts
+            if ended.error is not None:
+                with _named(works[ended.place]):
+                    raise ended.error
+        return [by_place[place] for place in range(len(works))]
+    found: list[Sequence[Artefact]] = []
+    for work in works:
+        if not as_json:
+            say(_heading(work))
+        with _named(work):
+            forced = [stage.name for stage in work.stages] if force else []
+            found.append(bring_up_to_date(work, forced, as_json, verbose, say, progress))
+    return found
+
+
+@contextmanager
+def _named(work: Work) -> Iterator[None]:
+    """Say which run it was, before the failure itself is told."""
+    try:
+        yield
+    except Exception:
+        print(f"{_heading(work)} failed:", file=sys.stderr)
+        raise
+
+
+def _heading(work: Work) -> str:
+    return work.beside or f"suite {work.run}"
+
+
+def _look_for_inputs(works: Sequence[Work]) -> None:
+    """Look for the input files of all runs before the first one starts, but for what they give each other."""
+    from strainsight.workflow.plan import inputs_of
+
+    coming: set[Path] = set()
+    for work in works:
+        for stage in work.stages:
+            inputs = inputs_of(stage, work.job, required=False)
+            missing = {path.resolve() for key, path in inputs.files.items() if key not in inputs.digests}
+            if missing - coming:
+                with _named(work):
+                    inputs_of(stage, work.job)
+        coming |= {(work.job.folder / f"{stage.name}.h5").resolve() for stage in work.stages}

@@ -1,0 +1,59 @@
+"""Where the time of a suite went, and the most memory that it held."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from strainsight.workflow.artefact import Artefact
+    from strainsight.workflow.output import Table
+
+
+def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page: Artefact) -> Table:
+    """A row a run, a column a stage: seconds that the stage took when it was computed, "↩ 2" where run 2 did it already.
+
+    page: the suite's own artefact, in a row of its own.
+    """
+    from strainsight.workflow.output import Table
+
+    stages = list(dict.fromkeys(artefact.header.stage for artefacts in found for artefact in artefacts))
+    first: dict[
+        tuple[str, str, float | None], int
+    ] = {}  # an artefact that was taken over is the same to the last digit
+    cells: list[list[str]] = []
+    spent = [[0.0] * len(stages) for _ in runs]
+    for i, artefacts in enumerate(found):
+        cells.append([""] * len(stages))
+        for artefact in artefacts:
+            column, seconds = stages.index(artefact.header.stage), artefact.header.seconds
+            computed_by = first.setdefault((artefact.key, artefact.digest, seconds), i)
+            if computed_by != i:
+                cells[i][column] = f"↩ {computed_by + 1}"
+            else:
+                cells[i][column] = "?" if seconds is None else _seconds(seconds)
+                spent[i][column] = seconds or 0.0
+    rows = [
+        (str(i + 1), name, *cells[i], _seconds(sum(spent[i])) if any(spent[i]) else "") for i, name in enumerate(runs)
+    ]
+    own = page.header.seconds or 0.0
+    rows.append(("", "the suite's page", *[""] * len(stages), _seconds(own)))
+    below = [_seconds(sum(column)) for column in zip(*spent, strict=True)]
+    rows.append(("", "all", *below, _seconds(own + sum(map(sum, spent)))))
+    return Table("where the time goes [s] (↩ n: taken over from run n)", ("", "run", *stages, "all"), tuple(rows))
+
+
+def peak_memory(jobs: int) -> str:
+    """The most memory that this process held, and the largest of its children, of which there were `jobs` at a time."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    own, child = (
+        resource.getrusage(who).ru_maxrss * unit / 2**30 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
+    at_once = f", {jobs} of them at a time" if jobs > 1 else ""
+    return f"\npeak memory: {own:.2f} GiB" + (f", largest child process {child:.2f} GiB{at_once}" if child else "")
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f}" if value < 100 else f"{value:.0f}"

@@ -1,0 +1,91 @@
+"""Bringing the stages of one config up to date, and saying so line by line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from strainsight_cli import render
+
+if TYPE_CHECKING:
+    from strainsight.workflow.artefact import Artefact
+    from strainsight.workflow.plan import Job
+    from strainsight.workflow.stage import Stage
+
+Say = Callable[[str], None]
+Progress = Callable[[str, str, str, float], None]
+"""(run, stage, what is being done, share done); no stage: the run has ended."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """The stages of one config and what they run on; run: its name within a suite, beside: what the progress bar says of it."""
+
+    stages: tuple[Stage, ...]
+    job: Job
+    run: str = ""
+    beside: str = ""
+
+
+def show_plan(work: Work, forced: Collection[str], as_json: bool) -> None:
+    """What would run and why."""
+    from strainsight.workflow.plan import plan
+
+    for entry in plan(work.stages, work.job, forced):
+        print(render.status_json(entry, work.run) if as_json else render.status_line(entry))
+
+
+def bring_up_to_date(
+    work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress
+) -> list[Artefact]:
+    """Run what is not up to date, a line a stage; the artefacts of all stages."""
+    from strainsight.errors import StrainsightError
+    from strainsight.workflow.runner import RUNNING
+    from strainsight.workflow.runner import run as run_stages
+
+    artefacts: list[Artefact] = []
+    at_work = ""
+
+    def move(stage: str, doing: str, share: float) -> None:
+        progress(work.beside, stage, doing, share)
+
+    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=_note)
+    try:
+        for event in events:
+            if event.status == RUNNING:
+                at_work = event.stage
+                move(event.stage, event.reason, 0.0)
+                continue
+            assert event.artefact is not None
+            artefacts.append(event.artefact)
+            say(render.event_json(event, work.run) if as_json else render.stage_line(event, verbose))
+    except Exception as error:
+        if as_json and at_work:
+            reason = str(error) if isinstance(error, StrainsightError) else f"{type(error).__name__}: {error}"
+            say(render.failure_json(at_work, reason, work.run))
+        raise
+    finally:
+        if at_work:
+            move("", "", 1.0)
+    return artefacts
+
+
+def say(line: str) -> None:
+    """Print a line at once."""
+    print(line, flush=True)
+
+
+def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:
+    """The tables of the stages named, and the files beside every artefact."""
+    render.print_tables(
+        [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
+    )
+    for artefact in artefacts:
+        for name in artefact.header.beside or {}:
+            print(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
+
+
+def _note(text: str) -> None:
+    print(f"note: {text}", file=sys.stderr)

@@ -1,0 +1,64 @@
+"""The config of `kind: suite`: a list of ordinary configs and one page about all of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field, JsonValue
+
+from strainsight.config.base import RunName, Section, Text
+from strainsight.config.problem import Problem
+
+DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
+"""A dotted key, as in --set place.keep=6."""
+OWN = {"name": "give name: NAME beside config:", "kind": "the kind of a config is its own"}
+
+
+class SuiteRun(Section):
+    """One run of a suite."""
+
+    config: Text = Field(description="Config of the run, from the folder of the suite's file.")
+    label: Text = Field(description="What the page calls the run.")
+    name: RunName | None = Field(None, description="Name of the run in place of its config's own.")
+    overrides: dict[str, JsonValue] = Field(
+        {}, alias="set", description="Dotted key → value, put over the config as by --set."
+    )
+    until: Text = Field("report", description="Last stage to run.")
+    note: str = Field("", description="A sentence that the page shows with the run.")
+
+
+class SuiteConfig(Section):
+    """Runs that belong together: each is brought up to date, then one page shows them side by side."""
+
+    kind: Literal["suite"] = Field(description="Which pipeline.")
+    name: RunName = Field(description="Name of the suite; its page and numbers go to results/NAME.")
+    title: Text = Field(description="Title of the page.")
+    overrides: dict[str, JsonValue] = Field(
+        {}, alias="set", description="Dotted key → value, put over the config of every run as by --set."
+    )
+    suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = Field(
+        "", description="Put behind the name of every run: letters, digits, - and _."
+    )
+    jobs: int = Field(
+        1, ge=1, le=64, description="Runs at a time [-]: two halve the time where the memory is enough for both."
+    )
+    runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(description="The runs, in order.")
+
+
+def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
+    """What is wrong with a suite by itself, before any config of its runs is read."""
+    yield from _overrides("set", config.overrides)
+    for i, run in enumerate(config.runs):
+        yield from _overrides(f"runs.{i}.set", run.overrides)
+
+
+def _overrides(section: str, overrides: dict[str, JsonValue]) -> Iterator[Problem]:
+    for key in overrides:
+        if not DOTTED.fullmatch(key):
+            yield Problem(
+                f"{section}.{key}", f"'{key}' is not a dotted key", "write it as in --set: place.keep: 6", at_key=True
+            )
+        elif key in OWN:
+            yield Problem(f"{section}.{key}", f"a suite cannot set '{key}'", OWN[key], at_key=True)

@@ -1,0 +1,142 @@
+"""The numbers of a suite as datasets and as a table: a row a run, a row an unknown, a row a case."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from strainsight.report.data import Repeats, Unknown
+from strainsight.report.suite_data import SuiteReport, SuiteRun
+from strainsight.workflow.output import Dataset, Table
+
+NONE = float("nan")
+
+
+def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
+    """Tables of the runs, of their unknowns and of the cases that each could tell apart; NaN for what was not computed."""
+    runs = report.runs
+    unknowns = [(i, unknown, _repeats(run, unknown)) for i, run in enumerate(runs) for unknown in run.unknowns]
+    cases = [(i, case) for i, run in enumerate(runs) for case in run.cases]
+
+    def of_runs(values: Sequence[float | int | None], what: str) -> Dataset:
+        return Dataset(_numbers(values), "1", what, ("/run/name",))
+
+    def of_unknowns(values: Sequence[float | None], what: str, unit: str = "1") -> Dataset:
+        return Dataset(_numbers(values), unit, what, ("/unknown/name",))
+
+    trends = [run.trend for run in runs]
+    spread = [(repeats.error if repeats else np.empty(0)) for _, _, repeats in unknowns]
+    return {
+        "/run/name": Dataset(_text([run.name for run in runs]), "1", "name of every run"),
+        "/run/label": Dataset(_text([run.label for run in runs]), "1", "what the page calls it", ("/run/name",)),
+        "/run/reached": Dataset(_text([run.reached for run in runs]), "1", "its last stage", ("/run/name",)),
+        "/run/gauges": of_runs([run.gauges for run in runs], "gauges of its layout"),
+        "/run/pool": of_runs([run.pool for run in runs], "gauges that these were chosen from"),
+        "/run/trace_initial": of_runs(
+            [trend.trace[0] if trend else None for trend in trends], "tr(W P) with the whole pool"
+        ),
+        "/run/trace_final": of_runs(
+            [trend.final_trace if trend else None for trend in trends], "tr(W P) of the layout"
+        ),
+        "/run/gap": of_runs(
+            [trend.gap if trend else None for trend in trends], "(tr(W P) of the layout − lower bound) / tr(W P)"
+        ),
+        "/unknown/run": Dataset(_rows([i for i, _, _ in unknowns]), "1", "row of its run", ("/unknown/name",)),
+        "/unknown/name": Dataset(_text([u.name for _, u, _ in unknowns]), "1", "name of every unknown of every run"),
+        "/unknown/unit": Dataset(_text([u.unit for _, u, _ in unknowns]), "1", "its unit", ("/unknown/name",)),
+        "/unknown/truth": of_unknowns(
+            [u.truth for _, u, _ in unknowns], "true value of a parameter, RMS of a load", "SI"
+        ),
+        "/unknown/estimate": of_unknowns([u.estimate for _, u, _ in unknowns], "the same as estimated", "SI"),
+        "/unknown/error": of_unknowns([u.error for _, u, _ in unknowns], "real error of the filter, relative"),
+        "/unknown/smoothed": of_unknowns([u.smoothed_error for _, u, _ in unknowns], "the same of the smoother"),
+        "/unknown/std": of_unknowns([u.std for _, u, _ in unknowns], "error that the filter claims, relative"),
+        "/unknown/expected": of_unknowns(
+            [u.expected_std for _, u, _ in unknowns], "error that place expected, relative"
+        ),
+        "/unknown/repeats_rms": of_unknowns([_rms(e) for e in spread], "RMS error over the repeats, relative"),
+        "/unknown/repeats_worst": of_unknowns(
+            [_worst(e) for e in spread], "worst error over the repeats, relative; inf where one diverged"
+        ),
+        "/unknown/verdict": Dataset(
+            _text([repeats.verdict if repeats else "" for _, _, repeats in unknowns]),
+            "1",
+            "identified or not identified, over the repeats; empty without them",
+            ("/unknown/name",),
+        ),
+        "/case/run": Dataset(_rows([i for i, _ in cases]), "1", "row of the run of every case"),
+        "/case/unknowns": Dataset(_text([", ".join(case.unknowns) for _, case in cases]), "1", "unknown together"),
+        "/case/excitation": Dataset(_text([case.excitation for _, case in cases]), "1", "name of the excitation"),
+        "/case/condition": Dataset(
+            _numbers([case.condition for _, case in cases]), "1", "condition of the scaled PBH matrix at λ = 0"
+        ),
+        "/case/condition_raw": Dataset(
+            _numbers([case.raw for _, case in cases]), "1", "the thesis's number there, which orders cases by units"
+        ),
+    }
+
+
+def suite_tables(report: SuiteReport) -> tuple[Table, ...]:
+    """The result for the terminal: a row an unknown of a run."""
+    columns = ("run", "unknown", "gauges", "tr(W P)", "gap", "error", "smoothed", "claimed σ", "expected σ", "repeats")
+    rows = []
+    for run in report.runs:
+        for i, unknown in enumerate(run.unknowns):
+            rows.append(
+                (
+                    run.label if i == 0 else "",
+                    unknown.name,
+                    *(_layout_cells(run) if i == 0 else ("", "", "")),
+                    *(
+                        _percent(value)
+                        for value in (unknown.error, unknown.smoothed_error, unknown.std, unknown.expected_std)
+                    ),
+                    _verdict(_repeats(run, unknown)) if unknown.error is not None else f"not estimated ({run.reached})",
+                )
+            )
+    return (Table(report.title, columns, tuple(rows)),)
+
+
+def _layout_cells(run: SuiteRun) -> tuple[str, str, str]:
+    if run.trend is None:
+        return ("", "", "")
+    trend = run.trend
+    gap = "" if trend.gap is None else f"{100 * trend.gap:.2g} %"
+    return f"{run.gauges} of {run.pool}", f"{trend.trace[0]:.3g} → {trend.final_trace:.3g}", gap
+
+
+def _verdict(repeats: Repeats | None) -> str:
+    if repeats is None:
+        return ""
+    return f"RMS {_percent(_rms(repeats.error))}, worst {_percent(_worst(repeats.error))}, {repeats.verdict}"
+
+
+def _repeats(run: SuiteRun, unknown: Unknown) -> Repeats | None:
+    return next((repeats for repeats in run.repeats if repeats.name == unknown.name), None)
+
+
+def _rms(error: np.ndarray) -> float:
+    found = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(found**2))) if len(found) else NONE
+
+
+def _worst(error: np.ndarray) -> float:
+    """Infinite where a run was lost."""
+    return (float(np.abs(error).max()) if np.isfinite(error).all() else float("inf")) if len(error) else NONE
+
+
+def _percent(value: float | None) -> str:
+    return "" if value is None else f"{100 * value:.2g} %"
+
+
+def _numbers(values: Sequence[float | int | None]) -> np.ndarray:
+    return np.array([NONE if value is None else value for value in values], dtype=float)
+
+
+def _rows(values: Sequence[int]) -> np.ndarray:
+    return np.array(values, dtype=np.int64)
+
+
+def _text(values: Sequence[str]) -> np.ndarray:
+    return np.array(values, dtype=np.str_)

@@ -1,0 +1,88 @@
+"""Two runs of a suite at a time: the same numbers as one after the other, nothing computed twice, failures named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
+QUICK = """{train.duration: 0.2, validate.duration: 0.2, place.instants: 2, validate.random_sets: 0, validate.repeats: 2,
+      validate.noise_factors: [], validate.truth.modes: 20, rom.parameter_samples: 1}"""
+SUITE = f"""
+kind: suite
+name: three
+title: Three runs
+jobs: 2
+set: {QUICK}
+runs:
+  - {{config: {CONFIG}, label: "E", name: first, until: validate}}
+  - {{config: {CONFIG}, label: "two gauges", name: second, until: place, set: {{place.keep: 2}}}}
+  - {{config: {CONFIG}, label: "again", name: third, until: validate, set: {{parameters.E.guess: {{from: first}}}}}}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("jobs")
+    (folder / "three.yaml").write_text(SUITE, encoding="utf-8")
+    return folder
+
+
+def run(folder: Path, results: str, *options: str):
+    return CliRunner().invoke(app, ["run", str(folder / "three.yaml"), "--results", str(folder / results), *options])
+
+
+@pytest.fixture(scope="module")
+def together(folder) -> str:
+    done = run(folder, "together")
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_every_number_is_that_of_one_run_after_the_other(folder, together):
+    alone = run(folder, "alone", "--set", "jobs=1")
+    assert alone.exit_code == 0, alone.output
+    found = sorted(path.relative_to(folder / "alone") for path in (folder / "alone").glob("*/*.h5"))
+    assert len(found) == 8 + 7 + 8 + 1
+    for path in found:
+        assert Artefact(folder / "together" / path).digest == Artefact(folder / "alone" / path).digest
+
+
+def test_the_lines_of_a_run_stay_together_and_a_guess_is_waited_for(together):
+    lines = together.splitlines()
+    headings = [line.split()[1] for line in lines if line.startswith("run ") and " of 3 " in line]
+    assert sorted(headings) == ["1", "2", "3"]
+    assert headings.index("1") < headings.index("3")
+    start = lines.index("run 1 of 3 first")
+    assert [line.split()[0] for line in lines[start + 1 : start + 9]] == [
+        "import",
+        "modes",
+        "rom",
+        "train",
+        "screen",
+        "observe",
+        "place",
+        "validate",
+    ]
+    assert "2 of them at a time" in together
+
+
+def test_what_both_need_is_computed_once(together):
+    """Their modes are the same: one of the two processes waits for the other."""
+    table = together.split("where the time goes")[1].splitlines()
+    second = next(line for line in table if " second " in line)
+    assert second.count("↩") >= 3
+
+
+def test_a_failure_is_named_and_nothing_else_is_started(folder, together):
+    done = run(folder, "failed", "--set", "runs.0.set.place.minimum_spacing=3.0")
+    assert done.exit_code == 2
+    assert "run 1 of 3 first failed:" in done.stderr
+    assert "--set runs.0.set.place.minimum_spacing" in done.stderr
+    assert not (folder / "failed" / "third").exists()
+    assert not (folder / "failed" / "three").exists()

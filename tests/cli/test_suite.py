@@ -1,0 +1,175 @@
+"""A suite from the command line: its runs, its page, what is said when one fails, and where the time went."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SUITE = """\
+kind: suite
+name: two
+title: A beam & its <modulus>
+set: {train.duration: 0.2, place.instants: 3, validate.duration: 0.2, validate.random_sets: 2, validate.repeats: 2,
+      validate.noise_factors: [], validate.truth.modes: 20}
+runs:
+  - {config: CONFIG, label: "E", set: {rom.parameter_samples: 1}}
+  - {config: CONFIG, label: placed only, name: placed, until: place, set: {rom.parameter_samples: 1, place.keep: 2}}
+  - {config: CONFIG, label: watched, name: watched, until: observe, note: "A note.", set: {rom.parameter_samples: 1}}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("suite")
+
+
+@pytest.fixture(scope="module")
+def suite(folder):
+    path = folder / "two.yaml"
+    path.write_text(SUITE.replace("CONFIG", str(CONFIGS / "cantilever-youngs-modulus.yaml")), encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def call(folder):
+    def called(*words: str):
+        return CliRunner().invoke(app, [*words, "--results", str(folder / "results")])
+
+    return called
+
+
+@pytest.fixture(scope="module")
+def first(suite, call):
+    """The first run, before any other test."""
+    before = call("status", suite)
+    assert before.exit_code == 0
+    assert before.output.count("will run") == before.output.count("never run") > 20
+    assert call("run", suite, "--dry-run").output == before.output
+    done = call("run", suite)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_every_run_has_its_stages_and_the_suite_its_page(first, folder):
+    results = folder / "results"
+    assert {path.name for path in results.iterdir() if path.is_dir()} == {
+        "cantilever-youngs-modulus",
+        "placed",
+        "watched",
+        "two",
+    }
+    assert not (results / "placed" / "validate.h5").exists()
+    assert not (results / "watched" / "place.h5").exists()
+    assert {path.name for path in (results / "two").iterdir()} == {"suite.h5", "report.html"}
+    page = (results / "two" / "report.html").read_text(encoding="utf-8")
+    assert "<modulus>" not in page
+    assert "A note." in page
+    assert 'href="../cantilever-youngs-modulus/report.html"' in page
+    assert 'href="../placed/report.html"' not in page
+
+
+def test_it_says_which_run_is_at_work_what_came_out_and_where_the_time_went(first):
+    for heading in ("run 1 of 3 cantilever-youngs-modulus", "run 2 of 3 placed", "run 3 of 3 watched", "suite two"):
+        assert heading in first.splitlines()
+    table = first.split("where the time goes")[1].splitlines()
+    head, own, placed, watched, page, total = (line.split() for line in table[1:7])
+    assert head[:2] == ["run", "import"]
+    assert head[-1] == "all"
+    assert "↩" not in own
+    # Only what comes after the observability differs.
+    assert placed.count("↩") == watched.count("↩") == head.index("observe") - head.index("import") + 1
+    assert float(total[-1]) == pytest.approx(sum(float(row[-1]) for row in (own, placed, page)), abs=0.2)
+    assert "peak memory: " in first
+    assert "not estimated (observe)" in first
+
+
+def test_then_it_is_up_to_date_and_says_the_same_of_its_time(first, suite, call):
+    again = call("run", suite)
+    assert again.exit_code == 0
+    assert " done " not in again.output
+    assert (
+        again.output.split("where the time goes")[1].splitlines()[:7]
+        == first.split("where the time goes")[1].splitlines()[:7]
+    )
+    assert "will run" not in call("status", suite).output
+
+
+def test_json_names_the_run_of_every_stage(first, suite, call):
+    events = [json.loads(line) for line in call("run", suite, "--json").output.splitlines()]
+    assert {event["status"] for event in events} == {"up to date"}
+    assert list(dict.fromkeys(event["run"] for event in events)) == [
+        "cantilever-youngs-modulus",
+        "placed",
+        "watched",
+        "two",
+    ]
+    assert events[-1]["summary"]["runs"] == 3
+    looked = [json.loads(line) for line in call("status", suite, "--json").output.splitlines()]
+    assert [(entry["run"], entry["stage"]) for entry in looked] == [(event["run"], event["stage"]) for event in events]
+
+
+def test_a_changed_label_writes_the_page_only_and_a_changed_run_is_named(first, suite, call):
+    lines = call("status", suite, "--set", "runs.2.label=other").output.splitlines()
+    assert [line.split()[0] for line in lines if "will run" in line] == ["suite"]
+    changed = call("status", suite, "--set", "runs.1.set.place.keep=3").output.splitlines()
+    assert [line for line in changed if "will run" in line][-1].endswith("placed changed")
+
+
+def test_a_run_that_fails_stops_the_suite_and_is_named(first, suite, call, folder):
+    page = folder / "results" / "two" / "report.html"
+    before = page.read_bytes()
+    done = call("run", suite, "--set", "runs.1.set.place.minimum_spacing=3.0")
+    assert done.exit_code == 2
+    said = done.stderr
+    assert said.startswith("run 2 of 3 placed failed:\n--set runs.1.set.place.minimum_spacing  place.minimum_spacing: ")
+    assert "run 3 of 3" not in done.output
+    assert page.read_bytes() == before
+    last = call("run", suite, "--set", "runs.1.set.place.minimum_spacing=3.0", "--json").stdout.splitlines()[-1]
+    assert (json.loads(last)["run"], json.loads(last)["status"]) == ("placed", "failed")
+
+
+def test_missing_inputs_of_any_run_are_found_before_the_first_one_starts(suite, folder):
+    results = folder / "none"
+    text = Path(suite).read_text(encoding="utf-8").replace("place.keep: 2", "mesh.file: none.bdf")
+    path = folder / "missing.yaml"
+    path.write_text(text, encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(results)])
+    assert done.exit_code == 2
+    assert "run 2 of 3 placed failed:" in done.stderr
+    assert "missing.yaml:8:" in done.stderr
+    assert not results.exists()
+
+
+@pytest.mark.parametrize("stage", ["import", "place", "report", "estimate"])
+def test_a_suite_has_no_stages_of_its_own(stage, suite, call):
+    done = call(stage, suite)
+    assert done.exit_code == 2
+    assert f"a suite has no stage '{stage}'" in done.stderr
+    assert "strainsight run" in done.stderr
+
+
+def test_an_unknown_last_stage_is_named_with_its_place(suite, call):
+    done = call("status", suite, "--set", "runs.1.until=plaec")
+    assert done.exit_code == 2
+    assert "runs[1].until: the run has no stage 'plaec'" in done.stderr
+    assert "did you mean place?" in done.stderr
+
+
+def test_its_artefact_holds_the_table(first, folder):
+    suite = Artefact(folder / "results" / "two" / "suite.h5")
+    assert suite["/run/name"].tolist() == ["cantilever-youngs-modulus", "placed", "watched"]
+    assert suite["/run/gauges"][:2].tolist() == [4, 2]
+    assert suite["/unknown/run"].tolist() == [0, 1, 2]
+    place = Artefact(folder / "results" / "placed" / "place.h5")
+    assert suite["/run/trace_final"][1] == place.summary["trace_final"]
+    validate = Artefact(folder / "results" / "cantilever-youngs-modulus" / "validate.h5")
+    assert suite["/unknown/error"][0] == validate.summary["error.E"]
+    assert suite["/unknown/verdict"].tolist()[1:] == ["", ""]
+    assert len(suite["/case/condition"]) == 9

@@ -1,0 +1,87 @@
+"""The stage of a suite: the numbers of its runs as they are in their artefacts, in a file that is documented whole."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strainsight.report.layout import Gauge, Layout
+from strainsight.stages import suite as suite_stage
+from strainsight.stages.records.suite import nearest
+from strainsight.stages.suite import SUITE, config_of_run
+from strainsight.workflow.plan import Job
+from strainsight.workflow.runner import run
+
+DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
+
+
+@pytest.fixture(scope="module")
+def told(config, artefacts):
+    """What a suite is told of the same run, as far as it got three times."""
+    from strainsight.config.load import load_config
+
+    data = load_config(config).data
+    names = list(artefacts)
+    upto = {last: names[: names.index(last) + 1] for last in ("import", "place", "report")}
+    return [{**config_of_run(data, f"<{last}>", "", stages), "name": f"to-{last}"} for last, stages in upto.items()]
+
+
+@pytest.fixture(scope="module")
+def suite(told, results, artefacts):
+    job = Job({"name": "all", "title": "All & more", "runs": told}, results, results)
+    return list(run((SUITE,), job))[-1].artefact
+
+
+def test_the_numbers_are_those_of_the_runs(suite, artefacts):
+    place, validate = artefacts["place"], artefacts["validate"]
+    assert suite["/run/reached"].tolist() == ["import", "place", "report"]
+    np.testing.assert_array_equal(suite["/run/trace_final"], [np.nan, *[place.summary["trace_final"]] * 2])
+    np.testing.assert_array_equal(suite["/run/gap"], [np.nan, *[place.summary["gap"]] * 2])
+    np.testing.assert_array_equal(suite["/unknown/error"], [np.nan, np.nan, validate.summary["error.E"]])
+    np.testing.assert_array_equal(suite["/unknown/smoothed"], [np.nan, np.nan, validate.summary["smoothed.E"]])
+    expected = float(place["/expected_std/E"])
+    scale = float(place.attributes("/expected_std/E")["scale"])
+    np.testing.assert_allclose(suite["/unknown/expected"], [np.nan, expected / scale, expected / 2.1e11])
+    assert suite["/unknown/repeats_worst"][2] == np.abs(validate["/repeats/error/E"]).max()
+    assert suite["/case/condition"].tolist() == artefacts["observe"]["/condition"].T.ravel().tolist() * 2
+    page = (suite.path.parent / "report.html").read_text(encoding="utf-8")
+    assert "&lt;place&gt;" in page
+    assert "<place>" not in page
+
+
+def test_runs_with_the_same_layout_share_a_picture(suite, told, results, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(suite_stage, "render_all", lambda layouts: drawn.extend(layouts) or [b"png"] * len(layouts))
+    job = Job({"name": "again", "title": "All", "runs": told}, results, results)
+    (*_, event) = run((SUITE,), job)
+    assert event.artefact.summary["pictures"] == 2
+    assert len(drawn) == 1
+
+
+def test_it_is_up_to_date_until_a_run_changes(suite, told, results):
+    job = Job({"name": "all", "title": "All & more", "runs": told}, results, results)
+    assert [event.status for event in run((SUITE,), job)] == ["up to date"]
+    other = [told[0], {**told[1], "note": "new"}, told[2]]
+    changed = Job({"name": "all", "title": "All & more", "runs": other}, results, results)
+    assert next(run((SUITE,), changed)).reason.startswith("runs ")
+
+
+def test_every_dataset_and_every_scalar_is_listed(suite):
+    text = DOC.read_text(encoding="utf-8").split("## suite.h5\n")[1].split("\n## ")[0]
+    listed = dict(re.findall(r"^\| `([^`]+)` \| [^|]+ \| ([^|]+) \|", text, flags=re.MULTILINE))
+    assert {path: unit.strip() for path, unit in listed.items()} == {
+        path: suite.attributes(path)["units"] for path in suite.paths()
+    }
+    assert all(suite[path].ndim == 1 for path in suite.paths())
+    assert set(re.findall(r"`([^`]+)`", text.split("Summary:")[1])) == set(suite.summary)
+
+
+def test_the_nearest_other_gauge_of_each():
+    points = ([0.0, 0, 0], [3, 0, 0], [3, 1, 0])
+    gauges = tuple(Gauge(f"G{i}", 1, 1, np.array(p), np.eye(3)[0], np.eye(3)[2], 0.0) for i, p in enumerate(points))
+    layout = Layout(np.zeros((1, 3)), np.zeros((0, 8), dtype=int), np.zeros((0, 3)), gauges)
+    assert nearest(layout) == (("G0", "G1", 3.0), ("G1", "G2", 1.0), ("G2", "G1", 1.0))
+    assert nearest(Layout(layout.points, layout.faces, layout.pool, gauges[:1])) == ()
