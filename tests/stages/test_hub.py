@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
+from strainsight.config.suite_runs import runs_of
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -78,13 +79,25 @@ def test_the_file_of_the_test_gives_the_same_modulus(folder):
     assert values.mean() == pytest.approx(1.87e11, rel=0.015)
 
 
-@pytest.mark.parametrize("path", sorted(HUB.glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(HUB.glob("hub-*.yaml")), ids=lambda path: path.stem)
 def test_every_config_is_valid_and_shares_what_is_reduced(path):
     """One name a file, and the same mesh, parameters and reduction everywhere, so that runs take stages over."""
     own, first = load_config(path, ()).data, load_config(CONFIG, ()).data
     assert own["name"] == path.stem
     for key in ("mesh", "parameters", "rom", "damping"):
         assert own[key] == first[key]
+
+
+def test_the_suite_runs_every_config_on_either_mesh():
+    """make hub and make hub-fine: all nine, under names of their own."""
+    fine = ("name=hub-fine", "suffix=-fine", "set.mesh.file=../../meshes/hub.bdf.gz")
+    for options, mesh, suffix in (((), "hub-coarse.bdf.gz", ""), (fine, "hub.bdf.gz", "-fine")):
+        runs = runs_of(load_config(HUB / "suite.yaml", options))
+        assert {run.entry.config for run in runs} == {path.name for path in HUB.glob("hub-*.yaml")}
+        for run in runs:
+            assert run.config.data["mesh"]["file"] == f"../../meshes/{mesh}"
+            assert run.config.data["name"].endswith(suffix)
+            assert (HUB / run.config.data["mesh"]["file"]).is_file()
 
 
 def test_blade_load_is_what_the_script_writes():
