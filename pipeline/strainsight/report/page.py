@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from html import escape
-from importlib.resources import files
 
 from strainsight.report.data import PlacementReport
+from strainsight.report.document import document
 from strainsight.report.drawing import Drawing
 from strainsight.report.first import answer, first_screen
 from strainsight.report.gauge_table import gauge_table
 from strainsight.report.markup import figure, measure, pairs, plain, share, table
 from strainsight.report.tables import cases_table, criteria_meaning, criteria_table
 from strainsight.report.text import number
-
-# Nothing is fetched and nothing runs, whatever a name in a deck contains.
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 def placement_page(
@@ -25,7 +22,6 @@ def placement_page(
 
     drawings from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the sentence on why.
     """
-    css = files("strainsight.report").joinpath("page.css").read_text(encoding="utf-8")
     sections = (
         _estimates(report, drawings),
         _trend(report, drawings),
@@ -34,23 +30,14 @@ def placement_page(
         _observability(report),
         _facts(report),
     )
-    return "\n".join(
-        (
-            "<!DOCTYPE html>",
-            '<html lang="en"><head><meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
-            f"<title>{escape(report.title)} – strainsight</title><style>\n{css}</style></head><body>",
-            f'<header><p class="eyebrow">strainsight · gauge placement · {escape(report.name)}</p>',
-            f"<h1>{escape(report.title)}</h1>",
-            f'<p class="answer">{answer(report)}</p></header><main>',
-            first_screen(report, scene, scene_problem),
-            f'<div class="card">{gauge_table(report)}</div>',
-            *(section for section in sections if section),
-            "</main>",
-            "<footer>σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the "
-            "RMS of all true loads, after the first tenth of the run.</footer></body></html>\n",
-        )
+    return document(
+        "gauge placement",
+        report.name,
+        report.title,
+        answer(report),
+        (first_screen(report, scene, scene_problem), f'<div class="card">{gauge_table(report)}</div>', *sections),
+        "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
+        "loads, after the first tenth of the run.",
     )
 
 

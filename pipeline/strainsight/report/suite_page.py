@@ -5,12 +5,11 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from html import escape
-from importlib.resources import files
 
+from strainsight.report.document import document
 from strainsight.report.drawing import Drawing
 from strainsight.report.gauge_table import coordinates, decimals
 from strainsight.report.markup import badge, bullets, figure, measure, pairs, plain, table
-from strainsight.report.page import POLICY
 from strainsight.report.suite_cases import groups_of, numbered, series_of
 from strainsight.report.suite_data import SuiteReport, SuiteRun
 from strainsight.report.suite_summary import answer, link, run_answer, runs_table
@@ -22,7 +21,6 @@ def suite_page(report: SuiteReport, drawings: tuple[Drawing, ...], scenes: Mappi
 
     drawings from `suite_figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
     """
-    css = files("strainsight.report").joinpath("page.css").read_text(encoding="utf-8")
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
     sections = (
         _overview(cards),
@@ -31,22 +29,14 @@ def suite_page(report: SuiteReport, drawings: tuple[Drawing, ...], scenes: Mappi
         _runs(report, drawings, cards),
         _facts(report),
     )
-    return "\n".join(
-        (
-            "<!DOCTYPE html>",
-            '<html lang="en"><head><meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
-            f"<title>{escape(report.title)} – strainsight</title><style>\n{css}</style></head><body>",
-            f'<header><p class="eyebrow">strainsight · suite · {escape(report.name)}</p>',
-            f"<h1>{escape(report.title)}</h1>",
-            f'<p class="answer">{answer(report)}</p></header><main>',
-            f'<div class="card">{runs_table(report)}</div>',
-            *(section for section in sections if section),
-            "</main>",
-            "<footer>σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the "
-            "RMS of all true loads, after the first tenth of the run.</footer></body></html>\n",
-        )
+    return document(
+        "suite",
+        report.name,
+        report.title,
+        answer(report),
+        (f'<div class="card">{runs_table(report)}</div>', *sections),
+        "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
+        "loads, after the first tenth of the run.",
     )
 
 
