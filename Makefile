@@ -6,7 +6,7 @@ CONFIG ?= configs/cantilever-youngs-modulus.yaml
 ARGS ?=
 VENV := .venv
 READY := $(VENV)/.ready
-STAGES := import modes rom train screen observe place validate report
+STAGES := import modes rom train screen observe place spectrum validate report
 # A config that takes a guess from another run comes after those that do not.
 CONFIGS = $(shell grep -L 'from:' configs/*.yaml) $(shell grep -l 'from:' configs/*.yaml)
 # The hub of thesis 6.2 on the mesh of 316 000 unknowns. One run at a time: two would need more than 6 GiB.

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from strainsight.errors import blame
-from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.rom.snapshots import only_scales
 from strainsight.stages.case.full_model import FILES, READS, full_model
 from strainsight.stages.case.settings import parameters_of
 from strainsight.stages.records.mesh import mesh_from
@@ -23,9 +19,9 @@ def run(context: Context) -> Output:
     context.progress("assembly", 0.0)
     model = full_model(config, mesh, parameters, context.files).model
     reference = {p.name: p.reference for p in parameters}
-    count, key = _wanted(config, model)
+    count = int(config.rom.modes)
     context.progress(f"{count} modes of {model.size} unknowns", 0.2)
-    with blame(key):
+    with blame("rom.modes"):
         frequency, shape = lowest_modes(model.stiffness.at(reference), model.mass.at(reference), count)
     values = ", ".join(f"{name} = {value:.6g}" for name, value in reference.items()) or "the deck"
     return Output(
@@ -41,18 +37,10 @@ def run(context: Context) -> Output:
             Table(
                 f"natural frequencies at {values}",
                 ("mode", "Hz"),
-                tuple((str(i), f"{f:.3f}") for i, f in enumerate(frequency[: config.rom.modes], start=1)),
+                tuple((str(i), f"{f:.3f}") for i, f in enumerate(frequency, start=1)),
             ),
         ),
     )
-
-
-def _wanted(config: Any, model: FiniteElementModel) -> tuple[int, str]:
-    """How many, and the key that asks for them: the truth's modes too where they have these shapes at any parameter."""
-    own, truth = int(config.rom.modes), int(config.validate.truth.modes)
-    if truth > own and only_scales(model):
-        return truth, "validate.truth.modes"
-    return own, "rom.modes"
 
 
 MODES = Stage(
@@ -64,7 +52,6 @@ MODES = Stage(
         "parameters.*.guess",
         "parameters.*.range",
         "rom.modes",
-        "validate.truth.modes",
         *READS,
     ),
     upstream=("import",),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from strainsight.stages.import_mesh import IMPORT
 from strainsight.stages.modes import MODES
 from strainsight.stages.observe import OBSERVE
@@ -9,17 +11,23 @@ from strainsight.stages.place import PLACE
 from strainsight.stages.report import REPORT
 from strainsight.stages.rom import ROM
 from strainsight.stages.screen import SCREEN
+from strainsight.stages.spectrum import SPECTRUM
 from strainsight.stages.train import TRAIN
 from strainsight.stages.validate import VALIDATE
 from strainsight.workflow.stage import Stage
 
-PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, VALIDATE, REPORT)
+PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, SPECTRUM, VALIDATE, REPORT)
 
 
-def stages_for(estimates: bool) -> tuple[Stage, ...]:
-    """The pipeline, with the filter on a test where the config names one."""
+def stages_for(estimates: bool, truth: str) -> tuple[Stage, ...]:
+    """The pipeline: with the filter on a test where the config names one, with a spectrum where the truth is made of modes."""
+    stages = PLACEMENT
+    if truth not in ("modes", "rich"):
+        own = replace(VALIDATE, upstream=tuple(name for name in VALIDATE.upstream if name != SPECTRUM.name))
+        stages = tuple(own if stage is VALIDATE else stage for stage in stages if stage is not SPECTRUM)
     if not estimates:
-        return PLACEMENT
+        return stages
     from strainsight.stages.estimate import ESTIMATE  # with readers that no other stage needs
 
-    return (*PLACEMENT[:7], ESTIMATE, *PLACEMENT[7:])
+    place = stages.index(PLACE) + 1
+    return (*stages[:place], ESTIMATE, *stages[place:])

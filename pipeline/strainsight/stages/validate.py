@@ -240,7 +240,7 @@ VALIDATE = Stage(
     "validate",
     version=4,
     reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "filter", "validate", *READS),
-    upstream=("import", "modes", "rom", "train", "screen", "place"),
+    upstream=("import", "rom", "train", "screen", "place", "spectrum"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),
     run=run,
 )

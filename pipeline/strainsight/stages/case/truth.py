@@ -100,7 +100,7 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
     with blame("validate.truth.modes"):
         model, basis = modal_model(
-            built.model, S, problem.model.inputs, theta, stated.modes, damping, _at_the_reference(context)
+            built.model, S, problem.model.inputs, theta, stated.modes, damping, _shapes(context)
         )
     words = f"{stated.modes} modes of the full model with static terms, {values}"
     if rich:
@@ -119,9 +119,12 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     return _modal(theta, words, held, model, rows, pool)
 
 
-def _at_the_reference(context: Context) -> Snapshots:
-    modes = context.upstream["modes"]
-    return Snapshots(modes["/frequency"], modes["/shape"], context.upstream["rom"]["/static"])
+def _shapes(context: Context) -> Snapshots | None:
+    """Modes and static responses that hold wherever one material is scaled as a whole."""
+    spectrum = context.upstream.get("spectrum")
+    if spectrum is None:
+        return None
+    return Snapshots(spectrum["/frequency"], spectrum["/shape"], context.upstream["rom"]["/static"])
 
 
 def _modal(
