@@ -1,11 +1,18 @@
-"""Write the deck of a cast-iron hub: `python make_hub.py SIZE OUT`, SIZE of the elements in m, OUT a .bdf or .bdf.gz.
+"""Write the deck of a cast-iron hub: `python make_hub.py SIZE OUT [small|bench]`, SIZE of the elements in m, OUT a .bdf or
+.bdf.gz.
 
-A hollow sphere about the origin, 0.5 m in outer radius, with a wall of 0.15 m. It is cut flat at z = -0.63 R, where the
-main shaft is bolted on, and at 0.43 m on three axes in the plane z = 0, 120° apart, the first along x, where the blades are;
-a bore along each axis goes through the wall. Solids are tet10 with their mid-side nodes on the surfaces.
+A hollow sphere about the origin. It is cut flat below, where the main shaft is bolted on, and on three axes in the plane
+z = 0, 120° apart, the first along x, where the blades are; a bore along each axis goes through the wall. Solids are tet10
+with their mid-side nodes on the surfaces.
+
+small (where nothing is said): 0.5 m in outer radius, a wall of 0.15 m. Size 0.0408 gives 88 000 unknowns, 0.0251 gives
+316 000.
+bench: the hub of a 3 MW turbine, 1.9 m in outer radius, a wall of 0.12 m. Each blade flange is a face of 1.3 m in radius with
+a bore of 1.1 m and as thick as the wall, to carry the outer ring of a bearing of 2.3 m in pitch diameter. Size 0.11 gives
+99 000 unknowns.
 
 Node 1, the centre of the shaft flange, is clamped and holds the flange rigidly; node 2, the centre of the first blade
-flange, carries that flange rigidly and takes the load. Size 0.0408 gives 88 000 unknowns, 0.0251 gives 316 000.
+flange, carries that flange rigidly and takes the load.
 
 Needs gmsh (`pip install gmsh`), one version of which always gives the same deck; the deck says which.
 """
@@ -20,15 +27,34 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-RADIUS, WALL, FLANGE = 0.5, 0.15, -0.63 * 0.5
-BLADES, FACE, BORE = 3, 0.43, 0.15
+BLADES = 3
 YOUNGS_MODULUS, POISSON_RATIO, DENSITY = "1.7E+11", "0.275", "7100."
-CLEARANCE = 0.05
-"""[m] along the surface from the flanges to the zone for gauges."""
 SHAFT, BLADE, FIRST_NODE = 1, 2, 1001
 LEAST_QUALITY = 0.1
 TET10, MIDSIDES = 11, (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)
 """gmsh's type number, and its nodes in Nastran's order."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Lengths in m: outer radius and wall of the sphere; shaft z of the shaft flange; face distance of the blade flanges from
+    the centre; bore radius; plate thickness of the blade flanges where they are thicker than what the sphere leaves, 0 for
+    none; clearance along the surface from the flanges to the zone for gauges."""
+
+    radius: float
+    wall: float
+    shaft: float
+    face: float
+    bore: float
+    plate: float
+    clearance: float
+
+
+SHAPES = {
+    "small": Shape(0.5, 0.15, -0.63 * 0.5, 0.43, 0.15, 0.0, 0.05),
+    # a face of 1.3 m in radius on a sphere of 1.9 m
+    "bench": Shape(1.9, 0.12, -1.6, 1.386, 1.1, 0.12, 0.1),
+}
 
 
 @dataclass(frozen=True)
@@ -39,7 +65,7 @@ class Solids:
     tetrahedra: np.ndarray
 
 
-def mesh(size: float) -> Solids:
+def mesh(shape: Shape, size: float) -> Solids:
     """The hub in elements of this size [m]; ValueError where one of them is too flat to compute with."""
     gmsh.initialize(["-noenv"], readConfigFiles=False, interruptible=False)
     try:
@@ -53,7 +79,7 @@ def mesh(size: float) -> Solids:
             "Mesh.ElementOrder": 2,
         }.items():
             gmsh.option.setNumber(option, value)
-        _solid()
+        _solid(shape)
         gmsh.model.mesh.generate(3)
         elements, nodes = gmsh.model.mesh.getElementsByType(TET10)
         for measure in ("minSICN", "minSJ"):
@@ -74,19 +100,27 @@ def mesh(size: float) -> Solids:
     return Solids(np.round(ordered, 10) + 0.0, tetrahedra)
 
 
-def _solid() -> None:
+def _solid(shape: Shape) -> None:
     """The geometry, in the kernel of gmsh."""
-    occ = gmsh.model.occ
-    sphere = (3, occ.addSphere(0, 0, 0, RADIUS))
-    cuts = [(3, occ.addSphere(0, 0, 0, RADIUS - WALL)), (3, occ.addBox(-1, -1, FLANGE - 1, 2, 2, 1))]
+    occ, far = gmsh.model.occ, 2 * shape.radius
+    sphere = (3, occ.addSphere(0, 0, 0, shape.radius))
+    cavity = [(3, occ.addSphere(0, 0, 0, shape.radius - shape.wall))]
+    cuts = [(3, occ.addBox(-far, -far, shape.shaft - far, 2 * far, 2 * far, far))]
+    plates = []
     for blade in range(BLADES):
-        face = (3, occ.addBox(FACE, -1, -1, 2, 2, 2))
-        bore = (3, occ.addCylinder(0, 0, 0, 1, 0, 0, BORE))
+        angle = 2 * np.pi * blade / BLADES
+        face = (3, occ.addBox(shape.face, -far, -far, 2 * far, 2 * far, 2 * far))
+        bore = (3, occ.addCylinder(0, 0, 0, far, 0, 0, shape.bore))
         # the seams of bore and sphere must not lie on each other, or the cut fails
         occ.rotate([bore], 0, 0, 0, 1, 0, 0, 0.3)
-        occ.rotate([face, bore], 0, 0, 0, 0, 0, 1, 2 * np.pi * blade / BLADES)
+        occ.rotate([face, bore], 0, 0, 0, 0, 0, 1, angle)
         cuts += [face, bore]
-    occ.cut([sphere], cuts)
+        if shape.plate:
+            plates.append((3, occ.addBox(shape.face - shape.plate, -far, -far, 2 * far, 2 * far, 2 * far)))
+            occ.rotate(plates[-1:], 0, 0, 0, 0, 0, 1, angle)
+    if plates:
+        cavity, _ = occ.cut(cavity, plates)
+    occ.cut([sphere], cavity + cuts)
     occ.synchronize()
 
 
@@ -96,22 +130,23 @@ def axis(blade: int) -> np.ndarray:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def on_shaft_flange(position: np.ndarray) -> np.ndarray:
+def on_shaft_flange(shape: Shape, position: np.ndarray) -> np.ndarray:
     """(n, 3) → (n,) bool."""
-    return np.abs(position[:, 2] - FLANGE) < 1e-7
+    return np.abs(position[:, 2] - shape.shaft) < 1e-7
 
 
-def on_blade_flange(position: np.ndarray, blade: int) -> np.ndarray:
+def on_blade_flange(shape: Shape, position: np.ndarray, blade: int) -> np.ndarray:
     """(n, 3) → (n,) bool."""
-    return np.abs(position @ axis(blade) - FACE) < 1e-7
+    return np.abs(position @ axis(blade) - shape.face) < 1e-7
 
 
-def in_gauge_zone(position: np.ndarray) -> np.ndarray:
-    """On the outer sphere, at least CLEARANCE from every flange: (n, 3) → (n,) bool."""
-    zone = np.abs(np.linalg.norm(position, axis=1) - RADIUS) < 1e-7
-    for direction, distance in [(np.array([0.0, 0.0, -1.0]), -FLANGE), *((axis(b), FACE) for b in range(BLADES))]:
-        angle = np.arccos(np.clip(position @ direction / RADIUS, -1, 1))
-        zone &= RADIUS * (angle - np.arccos(distance / RADIUS)) >= CLEARANCE
+def in_gauge_zone(shape: Shape, position: np.ndarray) -> np.ndarray:
+    """On the outer sphere, at least the clearance from every flange: (n, 3) → (n,) bool."""
+    zone = np.abs(np.linalg.norm(position, axis=1) - shape.radius) < 1e-7
+    flanges = [(np.array([0.0, 0.0, -1.0]), -shape.shaft), *((axis(b), shape.face) for b in range(BLADES))]
+    for direction, distance in flanges:
+        angle = np.arccos(np.clip(position @ direction / shape.radius, -1, 1))
+        zone &= shape.radius * (angle - np.arccos(distance / shape.radius)) >= shape.clearance
     return zone
 
 
@@ -137,16 +172,16 @@ def ranges(ids: np.ndarray) -> list[object]:
     return fields
 
 
-def deck(solids: Solids, size: float) -> str:
+def deck(shape: Shape, solids: Solids, size: float) -> str:
     """The whole deck."""
     position = solids.position
     ids = FIRST_NODE + np.arange(len(position))
-    sets = {11: ("outer surface away from the flanges: a zone for gauges", in_gauge_zone(position))}
+    sets = {11: ("outer surface away from the flanges: a zone for gauges", in_gauge_zone(shape, position))}
     for blade in range(BLADES):
-        sets[21 + blade] = (f"face of blade flange {blade + 1}", on_blade_flange(position, blade))
-    shaft, loaded = ids[on_shaft_flange(position)], ids[on_blade_flange(position, 0)]
+        sets[21 + blade] = (f"face of blade flange {blade + 1}", on_blade_flange(shape, position, blade))
+    shaft, loaded = ids[on_shaft_flange(shape, position)], ids[on_blade_flange(shape, position, 0)]
     lines = [
-        "$ Hub of cast iron, 0.5 m in radius, tet10; units m, kg, s.",
+        f"$ Hub of cast iron, {shape.radius:g} m in radius, tet10; units m, kg, s.",
         f"$ Written by make_hub.py, size {size:g} m, with gmsh {gmsh.__version__}.",
         "SOL 103",
         "CEND",
@@ -158,8 +193,8 @@ def deck(solids: Solids, size: float) -> str:
     lines += card("EIGRL", 1, "", "", 10)
     lines += card("MAT1", 1, YOUNGS_MODULUS, "", POISSON_RATIO, DENSITY)
     lines += card("PSOLID", 1, 1)
-    lines += ["$ centre of the shaft flange, clamped", *grid(SHAFT, np.array([0.0, 0.0, FLANGE]))]
-    lines += ["$ centre of the first blade flange, loaded", *grid(BLADE, FACE * axis(0))]
+    lines += ["$ centre of the shaft flange, clamped", *grid(SHAFT, np.array([0.0, 0.0, shape.shaft]))]
+    lines += ["$ centre of the first blade flange, loaded", *grid(BLADE, shape.face * axis(0))]
     for number, x in zip(ids, position, strict=True):
         lines += grid(number, x)
     for element, nodes in enumerate(ids[solids.tetrahedra], start=1):
@@ -172,16 +207,16 @@ def deck(solids: Solids, size: float) -> str:
     return "\n".join([*lines, "ENDDATA", ""])
 
 
-def main(size: float, out: Path) -> None:
+def main(size: float, out: Path, shape: Shape) -> None:
     """Write the deck, packed where its name ends in .gz."""
-    content = deck(mesh(size), size).encode("ascii")
+    content = deck(shape, mesh(shape, size), size).encode("ascii")
     out.write_bytes(gzip.compress(content, 9, mtime=0) if out.suffix == ".gz" else content)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(f"{__doc__}\nusage: python make_hub.py SIZE OUT")
+    if len(sys.argv) not in (3, 4) or (sys.argv[3:] or ["small"])[0] not in SHAPES:
+        sys.exit(f"{__doc__}\nusage: python make_hub.py SIZE OUT [{'|'.join(SHAPES)}]")
     try:
-        main(float(sys.argv[1]), Path(sys.argv[2]))
+        main(float(sys.argv[1]), Path(sys.argv[2]), SHAPES[(sys.argv[3:] or ["small"])[0]])
     except ValueError as error:
         sys.exit(f"make_hub.py: {error}")

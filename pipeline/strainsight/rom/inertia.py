@@ -1,0 +1,118 @@
+"""The inertia of a deformable body in its floating frame: integrals that do not change with its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.errors import DeckError
+from strainsight.fem.element_matrices import element_masses
+from strainsight.fem.model import FiniteElementModel
+from strainsight.mesh.model import Mesh, PointMass
+
+CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class InertiaInvariants:
+    """Integrals over the undeformed body of a point's place x and of its shapes Φ(x) (3, n), column k φ_k; p = x + Φη:
+
+    mass [kg]                     m = ∫ρ dV
+    first (3,) [kg m]             ∫ρ x
+    first_modal (3, n)            ∫ρ Φ
+    second (3, 3) [kg m²]         ∫ρ x xᵀ
+    second_modal (n, 3, 3)        [k] = ∫ρ (x φ_kᵀ + φ_k xᵀ)
+    second_modal2 (n, n, 3, 3)    [k, l] = ∫ρ φ_k φ_lᵀ
+    coupling (3, 3, n)            [j] = ∫ρ x_j Φ
+    coupling_modal (n, 3, 3, n)   [k, j] = ∫ρ φ_kj Φ
+    modal (n, n)                  ∫ρ ΦᵀΦ
+    """
+
+    mass: float
+    first: np.ndarray
+    first_modal: np.ndarray
+    second: np.ndarray
+    second_modal: np.ndarray
+    second_modal2: np.ndarray
+    coupling: np.ndarray
+    coupling_modal: np.ndarray
+    modal: np.ndarray
+
+
+def inertia_invariants(
+    model: FiniteElementModel, basis: np.ndarray, origin: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> InertiaInvariants:
+    """All of them are entries of one Gram matrix of scalar fields, with the consistent mass of the elements:
+
+        G = ∫ρ f fᵀ dV = FᵀmF,     f = (1, x, Φ),   m_ab = Σ_elements ρ ∫ N_a N_b dV,   F the values of f on the nodes
+
+    The shape functions hold 1, x and Φ, so nothing is lost beside the mass matrix of the model, and modal is ΦᵀMΦ. A
+    point mass at c = x_i + d adds m_p f(c) f(c)ᵀ + ∇fᵀ(½ tr(J) I − J)∇f, with f(c) and ∇f of the rigid motion of its node.
+
+    model with the densities of its mesh; basis (n_free, n), columns k [m per unit of η_k]; origin (3,) [m] of the
+    floating frame, whose axes are the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`
+    and for a body without mass.
+    Source: Shabana, Dynamics of Multibody Systems, ch. 5; the fields are those of thesis (1.16).
+    """
+    mesh, n = model.mesh, basis.shape[1]
+    z = model.constraint.transform @ basis
+    x = mesh.position - np.asarray(origin, dtype=float)
+    Phi = z[: 3 * len(x)].reshape(len(x), 3 * n)
+    F = np.hstack([np.ones((len(x), 1)), x, Phi])
+    G = F.T @ (scalar_mass(mesh) @ F)
+    for point in mesh.point_masses:
+        row = model.constraint.reference_rows.get(point.node)
+        G += _of_point(point, F[point.node], None if row is None else z[row : row + 3])
+    if not G[0, 0] > 0:
+        raise DeckError(f"the total mass is {G[0, 0]:g} kg", remedy="give the materials a density (RHO on MAT1)")
+    G = 0.5 * (G + G.T)
+    with_place = G[1:4, 4:].reshape(3, 3, n)
+    modal2 = G[4:, 4:].reshape(3, n, 3, n)
+    outer = with_place.transpose(2, 0, 1)
+    return InertiaInvariants(
+        mass=float(G[0, 0]),
+        first=G[0, 1:4],
+        first_modal=G[0, 4:].reshape(3, n),
+        second=G[1:4, 1:4],
+        second_modal=outer + outer.swapaxes(1, 2),
+        second_modal2=modal2.transpose(1, 3, 0, 2),
+        coupling=with_place,
+        coupling_modal=modal2.transpose(1, 0, 2, 3),
+        modal=np.einsum("akal->kl", modal2),
+    )
+
+
+def scalar_mass(mesh: Mesh) -> sparse.csr_array:
+    """m_ab = Σ_elements ρ ∫ N_a N_b dV  (nodes, nodes) [kg]: the mass of one component, without point masses."""
+    rows, columns, values = [], [], []
+    for block in mesh.blocks:
+        a, b = np.triu_indices(block.nodes.shape[1])
+        numbers, region = np.unique(block.region, return_inverse=True)
+        density = np.array([mesh.materials[mesh.regions[int(number)].material].density for number in numbers])[region]
+        for start in range(0, len(block.ids), CHUNK):
+            cut = slice(start, start + CHUNK)
+            nodes = block.nodes[cut]
+            m = element_masses(block.kind, mesh.position[nodes], block.ids[cut])[:, :, 0] * density[cut, None]
+            # half of the diagonal, because the transpose is added below
+            values.append((m * np.where(a == b, 0.5, 1.0)).ravel())
+            rows.append(nodes[:, a].ravel())
+            columns.append(nodes[:, b].ravel())
+    places = np.concatenate(rows), np.concatenate(columns)
+    half = sparse.csr_array(sparse.coo_array((np.concatenate(values), places), shape=(len(mesh.position),) * 2))
+    return sparse.csr_array(half + half.T)
+
+
+def _of_point(point: PointMass, f: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
+    """m_p f(c) f(c)ᵀ + ∇fᵀ(½ tr(J) I − J)∇f, f (1 + 3 + 3n,) at the node; rotation (3, n) of the node, None where it has none."""
+    if rotation is None:
+        return point.mass * np.outer(f, f)
+    n = rotation.shape[1]
+    slope = np.zeros((3, len(f)))
+    slope[:, 1:4] = np.eye(3)
+    # ∂φ_k/∂x_b = ψ_k × e_b
+    slope[:, 4:] = np.cross(rotation.T[None], np.eye(3)[:, None]).transpose(0, 2, 1).reshape(3, 3 * n)
+    centre = f + np.asarray(point.offset, dtype=float) @ slope
+    J = np.asarray(point.inertia, dtype=float)
+    return point.mass * np.outer(centre, centre) + slope.T @ (0.5 * np.trace(J) * np.eye(3) - J) @ slope

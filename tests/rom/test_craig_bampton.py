@@ -1,0 +1,393 @@
+"""A body reduced to its interface is the full one in statics and rigid motion, and close to it in its low modes."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import eigvalsh
+from scipy.spatial.transform import Rotation
+
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import InfeasibleError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.modes import modes as lowest_modes
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.rows import channel_rows
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region, RigidElement
+from strainsight.rom.craig_bampton import craig_bampton, floating_basis, frame_shapes, rigid_motions
+
+MESHES = Path(__file__).parents[2] / "meshes"
+ROOT, TIP, SIDE = 901, 902, 903
+SIZE = np.array([1.2, 0.3, 0.2])
+START = np.array([0.4, -0.1, 0.25])
+RHO = 7850.0
+
+
+def bar(counts: tuple[int, int, int] = (8, 3, 2), side: bool = False, clamped: bool = False) -> Mesh:
+    """A bar of hexahedra in two materials, its end faces tied to ROOT and TIP, a patch of its top to SIDE if asked."""
+    nx, ny, nz = counts
+    grid = np.stack(np.meshgrid(*[np.arange(c + 1) for c in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    position = START + grid / np.array(counts) * SIZE
+    number = np.arange(len(grid)).reshape(nx + 1, ny + 1, nz + 1)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    cells = np.stack([number[i : nx + i, j : ny + j, k : nz + k] for i, j, k in corners], axis=-1)
+    region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
+    block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
+    middle = START + 0.5 * SIZE
+    ends = [np.array([START[0], *middle[1:]]), np.array([START[0] + SIZE[0] + 0.05, *middle[1:]])]
+    faces = [number[0].ravel(), number[-1].ravel()]
+    if side:
+        ends.append(np.array([middle[0], middle[1], START[2] + SIZE[2] + 0.1]))
+        faces.append(number[nx // 2 - 1 : nx // 2 + 2, :, -1].ravel())
+    n = len(position)
+    return Mesh(
+        node_ids=np.append(np.arange(1, n + 1), [ROOT, TIP, SIDE][: len(ends)]),
+        position=np.vstack([position, ends]),
+        blocks=(block,),
+        regions={1: Region(1, "root", 1), 2: Region(2, "tip", 2)},
+        materials={1: Material(1, 2.1e11, 0.3, RHO), 2: Material(2, 7.0e10, 0.33, RHO)},
+        fixed=np.array([(n, c) for c in range(6)] if clamped else [], dtype=np.int64).reshape(-1, 2),
+        rigid=tuple(RigidElement(k + 1, n + k, face, (0, 1, 2)) for k, face in enumerate(faces)),
+    )
+
+
+@pytest.fixture(scope="module")
+def clamped():
+    """Held at ROOT; TIP and SIDE are interfaces."""
+    return build_model(bar(side=True, clamped=True))
+
+
+@pytest.fixture(scope="module")
+def free():
+    return build_model(bar(side=True), supported=False)
+
+
+def pick(model, *nodes):
+    """Rows of the transform with six motions of every node (6k, n_free), dense."""
+    rows = []
+    for node in nodes:
+        i = model.mesh.node_index(node)
+        rows += [*range(3 * i, 3 * i + 3), *range(first := model.constraint.reference_rows[i], first + 3)]
+    return model.constraint.transform[rows].toarray()
+
+
+def dense(X):
+    return X.toarray()
+
+
+def rigid(points: np.ndarray) -> np.ndarray:
+    """Displacement of points (k, 3) in three translations and three rotations about the origin (3k, 6)."""
+    spin = np.stack([np.cross(axis, points).ravel() for axis in np.eye(3)], axis=1)
+    return np.hstack([np.tile(np.eye(3), (len(points), 1)), spin])
+
+
+def frequencies(K, M):
+    return np.sqrt(np.maximum(eigvalsh(K, M), 0)) / (2 * np.pi)
+
+
+# statics
+
+
+def test_a_load_on_the_interface_moves_it_and_all_else_as_in_the_full_model(clamped):
+    body = craig_bampton(clamped, [TIP, SIDE], modes=5)
+    B = pick(clamped, TIP, SIDE)
+    exact = np.linalg.solve(dense(clamped.stiffness.constant), B.T)
+    reduced = np.linalg.solve(body.stiffness.constant, np.eye(body.size)[:, :12])
+    assert np.allclose(body.basis @ reduced, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
+    flexibility = B @ exact
+    assert np.allclose(reduced[:12], flexibility, rtol=0, atol=1e-10 * np.abs(flexibility).max())
+
+
+def test_stiffness_of_the_interface_is_the_schur_complement_and_the_modes_are_apart_from_it(clamped):
+    body = craig_bampton(clamped, [TIP, SIDE], modes=4)
+    B = pick(clamped, TIP, SIDE)
+    b = np.flatnonzero(B.any(axis=0))
+    i = np.setdiff1d(np.arange(clamped.size), b)
+    K = dense(clamped.stiffness.constant)
+    schur = K[np.ix_(b, b)] - K[np.ix_(b, i)] @ np.linalg.solve(K[np.ix_(i, i)], K[np.ix_(i, b)])
+    to_free = np.linalg.inv(B[:, b])
+    reduced, omega2 = body.stiffness.constant, (2 * np.pi * body.frequency) ** 2
+    assert np.allclose(reduced[:12, :12], to_free.T @ schur @ to_free, rtol=0, atol=1e-12 * np.abs(schur).max())
+    assert np.allclose(reduced[12:, 12:], np.diag(omega2), rtol=0, atol=1e-9 * omega2.max())
+    scale = np.sqrt(np.diag(reduced))
+    assert np.all(np.abs(reduced[:12, 12:]) <= 1e-10 * np.outer(scale[:12], scale[12:]))
+    assert np.allclose(body.mass[12:, 12:], np.eye(4), rtol=0, atol=1e-12)
+
+
+# modes
+
+
+def test_with_all_modes_nothing_is_lost():
+    model = build_model(bar((3, 2, 1), clamped=True))
+    body = craig_bampton(model, [TIP], modes=model.size - 6)
+    exact = frequencies(dense(model.stiffness.constant), dense(model.mass.constant))
+    assert body.size == model.size
+    assert body.cut == np.inf
+    assert np.allclose(frequencies(body.stiffness.constant, body.mass), exact, rtol=1e-9)
+
+
+def test_modes_are_those_with_the_interface_held(clamped):
+    body = craig_bampton(clamped, [TIP, SIDE], modes=6)
+    i = np.flatnonzero(~pick(clamped, TIP, SIDE).any(axis=0))
+    K, M = (dense(X.constant)[np.ix_(i, i)] for X in (clamped.stiffness, clamped.mass))
+    exact = frequencies(K, M)
+    assert np.allclose(body.frequency, exact[:6], rtol=1e-9)
+    assert body.cut == pytest.approx(exact[6], rel=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 4, 8, 16, 32])
+def test_frequencies_are_too_high_by_at_most_half_the_square_of_their_share_of_the_cut(clamped, count):
+    """δ² ≤ λ/λ_cut is the energy of a mode that the kept shapes miss, and (1 − δ²)/(1 − 2δ²) bounds the growth of λ."""
+    exact = frequencies(dense(clamped.stiffness.constant), dense(clamped.mass.constant))
+    body = craig_bampton(clamped, [TIP, SIDE], modes=count)
+    found = frequencies(body.stiffness.constant, body.mass)
+    exact = exact[: len(found)]
+    low = exact < 0.5 * body.cut
+    missed = (exact[low] / body.cut) ** 2
+    assert low[:2].all()
+    assert np.all(found >= exact * (1 - 1e-9))
+    assert np.all(found[low] <= exact[low] * np.sqrt((1 - missed) / (1 - 2 * missed)))
+
+
+@pytest.mark.parametrize("kept", [1, 11, 12, 13, 30])
+def test_a_cut_off_keeps_every_mode_up_to_it(clamped, kept):
+    """However many there are beside the first guess."""
+    by_count = craig_bampton(clamped, [TIP], modes=kept)
+    body = craig_bampton(clamped, [TIP], cutoff=0.5 * (by_count.frequency[-1] + by_count.cut))
+    assert np.allclose(body.frequency, by_count.frequency, rtol=1e-9)
+    assert body.cut == pytest.approx(by_count.cut, rel=1e-9)
+
+
+def test_a_cut_off_below_the_first_mode_leaves_the_static_shapes(clamped):
+    body = craig_bampton(clamped, [TIP, SIDE], cutoff=1.0)
+    assert body.size == 12
+    assert body.cut > 1.0
+
+
+# rigid motions
+
+
+def on_the_interface(model, *nodes):
+    """z_b (6k, 6) of three translations and three rotations about the origin."""
+    x = np.array([model.mesh.position[model.mesh.node_index(node)] for node in nodes])
+    moved = rigid(x).reshape(-1, 3, 6)
+    turned = np.broadcast_to(np.hstack([np.zeros((3, 3)), np.eye(3)]), moved.shape)
+    return np.concatenate([moved, turned], axis=1).reshape(-1, 6)
+
+
+@pytest.mark.parametrize("nodes", [(TIP,), (ROOT, TIP), (SIDE, ROOT, TIP)])
+def test_a_rigid_motion_of_the_interface_takes_every_node_along_without_force(free, nodes):
+    body = craig_bampton(free, nodes, modes=3)
+    r = np.vstack([on_the_interface(free, *nodes), np.zeros((3, 6))])
+    assert np.allclose(nodal(free, body.basis @ r), rigid(free.mesh.position), rtol=0, atol=1e-13)
+    K = body.stiffness.constant
+    full = free.stiffness.constant.diagonal().max()
+    assert np.all(np.abs(K @ r) <= 1e-13 * full)
+
+
+def test_the_inertia_of_rigid_motions_is_that_of_a_cuboid(free):
+    """m, m x̄ and ∫ρ(|x|² I − x xᵀ), by the formulae of a cuboid with its centre off the origin."""
+    body = craig_bampton(free, [ROOT, TIP, SIDE], modes=3)
+    r = np.vstack([on_the_interface(free, ROOT, TIP, SIDE), np.zeros((3, 6))])
+    inertia = r.T @ body.mass @ r
+    m, c = RHO * SIZE.prod(), START + 0.5 * SIZE
+    second = m * (np.diag(SIZE**2) / 12 + np.outer(c, c))
+    cross = np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
+    expected = np.block([[m * np.eye(3), -m * cross], [m * cross, np.trace(second) * np.eye(3) - second]])
+    assert np.allclose(inertia, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_free_body_has_six_modes_without_frequency_and_then_those_of_the_full_one(free):
+    body = craig_bampton(free, [ROOT, TIP], modes=40)
+    lam = eigvalsh(body.stiffness.constant, body.mass)
+    exact = eigvalsh(dense(free.stiffness.constant), dense(free.mass.constant))
+    assert np.all(np.abs(lam[:6]) <= 1e-9 * lam[6])
+    assert np.allclose(lam[6:10], exact[6:10], rtol=1e-3)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_hinge_leaves_one_rigid_motion(turned):
+    """ROOT held but for its rotation about y, or about an axis of its own."""
+    axes = Rotation.from_rotvec([0.4, -0.3, 0.8]).as_matrix() if turned else np.eye(3)
+    mesh = bar()
+    root = mesh.node_index(ROOT)
+    mesh = replace(mesh, fixed=np.array([(root, c) for c in (0, 1, 2, 3, 5)]), axes={root: axes} if turned else {})
+    model = build_model(mesh, supported=False)
+    left = rigid_motions(model)
+    assert left.shape == (model.size, 1)
+    spin = np.cross(axes[:, 1], mesh.position - mesh.position[root]).ravel()
+    shape = nodal(model, left)[:, 0]
+    assert abs(shape @ spin) == pytest.approx(np.linalg.norm(shape) * np.linalg.norm(spin), rel=1e-13)
+    lam = eigvalsh(craig_bampton(model, [TIP], modes=3).stiffness.constant)
+    assert abs(lam[0]) <= 1e-13 * lam[-1]
+    assert lam[1] > 1e-8 * lam[-1]
+
+
+def test_a_supported_body_has_no_rigid_motion(clamped, free):
+    assert rigid_motions(clamped).shape == (clamped.size, 0)
+    assert rigid_motions(free).shape == (free.size, 6)
+
+
+# coordinates
+
+
+def test_interface_motions_are_along_the_basic_axes_whatever_the_axes_of_the_node(free):
+    turned = {free.mesh.node_index(TIP): Rotation.from_rotvec([0.5, 1.0, -0.7]).as_matrix()}
+    own = build_model(replace(free.mesh, axes=turned), supported=False)
+    plain = craig_bampton(free, [ROOT, TIP], modes=0)
+    body = craig_bampton(own, [ROOT, TIP], modes=0)
+    K = plain.stiffness.constant
+    assert np.allclose(body.stiffness.constant, K, rtol=0, atol=1e-11 * np.abs(K).max())
+    assert np.allclose(nodal(own, body.basis), nodal(free, plain.basis), rtol=0, atol=1e-10)
+
+
+def test_frame_shapes_are_the_motions_of_the_node(free):
+    body = craig_bampton(free, [SIDE, TIP], modes=4)
+    for node in (SIDE, TIP):
+        Phi, Psi = frame_shapes(body, node)
+        assert np.allclose(np.vstack([Phi, Psi]), pick(free, node) @ body.basis, rtol=0, atol=1e-12)
+
+
+def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamped):
+    """Same stiffness and mass as of the bar with ROOT in its supports."""
+    seen = floating_basis(craig_bampton(free, [ROOT, TIP, SIDE], modes=5), ROOT)
+    held = craig_bampton(clamped, [TIP, SIDE], modes=5)
+    assert seen.size == held.size == 17
+    for found, exact in ((seen.stiffness.constant, held.stiffness.constant), (seen.mass, held.mass)):
+        scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+        sign = np.sign(np.einsum("ij,ij->j", nodal(free, seen.basis), nodal(clamped, held.basis)))
+        assert np.all(np.abs(found * np.outer(sign, sign) - exact) <= 1e-9 * scale)
+    Phi, Psi = frame_shapes(seen, ROOT)
+    assert not Phi.any()
+    assert not Psi.any()
+    assert eigvalsh(seen.stiffness.constant)[0] > 0
+
+
+# parameters
+
+MODULI = (Parameter("E1", "youngs_modulus", (1,), 2.1e11), Parameter("E2", "youngs_modulus", (2,), 7.0e10))
+REFERENCE = {p.name: p.reference for p in MODULI}
+
+
+def test_the_stiffness_is_affine_in_the_moduli():
+    model = build_model(bar(clamped=True), MODULI)
+    body = craig_bampton(model, [TIP], modes=4, reference=REFERENCE)
+    for theta in (REFERENCE, {"E1": 1.7e11, "E2": 9e10}):
+        exact = body.basis.T @ (model.stiffness.at(theta) @ body.basis)
+        assert np.allclose(body.stiffness.at(theta), exact, rtol=0, atol=1e-13 * np.abs(exact).max())
+    plain = craig_bampton(build_model(bar(clamped=True)), [TIP], modes=4)
+    assert np.allclose(body.frequency, plain.frequency, rtol=1e-10)
+
+
+def test_one_modulus_of_the_whole_leaves_statics_exact_at_every_value():
+    model = build_model(bar(clamped=True), (Parameter("E", "youngs_modulus", (1, 2), 2.1e11),))
+    body = craig_bampton(model, [TIP], modes=2, reference={"E": 2.1e11})
+    B = pick(model, TIP)
+    exact = B @ np.linalg.solve(dense(model.stiffness.at({"E": 0.7e11})), B.T)
+    found = np.linalg.inv(body.stiffness.at({"E": 0.7e11}))[:6, :6]
+    assert np.allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+
+
+# gauges
+
+
+def test_gauges_read_the_reduced_body(clamped):
+    """The static strain of a load on the interface is that of the full model; a rigid motion has none."""
+    facets = exterior_facets(clamped.mesh)
+    glued = candidates(clamped.mesh, facets, (1.0, 0.0, 0.0), (0.0, 45.0))
+    body = craig_bampton(clamped, [TIP, SIDE], modes=3)
+    rows = channel_rows(clamped.mesh.position, glued, nodal(clamped, body.basis))
+    full = np.linalg.solve(dense(clamped.stiffness.constant), pick(clamped, TIP, SIDE).T)
+    exact = channel_rows(clamped.mesh.position, glued, nodal(clamped, full))
+    found = rows @ np.linalg.solve(body.stiffness.constant, np.eye(body.size)[:, :12])
+    assert np.allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
+
+
+# what cannot be reduced
+
+
+@pytest.mark.parametrize(
+    ("nodes", "words"),
+    [
+        ((), "without an interface"),
+        ((77777,), "no node 77777"),
+        ((TIP, TIP), "twice"),
+        ((ROOT,), "held in translation x"),
+        ((20,), "no rotations"),
+    ],
+)
+def test_a_node_that_is_no_interface_is_named(clamped, nodes, words):
+    with pytest.raises(UserError, match=words):
+        craig_bampton(clamped, nodes, modes=1)
+
+
+def test_a_node_that_follows_an_interface_is_refused(free):
+    n = len(free.mesh.position)
+    arm = RigidElement(9, free.mesh.node_index(TIP), np.array([n]), (0, 1, 2, 3, 4, 5))
+    lug = RigidElement(10, n, np.array([40]), (0, 1, 2))
+    position = np.vstack([free.mesh.position, [2.0, 0.0, 0.0]])
+    mesh = replace(
+        free.mesh, node_ids=np.append(free.mesh.node_ids, 950), position=position, rigid=(*free.mesh.rigid, arm, lug)
+    )
+    model = build_model(mesh, supported=False)
+    with pytest.raises(UserError, match="950 are not its own"):
+        craig_bampton(model, [TIP, 950], modes=1)
+    # alone it stands for the node that it follows
+    Phi, _ = frame_shapes(craig_bampton(model, [950], modes=1), 950)
+    assert np.allclose(Phi[:, :3], np.eye(3))
+
+
+def test_counts_cut_offs_and_parameters_that_do_not_go_are_refused(clamped, free):
+    with pytest.raises(UserError, match="either"):
+        craig_bampton(clamped, [TIP])
+    with pytest.raises(UserError, match="either"):
+        craig_bampton(clamped, [TIP], modes=2, cutoff=100.0)
+    with pytest.raises(InfeasibleError, match="-1 modes"):
+        craig_bampton(clamped, [TIP], modes=-1)
+    with pytest.raises(InfeasibleError, match="100000 modes"):
+        craig_bampton(clamped, [TIP], modes=100_000)
+    with pytest.raises(InfeasibleError, match="0 Hz"):
+        craig_bampton(clamped, [TIP], cutoff=0.0)
+    model = build_model(bar(clamped=True), (*MODULI, Parameter("rho", "density", (1,), RHO)))
+    with pytest.raises(UserError, match="density rho"):
+        craig_bampton(model, [TIP], modes=1, reference=REFERENCE)
+    with pytest.raises(UserError, match="E2 has no reference"):
+        craig_bampton(build_model(bar(clamped=True), MODULI), [TIP], modes=1, reference={"E1": 2.1e11})
+    body = craig_bampton(free, [ROOT, TIP], modes=1)
+    with pytest.raises(UserError, match="node 903 is not an interface"):
+        frame_shapes(body, SIDE)
+    with pytest.raises(UserError, match="901 already"):
+        floating_basis(floating_basis(body, ROOT), TIP)
+
+
+# the hub of the bench
+
+
+def test_the_deck_is_the_one_in_the_list_of_checksums():
+    digest, name = (MESHES / "hub-bench.sha256").read_text().split()
+    assert hashlib.sha256((MESHES / name).read_bytes()).hexdigest() == digest
+
+
+@pytest.mark.slow
+def test_the_hub_is_the_full_one_in_statics_and_in_its_modes_below_half_the_cut_off():
+    model = build_model(read_mesh(MESHES / "hub-bench.bdf.gz"))
+    body = craig_bampton(model, [2], cutoff=550.0)
+    K, M = model.stiffness.constant, model.mass.constant
+    factor = factorise(K)
+    B = pick(model, 2)
+    exact = factor.solve(B.T)
+    reduced = np.linalg.solve(body.stiffness.constant, np.eye(body.size)[:, :6])
+    assert np.allclose(body.basis @ reduced, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
+    flexibility = B @ exact
+    assert np.allclose(reduced[:6], flexibility, rtol=0, atol=1e-10 * np.abs(flexibility).max())
+    frequency, _ = lowest_modes(K, M, 9, factor=factor)
+    assert frequency[-1] < 0.5 * body.cut
+    ratio = frequencies(body.stiffness.constant, body.mass)[:9] / frequency
+    assert np.all((ratio > 1 - 1e-9) & (ratio < 1.005))

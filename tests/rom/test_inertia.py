@@ -1,0 +1,239 @@
+"""The inertia of a deformable body is what quadrature, formulae and the mass matrix say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from strainsight.errors import DeckError
+from strainsight.fem.assembly import mass_properties
+from strainsight.fem.model import build_model
+from strainsight.mesh.model import CellBlock, Material, Mesh, PointMass, Region, RigidElement
+from strainsight.rom.inertia import InertiaInvariants, inertia_invariants
+
+SIZE, START = np.array([1.0, 0.6, 0.4]), np.array([0.3, -0.8, 0.5])
+CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+DENSITY = {1: 7850.0, 2: 2700.0}
+FIELDS = tuple(InertiaInvariants.__dataclass_fields__)
+
+
+def box(bend: float = 0.0, densities: dict[int, float] = DENSITY, turn: np.ndarray | None = None) -> Mesh:
+    """3 × 2 × 2 hexahedra in two materials, the nodes shaken by `bend` of an element, then mapped by `turn`."""
+    counts = np.array([3, 2, 2])
+    grid = np.stack(np.meshgrid(*[np.arange(c + 1) for c in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(len(grid)).reshape(counts + 1)
+    cells = np.array([[number[tuple(at + c)] for c in CORNERS] for at in np.ndindex(*counts)])
+    shaken = grid + bend * np.random.default_rng(0).uniform(-1, 1, grid.shape)
+    region = np.where(np.arange(len(cells)) < 6, 1, 2)
+    return Mesh(
+        node_ids=np.arange(1, len(grid) + 1),
+        position=(START + shaken / counts * SIZE) @ (np.eye(3) if turn is None else turn).T,
+        blocks=(CellBlock("hex8", np.arange(1, len(cells) + 1), cells, region),),
+        regions={r: Region(r, str(r), r) for r in densities},
+        materials={r: Material(r, 2e11, 0.3, rho) for r, rho in densities.items()},
+        fixed=np.zeros((0, 2), dtype=np.int64),
+    )
+
+
+def shapes(model, count: int, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((model.size, count))
+
+
+def by_definition(weight: np.ndarray, x: np.ndarray, Phi: np.ndarray) -> dict[str, np.ndarray]:
+    """Sums over points of weight (p,) at x (p, 3) with shapes Phi (p, 3, n)."""
+
+    def sum_over(pattern: str, *fields: np.ndarray) -> np.ndarray:
+        return np.einsum("p," + pattern, weight, *fields)
+
+    half = sum_over("pi,pjk->kij", x, Phi)
+    return {
+        "mass": weight.sum(),
+        "first": sum_over("pi->i", x),
+        "first_modal": sum_over("pik->ik", Phi),
+        "second": sum_over("pi,pj->ij", x, x),
+        "second_modal": half + half.swapaxes(1, 2),
+        "second_modal2": sum_over("pik,pjl->klij", Phi, Phi),
+        "coupling": sum_over("pj,pik->jik", x, Phi),
+        "coupling_modal": sum_over("pjk,pil->kjil", Phi, Phi),
+        "modal": sum_over("pik,pil->kl", Phi, Phi),
+    }
+
+
+def assert_same(found: InertiaInvariants, exact, rtol: float = 1e-12) -> None:
+    for name in FIELDS:
+        expected = exact[name] if isinstance(exact, dict) else getattr(exact, name)
+        assert np.shape(getattr(found, name)) == np.shape(expected)
+        assert np.allclose(getattr(found, name), expected, rtol=0, atol=rtol * np.abs(expected).max()), name
+
+
+def quadrature_points(mesh: Mesh, field: np.ndarray):
+    """Four Gauss points each way in every hexahedron: weight ρ dV, place, and field (nodes, 3, n) there."""
+    g, w = np.polynomial.legendre.leggauss(4)
+    g, w = 0.5 * (g + 1), 0.5 * w
+    block = mesh.blocks[0]
+    X = mesh.position[block.nodes]
+    rho = np.array([mesh.materials[r].density for r in block.region])
+    weight, place, value = [], [], []
+    for i, j, k in np.ndindex(4, 4, 4):
+        factor = np.where(CORNERS == 1, g[[i, j, k]], 1 - g[[i, j, k]])
+        N = factor.prod(axis=1)
+        slope = np.where(CORNERS == 1, 1.0, -1.0) * N[:, None] / factor
+        jacobian = np.linalg.det(np.einsum("ad,eac->edc", slope, X))
+        weight.append(rho * jacobian * w[i] * w[j] * w[k])
+        place.append(np.einsum("a,eac->ec", N, X))
+        value.append(np.einsum("a,eack->eck", N, field[block.nodes]))
+    return np.concatenate(weight), np.concatenate(place), np.concatenate(value)
+
+
+@pytest.mark.parametrize("sheared", [False, True])
+def test_they_are_the_integrals_over_hexahedra(sheared):
+    """Where the Jacobian is constant, as the mass rule of the elements asks."""
+    turn = np.array([[1.0, 0.3, -0.2], [0.1, 0.9, 0.4], [-0.3, 0.2, 1.2]]) if sheared else None
+    model = build_model(box(turn=turn), supported=False)
+    basis = shapes(model, 4)
+    weight, x, Phi = quadrature_points(model.mesh, basis.reshape(-1, 3, 4))
+    assert_same(inertia_invariants(model, basis), by_definition(weight, x, Phi))
+    origin = np.array([1.0, -2.0, 0.5])
+    assert_same(inertia_invariants(model, basis, origin), by_definition(weight, x - origin, Phi))
+
+
+def test_they_are_the_integrals_over_tetrahedra_of_second_order():
+    """Three of them with straight edges; L = (1 − r, r(1 − s), rs(1 − t), rst) over the unit cube, dV = 6V r² s."""
+    edges = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
+    corners = np.eye(4, 3, -1) + 0.3 * np.random.default_rng(2).uniform(-1, 1, (3, 4, 3))
+    X = np.concatenate([corners, 0.5 * (corners[:, edges[:, 0]] + corners[:, edges[:, 1]])], axis=1)
+    block = CellBlock("tet10", np.arange(1, 4), np.arange(30).reshape(3, 10), np.array([1, 2, 1]))
+    mesh = replace(box(), node_ids=np.arange(1, 31), position=X.reshape(30, 3), blocks=(block,))
+    model = build_model(mesh, supported=False)
+    basis = shapes(model, 3)
+    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
+    rho = np.array([DENSITY[1], DENSITY[2], DENSITY[1]])
+    g, w = np.polynomial.legendre.leggauss(5)
+    g, w = 0.5 * (g + 1), 0.5 * w
+    r, s, t = (axis.ravel() for axis in np.meshgrid(g, g, g, indexing="ij"))
+    L = np.array([1 - r, r * (1 - s), r * s * (1 - t), r * s * t])
+    N = np.concatenate([L * (2 * L - 1), 4 * L[edges[:, 0]] * L[edges[:, 1]]])
+    weight = np.einsum("i,j,k->ijk", w, w, w).ravel() * 6 * r**2 * s
+    x, Phi = (np.einsum("aq,eac->qec", N, f).reshape(-1, f.shape[2]) for f in (X, basis.reshape(3, 10, 9)))
+    assert_same(
+        inertia_invariants(model, basis),
+        by_definition(np.outer(weight, rho * volume).ravel(), x, Phi.reshape(-1, 3, 3)),
+    )
+
+
+def test_mass_and_its_moments_of_a_cuboid():
+    """m, m x̄, m(diag(l²)/12 + x̄ x̄ᵀ); the other mass properties of the mesh agree."""
+    model = build_model(box(densities={1: 7850.0, 2: 7850.0}), supported=False)
+    body = inertia_invariants(model, shapes(model, 1))
+    m, centre = 7850.0 * SIZE.prod(), START + 0.5 * SIZE
+    assert body.mass == pytest.approx(m, rel=1e-13)
+    assert np.allclose(body.first, m * centre, rtol=1e-13)
+    assert np.allclose(body.second, m * (np.diag(SIZE**2) / 12 + np.outer(centre, centre)), rtol=1e-12)
+    mass, mean = mass_properties(model.mesh)
+    assert body.mass == pytest.approx(mass, rel=1e-13)
+    assert np.allclose(body.first / body.mass, mean, rtol=1e-13)
+
+
+def test_shapes_that_are_rigid_motions_repeat_the_moments():
+    """φ = e_i and φ = e_i × x."""
+    model = build_model(box(0.2), supported=False)
+    x = model.mesh.position
+    rigid = [np.tile(e, (len(x), 1)).ravel() for e in np.eye(3)] + [np.cross(e, x).ravel() for e in np.eye(3)]
+    body = inertia_invariants(model, np.stack(rigid, axis=1))
+    spin = np.stack([np.cross(e, np.eye(3)).T for e in np.eye(3)])
+    inertia = np.trace(body.second) * np.eye(3) - body.second
+    cross = np.cross(np.eye(3), body.first).T
+    tolerance = {"rtol": 0, "atol": 1e-12 * body.mass}
+    assert np.allclose(body.first_modal[:, :3], body.mass * np.eye(3), **tolerance)
+    assert np.allclose(body.first_modal[:, 3:], cross, **tolerance)
+    assert np.allclose(body.modal[3:, 3:], inertia, **tolerance)
+    assert np.allclose(body.second_modal[3:], spin @ body.second + body.second @ spin.swapaxes(1, 2), **tolerance)
+    assert np.allclose(body.coupling[:, :, :3], np.einsum("j,ik->jik", body.first, np.eye(3)), **tolerance)
+
+
+def tied(clamped: bool) -> Mesh:
+    """The box with its far face on node 901, its near face clamped if asked."""
+    mesh = box(0.1)
+    far, near = np.flatnonzero(mesh.position[:, 0] > 1.2), np.flatnonzero(mesh.position[:, 0] < 0.4)
+    n = len(mesh.position)
+    fixed = [(node, c) for node in near for c in range(3)] if clamped else []
+    return replace(
+        mesh,
+        node_ids=np.append(mesh.node_ids, 901),
+        position=np.vstack([mesh.position, [1.5, -0.4, 0.9]]),
+        fixed=np.array(fixed, dtype=np.int64).reshape(-1, 2),
+        rigid=(RigidElement(1, n, far, (0, 1, 2)),),
+    )
+
+
+PARTS = (
+    PointMass(1, 36, 300.0, np.array([0.3, -0.2, 0.5]), np.diag([20.0, 15.0, 12.0]) + 2.0),
+    PointMass(2, 4, 70.0),
+)
+
+
+@pytest.mark.parametrize("clamped", [False, True])
+@pytest.mark.parametrize("points", [(), PARTS])
+def test_the_modal_mass_is_that_of_the_model(clamped, points):
+    """With supports, ties and point masses, as the mass matrix on the free motions has them."""
+    model = build_model(replace(tied(clamped), point_masses=points), supported=False)
+    basis = shapes(model, 5)
+    body = inertia_invariants(model, basis)
+    exact = basis.T @ (model.mass.constant @ basis)
+    assert np.allclose(body.modal, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    assert body.mass == pytest.approx(mass_properties(model.mesh)[0], rel=1e-13)
+    assert np.allclose(body.first, body.mass * mass_properties(model.mesh)[1], rtol=1e-12)
+
+
+def test_a_point_mass_is_the_particles_it_stands_for():
+    """Six particles m/6 about the centre with the inertia diag(b² + c², a² + c², a² + b²) m/3, on rigid arms, turned."""
+    mesh = tied(clamped=False)
+    node, n, m = 36, len(mesh.position), 300.0
+    arms, offset = np.array([0.3, 0.2, 0.15]), np.array([0.3, -0.2, 0.5])
+    Q = Rotation.from_rotvec([0.4, 1.1, -0.3]).as_matrix()
+    places = offset + np.vstack([np.diag(arms), -np.diag(arms)]) @ Q.T
+    inertia = Q @ np.diag(m / 3 * (np.sum(arms**2) - arms**2)) @ Q.T
+    one = build_model(replace(mesh, point_masses=(PointMass(1, node, m, offset, inertia),)), supported=False)
+    arm = RigidElement(2, node, n + np.arange(6), (0, 1, 2))
+    particles = replace(
+        mesh,
+        node_ids=np.append(mesh.node_ids, 950 + np.arange(6)),
+        position=np.vstack([mesh.position, mesh.position[node] + places]),
+        rigid=(*mesh.rigid, arm),
+        point_masses=tuple(PointMass(i + 1, n + i, m / 6) for i in range(6)),
+    )
+    six = build_model(particles, supported=False)
+    assert six.size == one.size
+    basis = shapes(one, 3)
+    assert_same(inertia_invariants(one, basis), inertia_invariants(six, basis))
+
+
+def test_they_give_the_kinetic_energy_of_any_motion():
+    """½∫ρ|ṙ + Ṙ(x + Φη) + RΦη̇|² dV: from the invariants, and from the mass matrix of the mesh."""
+    model = build_model(box(0.2), supported=False)
+    rng = np.random.default_rng(5)
+    n, x = 4, model.mesh.position
+    basis = shapes(model, n)
+    Phi = basis.reshape(-1, 3, n)
+    s = inertia_invariants(model, basis)
+    R, R_dot = Rotation.random(rng=7).as_matrix(), rng.standard_normal((3, 3))
+    r_dot, eta, eta_dot = rng.standard_normal(3), rng.standard_normal(n), rng.standard_normal(n)
+    velocity = (r_dot + (x + Phi @ eta) @ R_dot.T + (Phi @ eta_dot) @ R.T).ravel()
+    energy = 0.5 * velocity @ (model.mass.constant @ velocity)
+    first = s.first + s.first_modal @ eta
+    second = s.second + np.einsum("k,kij->ij", eta, s.second_modal)
+    second += np.einsum("k,l,klij->ij", eta, eta, s.second_modal2)
+    coupling = s.coupling + np.einsum("k,kjil->jil", eta, s.coupling_modal)
+    found = 0.5 * s.mass * r_dot @ r_dot + 0.5 * np.trace(R_dot @ second @ R_dot.T)
+    found += 0.5 * eta_dot @ s.modal @ eta_dot + r_dot @ R_dot @ first + r_dot @ R @ s.first_modal @ eta_dot
+    found += np.einsum("jil,l,ai,aj->", coupling, eta_dot, R, R_dot)
+    assert found == pytest.approx(energy, rel=1e-12)
+
+
+def test_a_body_without_mass_is_refused():
+    model = build_model(box(densities={1: 0.0, 2: 0.0}), supported=False)
+    with pytest.raises(DeckError, match="total mass is 0 kg"):
+        inertia_invariants(model, shapes(model, 2))
