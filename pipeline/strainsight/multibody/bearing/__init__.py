@@ -1,0 +1,1 @@
+"""The four-point-contact ball bearing as a nonlinear force element between two rings."""

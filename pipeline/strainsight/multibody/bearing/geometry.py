@@ -1,0 +1,175 @@
+"""What a four-point-contact ball bearing is made of, and where its groove centres stand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.multibody.bearing.hertz import groove_contact
+
+PARAMETERS = (
+    "ball_diameter",
+    "radius_inner_left",
+    "radius_inner_right",
+    "radius_outer_left",
+    "radius_outer_right",
+    "preload",
+)
+"""θ, in the order of every derivative in θ."""
+
+CONTACTS = ("inner left", "inner right", "outer left", "outer right")
+"""k = il, ir, ol, or, in the order of every array over the contacts of a ball."""
+
+AXIAL = np.array([1.0, -1.0, 1.0, -1.0])
+RADIAL = np.array([1.0, 1.0, -1.0, -1.0])
+"""Signs of the direction from the ball to the groove centre, (± sin α, ± cos α): also that of the force on the ball."""
+
+
+@dataclass(frozen=True)
+class Bearing:
+    """A ball bearing with four grooves; the outer ring is at rest, x is the axis, ball i stands at φᵢ = first + 2π i/z.
+
+    balls z ≥ 3; pitch_diameter d_m [m]; contact_angle α [rad] of the free bearing, from the radial plane;
+    ball_diameter D [m]; radius_… r_k [m]: groove radii, above D/2 and D/2 + preload;
+    preload [m]: oversize of the balls on the radius, negative: clearance;
+    groove_centres: "follow": they stand r_k − D/2 from the pitch circle whatever D and r_k are, so that a groove always
+    touches the free ball under α; "fixed": they stay where `nominal` has them, and a change of ball or groove becomes
+    interference; nominal: (D, r_il, r_ir, r_ol, r_or) [m] that the grooves were cut for, by default the bearing's own;
+    youngs_modulus [Pa], poisson_ratio: of balls and rings; density [kg/m³]: of the balls, for their centrifugal force;
+    speed [rad/s] of the inner ring; first_ball [rad].
+    Raises UserError where no such bearing can be built, with the values.
+    """
+
+    balls: int
+    pitch_diameter: float
+    contact_angle: float
+    ball_diameter: float
+    radius_inner_left: float
+    radius_inner_right: float
+    radius_outer_left: float
+    radius_outer_right: float
+    preload: float = 0.0
+    groove_centres: Literal["follow", "fixed"] = "follow"
+    youngs_modulus: float = 2.08e11
+    poisson_ratio: float = 0.3
+    density: float = 7850.0
+    speed: float = 0.0
+    first_ball: float = 0.0
+    nominal: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.nominal:
+            object.__setattr__(self, "nominal", tuple(float(value) for value in self.parameters[:5]))
+        _check(self)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """θ (6,) [m] in the order of PARAMETERS."""
+        return np.array([getattr(self, name) for name in PARAMETERS])
+
+    @property
+    def radii(self) -> np.ndarray:
+        """r_k (4,) [m] in the order of CONTACTS."""
+        return self.parameters[1:5]
+
+    @property
+    def effective_modulus(self) -> float:
+        """E* [Pa] of ball against ring, 1/E* = 2 (1 − ν²)/E."""
+        return self.youngs_modulus / (2 * (1 - self.poisson_ratio**2))
+
+    def with_parameters(self, theta: np.ndarray) -> Bearing:
+        """The bearing at other θ (6,) [m]; the grooves remain cut for the same nominal values."""
+        values = np.asarray(theta, float)
+        if values.shape != (len(PARAMETERS),):
+            raise UserError(f"bearing parameters of shape {values.shape}", remedy=f"give six: {', '.join(PARAMETERS)}")
+        return replace(self, **dict(zip(PARAMETERS, values.tolist(), strict=True)))
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """What the forces need of this geometry, computed once."""
+        return _contacts(self)
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The four contacts of a ball, relative to the pitch circle, with their slopes.
+
+    table (4, 10): x_k, ρ_k: groove centre [m];  L_k = r_k − D/2 − preload: distance of the ball centre at touch [m];
+    K_k [N/m^1.5];  ∂K_k/∂D, ∂K_k/∂r_k;  ∂x_k/∂D, ∂x_k/∂r_k;  ∂ρ_k/∂D, ∂ρ_k/∂r_k
+    centrifugal (2,): F_c [N], radially outwards, and ∂F_c/∂D [N/m]
+    """
+
+    table: np.ndarray
+    centrifugal: np.ndarray
+
+
+def _contacts(bearing: Bearing) -> Contacts:
+    """Groove centres  c_k = ℓ_k (± sin α, ± cos α),  ℓ_k = r_k − D/2  of now ("follow") or of the nominal ("fixed").
+
+    Hertz constants at the free contact angle, as Harris has them. Balls orbit at half the speed of the contact of the
+    inner ring, ω_c = ω (1 − D cos α/d_m)/2, on the pitch circle:  F_c = (π/6) ρ D³ ω_c² d_m/2.
+    """
+    D, d_m = bearing.ball_diameter, bearing.pitch_diameter
+    sine, cosine = math.sin(bearing.contact_angle), math.cos(bearing.contact_angle)
+    follow = bearing.groove_centres == "follow"
+    reach = bearing.radii - D / 2 if follow else np.array(bearing.nominal[1:]) - bearing.nominal[0] / 2
+    table = np.empty((4, 10))
+    table[:, 0], table[:, 1] = AXIAL * sine * reach, RADIAL * cosine * reach
+    table[:, 2] = bearing.radii - D / 2 - bearing.preload
+    for k, (r, side) in enumerate(zip(bearing.radii, RADIAL, strict=True)):
+        table[k, 3:6] = groove_contact(D, r, d_m, cosine, side, bearing.effective_modulus)
+    for column, signs in ((6, AXIAL * sine), (8, RADIAL * cosine)):
+        table[:, column], table[:, column + 1] = -0.5 * follow * signs, 1.0 * follow * signs
+    orbit = 0.5 * bearing.speed * (1 - D * cosine / d_m)
+    push = math.pi / 12 * bearing.density * d_m * D**2 * orbit
+    slope = push * (3 * orbit - bearing.speed * D * cosine / d_m)
+    return Contacts(table, np.array([push * D * orbit, slope]))
+
+
+def _check(bearing: Bearing) -> None:
+    for field in fields(bearing):
+        value = getattr(bearing, field.name)
+        if field.name not in ("groove_centres", "nominal") and not math.isfinite(value):
+            raise UserError(f"the bearing's {field.name} is {value}", remedy="give a finite number")
+    if bearing.balls < 3 or bearing.balls != int(bearing.balls):
+        raise UserError(
+            f"a bearing of {bearing.balls} balls", remedy="give at least 3: fewer leave a tilt without stiffness"
+        )
+    for name in ("pitch_diameter", "ball_diameter", "youngs_modulus"):
+        if getattr(bearing, name) <= 0:
+            raise UserError(f"the bearing's {name} is {getattr(bearing, name):.6g}", remedy="give a positive value")
+    if not 0 < bearing.contact_angle < math.pi / 2:
+        raise UserError(
+            f"a free contact angle of {math.degrees(bearing.contact_angle):.4g}°", remedy="give one between 0 and 90°"
+        )
+    if not -1 < bearing.poisson_ratio < 0.5 or bearing.density < 0:
+        raise UserError(
+            f"Poisson's ratio {bearing.poisson_ratio:.4g}, density {bearing.density:.4g} kg/m³",
+            remedy="give a ratio between -1 and 0.5 and a density that is not negative",
+        )
+    if bearing.groove_centres not in ("follow", "fixed"):
+        raise UserError(f"groove centres '{bearing.groove_centres}'", remedy="say follow or fixed")
+    if bearing.ball_diameter >= bearing.pitch_diameter:
+        raise UserError(
+            f"balls of {1e3 * bearing.ball_diameter:.6g} mm on a pitch circle of {1e3 * bearing.pitch_diameter:.6g} mm",
+            remedy="the balls must be smaller than their pitch circle",
+        )
+    _check_grooves(bearing.ball_diameter, bearing.radii.tolist(), max(bearing.preload, 0.0), "")
+    if len(bearing.nominal) != 5 or not all(math.isfinite(value) for value in bearing.nominal):
+        raise UserError(f"nominal values {bearing.nominal}", remedy="give the ball diameter and four groove radii")
+    _check_grooves(bearing.nominal[0], list(bearing.nominal[1:]), 0.0, "nominal ")
+
+
+def _check_grooves(ball: float, radii: list[float], oversize: float, which: str) -> None:
+    for name, radius in zip(CONTACTS, radii, strict=True):
+        if radius <= ball / 2 + oversize:
+            raise UserError(
+                f"the {which}{name} groove of radius {1e3 * radius:.6f} mm does not pass a ball of radius"
+                f" {1e3 * ball / 2:.6f} mm" + (f" with {1e6 * oversize:.4g} µm of preload" if oversize else ""),
+                remedy="make the groove radius larger than the ball's, usually by 2 to 8 %",
+            )

@@ -1,0 +1,221 @@
+"""The bearing's load, tangent and slopes against limits in closed form, symmetries and differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from strainsight.errors import UserError
+from strainsight.multibody.bearing.element import ball_loads, bearing_load
+
+from .bearings import pitch_bearing, uneven
+
+SCALE = np.array([1, 1, 1, 0.25, 0.25])
+
+
+def preloaded_alike(preload):
+    """A bearing whose outer grooves are so much wider that all four contacts are equally stiff."""
+    bearing = uneven(preload=preload)
+    bearing = replace(bearing, radius_inner_right=bearing.radius_inner_left, nominal=())
+
+    def difference(r):
+        table = replace(bearing, radius_outer_left=r, radius_outer_right=r, nominal=()).contacts.table
+        return table[2, 3] / table[0, 3] - 1
+
+    r = brentq(difference, 0.0304, 0.034, xtol=1e-17)
+    return replace(bearing, radius_outer_left=r, radius_outer_right=r, nominal=())
+
+
+def test_preload_stiffness_is_the_closed_form():
+    bearing = preloaded_alike(3e-5)
+    K, delta, s, c, R = bearing.contacts.table[0, 3], 3e-5, np.sin(0.75), np.cos(0.75), 0.25
+    steep, Q = 1.5 * K * delta**0.5, K * delta**1.5
+    stiff = []
+    for r in (bearing.radius_inner_left, bearing.radius_outer_left):
+        d = r - 0.03
+        across = Q / d
+        stiff.append((steep * s**2 + across * c**2, steep * c**2 + across * s**2, (steep - across) * s * c, d))
+    (ax_i, rad_i, mixed, reach), (ax_o, rad_o, _, _) = stiff
+    arm, x = R + reach * c, reach * s
+    axial = 2 * ax_i * ax_o / (ax_i + ax_o)
+    radial = 2 * rad_i * rad_o / (rad_i + rad_o)
+    tilt = 2 * (ax_i * arm**2 - 2 * mixed * arm * x + rad_i * x**2) - 2 * (ax_i * arm - mixed * x) ** 2 / (ax_i + ax_o)
+    expected = np.diag([axial, radial / 2, radial / 2, tilt / 2, tilt / 2]) * bearing.balls
+    load = bearing_load(bearing, np.zeros(5))
+    np.testing.assert_allclose(np.diagonal(load.tangent), np.diagonal(expected), rtol=1e-11)
+    assert np.abs((load.tangent - expected) / np.outer(SCALE, SCALE)).max() < 1e-11 * axial * bearing.balls
+    assert np.abs(load.force / SCALE).max() < 1e-10 * bearing.balls * Q
+    assert load.energy == pytest.approx(bearing.balls * 1.6 * K * delta**2.5, rel=1e-11)
+
+
+@pytest.mark.parametrize("turn", [0.3, 2.0, -1.1])
+def test_turning_stations_and_displacement_together_turns_the_load(turn):
+    bearing, q = uneven(preload=1e-5), np.array([2e-5, 3e-5, -1e-5, 6e-5, 4e-5])
+    rotation = np.eye(5)
+    rotation[1:3, 1:3] = rotation[3:, 3:] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    load = bearing_load(bearing, q)
+    turned = bearing_load(replace(bearing, first_ball=bearing.first_ball + turn), rotation @ q)
+    np.testing.assert_allclose(turned.force, rotation @ load.force, rtol=1e-11)
+    assert np.abs(turned.tangent - rotation @ load.tangent @ rotation.T).max() < 1e-11 * np.abs(load.tangent).max()
+    assert np.abs(turned.slopes - rotation @ load.slopes).max() < 1e-11 * np.abs(load.slopes).max()
+
+
+def test_a_shift_of_the_stations_by_one_pitch_changes_nothing():
+    bearing, q = uneven(preload=1e-5), np.array([2e-5, 3e-5, -1e-5, 6e-5, 4e-5])
+    shifted = bearing_load(replace(bearing, first_ball=bearing.first_ball + 2 * np.pi / 7), q)
+    np.testing.assert_allclose(shifted.force, bearing_load(bearing, q).force, rtol=1e-11)
+
+
+def test_mirroring_left_and_right_mirrors_the_load():
+    bearing, q = uneven(preload=1e-5), np.array([2e-5, 3e-5, -1e-5, 6e-5, 4e-5])
+    mirrored = replace(
+        bearing,
+        radius_inner_left=bearing.radius_inner_right,
+        radius_inner_right=bearing.radius_inner_left,
+        radius_outer_left=bearing.radius_outer_right,
+        radius_outer_right=bearing.radius_outer_left,
+        nominal=(),
+    )
+    signs = np.array([-1, 1, 1, -1, -1])
+    np.testing.assert_allclose(
+        bearing_load(mirrored, signs * q).force, signs * bearing_load(bearing, q).force, rtol=1e-11
+    )
+
+
+# (the bearing, a displacement at which no contact is about to touch or to leave, where differences are smooth)
+SMOOTH = {
+    "four contacts": ({"preload": 6e-5}, (6e-6, -5e-6, 4e-6, 2e-5, 1e-5)),
+    "two contacts": ({"preload": 0.0}, (1e-4, 2e-6, -3e-6, 2e-5, 3e-5)),
+    "clearance": ({"preload": -1e-5}, (2e-4, 5e-6, 8e-6, 3e-5, 2e-5)),
+    "fast": ({"preload": 2e-5, "speed": 300.0}, (1e-4, 2e-6, -3e-6, 2e-5, 3e-5)),
+}
+
+
+@pytest.mark.parametrize("convention", ["follow", "fixed"])
+@pytest.mark.parametrize("case", SMOOTH)
+def test_force_tangent_and_slopes_are_the_differences_of_energy_and_force(case, convention):
+    more, q = SMOOTH[case]
+    bearing, q = uneven(groove_centres=convention, **more), np.array(q)
+    load = bearing_load(bearing, q)
+    assert np.abs(load.force).max() > 1e3
+
+    def fourth_order(function, at, h, direction):
+        # f' to h⁴ by Richardson's extrapolation of two central differences
+        one, two = ((function(at + k * h * direction) - function(at - k * h * direction)) / (2 * k * h) for k in (1, 2))
+        return (4 * one - two) / 3
+
+    for j, direction in enumerate(np.eye(5)):
+        h = 2e-7 / SCALE[j]
+        by_energy = fourth_order(lambda x: bearing_load(bearing, x).energy, q, h, direction)
+        by_force = fourth_order(lambda x: bearing_load(bearing, x).force, q, h, direction)
+        assert by_energy == pytest.approx(load.force[j], abs=1e-7 * np.abs(load.force / SCALE).max() * SCALE[j])
+        assert np.abs((by_force - load.tangent[:, j]) / SCALE / SCALE[j]).max() < 1e-7 * load.tangent[:3, :3].max()
+    theta = bearing.parameters
+    # where the centres follow, a parameter moves no contact, so that a larger step stays smooth and loses fewer digits
+    for j, direction in enumerate(np.eye(6)):
+        by_theta = fourth_order(
+            lambda x: bearing_load(bearing.with_parameters(x), q).force,
+            theta,
+            2e-6 if convention == "follow" and j < 5 else 1e-7,
+            direction,
+        )
+        slope = load.slopes[:, j]
+        assert np.abs((by_theta - slope) / SCALE).max() <= 1e-7 * np.abs(slope / SCALE).max(), f"parameter {j}"
+
+
+def random_states(count, seed):
+    """Displacements from 1 nm to 30 mm in random directions, bearings of both conventions between play and tightness."""
+    rng = np.random.default_rng(seed)
+    bearings = [
+        uneven(groove_centres=convention, preload=preload, speed=speed)
+        for convention in ("follow", "fixed")
+        for preload in (-1e-3, -1e-5, 0.0, 3e-5)
+        for speed in (0.0, 30.0)
+    ]
+    for n in range(count):
+        yield bearings[n % len(bearings)], 10 ** rng.uniform(-9, -1.5) * rng.standard_normal(5) / SCALE, rng
+
+
+def test_a_thousand_random_displacements_are_solved_with_a_positive_semidefinite_tangent():
+    loose = 0
+    for bearing, q, _ in random_states(1000, 0):
+        load = bearing_load(bearing, q)
+        tangent = load.tangent / np.outer(SCALE, SCALE)
+        values = np.linalg.eigvalsh(tangent)
+        assert np.array_equal(tangent, tangent.T)
+        assert np.isfinite(load.slopes).all()
+        assert values[0] >= -1e-12 * values[-1]
+        loose += np.abs(load.force).max() < 1e-3
+    assert loose > 50
+
+
+def test_every_ball_is_in_equilibrium_by_the_scalar_equations():
+    for bearing, q, _ in random_states(300, 1):
+        found = ball_loads(bearing, q)
+        Q, sine, cosine = found.force, np.sin(found.contact_angle), np.cos(found.contact_angle)
+        axial = Q * sine @ [1, -1, 1, -1]
+        radial = Q * cosine @ [1, 1, -1, -1] + bearing.contacts.centrifugal[0]
+        rounding = 1e-15 * np.max(1.5 * bearing.contacts.table[:, 3] * np.sqrt(np.maximum(found.approach, 0)), axis=1)
+        assert np.all(np.hypot(axial, radial) <= 1e-8 * Q.sum(axis=1) + rounding + 1e-6)
+
+
+def test_the_load_is_the_sum_over_the_balls_as_the_thesis_has_it():
+    for bearing, q, _ in random_states(60, 2):
+        found, load = ball_loads(bearing, q), bearing_load(bearing, q)
+        axial = (found.force * np.sin(found.contact_angle))[:, :2] * [1, -1]
+        radial = (found.force * np.cos(found.contact_angle))[:, :2]
+        centre = bearing.contacts.table[:2, :2]
+        moment = ((bearing.pitch_diameter / 2 + centre[:, 1]) * axial - centre[:, 0] * radial).sum(axis=1)
+        c, s = np.cos(found.angle), np.sin(found.angle)
+        by_ball = [axial.sum(), c @ radial.sum(axis=1), s @ radial.sum(axis=1), s @ moment, -c @ moment]
+        np.testing.assert_allclose(load.force, by_ball, rtol=1e-10, atol=1e-10 * (1 + np.abs(found.force).sum()))
+
+
+def test_the_energy_is_convex_in_the_displacement():
+    for bearing, q, rng in random_states(300, 3):
+        other = q + np.linalg.norm(q) * rng.standard_normal(5)
+        at, there = bearing_load(bearing, q), bearing_load(bearing, other)
+        slack = 1e-12 * (abs(at.energy) + abs(there.energy) + abs(at.force @ (other - q))) + 1e-12
+        assert there.energy >= at.energy + at.force @ (other - q) - slack
+        assert (there.force - at.force) @ (other - q) >= -slack
+
+
+def test_a_ring_within_its_clearance_feels_nothing():
+    bearing = pitch_bearing(preload=-1e-3)
+    load = bearing_load(bearing, np.array([1e-4, 2e-4, -1e-4, 1e-4, 5e-5]))
+    assert np.abs(load.force).max() < 1e-6
+    assert np.abs(load.tangent).max() < 1e-2
+    assert load.energy < 1e-9
+
+
+def test_forces_fade_without_a_jump_where_contact_is_lost():
+    bearing = pitch_bearing(preload=-2e-5)
+    touch = 2 * 2e-5 * np.sqrt(2)
+    # centres of il and or are 2ℓ apart along 45°; the ring touches where a shift has taken up both gaps
+    reach = bearing.contacts.table[0, 2] + bearing.contacts.table[3, 2]
+    arm = 2 * (bearing.radius_inner_left - 0.03)
+    at = brentq(lambda x: np.hypot(arm * np.sqrt(0.5) + x, arm * np.sqrt(0.5)) - reach, 0, 2 * touch)
+    axial = [bearing_load(bearing, np.array([at + gap, 0, 0, 0, 0])).force[0] for gap in (-1e-9, 1e-12, 1e-10, 1e-8)]
+    assert axial[0] < 1e-4
+    # two contacts in series, Hertz: F ∝ gap^1.5
+    np.testing.assert_allclose(axial[3] / axial[2], 1e3, rtol=1e-3)
+    assert 0 <= axial[1] < axial[2]
+
+
+def test_slopes_that_nobody_asked_for_are_not_computed_and_nothing_else_changes():
+    bearing, q = uneven(preload=1e-5), np.array([2e-5, 3e-5, -1e-5, 6e-5, 4e-5])
+    with_slopes, without = bearing_load(bearing, q), bearing_load(bearing, q, slopes=False)
+    assert not without.slopes.any()
+    assert with_slopes.slopes.all()
+    np.testing.assert_array_equal(with_slopes.tangent, without.tangent)
+    np.testing.assert_array_equal(with_slopes.force, without.force)
+
+
+@pytest.mark.parametrize("q", [np.zeros(6), np.array([0, 0, np.nan, 0, 0])])
+def test_a_displacement_that_is_no_five_numbers_is_refused(q):
+    for function in (bearing_load, ball_loads):
+        with pytest.raises(UserError, match="bearing displacement"):
+            function(uneven(), q)
