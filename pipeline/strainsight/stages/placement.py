@@ -21,7 +21,7 @@ PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, SPECTRUM, VALIDA
 
 def stages_for(estimates: bool, truth: str) -> tuple[Stage, ...]:
     """The pipeline: with the filter on a test where the config names one, with a spectrum where the truth is made of modes."""
-    stages = PLACEMENT
+    stages: tuple[Stage, ...] = PLACEMENT
     if truth not in ("modes", "rich"):
         own = replace(VALIDATE, upstream=tuple(name for name in VALIDATE.upstream if name != SPECTRUM.name))
         stages = tuple(own if stage is VALIDATE else stage for stage in stages if stage is not SPECTRUM)
