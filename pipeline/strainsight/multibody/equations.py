@@ -1,0 +1,163 @@
+"""The equations of motion and all their derivatives at one state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.multibody.forces import SpringDamper
+from strainsight.multibody.frames import cross_matrix
+from strainsight.multibody.inertia import inertia_load
+from strainsight.multibody.products import curvature, relation_rows
+from strainsight.multibody.system import Element, System
+
+
+@dataclass(frozen=True)
+class Balance:
+    """(1.3) at (q, v, a, μ, λ, u, θ), without the multipliers: M a + c + f.
+
+    phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) = ∂(Bv)/∂q; load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M (n, n);
+    stiffness (n, n) = ∂(load − Bᵀλ)/∂q; damping (n, n) = ∂load/∂v; constraint_stiffness (n, n) = ∂(Bᵀμ)/∂q;
+    gradient (nr, n) of all relations; slopes: ∂F/∂θ of every element.
+    """
+
+    phi: np.ndarray
+    B: np.ndarray
+    B_rate: np.ndarray
+    load: np.ndarray
+    mass: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    constraint_stiffness: np.ndarray
+    gradient: np.ndarray
+    slopes: tuple[np.ndarray, ...]
+
+
+def balance(
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    u: np.ndarray,
+    theta: np.ndarray,
+    elastic: tuple[np.ndarray, np.ndarray],
+) -> Balance:
+    """All terms at once; q, v, a (n,), mu, lam (m,), u (nu,), theta (nθ,), elastic: K(θ), C(θ) of `System.at`.
+
+    Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇)
+    for an element; ∂f/∂q = ∇ρᵀ(∂F/∂q) + Σ F ∇²ρ.
+    """
+    m = system.constrained
+    rho, G, G_rate, b, J = relation_rows(system.products, q, v)
+    F = system.weights.copy()
+    rows, which = system.input_rows
+    if len(rows):
+        F[rows] = -u[which]
+    K, C = elastic
+    stiffness, damping = K.copy(), C.copy()
+    slopes = []
+    for element in system.elements:
+        own = element.rows
+        g, rate = G[own], G_rate[own]
+        F[own], F_rho, F_rate, F_theta = element_load(element, rho[own], g @ v, theta)
+        slopes.append(F_theta)
+        stiffness += g.T @ (F_rho @ g)
+        if F_rate is not None:
+            stiffness += g.T @ (F_rate @ rate)
+            damping += g.T @ (F_rate @ g)
+    weight = np.zeros((2, len(F)))
+    weight[0, :m] = mu
+    weight[1] = F
+    weight[1, :m] = -lam
+    H = curvature(system.products, system.size, weight, b, J)
+    stiffness += H[1]
+    load = G[m:].T @ F[m:]
+    load += K @ q
+    load += C @ v
+    for moment in system.moments:
+        T = moment.directions @ u[moment.inputs]
+        if moment.R >= 0:
+            cross = 0.5 * cross_matrix(T)
+            for j in range(3):
+                at = slice(moment.R + 3 * j, moment.R + 3 * j + 3)
+                load[at] -= cross @ q[at]
+                stiffness[at, at] -= cross
+                load[moment.eta] -= moment.rotation[j] * (q[at] @ T)
+                stiffness[moment.eta, at] -= np.outer(moment.rotation[j], T)
+        else:
+            load[moment.eta] -= moment.rotation.T @ T
+    mass = system.mass
+    if system.inertia:
+        mass = mass.copy()
+        for body in system.inertia:
+            own = slice(body.at, body.at + 12 + len(body.modal))
+            mass[own, own], g, Gq, Gv = inertia_load(body, q, v, a)
+            load[own] += g
+            stiffness[own, own] += Gq
+            damping[own, own] += Gv
+    load += system.mass @ a
+    return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, H[0], G, tuple(slopes))
+
+
+def element_load(
+    element: Element, rho: np.ndarray, rate: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
+    """F (k,), ∂F/∂ρ, ∂F/∂ρ̇ (None: no rate), ∂F/∂θ of an element's relations."""
+    force = element.force
+    if isinstance(force, SpringDamper):
+        # conjugate to s = l²: ½k(l − l₀)² has ∂/∂s = k(l − l₀)/(2l), and c l̇ ∂l/∂s = c ṡ/(4s)
+        s = float(rho[0])
+        if not s > 0:
+            raise NumericalError(f"{force.name}: its two points coincide, the force has no direction")
+        length = np.sqrt(s)
+        F = 0.5 * force.stiffness * (1 - force.length / length) + 0.25 * force.damping * rate / s
+        slope = 0.25 * force.stiffness * force.length / (s * length) - 0.25 * force.damping * rate[0] / s**2
+        F_rate = np.array([[0.25 * force.damping / s]]) if force.damping else None
+        return F, np.array([[slope]]), F_rate, np.zeros((1, 0))
+    F, F_rho, F_theta = force.law.load(rho, theta[element.parameters])
+    if force.damping is not None:
+        F = F + force.damping @ rate
+    return F, F_rho, force.damping, F_theta
+
+
+def input_slopes(system: System, at: Balance, q: np.ndarray) -> np.ndarray:
+    """∂f/∂u (n, nu)."""
+    slopes = np.zeros((system.size, len(system.inputs)))
+    rows, which = system.input_rows
+    for row, k in zip(rows, which, strict=True):
+        slopes[:, k] -= at.gradient[row]
+    for moment in system.moments:
+        if moment.R >= 0:
+            R = q[moment.R : moment.R + 9].reshape(3, 3).T
+            for j in range(3):
+                own = slice(moment.R + 3 * j, moment.R + 3 * j + 3)
+                slopes[own, moment.inputs] -= 0.5 * np.cross(moment.directions.T, R[:, j]).T
+            slopes[moment.eta, moment.inputs] -= moment.rotation.T @ (R.T @ moment.directions)
+        else:
+            slopes[moment.eta, moment.inputs] -= moment.rotation.T @ moment.directions
+    return slopes
+
+
+def parameter_slopes(system: System, at: Balance, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """∂f/∂θ (n, nθ)."""
+    slopes = (system.stiffness_terms @ q + system.damping_terms @ v).T
+    for element, own in zip(system.elements, at.slopes, strict=True):
+        if len(element.parameters):
+            contribution = at.gradient[element.rows].T @ own
+            for k, name in enumerate(element.parameters):
+                slopes[:, name] += contribution[:, k]
+    return slopes
+
+
+def mass_at(system: System, q: np.ndarray) -> np.ndarray:
+    """M(q) (n, n)."""
+    zero = np.zeros(system.size)
+    mass = system.mass.copy()
+    for body in system.inertia:
+        own = slice(body.at, body.at + 12 + len(body.modal))
+        mass[own, own] = inertia_load(body, q, zero, zero)[0]
+    return mass

@@ -1,0 +1,184 @@
+"""States to start from: poses of bodies, consistent positions and velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import qr
+
+from strainsight.errors import InfeasibleError, did_you_mean
+from strainsight.multibody.bodies import moves
+from strainsight.multibody.equations import mass_at
+from strainsight.multibody.frames import cross_matrix
+from strainsight.multibody.products import relation_rows
+from strainsight.multibody.system import System
+
+DEPENDENT = 1e-9
+"""Share of a constraint's gradient (unit rows, in the metric) outside the others below which it depends on them."""
+
+CONSISTENT = 1e-6
+"""Share of a state that may violate its constraints: what a person writes down is rounded."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a body is and how it moves: r (3,) [m], R (3, 3), ṙ (3,) [m/s], ω (3,) [rad/s] in global axes, η, η̇ (n,)."""
+
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    spin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    modal: np.ndarray | None = None
+    modal_velocity: np.ndarray | None = None
+
+
+def state(system: System, poses: Mapping[str, Pose]) -> tuple[np.ndarray, np.ndarray]:
+    """q, v (n,) of bodies in these poses, Ṙ = [ω]×R; a body without one sits at the origin at rest."""
+    for name in poses:
+        if name not in system.of:
+            raise InfeasibleError(
+                f"there is no body {name}", remedy=did_you_mean(name, system.of, f"bodies: {', '.join(system.of)}")
+            )
+    q, v = np.zeros(system.size), np.zeros(system.size)
+    for body in system.bodies:
+        pose, at = poses.get(body.name, Pose()), system.of[body.name].start
+        if moves(body):
+            R = np.asarray(pose.rotation, dtype=float)
+            q[at : at + 3], v[at : at + 3] = pose.position, pose.velocity
+            q[at + 3 : at + 12] = R.T.ravel()
+            v[at + 3 : at + 12] = (cross_matrix(np.asarray(pose.spin, dtype=float)) @ R).T.ravel()
+        eta = system.modal(body.name)
+        q[eta] = 0.0 if pose.modal is None else pose.modal
+        v[eta] = 0.0 if pose.modal_velocity is None else pose.modal_velocity
+    return q, v
+
+
+def constraints_at(system: System, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """φ (m,), B (m, n)."""
+    rho, G, *_ = relation_rows(system.products, q, np.zeros_like(q))
+    m = system.constrained
+    return rho[:m], G[:m]
+
+
+def project_position(system: System, q: np.ndarray) -> np.ndarray:
+    """The nearest q with φ(q) = 0, in the metric of the mass: Gauss-Newton, q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁺φ.
+
+    Raises InfeasibleError where no configuration nearby satisfies the joints (contradictory, the worst are named),
+    where they are redundant there (the dependent ones are named), or where a motion that they leave carries no mass.
+    """
+    q = np.array(q, dtype=float)
+    d = system.metric
+    if not system.constrained:
+        return q
+    for _ in range(50):
+        phi, B = constraints_at(system, q)
+        B = B / d
+        s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
+        # pseudo-inverse: redundant joints are no reason to fail, only contradictory ones
+        x = np.linalg.lstsq(s[:, None] * B, -s * phi, rcond=1e-10)[0]
+        size, whole = np.linalg.norm(x), np.linalg.norm(d * q)
+        if size > 0.5 * whole:
+            x *= 0.5 * whole / size
+        q += x / d
+        if size <= 1e-15 * whole:
+            break
+    phi, B = constraints_at(system, q)
+    violation = np.abs(phi) / np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny) / np.linalg.norm(d * q)
+    if np.max(violation) > 1e-9:
+        worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
+        listed = "; ".join(f"{system.constraints[i]} is off by {phi[i]:.3g}" for i in worst)
+        raise InfeasibleError(
+            f"the joints cannot all be satisfied near this configuration: {listed}",
+            remedy="check the places of the frames, or start nearer to an assembled configuration",
+        )
+    check_regular(system, q)
+    return q
+
+
+def project_velocity(system: System, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The nearest v with B(q)v = 0, in the metric of the mass; q (n,) on the constraints."""
+    d = system.metric
+    _, B = constraints_at(system, q)
+    if not len(B):
+        return np.array(v, dtype=float)
+    B = B / d
+    B /= np.linalg.norm(B, axis=1)[:, None]
+    y = d * v
+    for _ in range(2):
+        y = y - np.linalg.lstsq(B, B @ y, rcond=1e-10)[0]
+    return y / d
+
+
+def check_consistent(system: System, q: np.ndarray, v: np.ndarray) -> None:
+    """Raise InfeasibleError naming the constraints that a state breaks, φ(q) ≠ 0 or B(q)v ≠ 0, beside its own size."""
+    d = system.metric
+    phi, B = constraints_at(system, q)
+    if not len(phi):
+        return
+    lengths = np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny)
+    for what, off, whole in (("", phi, d * q), ("the rate of ", B @ v, d * v)):
+        share = np.abs(off) / lengths / max(float(np.linalg.norm(whole)), np.finfo(float).tiny)
+        worst = np.argsort(-share)[:3]
+        if share[worst[0]] > CONSISTENT:
+            listed = "; ".join(f"{what}{system.constraints[i]} is {off[i]:.3g}" for i in worst if share[i] > CONSISTENT)
+            raise InfeasibleError(
+                f"the state does not satisfy the joints: {listed}",
+                remedy="start from `project_position` and `project_velocity`",
+            )
+
+
+def check_regular(system: System, q: np.ndarray) -> None:
+    """Raise InfeasibleError naming constraints that depend on others at q, or a body that can move without mass.
+
+    Pivoted QR of the joints' gradients after those of the rigid motions, unit rows in the metric of the mass.
+    """
+    d = system.metric
+    _, B = constraints_at(system, q)
+    if not len(B):
+        return
+    B = B / d
+    norms = np.linalg.norm(B, axis=1)
+    rigid = 6 * sum(moves(body) for body in system.bodies)
+    idle = [system.constraints[i] for i in range(len(B)) if norms[i] <= DEPENDENT * norms.max()]
+    if idle:
+        raise InfeasibleError(
+            f"{'; '.join(idle)}: no coordinate changes it here", remedy="leave it out, or turn the frame's axes"
+        )
+    B = B / norms[:, None]
+    basis = np.linalg.qr(B[:rigid].T)[0]
+    joints = B[rigid:].T - basis @ (basis.T @ B[rigid:].T)
+    if joints.shape[1]:
+        _, T, order = qr(joints, mode="economic", pivoting=True)
+        diagonal = np.abs(np.diag(T))
+        rank = int(np.sum(diagonal > DEPENDENT * max(diagonal[0], 1.0)))
+        if rank < joints.shape[1]:
+            raise InfeasibleError(
+                _dependence(system, T, order + rigid, rank),
+                remedy="replace a joint by one that holds less (spherical, cylindrical, pin), or list its relations",
+            )
+    null = np.linalg.svd(B)[2][len(B) :].T
+    if null.shape[1]:
+        mass = mass_at(system, q) / np.outer(d, d)
+        values, vectors = np.linalg.eigh(null.T @ mass @ null)
+        if values[0] < 1e-10 * values[-1]:
+            motion = np.abs(null @ vectors[:, 0])
+            name = max(system.of, key=lambda body: float(np.max(motion[system.of[body]])))
+            raise InfeasibleError(
+                f"body {name} can move without moving any mass (least eigenvalue of the mass on the free motions "
+                f"{values[0] / values[-1]:.1e} of the largest)",
+                remedy="give it the missing inertia, or hold that motion with a joint",
+            )
+
+
+def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> str:
+    """What to say of columns beyond the rank: which they are, and on which others each depends."""
+    names = system.constraints
+    shares = np.linalg.solve(T[:rank, :rank], T[:rank, rank:])
+    told = []
+    for k, share in zip(order[rank:], shares.T, strict=True):
+        others = [names[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > 1e-6][:4]
+        told.append(f"{names[k]} follows from {', '.join(others) or 'the rigidity of the bodies'}")
+    listed = "; ".join(told[:6])
+    return f"{len(told)} of {len(names)} constraints are redundant in this configuration: {listed}"

@@ -1,0 +1,55 @@
+"""A run of steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.multibody.initial import check_consistent
+from strainsight.multibody.step import Step, step
+from strainsight.multibody.system import System
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """time (T + 1,) [s], q, v (T + 1, n), the start first; u (T, nu): u[k] acts on the step to time[k + 1]; lam (T, m)."""
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
+    lam: np.ndarray
+
+
+def simulate(
+    system: System,
+    q0: np.ndarray,
+    v0: np.ndarray,
+    u: np.ndarray,
+    h: float,
+    theta: np.ndarray,
+    progress: Callable[[int], None] | None = None,
+) -> Trajectory:
+    """`step` for every row of u (T, nu); progress is told the number of steps done.
+
+    Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
+    """
+    check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float))
+    u = np.asarray(u, dtype=float)
+    count = len(u)
+    q, v = np.empty((count + 1, system.size)), np.empty((count + 1, system.size))
+    lam = np.empty((count, system.constrained))
+    q[0], v[0] = q0, v0
+    last: Step | None = None
+    for k in range(count):
+        try:
+            last = step(system, q[k], v[k], u[k], h, theta, guess=last)
+        except NumericalError as error:
+            raise NumericalError(f"at t = {k * h:g} s: {error.what}", remedy=error.remedy) from error
+        q[k + 1], v[k + 1], lam[k] = last.q, last.v, last.lam
+        if progress is not None:
+            progress(k + 1)
+    return Trajectory(h * np.arange(count + 1), q, v, u, lam)

@@ -1,0 +1,260 @@
+"""A system of bodies, joints and forces, compiled to arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from strainsight.errors import InfeasibleError, did_you_mean
+from strainsight.fem.affine import AffineOperator
+from strainsight.multibody.bodies import Body, FlexibleBody, RigidBody, mass_matrix, metric, modes, moves, size
+from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement, SpringDamper
+from strainsight.multibody.frames import Carried, Frame, constant
+from strainsight.multibody.inertia import Inertia, as_inertia
+from strainsight.multibody.joints import Joint
+from strainsight.multibody.products import Products, compile_products
+from strainsight.multibody.relations import Relation, distance_squared, place
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Element:
+    """A force law at rows of the relations: element, which rows, which parameters of θ."""
+
+    force: RelativeElement | SpringDamper
+    rows: slice
+    parameters: np.ndarray
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A moment Σ u_k d_k on a body: R its first R coordinate or −1, eta the modal slice, shapes Ψ (3, n)."""
+
+    R: int
+    eta: slice
+    rotation: np.ndarray
+    directions: np.ndarray
+    inputs: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """What (1.3) needs, over q = [q_b for every body]; made by `assemble`.
+
+    size n; of (name → slice): a body's coordinates; constraints (m): the name of every row of φ, those of the rigid
+    motions first; inputs, parameters: the names of u and θ; relations: the constraints, then those of elements, inputs
+    and gravity; metric d (n,): d² is the diagonal scale of the mass; mass (n, n): the constant part of M; inertia: the
+    bodies whose mass moves; stiffness, damping (n, n): elastic, constant and per parameter (nθ, n, n).
+    """
+
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    forces: tuple[Force, ...]
+    size: int
+    of: Mapping[str, slice]
+    constraints: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    products: Products
+    metric: np.ndarray
+    mass: np.ndarray
+    inertia: tuple[Inertia, ...]
+    stiffness: np.ndarray
+    stiffness_terms: np.ndarray
+    damping: np.ndarray
+    damping_terms: np.ndarray
+    elements: tuple[Element, ...]
+    input_rows: tuple[np.ndarray, np.ndarray]
+    weights: np.ndarray
+    moments: tuple[Moment, ...]
+
+    @cached_property
+    def starts(self) -> np.ndarray:
+        """First coordinate of every body."""
+        return np.array([own.start for own in self.of.values()])
+
+    @property
+    def constrained(self) -> int:
+        """Number m of constraints."""
+        return len(self.constraints)
+
+    def modal(self, name: str) -> slice:
+        """The modal coordinates of a body."""
+        body = next(b for b in self.bodies if b.name == name)
+        return slice(self.of[name].stop - modes(body), self.of[name].stop)
+
+    def at(self, theta: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K(θ), C(θ) (n, n)."""
+        K, C = self.stiffness, self.damping
+        if len(self.stiffness_terms):
+            K = K + np.tensordot(theta, self.stiffness_terms, 1)
+            C = C + np.tensordot(theta, self.damping_terms, 1)
+        return K, C
+
+
+def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Iterable[Force] = ()) -> System:
+    """The system of these bodies, joints and forces.
+
+    Raises InfeasibleError for two bodies or joints of one name, a body that no one gave, shapes that do not fit a body,
+    a frame whose axes are not orthonormal, a point mass. Whether the joints are independent depends on the
+    configuration: `project_position` checks it.
+    """
+    bodies, joints, forces = tuple(bodies), tuple(joints), tuple(forces)
+    _refuse_twins("bodies", [b.name for b in bodies])
+    _refuse_twins("joints", [j.name for j in joints])
+    _refuse_twins("forces", [f.name for f in forces])
+    of, place_of, eta_of, n = {}, {}, {}, 0
+    for body in bodies:
+        of[body.name] = slice(n, n + size(body))
+        if moves(body):
+            place_of[body.name] = n
+        eta_of[body.name] = n + size(body) - modes(body)
+        n += size(body)
+
+    relations, constraints = _rigidity(bodies)
+    for joint in joints:
+        relations += joint.relations
+        constraints += [f"{joint.name}: {relation.name}" for relation in joint.relations]
+    parameters = _parameter_names(bodies, forces)
+    inputs = list(dict.fromkeys(name for f in forces if isinstance(f, PointForce | PointMoment) for name in f.inputs))
+
+    elements, moments = [], []
+    weights = [0.0] * len(relations)
+    input_rows: tuple[list[int], list[int]] = ([], [])
+    for force in forces:
+        first = len(relations)
+        if isinstance(force, RelativeElement | SpringDamper):
+            own = (
+                force.relations
+                if isinstance(force, RelativeElement)
+                else (distance_squared(force.first, force.second),)
+            )
+            names = force.parameters if isinstance(force, RelativeElement) else ()
+            which = np.array([parameters.index(name) for name in names], dtype=int)
+            relations += own
+            elements.append(Element(force, slice(first, len(relations)), which))
+        elif isinstance(force, PointForce):
+            relations += [place(force.frame, d) for d in _directions(force)]
+            input_rows[0].extend(range(first, len(relations)))
+            input_rows[1].extend(inputs.index(name) for name in force.inputs)
+        elif isinstance(force, PointMoment):
+            moments.append(_moment(force, bodies, place_of, eta_of, inputs))
+        else:
+            relations += [_weight(body, force) for body in bodies]
+        weights += [-1.0 if isinstance(force, Gravity) else 0.0] * (len(relations) - first)
+
+    _check_carried(relations, bodies)
+    mass = np.zeros((n, n))
+    d = np.empty(n)
+    K, C = (np.zeros((n, n)) for _ in range(2))
+    K_terms, C_terms = (np.zeros((len(parameters), n, n)) for _ in range(2))
+    for body in bodies:
+        span = of[body.name]
+        d[span] = metric(body)
+        if isinstance(body, RigidBody) or body.clamped:
+            mass[span, span] = mass_matrix(body)
+        if isinstance(body, FlexibleBody):
+            eta = slice(eta_of[body.name], span.stop)
+            for total, terms, X in ((K, K_terms, body.stiffness), (C, C_terms, body.damping)):
+                X = X if isinstance(X, AffineOperator) else AffineOperator(X, {})
+                total[eta, eta] = X.constant
+                for name, term in X.terms.items():
+                    terms[parameters.index(name), eta, eta] = term
+    moving = [
+        as_inertia(of[b.name].start, b.invariants) for b in bodies if isinstance(b, FlexibleBody) and not b.clamped
+    ]
+    return System(
+        bodies, joints, forces, n, of, tuple(constraints), tuple(inputs), tuple(parameters),
+        compile_products(relations, place_of, eta_of), d, mass, tuple(moving), K, K_terms, C, C_terms, tuple(elements),
+        (np.array(input_rows[0], dtype=int), np.array(input_rows[1], dtype=int)), np.array(weights), tuple(moments),
+    )  # fmt: skip
+
+
+def _rigidity(bodies: Sequence[Body]) -> tuple[list[Relation], list[str]]:
+    """R_a·R_b = δ_ab, a ≤ b, of every body that moves."""
+    relations, names = [], []
+    for body in bodies:
+        if moves(body):
+            R = [Carried(body.name, 0.0, e, np.zeros((3, 0))) for e in np.eye(3)]
+            relations += [Relation("", (R[a],), (R[b],), float(a == b)) for a in range(3) for b in range(a, 3)]
+            names += [f"body {body.name}: R{AXES[a]}·R{AXES[b]} of its frame" for a in range(3) for b in range(a, 3)]
+    return relations, names
+
+
+def _weight(body: Body, gravity: Gravity) -> Relation:
+    """g·∫ρ p, whose negative is the potential of the weight."""
+    if isinstance(body, RigidBody):
+        first, first_modal = body.mass * np.asarray(body.centre, dtype=float), np.zeros((3, 0))
+        mass = body.mass
+    else:
+        mass, first, first_modal = body.invariants.mass, body.invariants.first, body.invariants.first_modal
+    carried = Carried(body.name, mass, np.asarray(first, dtype=float), np.asarray(first_modal, dtype=float))
+    return Relation(f"{gravity.name} on {body.name}", (constant(gravity.acceleration),), (carried,))
+
+
+def _moment(
+    force: PointMoment, bodies: Sequence[Body], place_of: dict[str, int], eta_of: dict[str, int], inputs: list[str]
+) -> Moment:
+    body = _body(force.frame, bodies)
+    rotation = np.zeros((3, modes(body))) if force.frame.rotation is None else force.frame.rotation
+    eta = slice(eta_of[body.name], eta_of[body.name] + modes(body))
+    R = place_of[body.name] + 3 if moves(body) else -1
+    which = np.array([inputs.index(name) for name in force.inputs], dtype=int)
+    return Moment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
+
+
+def _directions(force: PointForce | PointMoment) -> np.ndarray:
+    """The columns of the directions as rows (k, 3)."""
+    D = np.asarray(force.directions, dtype=float)
+    D = D[:, None] if D.ndim == 1 else D
+    _refuse_twins(f"inputs of {force.name}", list(force.inputs))
+    if D.shape != (3, len(force.inputs)):
+        raise InfeasibleError(
+            f"{force.name}: directions of shape {D.shape} for {len(force.inputs)} inputs, not (3, inputs)"
+        )
+    return D.T
+
+
+def _body(frame: Frame, bodies: Sequence[Body]) -> Body:
+    for body in bodies:
+        if body.name == frame.body:
+            return body
+    raise InfeasibleError(f"frame {frame.name} is not on a body", remedy="a moment on the ground moves nothing")
+
+
+def _check_carried(relations: Sequence[Relation], bodies: Sequence[Body]) -> None:
+    known = {body.name: modes(body) for body in bodies}
+    for relation in relations:
+        for b in relation.x + relation.y:
+            if b.body is not None and b.body not in known:
+                raise InfeasibleError(
+                    f"{relation.name}: there is no body {b.body}",
+                    remedy=did_you_mean(b.body, known, f"the bodies are {', '.join(known)}"),
+                )
+            shapes = b.C.shape[1]
+            if shapes and shapes != known.get(str(b.body), 0):
+                raise InfeasibleError(
+                    f"{relation.name}: {shapes} shapes on body {b.body}, which has {known.get(str(b.body), 0)} modes"
+                )
+
+
+def _parameter_names(bodies: Sequence[Body], forces: Sequence[Force]) -> list[str]:
+    names: list[str] = []
+    for body in bodies:
+        if isinstance(body, FlexibleBody):
+            for X in (body.stiffness, body.damping):
+                names += X.terms if isinstance(X, AffineOperator) else ()
+    for force in forces:
+        if isinstance(force, RelativeElement):
+            names += force.parameters
+    return list(dict.fromkeys(names))
+
+
+def _refuse_twins(what: str, names: Sequence[str]) -> None:
+    twins = sorted({name for name in names if names.count(name) > 1})
+    if twins:
+        raise InfeasibleError(f"two {what} are called {', '.join(twins)}", remedy="names must differ")

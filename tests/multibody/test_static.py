@@ -1,0 +1,84 @@
+"""Static equilibrium against closed forms and against the end of a damped motion."""
+
+import numpy as np
+import pytest
+
+from strainsight.errors import NumericalError
+from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.forces import Gravity, LinearLaw, PointForce, RelativeElement, SpringDamper
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.initial import Pose, constraints_at, state
+from strainsight.multibody.joints import Joint, revolute
+from strainsight.multibody.relations import bearing_displacements, dot
+from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.step import step
+from strainsight.multibody.system import assemble
+
+BOB = RigidBody("bob", 1.0, np.array([1.0, 0, 0]), np.diag([1e-4, 1.0001, 1.0001]))
+DOWN = Gravity(np.array([0, -9.81, 0]))
+
+
+def test_pendulum_under_a_side_force_hangs_along_the_resultant():
+    tip = Frame("tip", "bob", np.array([1.0, 0, 0]))
+    force = PointForce("wind", tip, np.array([1.0, 0, 0]), ["F"])
+    system = assemble([BOB], [revolute("pivot", Frame("wall"), Frame("end", "bob"))], [DOWN, force])
+    q, _ = state(system, {})
+    found, lam = static_equilibrium(system, q, np.array([5.0]), np.zeros(0))
+    resultant = np.array([5.0, -9.81, 0])
+    np.testing.assert_allclose(found[3:6], resultant / np.linalg.norm(resultant), atol=1e-10)
+    np.testing.assert_allclose(lam[6:9], -resultant, atol=1e-9)
+    assert np.abs(constraints_at(system, found)[0]).max() < 1e-14
+
+
+def test_mass_hangs_from_a_flexible_body_as_far_as_both_give(random_particles):
+    """A weight on a 5×5 spring on a clamped hub: the displacement is (Φ K⁻¹Φᵀ + k⁻¹) times the weight."""
+    rng = np.random.default_rng(4)
+    hub = random_particles(rng).flexible("hub", np.diag([1e6, 2e6, 3e6]), clamped=True)
+    shape, turn = 0.1 * rng.normal(size=(3, 3)), np.zeros((3, 3))
+    outer, ring = Frame("outer", "hub", displacement=shape, rotation=turn), Frame("ring", "stone")
+    stone = RigidBody("stone", 10.0, np.zeros(3), np.eye(3))
+    k = np.diag([1e6, 2e6, 3e6, 1e5, 1e5])
+    spring = RelativeElement("bearing", bearing_displacements(outer, ring), LinearLaw(k, np.zeros(5)))
+    held = Joint("spin", (dot(outer, 1, ring, 2),))
+    weight = PointForce("F", ring, np.eye(3), ["x", "y", "z"])
+    system = assemble([hub, stone], [held], [spring, weight])
+    load = np.array([10.0, 20.0, -30.0])
+    found, _ = static_equilibrium(system, state(system, {})[0], load, np.zeros(0))
+    eta = np.linalg.solve(np.diag([1e6, 2e6, 3e6]), shape.T @ load)
+    np.testing.assert_allclose(found[:3], eta, rtol=1e-7)
+    np.testing.assert_allclose(found[3:6], shape @ eta + load / np.diag(k)[:3], rtol=1e-7)
+
+
+def test_equilibrium_of_everything_is_where_the_damped_motion_ends(everything):
+    e = everything
+    found, lam = static_equilibrium(e.system, e.q, e.u, e.theta)
+    moved = step(e.system, found, np.zeros(e.system.size), e.u, 0.1, e.theta)
+    np.testing.assert_allclose(moved.q, found, atol=1e-9)
+    np.testing.assert_allclose(moved.lam, lam, atol=1e-6 * np.abs(lam).max())
+
+
+def test_mechanism_that_nothing_holds_is_named():
+    top = RigidBody("top", 1.0, np.zeros(3), np.eye(3))
+    system = assemble([top], [revolute("pivot", Frame("wall"), Frame("end", "top"))], [DOWN])
+    with pytest.raises(NumericalError, match="nothing holds body top"):
+        static_equilibrium(system, state(system, {})[0], np.zeros(0), np.zeros(0))
+
+
+def test_spring_hangs_by_its_stiffness():
+    stone = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
+    ends = [
+        SpringDamper(
+            f"rope {k}",
+            Frame(f"hook {k}", None, np.array([x, 0, z])),
+            Frame(f"eye {k}", "stone", np.array([x, -1.0, z])),
+            300.0,
+            1.0,
+            0.9,
+        )
+        for k, (x, z) in enumerate([(1.0, 0.0), (-0.5, 0.8), (-0.5, -0.8)])
+    ]
+    system = assemble([stone], [], [*ends, DOWN])
+    found, _ = static_equilibrium(
+        system, state(system, {"stone": Pose(np.array([0, -0.1, 0]))})[0], np.zeros(0), np.zeros(0)
+    )
+    np.testing.assert_allclose(found[:3], [0, 1.0 - 0.9 - 2.0 * 9.81 / 900.0, 0], atol=1e-9)
