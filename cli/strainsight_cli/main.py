@@ -212,7 +212,19 @@ def _work_of_one(path: Path, results: Path, overrides: list[str] | None, stage: 
     from strainsight_cli import suites
 
     suites.refuse(path, stage)
-    return _work(_loaded(path, overrides), results)
+    loaded = _loaded(path, overrides)
+    work = _work(loaded, results)
+    names = [own.name for own in work.stages]
+    kind = loaded.data["kind"]
+    if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing
+        from strainsight.errors import UserError
+
+        raise UserError(
+            f"a config of kind {kind} has no stage '{stage}'",
+            where=str(path),
+            remedy=f"its stages are {', '.join(names)}",
+        )
+    return work
 
 
 def _bring_up_to_date(

@@ -16,15 +16,22 @@ STAGES = {
     "screen": "Drop weak and clustered candidates",
     "observe": "Say which unknowns could be told apart",
     "place": "Choose the gauges",
+    "spectrum": "Find the modes of a validation's truth",
     "validate": "Estimate from simulated measurements",
     "report": "Write report.html",
+    "reduce": "Reduce the flexible bodies of a bench",
+    "bearing": "Look at a bearing alone: load-displacement curves, stiffness, loads of the balls",
+    "simulate": "Simulate a bench in time",
 }
 
 
 def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     """The pipeline of a config, in order."""
-    assert config["kind"] == "placement"
-    from strainsight.stages.placement import stages_for
+    if config["kind"] == "placement":
+        from strainsight.stages.placement import stages_for
 
-    estimate = config.get("estimate")
-    return stages_for(bool(estimate and estimate.get("file")))
+        estimate = config.get("estimate")
+        return stages_for(bool(estimate and estimate.get("file")), config["validate"]["truth"]["model"])
+    from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
+
+    return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(bool(config["bearings"]))

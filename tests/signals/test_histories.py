@@ -8,7 +8,7 @@ import pytest
 from strainsight.errors import InfeasibleError
 from strainsight.rom.model import Damping
 from strainsight.rom.oscillator import oscillator_step
-from strainsight.signals.histories import FromSamples, MultiSine, Sine, Sweep, evaluate, hold_coefficients
+from strainsight.signals.histories import Constant, FromSamples, MultiSine, Sine, Sweep, evaluate, hold_coefficients
 
 
 def held(coefficients: np.ndarray, s: float) -> np.ndarray:
@@ -131,3 +131,7 @@ def test_a_held_sine_drives_an_oscillator_as_the_analytic_sine_does(points):
         z.append(state[0])
     predicted = (omega * h) ** 3 * omega0 * h / 720  # 4.6e-8 at 100 points a period
     assert np.max(np.abs(np.array(z) - exact)) < 2 * predicted * np.max(np.abs(exact))
+
+
+def test_a_constant_is_the_same_at_any_time():
+    np.testing.assert_array_equal(evaluate(Constant(-3.5), np.array([0.0, 1e-9, 1e6])), [-3.5, -3.5, -3.5])

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from strainsight.config.load import load_config
+from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
@@ -47,3 +48,10 @@ def results(tmp_path_factory) -> Path:
 def artefacts(config, results):
     """stage → Artefact of one shortened run of cantilever-youngs-modulus in `results`."""
     return {stage: artefact for stage, (_, _, artefact) in finished(job_of(config, results, *SHORT)).items()}
+
+
+@pytest.fixture(scope="session")
+def bench(tmp_path_factory):
+    """stage → Artefact of one second of bench-full."""
+    job = job_of(ROOT / "configs" / "bench-full.yaml", tmp_path_factory.mktemp("bench"), "simulate.duration=1.0")
+    return {stage: artefact for stage, (_, _, artefact) in finished(job, bench_stages(True)).items()}

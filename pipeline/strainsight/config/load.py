@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from strainsight.config.bench.bearing import BearingConfig
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
 from strainsight.config.messages import problems_of
 from strainsight.config.placement import PlacementConfig
@@ -19,7 +22,14 @@ from strainsight.config.suite import DOTTED, SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
 
-KINDS: dict[str, type[PlacementConfig] | type[SuiteConfig]] = {"placement": PlacementConfig, "suite": SuiteConfig}
+Config = PlacementConfig | BenchConfig | BearingConfig | SuiteConfig
+KINDS: dict[str, tuple[type[Config], Callable[[Any], Iterator[Problem]]]] = {
+    "placement": (PlacementConfig, problems),
+    "bench": (BenchConfig, bench_problems),
+    "bearing": (BearingConfig, bearing_problems),
+    "suite": (SuiteConfig, suite_problems),
+}
+"""Kind → its model, and what finds the contradictions between its fields."""
 SET_OF_A_SUITE = re.compile(r"(set|runs\.\d+\.set)\.(.+)")
 """A key of a suite below which one dotted key follows as a whole: `--set set.place.keep=6`."""
 
@@ -43,7 +53,7 @@ class LoadedConfig:
     """
 
     path: Path
-    model: PlacementConfig | SuiteConfig
+    model: Config
     overrides: tuple[Override, ...] = ()
     _places: Mapping[str, str] = field(default_factory=dict, repr=False)
 
@@ -82,7 +92,7 @@ def kind_of(path: Path | str) -> Any:
     return _read(Path(path))[0].get("kind")
 
 
-def _validated(data: dict[str, Any]) -> tuple[PlacementConfig | SuiteConfig | None, list[Problem]]:
+def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         known = ", ".join(KINDS)
@@ -91,12 +101,13 @@ def _validated(data: dict[str, Any]) -> tuple[PlacementConfig | SuiteConfig | No
         return None, [
             Problem("kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"give kind: {known}"))
         ]
+    kind_model, contradictions = KINDS[kind]
     try:
         # As JSON, where a list may become a tuple but text never a number.
-        model = KINDS[kind].model_validate_json(json.dumps(data))
+        model = kind_model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        return None, problems_of(error, KINDS[kind], data)
-    found = list(suite_problems(model) if isinstance(model, SuiteConfig) else problems(model))
+        return None, problems_of(error, kind_model, data)
+    found = list(contradictions(model))
     return (None, found) if found else (model, [])
 
 

@@ -7,10 +7,12 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
+from strainsight.config.bench.bearing import BearingConfig
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.suite import SuiteConfig
 
-AnyConfig = Annotated[PlacementConfig | SuiteConfig, Field(discriminator="kind")]
+AnyConfig = Annotated[PlacementConfig | BenchConfig | BearingConfig | SuiteConfig, Field(discriminator="kind")]
 
 
 def config_schema() -> dict[str, Any]:

@@ -23,6 +23,13 @@ class Sine:
 
 
 @dataclass(frozen=True)
+class Constant:
+    """u(t) = value [unit of the input]."""
+
+    value: float
+
+
+@dataclass(frozen=True)
 class Sweep:
     """u(t) = a sin(φ₀ + 2π(f₀t + (f₁ − f₀)t²/(2T))) up to the duration T, from then on a sine of f₁ without a jump.
 
@@ -87,7 +94,7 @@ class FromSamples:
             )
 
 
-Signal = Sine | Sweep | MultiSine | FromSamples
+Signal = Constant | Sine | Sweep | MultiSine | FromSamples
 
 
 def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
@@ -97,6 +104,8 @@ def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
     """
     t = np.asarray(t, dtype=float)
     match signal:
+        case Constant():
+            return np.full_like(t, signal.value)
         case Sine():
             return signal.amplitude * np.sin(2 * np.pi * signal.frequency * t + signal.phase)
         case Sweep():

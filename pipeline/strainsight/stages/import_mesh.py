@@ -14,7 +14,7 @@ from strainsight.errors import DeckError, blame
 from strainsight.fem.assembly import mass_properties
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
-from strainsight.fem.quality import element_quality
+from strainsight.fem.quality import Quality, element_quality
 from strainsight.mesh.additions import (
     node_index,
     node_indices,
@@ -37,25 +37,8 @@ from strainsight.workflow.stage import Context, Stage
 def run(context: Context) -> Output:
     """Read the deck, convert its units, add what the config adds, check it, weigh it."""
     config = context.config.mesh
-    with blame("mesh.file"):
-        mesh = read_mesh(
-            context.files["mesh.file"],
-            config.length_unit,
-            config.mass_unit,
-            format=config.format,
-            region_data=config.region_data,
-            solids=config.matrices is None,
-        )
-    mesh = with_additions(mesh, config)
-    weight = None
-    with blame("mesh.file"), mesh.located(), _config_ties(mesh):
-        if config.matrices is None:
-            check_mesh(mesh)
-            weight = mass_properties(mesh)
-            constraint_transform(mesh)  # so that ties and supports that contradict each other show here
-        else:
-            check_geometry(mesh)
-        quality = element_quality(mesh)
+    mesh = mesh_of(config, context.files["mesh.file"])
+    weight, quality = checked(mesh, config)
     grid, grid_attributes = vtkhdf_datasets(_grid(mesh))
     count = sum(len(block.ids) for block in mesh.blocks)
     kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.blocks)
@@ -75,38 +58,67 @@ def run(context: Context) -> Output:
     )
 
 
-def with_additions(mesh: Mesh, config: Any) -> Mesh:
+def mesh_of(config: Any, path: Path, key: str = "mesh") -> Mesh:
+    """The mesh of a file and of what the config (its section at `key`) says beside it."""
+    with blame(f"{key}.file"):
+        mesh = read_mesh(
+            path,
+            config.length_unit,
+            config.mass_unit,
+            format=config.format,
+            region_data=config.region_data,
+            solids=config.matrices is None,
+        )
+    return with_additions(mesh, config, key)
+
+
+def checked(
+    mesh: Mesh, config: Any, key: str = "mesh"
+) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...]]:
+    """Mass [kg] with centre (3,) [m], where solids carry the model, and the shapes of the elements, once all is sound."""
+    weight = None
+    with blame(f"{key}.file"), mesh.located(), _config_ties(mesh, key):
+        if config.matrices is None:
+            check_mesh(mesh)
+            weight = mass_properties(mesh)
+            constraint_transform(mesh)  # so that ties and supports that contradict each other show here
+        else:
+            check_geometry(mesh)
+        return weight, tuple(element_quality(mesh))
+
+
+def with_additions(mesh: Mesh, config: Any, key: str = "mesh") -> Mesh:
     """The mesh with the materials, ties and supports that the config states beside the file."""
     for name, material in config.materials.items():
-        with blame(f"mesh.materials.{name}.regions"):
+        with blame(f"{key}.materials.{name}.regions"):
             regions = None if material.regions == "all" else material.regions
             E, nu, rho = material.youngs_modulus, material.poisson_ratio, material.density
-            mesh = with_material(mesh, regions, E, nu, rho, f"mesh.materials.{name}")
+            mesh = with_material(mesh, regions, E, nu, rho, f"{key}.materials.{name}")
     for i, tie in enumerate(config.ties):
-        with blame(f"mesh.ties.{i}"):
+        with blame(f"{key}.ties.{i}"):
             nodes = node_indices(mesh, tie.set)
             if tie.at is not None:
                 mesh = with_node(mesh, tie.reference, tie.at)
             reference = node_index(mesh, tie.reference)
             if tie.type == "rigid":
                 mesh = with_rigid_element(
-                    mesh, reference, nodes, _components(tie.components or (1, 2, 3)), f"mesh.ties.{i}"
+                    mesh, reference, nodes, _components(tie.components or (1, 2, 3)), f"{key}.ties.{i}"
                 )
             else:
                 components = _components(tie.components or (1, 2, 3, 4, 5, 6))
-                mesh = with_averaging_element(mesh, reference, nodes, components, f"mesh.ties.{i}")
+                mesh = with_averaging_element(mesh, reference, nodes, components, f"{key}.ties.{i}")
     for i, support in enumerate(config.supports):
-        with blame(f"mesh.supports.{i}"):
+        with blame(f"{key}.supports.{i}"):
             nodes = np.array([node_index(mesh, support.node)]) if support.node else node_indices(mesh, support.set)
             mesh = with_support(mesh, nodes, _components(support.components))
     return mesh
 
 
 @contextmanager
-def _config_ties(mesh: Mesh) -> Iterator[None]:
+def _config_ties(mesh: Mesh, key: str) -> Iterator[None]:
     """An error about a tie of the config belongs to its key there, not to a line of the deck."""
     named = [(e.id, e.name) for e in mesh.rigid] + [(e.id, e.name) for e in mesh.averaging]
-    keys = {("tie", number): name for number, name in named if name.startswith("mesh.ties.")}
+    keys = {("tie", number): name for number, name in named if name.startswith(f"{key}.ties.")}
     try:
         yield
     except DeckError as error:

@@ -16,7 +16,7 @@ from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.rom.model import Damping
-from strainsight.signals.histories import FromSamples, MultiSine, Signal, Sine, Sweep, evaluate
+from strainsight.signals.histories import Constant, FromSamples, MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
 
@@ -122,20 +122,22 @@ def damping_of(config: Mapping[str, Any]) -> Damping:
     return Damping("rayleigh", alpha=float(config["alpha"]), beta=float(config["beta"]))
 
 
-def signal_of(name: str, config: Mapping[str, Any], files: Mapping[str, Path]) -> Signal:
-    """A load history."""
+def signal_of(name: str, config: Mapping[str, Any], files: Mapping[str, Path], section: str = "loads") -> Signal:
+    """A load history, of the entry `name` of a section of the config."""
     match config["type"]:
+        case "constant":
+            return Constant(config["value"])
         case "sine":
             return Sine(config["frequency"], config["amplitude"], config["phase"])
         case "sweep":
             return Sweep(config["start_frequency"], config["end_frequency"], config["duration"], config["amplitude"])
         case "multisine":
             return MultiSine(config["lowest"], config["highest"], config["count"], config["amplitude"], config["seed"])
-    return _recorded(name, config, files[f"loads.{name}.signal.file"])
+    key = f"{section}.{name}.signal"
+    return _recorded(key, config, files[f"{key}.file"])
 
 
-def _recorded(name: str, config: Mapping[str, Any], path: Path) -> FromSamples:
-    key = f"loads.{name}.signal"
+def _recorded(key: str, config: Mapping[str, Any], path: Path) -> FromSamples:
     with path.open(encoding="utf-8") as lines:
         header = [column.strip() for column in lines.readline().split(",")]
         columns = []

@@ -17,6 +17,7 @@ from strainsight.mesh.model import (
     Region,
     RigidElement,
 )
+from strainsight.stages.records.below import Below
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset
 
@@ -145,7 +146,7 @@ def mesh_datasets(mesh: Mesh) -> dict[str, Dataset]:
     return record
 
 
-def mesh_from(artefact: Artefact) -> Mesh:
+def mesh_from(artefact: Artefact | Below) -> Mesh:
     """The mesh that `mesh_datasets` wrote; lengths in m."""
     a = artefact
     blocks = tuple(
@@ -235,7 +236,7 @@ def _ragged(
     }
 
 
-def _split(artefact: Artefact, path: str) -> list[np.ndarray]:
+def _split(artefact: Artefact | Below, path: str) -> list[np.ndarray]:
     offset = artefact[f"{path}_offset"]
     return np.split(artefact[path], offset[1:-1]) if len(offset) > 1 else []
 

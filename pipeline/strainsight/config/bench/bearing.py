@@ -1,0 +1,59 @@
+"""Four-point-contact ball bearings, and how one is looked at alone."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import Name, Positive, RunName, Section, Seed
+
+
+class Bearing(Section):
+    """A four-point-contact ball bearing (thesis 1.18-1.25)."""
+
+    balls: int = Field(ge=3, le=10000, description="Number of balls [-].")
+    ball_diameter: Positive = Field(description="Diameter D of the balls [m].")
+    pitch_diameter: Positive = Field(description="Diameter of the circle of ball centres [m].")
+    contact_angle: float = Field(gt=0, lt=90, description="Free contact angle [deg].")
+    radius_inner_left: Positive = Field(description="Groove radius of that raceway [m]; above D/2.")
+    radius_inner_right: Positive = Field(description="Groove radius of that raceway [m]; above D/2.")
+    radius_outer_left: Positive = Field(description="Groove radius of that raceway [m]; above D/2.")
+    radius_outer_right: Positive = Field(description="Groove radius of that raceway [m]; above D/2.")
+    preload: float = Field(0.0, description="Oversize of the balls on their radius [m]; negative: clearance.")
+    groove_centres: Literal["follow", "fixed"] = Field(
+        "follow",
+        description="What a change of ball or groove does: follow: the contact point at the free angle stays; fixed: the "
+        "groove centres stay, and the change becomes interference.",
+    )
+    youngs_modulus: Positive = Field(2.08e11, description="Young's modulus of balls and rings [Pa].")
+    poisson_ratio: float = Field(0.3, gt=-1, lt=0.5, description="Poisson's ratio of balls and rings [-].")
+    density: Positive = Field(7850.0, description="Density of the balls [kg/m³], for their centrifugal force.")
+    speed: float = Field(0.0, description="Speed of the inner ring, for the centrifugal force [rad/s].")
+    first_ball: float = Field(0.0, description="Station of the first ball, from the y axis towards z [deg].")
+
+
+class LoadCase(Section):
+    """A load on the inner ring, the outer ring held."""
+
+    force: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="Along the bearing's axis x, y and z [N].")
+    moment: tuple[float, float] = Field((0.0, 0.0), description="About y and z [N m].")
+
+
+class Curve(Section):
+    """A load-displacement curve: one displacement of the inner ring runs, the others are held at zero."""
+
+    along: Literal["x", "y", "z", "tilt_y", "tilt_z"] = Field(description="Which displacement.")
+    reach: Positive = Field(description="It runs from −reach to reach [m or rad].")
+    points: int = Field(41, ge=3, le=10001, description="Points of the curve [-].")
+
+
+class BearingConfig(Section):
+    """A bearing alone: load-displacement curves, stiffness, loads of every ball."""
+
+    kind: Literal["bearing"] = Field(description="Which pipeline.")
+    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
+    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
+    bearings: Annotated[dict[Name, Bearing], Field(min_length=1)] = Field(description="Bearings, by name.")
+    cases: dict[Name, LoadCase] = Field({}, description="Loads to find the displacement, stiffness and ball loads for.")
+    curves: tuple[Curve, ...] = Field((), description="Load-displacement curves.")

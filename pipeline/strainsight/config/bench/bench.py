@@ -1,0 +1,74 @@
+"""The config of `kind: bench`: a multibody bench in time."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import Name, Positive, RunName, Section, Seed, Text
+from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
+from strainsight.config.bench.bodies import Body, Frame
+from strainsight.config.bench.connections import Force, Frames, Joint
+from strainsight.config.gauges import GluedGauge
+
+
+class StrainSensor(Section):
+    """Strain gauges glued on a flexible body."""
+
+    type: Literal["strain"] = Field(description="Kind of sensor.")
+    body: Text = Field(description="Name of the flexible body.")
+    gauges: Annotated[tuple[GluedGauge, ...], Field(min_length=1)] = Field(description="Where they are glued.")
+    snap_tolerance: Positive = Field(
+        0.005, description="How far a gauge may be from the surface of the mesh before it is refused [m]."
+    )
+    zeroed: bool = Field(False, description="true: what they read at the start is taken off.")
+
+
+class RelativeSensor(Section):
+    """Motion of one frame in the axes of another: three displacements, and tilts about its y and z axes."""
+
+    type: Literal["relative"] = Field(description="Kind of sensor.")
+    frames: Frames = Field(description="Names of the two frames: the one that looks, the one that moves.")
+
+
+class MotionSensor(Section):
+    """Position of the origin of a frame in global axes."""
+
+    type: Literal["motion"] = Field(description="Kind of sensor.")
+    frame: Text = Field(description="Name of the frame.")
+
+
+Sensor = Annotated[StrainSensor | RelativeSensor | MotionSensor, Field(discriminator="type")]
+
+
+class Simulate(Section):
+    """The simulation in time."""
+
+    duration: Positive = Field(description="Length of the simulation [s].")
+    time_step: Positive = Field(description="Time step [s]; implicit Euler is of first order in it.")
+    start: Literal["equilibrium", "as_given"] = Field(
+        "equilibrium",
+        description="equilibrium: the static equilibrium under the loads at t = 0; as_given: poses and velocities of the "
+        "bodies, projected onto the joints.",
+    )
+    halvings: int = Field(
+        6, ge=0, le=20, description="How often a step that fails is halved before it is an error [-]."
+    )
+
+
+class BenchConfig(Section):
+    """Rigid and flexible bodies, joints, bearings and loads in time. SI units unless a field says otherwise."""
+
+    kind: Literal["bench"] = Field(description="Which pipeline.")
+    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
+    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
+    bodies: Annotated[dict[Name, Body], Field(min_length=1)] = Field(description="Bodies, by name.")
+    frames: Annotated[dict[Name, Frame], Field(min_length=1)] = Field(description="Frames on bodies and ground.")
+    joints: dict[Name, Joint] = Field({}, description="Joints, by name.")
+    bearings: dict[Name, Bearing] = Field({}, description="Bearings, by name.")
+    cases: dict[Name, LoadCase] = Field({}, description="Loads on a bearing alone, for the stage `bearing`.")
+    curves: tuple[Curve, ...] = Field((), description="Load-displacement curves of a bearing alone.")
+    forces: dict[Name, Force] = Field({}, description="Forces, by name.")
+    sensors: dict[Name, Sensor] = Field({}, description="Sensors, by name.")
+    simulate: Simulate = Field(description="The simulation in time.")

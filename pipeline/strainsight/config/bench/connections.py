@@ -1,0 +1,122 @@
+"""Joints and forces of a bench."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import NotNegative, Section, Text, Vector
+from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
+
+Frames = tuple[Text, Text]
+Axis = Literal["x", "y", "z"]
+
+
+class Spherical(Section):
+    """The origins of two frames coincide."""
+
+    type: Literal["spherical"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+
+
+class Revolute(Section):
+    """The origins coincide and the second frame turns about an axis of both."""
+
+    type: Literal["revolute"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field("x", description="Axis of both frames about which the joint turns.")
+
+
+class Prismatic(Section):
+    """The second frame slides along an axis of the first, without turning."""
+
+    type: Literal["prismatic"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field("x", description="Axis of the first frame along which the joint slides.")
+
+
+class Fixed(Section):
+    """Origins and axes coincide."""
+
+    type: Literal["fixed"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+
+
+class Coincidence(Section):
+    """Some components of the origins coincide, in global axes."""
+
+    type: Literal["coincidence"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = Field(description="Global components.")
+
+
+class Perpendicular(Section):
+    """An axis of the first frame stays perpendicular to an axis of the second, or to the line between the origins."""
+
+    type: Literal["perpendicular"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field(description="Axis of the first frame.")
+    to: Literal["x", "y", "z", "offset"] = Field(
+        description="Axis of the second frame, or offset: the line from the first origin to the second."
+    )
+
+
+Joint = Annotated[Spherical | Revolute | Prismatic | Fixed | Coincidence | Perpendicular, Field(discriminator="type")]
+
+
+class Constant(Section):
+    """u(t) = value, from the start."""
+
+    type: Literal["constant"] = Field(description="Kind of signal.")
+    value: float = Field(description="Value [N or N m].")
+
+
+Signal = Annotated[Constant | Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
+
+
+class Gravity(Section):
+    """Gravity on every body."""
+
+    type: Literal["gravity"] = Field(description="Kind of force.")
+    acceleration: Vector = Field((0.0, 0.0, -9.81), description="In global axes [m/s²].")
+
+
+class Spring(Section):
+    """A spring and damper between the origins of two frames."""
+
+    type: Literal["spring"] = Field(description="Kind of force.")
+    frames: Frames = Field(description="Names of the two frames.")
+    stiffness: NotNegative = Field(description="Stiffness [N/m].")
+    damping: NotNegative = Field(0.0, description="Damping [N s/m].")
+    length: NotNegative = Field(0.0, description="Length without force [m].")
+
+
+class PointForce(Section):
+    """A force on the origin of a frame: an input of the bench."""
+
+    type: Literal["force"] = Field(description="Kind of force.")
+    frame: Text = Field(description="Name of the frame.")
+    direction: Vector = Field(description="In global axes [-]; its length does not matter.")
+    signal: Signal = Field(description="Its history [N].")
+
+
+class PointMoment(Section):
+    """A moment on a frame: an input of the bench."""
+
+    type: Literal["moment"] = Field(description="Kind of force.")
+    frame: Text = Field(description="Name of the frame.")
+    direction: Vector = Field(description="In global axes [-]; its length does not matter.")
+    signal: Signal = Field(description="Its history [N m].")
+
+
+class BearingForce(Section):
+    """A bearing between two frames; its axis is the x axis of the outer one."""
+
+    type: Literal["bearing"] = Field(description="Kind of force.")
+    bearing: Text = Field(description="Name of the bearing.")
+    outer: Text = Field(description="Frame of the outer ring, at the centre of the bearing.")
+    inner: Text = Field(description="Frame of the inner ring, at the centre of the bearing.")
+
+
+Force = Annotated[Gravity | Spring | PointForce | PointMoment | BearingForce, Field(discriminator="type")]

@@ -1,0 +1,1 @@
+"""Stages of a multibody bench and of a bearing alone."""

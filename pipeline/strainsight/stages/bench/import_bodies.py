@@ -1,0 +1,48 @@
+"""import: the mesh of every flexible body of a bench."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from strainsight.mesh.suspicions import suspicions
+from strainsight.stages.import_mesh import checked, mesh_of
+from strainsight.stages.records.below import below
+from strainsight.stages.records.found import found_tables
+from strainsight.stages.records.mesh import mesh_datasets
+from strainsight.workflow.output import Dataset, Output, Scalar, Table
+from strainsight.workflow.stage import Context, Stage
+
+
+def run(context: Context) -> Output:
+    """Read every deck, convert its units, add what the config adds, check it, weigh it."""
+    datasets: dict[str, Dataset] = {}
+    summary: dict[str, Scalar] = {}
+    tables: list[Table] = []
+    included: list[Path] = []
+    parts = []
+    flexible = {name: body for name, body in context.config.bodies.items() if "mesh" in body}
+    for i, (name, body) in enumerate(flexible.items()):
+        context.progress(name, i / len(flexible))
+        key = f"bodies.{name}.mesh"
+        mesh = mesh_of(body.mesh, context.files[f"{key}.file"], key)
+        weight, quality = checked(mesh, body.mesh, key)
+        assert weight is not None
+        datasets |= below(f"/bodies/{name}", mesh_datasets(mesh))
+        doubts = suspicions(mesh, body.mesh.length_unit, body.mesh.mass_unit)
+        tables += [
+            replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, doubts)
+        ]
+        included += [Path(found) for found in mesh.included]
+        summary |= {f"nodes.{name}": len(mesh.node_ids), f"mass.{name}": float(weight[0])}
+        parts.append(f"{name} {len(mesh.node_ids)} nodes, {weight[0]:.5g} kg")
+    return Output(
+        datasets=datasets,
+        summary=summary,
+        message="; ".join(parts) or "no flexible body",
+        tables=tuple(tables),
+        inputs=tuple(included),
+    )
+
+
+IMPORT = Stage("import", version=1, reads=("bodies.*.mesh",), upstream=(), files=("bodies.*.mesh.file",), run=run)

@@ -1,0 +1,178 @@
+"""A bench from its config: the example with its flexible hub and bearing, a pendulum, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.config.load import load_config
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .conftest import ROOT
+
+FULL = ROOT / "configs" / "bench-full.yaml"
+PENDULUM = """
+kind: bench
+name: pendulum
+bodies:
+  bob: {type: rigid, mass: 2.0, inertia: {xx: 1.0e-9, yy: 1.0e-9, zz: 1.0e-9}, pose: {origin: [SINE, 0, COSINE]}}
+frames:
+  pivot: {body: ground, pose: {x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}
+  hinge: {body: bob, pose: {origin: [-SINE, 0, MINUS], x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}
+joints:
+  hinge: {type: revolute, frames: [pivot, hinge], axis: x}
+forces:
+  weight: {type: gravity, acceleration: [0, 0, -10.0]}
+sensors:
+  bob: {type: motion, frame: hinge}
+simulate: {duration: 1.0, time_step: 5.0e-4, start: as_given}
+"""
+
+
+def pendulum(folder: Path, angle: float, **changes: str) -> Path:
+    """A point mass on a massless rod of 1 m, held at an angle from the vertical."""
+    sine, cosine = float(np.sin(angle)), float(np.cos(angle))
+    text = PENDULUM.replace("COSINE", repr(-cosine)).replace("MINUS", repr(cosine)).replace("SINE", repr(sine))
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "pendulum.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_hub_bearing_and_blade_have_28_coordinates_and_hold_seven_constraints(bench):
+    summary = bench["simulate"].summary
+    assert (summary["coordinates"], summary["constraints"]) == (28, 7)
+    assert summary["violation"] < 1e-13
+    assert summary["violation_rate"] < 1e-13
+
+
+def test_at_the_start_the_bearing_carries_weight_and_loads(bench):
+    """Statics: the blade is in equilibrium under its weight, the loads at 15 m, and what the bearing gives."""
+    simulate = bench["simulate"]
+    u = np.array([simulate[f"/inputs/F{axis}"][0] for axis in "xyz"])
+    weight = np.array([0.0, 0.0, -1.4e4 * 9.81])
+    force = u + weight
+    moment = np.cross([15.0, 0, 0], u) + np.cross([17.0, 0, 0], weight)
+    load = simulate["/bearings/bearing/load"][0]
+    # the axes of the flange turn by 3e-4 as the hub gives way
+    np.testing.assert_allclose(load[:3], force, atol=1e-3 * np.linalg.norm(force))
+    np.testing.assert_allclose(load[3:], moment[1:], atol=1e-3 * np.linalg.norm(moment))
+
+
+def test_gauges_read_the_strain_of_the_reduced_hub(bench):
+    """The rows of the sensor are those of a placement's gauges; a static start keeps them finite and of a gauge's size."""
+    strain = bench["simulate"]["/sensors/gauges"]
+    assert strain.shape == (101, 4)
+    assert 1e-6 < np.abs(strain).max() < 1e-3
+    assert bench["simulate"]["/sensors/relative"].shape == (101, 5)
+
+
+def test_the_relative_sensor_is_the_displacement_of_the_bearing(bench):
+    simulate = bench["simulate"]
+    np.testing.assert_array_equal(simulate["/sensors/relative"], simulate["/bearings/bearing/displacement"])
+
+
+def test_the_bearing_alone_answers_the_weight_as_statics_asks(bench):
+    """Load and stiffness of its case; the displacement times the stiffness points along the load."""
+    case = bench["bearing"]
+    load = case["/cases/pitch-bearing/weight/load"]
+    np.testing.assert_allclose(load, [0, 0, -1.3734e5, 2.33478e6, 0], atol=1e-3)
+    stiffness = case["/cases/pitch-bearing/weight/stiffness"]
+    np.testing.assert_allclose(stiffness, stiffness.T, atol=1e-9 * np.abs(stiffness).max())
+    assert np.linalg.eigvalsh(stiffness).min() > 0
+
+
+def test_bodies_come_back_with_the_mass_of_their_deck(bench):
+    assert bench["reduce"]["/bodies/hub/inertia/mass"] == pytest.approx(bench["import"].summary["mass.hub"], rel=1e-9)
+    assert bench["reduce"]["/bodies/hub/basis"].shape[1] == bench["reduce"].summary["coordinates.hub"] == 16
+
+
+def test_a_pendulum_swings_with_the_period_of_its_length(tmp_path):
+    """T = 2π √(L/g) at small angles: a quarter of it after the start the bob is at the bottom (implicit Euler: first order)."""
+    angle = 0.05
+    path = pendulum(tmp_path, angle)
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 0, done.output
+    simulate = Artefact(tmp_path / "r" / "pendulum" / "simulate.h5")
+    # the first three coordinates are the bob's place
+    x, time = simulate["/q"][:, 0], simulate["/time"]
+    crossing = time[np.argmax(x < 0)]
+    assert crossing == pytest.approx(np.pi / 2 * np.sqrt(0.1), rel=3e-3)
+    assert simulate.summary["first_frequency"] == pytest.approx(np.sqrt(10.0 * np.cos(angle)) / (2 * np.pi), rel=2e-3)
+
+
+def test_a_second_run_is_up_to_date_and_a_longer_simulation_reruns_nothing_else(tmp_path):
+    path = pendulum(tmp_path, 0.3)
+    options = ["--results", str(tmp_path / "r")]
+    assert CliRunner().invoke(app, ["run", str(path), *options]).exit_code == 0
+    assert " done " not in CliRunner().invoke(app, ["run", str(path), *options]).output
+    said = CliRunner().invoke(app, ["status", str(path), *options, "--set", "simulate.duration=2.0"]).output
+    assert [line.split()[0] for line in said.splitlines() if "will run" in line] == ["simulate"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("mass: 2.0", "mass: 0.0", "bodies.bob.mass", "above 0"),
+        ("frames: [pivot, hinge]", "frames: [pivot, hinges]", "joints.hinge.frames", "did you mean hinge?"),
+        ("body: bob", "body: blob", "frames.hinge.body", "did you mean bob?"),
+        ("axis: x", "axis: w", "joints.hinge.axis", "x"),
+        ("xx: 1.0e-9", "xx: 1.0e+9", "bodies.bob.inertia", "principal moment"),
+        ("time_step: 5.0e-4", "time_step: 5.0", "simulate.time_step", "0.2 steps"),
+        ("x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\njoints", "x_axis: [0, 1, 0], y_axis: [0, 2, 0]}}\njoints",
+         "frames.hinge", "parallel"),
+        ("sensors:", "bearings: {b: {balls: 10, ball_diameter: 0.06, pitch_diameter: 1.0, contact_angle: 45, "
+         "radius_inner_left: 0.03, radius_inner_right: 0.0318, radius_outer_left: 0.0318, radius_outer_right: 0.0318}}\nsensors:",
+         "bearings.b.radius_inner_left", "not above half the ball diameter"),
+        ("weight: {type: gravity", "w: {type: bearing, bearing: none, outer: pivot, inner: hinge}\n  weight: {type: gravity",
+         "forces.w.bearing", "no bearing 'none'"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_with_its_place(tmp_path, old, new, key, says):
+    path = pendulum(tmp_path, 0.3, **{old: new})
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2
+    assert key in done.stderr
+    assert says in done.stderr
+    assert "pendulum.yaml:" in done.stderr
+    assert not list(tmp_path.rglob("*.h5"))
+
+
+@pytest.mark.parametrize(
+    ("joint", "says"),
+    [
+        ("again: {type: spherical, frames: [pivot, hinge]}", "redundant"),
+        ("far: {type: coincidence, frames: [elsewhere, hinge], components: [y]}", "cannot all be satisfied"),
+    ],
+)
+def test_joints_that_repeat_or_contradict_each_other_are_named(tmp_path, joint, says):
+    elsewhere = "frames:\n  elsewhere: {body: ground, pose: {origin: [0, 5, 0]}}\n"
+    path = pendulum(tmp_path, 0.3, **{"joints:\n": f"joints:\n  {joint}\n", "frames:\n": elsewhere})
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2, done.output
+    assert says in done.stderr
+    assert joint.split(":")[0] in done.stderr
+    assert not (tmp_path / "r" / "pendulum" / "simulate.h5").exists()
+
+
+def test_a_bench_has_no_stage_of_a_placement(tmp_path):
+    done = CliRunner().invoke(app, ["place", str(pendulum(tmp_path, 0.3))])
+    assert done.exit_code == 2
+    assert "a config of kind bench has no stage 'place'" in done.stderr
+
+
+def test_the_load_file_of_the_example_is_what_its_script_writes():
+    lines = (ROOT / "configs" / "bench-load.csv").read_text(encoding="ascii").splitlines()
+    table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    assert np.allclose(np.diff(table[:, 0]), 0.01, atol=1e-9)
+    spectrum = np.abs(np.fft.rfft(table[:6000, 1:] - table[:6000, 1:].mean(axis=0), axis=0)) * 2 / 6000
+    for column, amplitude in enumerate((2.0e4, 1.5e4, 2.0e4)):
+        assert spectrum[12, column] == pytest.approx(amplitude, rel=0.1)
+        assert spectrum[36, column] == pytest.approx(amplitude / 3, rel=0.1)
+    assert load_config(FULL).data["simulate"]["duration"] <= table[-1, 0]
