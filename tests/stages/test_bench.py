@@ -9,10 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
+from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from .conftest import ROOT
+from .conftest import ROOT, finished, job_of
 
 FULL = ROOT / "configs" / "bench-full.yaml"
 PENDULUM = """
@@ -23,12 +24,15 @@ bodies:
 frames:
   pivot: {body: ground, pose: {x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}
   hinge: {body: bob, pose: {origin: [-SINE, 0, MINUS], x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}
+  centre: {body: bob}
 joints:
   hinge: {type: revolute, frames: [pivot, hinge], axis: x}
 forces:
   weight: {type: gravity, acceleration: [0, 0, -10.0]}
 sensors:
   bob: {type: motion, frame: hinge}
+  rate: {type: motion, frame: centre, quantity: velocity}
+  up: {type: motion, frame: centre, quantity: z_axis}
 simulate: {duration: 1.0, time_step: 5.0e-4, start: as_given}
 """
 
@@ -104,6 +108,10 @@ def test_a_pendulum_swings_with_the_period_of_its_length(tmp_path):
     x, time = simulate["/q"][:, 0], simulate["/time"]
     crossing = time[np.argmax(x < 0)]
     assert crossing == pytest.approx(np.pi / 2 * np.sqrt(0.1), rel=3e-3)
+    rate = simulate["/sensors/rate"]
+    # but for the multipliers of the velocity, which vanish with the step
+    np.testing.assert_allclose(rate[1:, 0], np.diff(x) / np.diff(time), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(simulate["/sensors/up"], axis=1), 1.0, atol=1e-12)
     assert simulate.summary["first_frequency"] == pytest.approx(np.sqrt(10.0 * np.cos(angle)) / (2 * np.pi), rel=2e-3)
 
 
@@ -125,7 +133,7 @@ def test_a_second_run_is_up_to_date_and_a_longer_simulation_reruns_nothing_else(
         ("axis: x", "axis: w", "joints.hinge.axis", "x"),
         ("xx: 1.0e-9", "xx: 1.0e+9", "bodies.bob.inertia", "principal moment"),
         ("time_step: 5.0e-4", "time_step: 5.0", "simulate.time_step", "0.2 steps"),
-        ("x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\njoints", "x_axis: [0, 1, 0], y_axis: [0, 2, 0]}}\njoints",
+        ("x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre", "x_axis: [0, 1, 0], y_axis: [0, 2, 0]}}\n  centre",
          "frames.hinge", "parallel"),
         ("sensors:", "bearings: {b: {balls: 10, ball_diameter: 0.06, pitch_diameter: 1.0, contact_angle: 45, "
          "radius_inner_left: 0.03, radius_inner_right: 0.0318, radius_outer_left: 0.0318, radius_outer_right: 0.0318}}\nsensors:",
@@ -159,6 +167,31 @@ def test_joints_that_repeat_or_contradict_each_other_are_named(tmp_path, joint, 
     assert says in done.stderr
     assert joint.split(":")[0] in done.stderr
     assert not (tmp_path / "r" / "pendulum" / "simulate.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("origin: [0.29552020666133955, 0,", "origin: [0.5, 0,", "bodies.bob.pose", "from its pose"),
+        ("pose: {origin: [0.2", "velocity: [0, 1, 0], pose: {origin: [0.2", "bodies.bob.velocity", "100 %"),
+        ("pose: {origin: [0.2", "spin: [0, 1, 0], pose: {origin: [0.2", "bodies.bob.velocity", "left out"),
+    ],
+)
+def test_a_start_that_the_joints_do_not_allow_is_refused(tmp_path, old, new, key, says):
+    path = pendulum(tmp_path, 0.3, **{old: new})
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2, done.output
+    assert key in done.stderr
+    assert says in done.stderr
+
+
+def test_gauges_may_be_zeroed_at_the_start(bench, tmp_path):
+    """Only what they read at the start goes; the bench itself is the same."""
+    config = ROOT / "configs" / "bench-full.yaml"
+    job = job_of(config, tmp_path, "simulate.duration=0.1", "sensors.gauges.zeroed=true")
+    zeroed = finished(job, bench_stages(True))["simulate"][2]
+    plain = bench["simulate"]["/sensors/gauges"][:11]
+    np.testing.assert_array_equal(zeroed["/sensors/gauges"], plain - plain[0])
 
 
 def test_a_bench_has_no_stage_of_a_placement(tmp_path):

@@ -33,10 +33,13 @@ class RelativeSensor(Section):
 
 
 class MotionSensor(Section):
-    """Position of the origin of a frame in global axes."""
+    """Motion of a frame in global axes."""
 
     type: Literal["motion"] = Field(description="Kind of sensor.")
     frame: Text = Field(description="Name of the frame.")
+    quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = Field(
+        "position", description="Position [m] or velocity [m/s] of its origin, or the direction of one of its axes [-]."
+    )
 
 
 Sensor = Annotated[StrainSensor | RelativeSensor | MotionSensor, Field(discriminator="type")]
@@ -52,8 +55,10 @@ class Simulate(Section):
         description="equilibrium: the static equilibrium under the loads at t = 0; as_given: poses and velocities of the "
         "bodies, projected onto the joints.",
     )
-    halvings: int = Field(
-        6, ge=0, le=20, description="How often a step that fails is halved before it is an error [-]."
+    snap_tolerance: Positive = Field(
+        0.005,
+        description="How far the joints may move a body from its pose at the start before it is refused [m]; velocities may "
+        "change by 1 %.",
     )
 
 

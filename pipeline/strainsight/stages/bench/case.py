@@ -23,7 +23,7 @@ from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose
 from strainsight.multibody.joints import Joint
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, offset
-from strainsight.multibody.sensors import RelationSensor, Sensor, StrainSensor, position_sensor
+from strainsight.multibody.sensors import RelationSensor, Sensor, StrainSensor, axis_sensor, position_sensor
 from strainsight.multibody.system import System, assemble
 from strainsight.stages.records.bodies import ReducedBody
 
@@ -113,7 +113,10 @@ def motion_sensor(name: str, entry: Any, frames: Mapping[str, Frame]) -> Sensor:
     if entry.type == "relative":
         i, j = (frames[frame] for frame in entry.frames)
         return RelationSensor(name, bearing_displacements(i, j))
-    return position_sensor(name, frames[entry.frame])
+    frame = frames[entry.frame]
+    if entry.quantity in ("position", "velocity"):
+        return position_sensor(name, frame, rate=entry.quantity == "velocity")
+    return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
 
 
 def _rigid(name: str, entry: Any) -> RigidBody:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.errors import blame
+from strainsight.errors import ConfigError, blame
 from strainsight.multibody.bearing.element import ball_loads
 from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.initial import constraints_at, project_position, project_velocity, state
@@ -24,6 +24,9 @@ from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
+MOTION_UNITS = {"position": "m", "velocity": "m/s"}
+SLIP = 0.01
+"""Share of a velocity that the joints may take away at the start."""
 BAND = 0.1
 """Share of the first coupled frequency up to which implicit Euler follows a load."""
 
@@ -39,7 +42,7 @@ def run(context: Context) -> Output:
     time = h * np.arange(steps + 1)
     u = _loads(context, bench, time)
     with blame("simulate"):
-        q0, v0 = _start(bench, config.simulate.start, u[0])
+        q0, v0 = _start(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
         found = simulate(
             bench.system,
@@ -101,13 +104,35 @@ def _loads(context: Context, bench: Bench, time: np.ndarray) -> np.ndarray:
     return np.column_stack(columns) if columns else np.zeros((len(time), 0))
 
 
-def _start(bench: Bench, start: str, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    q, v = state(bench.system, bench.poses)
-    q = project_position(bench.system, q)
-    if start == "equilibrium":
+def _start(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
+    given, rate = state(bench.system, bench.poses)
+    q = project_position(bench.system, given)
+    for name in bench.poses:
+        own = bench.system.of[name]
+        moved = float(np.linalg.norm((q - given)[own][:3]))
+        if moved > settings.snap_tolerance:
+            raise ConfigError(
+                f"the joints move '{name}' by {moved:.4g} m from its pose, beyond {settings.snap_tolerance:g} m",
+                key=f"bodies.{name}.pose",
+                remedy="mend the pose or the frames of its joints, or raise simulate.snap_tolerance",
+            )
+    if settings.start == "equilibrium":
         q, _ = static_equilibrium(bench.system, q, u, bench.theta)
         return q, np.zeros_like(q)
-    return q, project_velocity(bench.system, q, v)
+    v = project_velocity(bench.system, q, rate)
+    d = bench.system.metric
+    for name in bench.poses:
+        own = bench.system.of[name]
+        change, whole = (float(np.linalg.norm((d * x)[own])) for x in (v - rate, rate))
+        if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
+            raise ConfigError(
+                f"the joints do not let '{name}' move as its velocity and spin say: {100 * change / max(whole, change):.3g} % of "
+                "it is left out",
+                key=f"bodies.{name}.velocity",
+                remedy="give velocities that the joints allow: a body that turns about a pivot moves its origin too",
+            )
+    return q, v
 
 
 def _sensors(
@@ -139,12 +164,15 @@ def _readings(config: Any, sensors: Readings, measured: np.ndarray) -> dict[str,
         count = len(sensor.rows) if isinstance(sensor, StrainSensor) else len(sensor.relations)
         part = measured[:, at : at + count]
         at += count
-        kind = config.sensors[sensor.name].type
+        entry = config.sensors[sensor.name]
         unit, what = {
             "strain": ("strain", "strain of every gauge (time × gauge)"),
             "relative": ("m or rad", "displacements x, y, z and tilts about y, z (time × component)"),
-            "motion": ("m", "position in global axes (time × xyz)"),
-        }[kind]
+            "motion": (
+                MOTION_UNITS.get(entry.get("quantity"), "1"),
+                f"{entry.get('quantity')} in global axes (time × xyz)",
+            ),
+        }[entry.type]
         datasets[f"/sensors/{sensor.name}"] = Dataset(part, unit, what, ("/time", ""))
     return datasets
 
