@@ -10,6 +10,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import typer
 
@@ -19,28 +20,50 @@ SHOW_CURSOR = b"\x1b[?25h\n"
 KEPT = "interrupted; finished stages are kept"
 
 
+@dataclass(frozen=True)
+class Failure:
+    """What is told of an exception: exit code, message, and the traceback where that is of help."""
+
+    code: int
+    message: str
+    details: str = ""
+
+
+def failure_of(error: Exception) -> Failure:
+    """Exit code 2 for what the user can mend, else 1."""
+    from strainsight.errors import StrainsightError
+
+    details = "".join(traceback.format_exception(error))
+    if isinstance(error, StrainsightError):
+        return Failure(error.exit_code, str(error), details if error.exit_code == INTERNAL else "")
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
+        remedy = "make the path readable and writable, or give another one"
+        return Failure(USER, f"{error.filename}  {error.strerror}\n    {remedy}", details)
+    said = f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
+    return Failure(INTERNAL, said, details)
+
+
+def tell(failure: Failure, verbose: bool) -> typer.Exit:
+    """Say it on stderr; the exit to raise."""
+    if verbose:
+        print(failure.details, end="", file=sys.stderr)
+    print(failure.message, file=sys.stderr)
+    return typer.Exit(failure.code)
+
+
 @contextmanager
 def reported(verbose: bool = False) -> Iterator[None]:
     """Turn exceptions into a message on stderr and typer.Exit: 2 if the user can mend it, else 1; 130 interrupted."""
-    from strainsight.errors import StrainsightError
-
     with warnings.catch_warnings(), _interruptible():
         plain_warnings(verbose)
         try:
             yield
         except (typer.Exit, BrokenPipeError):
             raise
-        except StrainsightError as error:
-            raise _exit(error.exit_code, str(error), verbose and error.exit_code == INTERNAL) from None
         except KeyboardInterrupt:
-            raise _exit(INTERRUPTED, KEPT, False) from None
-        except OSError as error:
-            if error.filename is None or error.strerror is None:
-                raise _exit(INTERNAL, _internal(error), verbose) from None
-            remedy = "make the path readable and writable, or give another one"
-            raise _exit(USER, f"{error.filename}  {error.strerror}\n    {remedy}", verbose) from None
+            raise tell(Failure(INTERRUPTED, KEPT), verbose) from None
         except Exception as error:
-            raise _exit(INTERNAL, _internal(error), verbose) from None
+            raise tell(failure_of(error), verbose) from None
 
 
 def plain_warnings(verbose: bool) -> None:
@@ -76,17 +99,6 @@ def _interruptible() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def _internal(error: BaseException) -> str:
-    return f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
-
-
-def _exit(code: int, message: str, with_traceback: bool) -> typer.Exit:
-    if with_traceback:
-        traceback.print_exc()
-    print(message, file=sys.stderr)
-    return typer.Exit(code)
 
 
 def _warn(message: Warning | str, *_: object, **__: object) -> None:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context, resource_tracker
 from typing import TYPE_CHECKING, Any
 
-from strainsight_cli.failures import plain_warnings
-from strainsight_cli.work import Progress, Work, bring_up_to_date
+from strainsight_cli.failures import Failure, failure_of, plain_warnings
+from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, note
 
 if TYPE_CHECKING:
     from strainsight.workflow.artefact import Artefact
@@ -24,20 +25,20 @@ PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that ended: its lines; artefacts of its stages; the error that ended it, if any."""
+    """A run that ended: its lines; artefacts of its stages; what is told of the failure that ended it, if any."""
 
     place: int
     lines: tuple[str, ...]
     artefacts: tuple[Artefact, ...]
-    error: Exception | None
+    failure: Failure | None
 
 
 def side_by_side(
     works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
-) -> Iterator[Ended]:
+) -> Generator[Ended]:
     """Every run as it ends, `jobs` at a time; where one process computes what another needs, the other waits and takes it
-    over. After a run that failed no other is started."""
-    waits = [_guesses_from(work, works[:i]) for i, work in enumerate(works)]
+    over. After a run that failed no other is started. Raises StrainsightError where a process was killed."""
+    waits = [set(makers(work, works).values()) for work in works]
     pending, ended = list(range(len(works))), set[int]()
     running: dict[Future[Ended], int] = {}
     with _processes(min(jobs, len(works)), verbose) as (pool, moves):
@@ -46,12 +47,14 @@ def side_by_side(
                 pending.remove(place)
                 running[pool.submit(_run, place, works[place], force, as_json, verbose)] = place
             done = wait(running, timeout=LOOK, return_when=FIRST_COMPLETED).done
-            while not moves.empty():
-                progress(*moves.get())
-            for future in sorted(done, key=running.__getitem__):
+            _pass_on(moves, progress)
+            for future in sorted(done, key=lambda future: (future.exception() is not None, running[future])):
+                try:
+                    result = future.result()
+                except BrokenProcessPool:
+                    raise _killed([works[place] for _, place in sorted(running.items(), key=lambda r: r[1])]) from None
                 ended.add(running.pop(future))
-                result = future.result()
-                if result.error is not None:
+                if result.failure is not None:
                     pending.clear()
                 yield result
 
@@ -59,17 +62,44 @@ def side_by_side(
 @contextmanager
 def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor, Any]]:
     context = get_context("spawn")
+    _quiet_tracker()
     moves = context.SimpleQueue()
     with ProcessPoolExecutor(count, context, _start, (moves, verbose)) as pool:
-        yield pool, moves
+        try:
+            yield pool, moves
+        except BaseException:
+            # Nobody listens any more: they would wait for that, and the pool for them.
+            for process in active_children():
+                process.terminate()
+            raise
 
 
-def _guesses_from(work: Work, before: Sequence[Work]) -> set[int]:
-    """Places of the runs whose results are input files of this one."""
-    from strainsight.workflow.plan import inputs_of
+def _quiet_tracker() -> None:
+    """Start the process that clears up semaphores after Ctrl-C so that it does not speak of it."""
+    sys.warnoptions.append("ignore:resource_tracker")
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
 
-    paths = [path for stage in work.stages for path in inputs_of(stage, work.job, required=False).files.values()]
-    return {i for i, other in enumerate(before) if any(path.is_relative_to(other.job.folder) for path in paths)}
+
+def _pass_on(moves: Any, progress: Progress) -> None:
+    """What the processes said since the last look: a move of the bar, or a note."""
+    while not moves.empty():
+        said = moves.get()
+        if isinstance(said, str):
+            note(said)
+        else:
+            progress(*said)
+
+
+def _killed(works: Sequence[Work]) -> Exception:
+    from strainsight.errors import StrainsightError
+
+    return StrainsightError(
+        "a process was killed, probably for lack of memory: --set jobs=1",
+        where=", ".join(work.beside for work in works),
+    )
 
 
 _moves: Any = None
@@ -92,7 +122,9 @@ def _run(place: int, work: Work, force: bool, as_json: bool, verbose: bool) -> E
     lines: list[str] = []
     forced = [stage.name for stage in work.stages] if force else []
     try:
-        found = bring_up_to_date(work, forced, as_json, verbose, lines.append, lambda *move: _moves.put(move))
+        found = bring_up_to_date(
+            work, forced, as_json, verbose, lines.append, lambda *move: _moves.put(move), lambda text: _moves.put(text)
+        )
     except Exception as error:
-        return Ended(place, tuple(lines), (), error)
+        return Ended(place, tuple(lines), (), failure_of(error))
     return Ended(place, tuple(lines), tuple(found), None)

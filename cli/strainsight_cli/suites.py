@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from strainsight.errors import ConfigError, UserError, did_you_mean
 from strainsight_cli import pipelines, render
+from strainsight_cli.failures import tell
 from strainsight_cli.timing import peak_memory, timing_table
-from strainsight_cli.work import Progress, Work, bring_up_to_date, say, show_results
+from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, refuse_taken, say, show_results
 
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
@@ -23,14 +24,13 @@ if TYPE_CHECKING:
 
 def works_of(suite: LoadedConfig, results: Path) -> list[Work]:
     """The runs of a suite, in order, and last the suite itself. Raises ConfigError for whatever is wrong with any of them."""
-    from strainsight.config.suite_runs import runs_of
+    from strainsight.config.suite_runs import all_of, runs_of
     from strainsight.stages.suite import SUITE, config_of_run
     from strainsight.workflow.plan import Job
 
     runs = runs_of(suite)
     works, told = [], []
-    for run in runs:
-        stages = _stages(suite, run)
+    for run, stages in zip(runs, all_of(runs, lambda run: _stages(suite, run)), strict=True):
         data = run.config.data
         works.append(
             Work(
@@ -43,7 +43,34 @@ def works_of(suite: LoadedConfig, results: Path) -> list[Work]:
         told.append(config_of_run(data, run.entry.label, run.entry.note, [stage.name for stage in stages]))
     model = suite.data
     job = Job({"name": model["name"], "title": model["title"], "runs": told}, results, results, suite.locate)
-    return [*works, Work((SUITE,), job, model["name"])]
+    page = Work((SUITE,), job, model["name"])
+    all_of([*works, page], refuse_taken)
+    all_of(range(len(works)), lambda i: _refuse_inputs(suite, works, i))
+    return [*works, page]
+
+
+def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
+    """Raise ConfigError where a file that a run takes from another one is not made, or later."""
+    from strainsight.workflow.plan import files_of
+
+    files = {key: path for stage in works[i].stages for key, path in files_of(stage, works[i].job).items()}
+    for key, j in makers(works[i], works).items():
+        stage = files[key].stem
+        if j > i:
+            raise ConfigError(
+                f"{files[key]} comes from '{works[j].run}', which the suite runs later",
+                key=key,
+                where=works[i].job.locate(key),
+                remedy="list that run before this one",
+            )
+        later = [own.name for own in pipelines.stages_of(works[j].job.config)[len(works[j].stages) :]]
+        if files[key].suffix == ".h5" and stage in later:
+            raise ConfigError(
+                f"the run ends after '{works[j].stages[-1].name}', before it writes {files[key].name}",
+                key=f"runs[{j}].until",
+                where=suite.locate(f"runs.{j}.until"),
+                remedy=f"runs[{i}] takes its {'guess' if '.guess.' in key else key} from it: until: {stage}",
+            )
 
 
 def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
@@ -116,15 +143,19 @@ def _all_runs(
         from strainsight_cli.side_by_side import side_by_side
 
         by_place: dict[int, Sequence[Artefact]] = {}
-        for ended in side_by_side(works, jobs, force, as_json, verbose, progress):
-            if not as_json:
-                say(_heading(works[ended.place]))
-            for line in ended.lines:
-                say(line)
-            by_place[ended.place] = ended.artefacts
-            if ended.error is not None:
-                with _named(works[ended.place]):
-                    raise ended.error
+        failed = []
+        with closing(side_by_side(works, jobs, force, as_json, verbose, progress)) as runs:
+            for ended in runs:
+                if not as_json:
+                    say(_heading(works[ended.place]))
+                for line in ended.lines:
+                    say(line)
+                by_place[ended.place] = ended.artefacts
+                if ended.failure is not None:
+                    _say_failed(works[ended.place])
+                    failed.append(tell(ended.failure, verbose))
+        if failed:
+            raise failed[0]
         return [by_place[place] for place in range(len(works))]
     found: list[Sequence[Artefact]] = []
     for work in works:
@@ -142,8 +173,12 @@ def _named(work: Work) -> Iterator[None]:
     try:
         yield
     except Exception:
-        print(f"{_heading(work)} failed:", file=sys.stderr)
+        _say_failed(work)
         raise
+
+
+def _say_failed(work: Work) -> None:
+    print(f"{_heading(work)} failed:", file=sys.stderr)
 
 
 def _heading(work: Work) -> str:
@@ -154,12 +189,10 @@ def _look_for_inputs(works: Sequence[Work]) -> None:
     """Look for the input files of all runs before the first one starts, but for what they give each other."""
     from strainsight.workflow.plan import inputs_of
 
-    coming: set[Path] = set()
     for work in works:
+        coming = makers(work, works)
         for stage in work.stages:
             inputs = inputs_of(stage, work.job, required=False)
-            missing = {path.resolve() for key, path in inputs.files.items() if key not in inputs.digests}
-            if missing - coming:
+            if inputs.files.keys() - inputs.digests.keys() - coming.keys():
                 with _named(work):
                     inputs_of(stage, work.job)
-        coming |= {(work.job.folder / f"{stage.name}.h5").resolve() for stage in work.stages}

@@ -11,27 +11,33 @@ if TYPE_CHECKING:
     from strainsight.workflow.artefact import Artefact
     from strainsight.workflow.output import Table
 
+Computed = tuple[str, str, float | None]
+"""Key, digest and seconds: an artefact that was taken over is the same to the last digit."""
+
 
 def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page: Artefact) -> Table:
-    """A row a run, a column a stage: seconds that the stage took when it was computed, "↩ 2" where run 2 did it already.
+    """A row a run, a column a stage: seconds that the stage took when it was computed, "↩ 2" where it was run 2 that did.
 
+    Which run it was is known of what was taken over just now; of what was there before, the first run is taken to be it.
     page: the suite's own artefact, in a row of its own.
     """
     from strainsight.workflow.output import Table
 
     stages = list(dict.fromkeys(artefact.header.stage for artefacts in found for artefact in artefacts))
-    first: dict[
-        tuple[str, str, float | None], int
-    ] = {}  # an artefact that was taken over is the same to the last digit
+    by: dict[Computed, int] = {}
+    for lent in (False, True):
+        for i, artefacts in enumerate(found):
+            for artefact in artefacts:
+                if bool(artefact.lender) == lent:
+                    by.setdefault(_computed(artefact), i)
     cells: list[list[str]] = []
     spent = [[0.0] * len(stages) for _ in runs]
     for i, artefacts in enumerate(found):
         cells.append([""] * len(stages))
         for artefact in artefacts:
             column, seconds = stages.index(artefact.header.stage), artefact.header.seconds
-            computed_by = first.setdefault((artefact.key, artefact.digest, seconds), i)
-            if computed_by != i:
-                cells[i][column] = f"↩ {computed_by + 1}"
+            if (maker := by[_computed(artefact)]) != i:
+                cells[i][column] = f"↩ {maker + 1}"
             else:
                 cells[i][column] = "?" if seconds is None else _seconds(seconds)
                 spent[i][column] = seconds or 0.0
@@ -53,6 +59,10 @@ def peak_memory(jobs: int) -> str:
     )
     at_once = f", {jobs} of them at a time" if jobs > 1 else ""
     return f"\npeak memory: {own:.2f} GiB" + (f", largest child process {child:.2f} GiB{at_once}" if child else "")
+
+
+def _computed(artefact: Artefact) -> Computed:
+    return artefact.key, artefact.digest, artefact.header.seconds
 
 
 def _seconds(value: float) -> str:

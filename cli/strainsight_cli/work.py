@@ -19,6 +19,11 @@ Progress = Callable[[str, str, str, float], None]
 """(run, stage, what is being done, share done); no stage: the run has ended."""
 
 
+def note(text: str) -> None:
+    """Say beside the results what is no result."""
+    print(f"note: {text}", file=sys.stderr)
+
+
 @dataclass(frozen=True)
 class Work:
     """The stages of one config and what they run on; run: its name within a suite, beside: what the progress bar says of it."""
@@ -29,29 +34,54 @@ class Work:
     beside: str = ""
 
 
+def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
+    """Dotted key of an input file → place of the run, of the others, in whose folder it lies and which makes it anew."""
+    from strainsight.workflow.plan import files_of
+
+    folders = {other.job.folder.resolve(): i for i, other in enumerate(others) if other is not work}
+    files = {key: path.parent.resolve() for stage in work.stages for key, path in files_of(stage, work.job).items()}
+    return {key: folders[folder] for key, folder in files.items() if folder in folders}
+
+
+def refuse_taken(work: Work) -> None:
+    """Raise ConfigError where a suite would write its page into the folder of a run, or a run into that of a suite."""
+    from strainsight.errors import ConfigError
+
+    own, foreign, its = ("suite", "run", "import") if work.stages[0].name == "suite" else ("run", "suite", "suite")
+    if (work.job.folder / f"{its}.h5").exists():
+        raise ConfigError(
+            f"{work.job.folder} holds the results of a {foreign}, whose report.html this {own} would overwrite",
+            key="name",
+            where=work.job.locate("name"),
+            remedy="give another name, or another folder with --results DIR",
+        )
+
+
 def show_plan(work: Work, forced: Collection[str], as_json: bool) -> None:
     """What would run and why."""
     from strainsight.workflow.plan import plan
 
+    refuse_taken(work)
     for entry in plan(work.stages, work.job, forced):
         print(render.status_json(entry, work.run) if as_json else render.status_line(entry))
 
 
 def bring_up_to_date(
-    work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress
+    work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress, note: Say = note
 ) -> list[Artefact]:
     """Run what is not up to date, a line a stage; the artefacts of all stages."""
     from strainsight.errors import StrainsightError
     from strainsight.workflow.runner import RUNNING
     from strainsight.workflow.runner import run as run_stages
 
+    refuse_taken(work)
     artefacts: list[Artefact] = []
     at_work = ""
 
     def move(stage: str, doing: str, share: float) -> None:
         progress(work.beside, stage, doing, share)
 
-    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=_note)
+    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=note)
     try:
         for event in events:
             if event.status == RUNNING:
@@ -85,7 +115,3 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
             print(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
-
-
-def _note(text: str) -> None:
-    print(f"note: {text}", file=sys.stderr)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.config.load import load_config
 from strainsight_cli import main, pipelines
 from strainsight_cli.main import app
 
@@ -49,7 +50,7 @@ def test_a_dry_run_and_status_write_nothing(call, tmp_path):
     for words in (("run", CONFIG, "--dry-run"), ("status", CONFIG)):
         done = call(*words)
         assert done.exit_code == 0
-        assert done.output.count("never run") == len(pipelines.STAGES)
+        assert done.output.count("never run") == len(stages_of_example("cantilever-youngs-modulus"))
     assert not (tmp_path / "results").exists()
 
 
@@ -68,7 +69,7 @@ def test_init_writes_a_config_that_status_accepts_and_does_not_overwrite(tmp_pat
 def test_schema_prints_the_schema():
     done = CliRunner().invoke(app, ["schema"])
     kinds = [entry["$ref"].rpartition("/")[2] for entry in json.loads(done.output)["oneOf"]]
-    assert kinds == ["PlacementConfig", "SuiteConfig"]
+    assert kinds == ["PlacementConfig", "BenchConfig", "BearingConfig", "SuiteConfig"]
 
 
 @pytest.mark.parametrize("name", pipelines.STAGES)
@@ -76,8 +77,15 @@ def test_every_stage_has_a_command(name):
     assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
 
 
-def test_the_stages_of_the_command_line_are_those_of_the_pipeline():
-    assert tuple(pipelines.STAGES) == tuple(stage.name for stage in pipelines.stages_of({"kind": "placement"}))
+def stages_of_example(name: str) -> list[str]:
+    return [stage.name for stage in pipelines.stages_of(load_config(ROOT / "configs" / f"{name}.yaml").data)]
+
+
+def test_the_stages_of_the_command_line_are_those_of_the_pipelines():
+    placement, bench = stages_of_example("cantilever-youngs-modulus"), stages_of_example("bench-full")
+    assert [name for name in pipelines.STAGES if name in placement] == placement
+    assert [name for name in pipelines.STAGES if name in bench] == bench
+    assert set(pipelines.STAGES) == {*placement, *bench}
 
 
 def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(call, monkeypatch):

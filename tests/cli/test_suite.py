@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.config.load import load_config
+from strainsight.errors import ConfigError
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
+from strainsight_cli.suites import works_of
+from strainsight_cli.work import makers
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIG = CONFIGS / "cantilever-youngs-modulus.yaml"
 SUITE = """\
 kind: suite
 name: two
@@ -160,6 +166,58 @@ def test_an_unknown_last_stage_is_named_with_its_place(suite, call):
     assert done.exit_code == 2
     assert "runs[1].until: the run has no stage 'plaec'" in done.stderr
     assert "did you mean place?" in done.stderr
+
+
+def test_every_unknown_last_stage_is_told_at_once(suite, call):
+    done = call("status", suite, "--set", "runs.1.until=plaec", "--set", "runs.2.until=obsevre")
+    assert done.stderr.count("the run has no stage") == 2
+
+
+@pytest.fixture
+def guessing(tmp_path):
+    """A function: where the guess of the second run comes from, and the first run's last stage → the works of both."""
+
+    def made(source: str, until: str = "validate", place: int = 1):
+        runs = [f"{{config: {CONFIG}, label: a, name: first, until: {until}}}"]
+        runs.insert(
+            place, f"{{config: {CONFIG}, label: b, name: second, set: {{parameters.E.guess: {{from: {source}}}}}}}"
+        )
+        listed = "".join(f"  - {entry}\n" for entry in runs)
+        path = tmp_path / "guess.yaml"
+        path.write_text(f"kind: suite\nname: both\ntitle: Both\nruns:\n{listed}", encoding="utf-8")
+        return works_of(load_config(path), tmp_path / "results")
+
+    made.path = os.path.relpath(tmp_path / "results" / "first" / "validate.h5", CONFIGS)
+    return made
+
+
+def test_a_guess_is_waited_for_however_its_run_is_written(guessing):
+    for source in ("first", guessing.path, f"../configs/{guessing.path}"):
+        works = guessing(source)
+        assert makers(works[1], works) == {"parameters.E.guess.from": 0}
+
+
+def test_a_guess_from_a_run_that_ends_before_it_or_comes_later_is_refused(guessing):
+    for source in ("first", guessing.path):
+        with pytest.raises(ConfigError) as caught:
+            guessing(source, until="place")
+        assert caught.value.key == "runs[0].until"
+        assert "guess.yaml:5:" in caught.value.where
+        assert caught.value.remedy == "runs[1] takes its guess from it: until: validate"
+    with pytest.raises(ConfigError, match="which the suite runs later"):
+        guessing(guessing.path, place=0)
+
+
+def test_a_name_that_is_taken_in_the_results_is_refused(guessing, tmp_path):
+    (tmp_path / "results" / "both").mkdir(parents=True)
+    (tmp_path / "results" / "first").mkdir()
+    (tmp_path / "results" / "both" / "import.h5").touch()
+    (tmp_path / "results" / "first" / "suite.h5").touch()
+    with pytest.raises(ConfigError) as caught:
+        guessing("first")
+    places = [error.where for error in (caught.value, *caught.value.others)]
+    assert len(places) == 2
+    assert all("guess.yaml:" in place for place in places)
 
 
 def test_its_artefact_holds_the_table(first, folder):

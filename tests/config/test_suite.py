@@ -140,3 +140,43 @@ def test_a_guess_from_a_run_that_comes_later_is_refused(write):
     assert "which the suite runs later" in error.what
     assert error.key == "parameters.E.guess.from"
     assert "cantilever-input.yaml:" in error.where
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key", "what"),
+    [
+        ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
+        ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
+        ("note: With", "note: |\n      With", "runs[2].note", "a line break"),
+    ],
+)
+def test_a_text_that_a_terminal_would_act_upon_is_refused(write, before, after, key, what):
+    (error,) = refused(write(SUITE.replace(before, after)))
+    assert error.key == key
+    assert what in error.what
+    assert "suite.yaml:" in error.where
+    assert str(error).isprintable() or "\n    write plain text" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("given", "remedy"),
+    [
+        ("place.keep=5", "write set.place.keep=5"),
+        ("seed=2", "write set.seed=2"),
+        ("mesh.file=a.bdf", "write set.mesh.file=a.bdf"),
+        ("jbos=2", "did you mean jobs?"),
+    ],
+)
+def test_a_key_of_the_runs_behind_set_is_placed_there(write, given, remedy):
+    (error,) = refused(write(), given)
+    assert error.where == f"--set {given.split('=')[0]}"
+    assert error.remedy == remedy
+
+
+def test_a_section_that_was_replaced_whole_is_said(write):
+    text = SUITE.replace("{place.instants: 3}", "{train: {duration: 0.2}}")
+    errors = [error for error in refused(write(text)) if error.what == "missing"]
+    assert errors
+    for error in errors:
+        assert error.remedy == "`set` replaced all of train: write train.duration: 0.2"
+        assert place(text, "{train") in error.where

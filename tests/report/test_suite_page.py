@@ -100,7 +100,23 @@ def test_what_failed_is_said_in_words(suite):
     assert first.count("✕ sure and wrong") == 2
     assert "✓ as claimed" in first
     assert "4 runs : 1 with errors within 3 claimed σ (run 1 ), 2 sure and wrong (runs 2 , 3 )" in first
-    assert "not estimated : no gauge tells all three." in first
+    assert "not estimated (ends after observe): no gauge tells all three." in first
+
+
+def test_a_lost_repeat_is_said_in_words(suite):
+    run = suite().runs[0]
+    error = np.append(run.repeats[0].error[:-1], np.nan)
+    text = page(suite(runs=(replace(run, repeats=(replace(run.repeats[0], error=error),)),)))
+    assert "✕ diverged (1 of 20 repeats)" in words(first_screen(text))
+    assert "E: diverged, 1 of 20 repeats." in words(text)
+
+
+def test_long_words_do_not_widen_the_page(suite):
+    text = page(suite())
+    rules = re.findall(r"([^{}]+)\{([^{}]*)\}", text)
+    wrapped = {name.strip() for names, rule in rules if "overflow-wrap: anywhere" in rule for name in names.split(",")}
+    assert {"p", "small", "h3", "tbody th", "td.v", "figcaption"} <= wrapped
+    assert '<td class="v" colspan=' in text
 
 
 def test_a_run_that_was_only_placed_says_what_is_expected(suite):

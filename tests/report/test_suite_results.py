@@ -59,7 +59,15 @@ def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
     lost = replace(run.repeats[0], error=np.full(20, np.nan))
     (result,) = results_of(replace(run, repeats=(lost,)))
     assert np.isnan(result.rms)
-    assert result.verdicts == ()
+    assert (result.worst, result.lost, result.verdict) == (np.inf, 20, "diverged")
+
+
+def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_others(suite):
+    run = suite().runs[0]
+    lost = replace(run.repeats[0], error=np.append(np.full(19, 0.0007), np.inf))
+    (result,) = results_of(replace(run, repeats=(lost,)))
+    assert (result.rms, result.worst, result.lost) == (pytest.approx(0.0007), np.inf, 1)
+    assert result.verdicts == ("diverged",)
 
 
 def test_runs_with_the_same_excitation_are_one_series(suite):

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from strainsight.report.data import Repeats, Unknown
 from strainsight.report.layout import Gauge, Layout
+from strainsight.report.suite_data import SuiteReport, SuiteRun
 from strainsight.stages import suite as suite_stage
 from strainsight.stages.records.suite import nearest
+from strainsight.stages.records.suite_numbers import suite_datasets, suite_tables
 from strainsight.stages.suite import SUITE, config_of_run
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
@@ -50,6 +53,24 @@ def test_the_numbers_are_those_of_the_runs(suite, artefacts):
     page = (suite.path.parent / "report.html").read_text(encoding="utf-8")
     assert "&lt;place&gt;" in page
     assert "<place>" not in page
+
+
+def test_the_page_and_the_table_say_the_same_of_a_lost_repeat():
+    run = SuiteRun(
+        "a", "a", "", None, "validate", (Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001),),
+        repeats=(Repeats("E", np.array([0.001, np.nan, -0.002]), np.full(3, 0.001), "identified"),),
+    )  # fmt: skip
+    report = SuiteReport("s", "s", (run,))
+    datasets = suite_datasets(report)
+    assert datasets["/unknown/repeats_worst"].array.tolist() == [np.inf]
+    assert datasets["/unknown/verdict"].array.tolist() == ["diverged"]
+    (table,) = suite_tables(report)
+    assert table.rows[0][-2:] == ("RMS 0.16 %, 1 of 3 diverged", "diverged")
+
+
+def test_one_run_is_no_runs(told, results):
+    (*_, event) = run((SUITE,), Job({"name": "one", "title": "One", "runs": told[:1]}, results, results))
+    assert event.artefact.message.startswith("1 run, 0 estimated")
 
 
 def test_runs_with_the_same_layout_share_a_picture(suite, told, results, monkeypatch):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
-from strainsight.config.messages import problems_of
+from strainsight.config.messages import UNKNOWN, problems_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
 from strainsight.config.suite import DOTTED, SuiteConfig, suite_problems
@@ -83,7 +83,8 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
         places[key] = key_places[key] = override.where
     model, found = _validated(data)
     if model is None:
-        raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in found])
+        problems = [_meant_for_runs(p, given) if data.get("kind") == "suite" else p for p in found]
+        raise _error([(_place_of(p, key_places if p.at_key else places, given), p) for p in problems])
     return LoadedConfig(path, model, given, places)
 
 
@@ -158,6 +159,29 @@ def _locate(places: Mapping[str, str], key: str) -> str:
         if (prefix := ".".join(parts[:length])) in places:
             return places[prefix]
     return places[""]
+
+
+def _place_of(problem: Problem, places: Mapping[str, str], given: Sequence[Override]) -> str:
+    """Where the key stands; where an override made it on the way to its own, that one."""
+    made = [override.where for override in given if override.key.startswith(f"{problem.key}.")]
+    return made[-1] if made and problem.what == UNKNOWN and problem.key not in places else _locate(places, problem.key)
+
+
+def _meant_for_runs(problem: Problem, given: Sequence[Override]) -> Problem:
+    """Say how a suite sets a key of its runs."""
+    if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields:
+        return problem
+    made = [o for o in given if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
+    written = (
+        f"set.{made[-1].key}={_written(made[-1].value)}"
+        if made
+        else f"the keys below it as set: {{{problem.key}.KEY: …}}"
+    )
+    return replace(problem, remedy=f"write {written}")
+
+
+def _written(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _parse_override(override: str) -> Override:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+import unicodedata
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
@@ -49,9 +50,19 @@ class SuiteConfig(Section):
 
 def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
     """What is wrong with a suite by itself, before any config of its runs is read."""
+    yield from _lines({"title": config.title})
     yield from _overrides("set", config.overrides)
     for i, run in enumerate(config.runs):
+        yield from _lines({f"runs.{i}.label": run.label, f"runs.{i}.note": run.note})
         yield from _overrides(f"runs.{i}.set", run.overrides)
+
+
+def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:
+    """What is printed has to be one line without anything that a terminal acts upon."""
+    for key, text in texts.items():
+        if bad := next((c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp")), None):
+            what = "a line break" if bad in "\n\r\u2028\u2029" else f"the control character U+{ord(bad):04X}"
+            yield Problem(key, f"holds {what}", "write plain text on one line; a folded block begins with >-")
 
 
 def _overrides(section: str, overrides: dict[str, JsonValue]) -> Iterator[Problem]:

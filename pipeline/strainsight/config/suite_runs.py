@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from strainsight.config.load import LoadedConfig, Override, kind_of, load_config
+from strainsight.config.messages import MISSING
 from strainsight.config.suite import SuiteConfig, SuiteRun
-from strainsight.errors import ConfigError
+from strainsight.errors import ConfigError, StrainsightError
 
 Of = TypeVar("Of")
 Made = TypeVar("Made")
@@ -31,14 +33,14 @@ def runs_of(suite: LoadedConfig) -> tuple[PlannedRun, ...]:
     """
     model = suite.model
     assert isinstance(model, SuiteConfig)
-    plain = _each(range(len(model.runs)), lambda i: PlannedRun(model.runs[i], i, _plain(suite, model, i)))
+    plain = all_of(range(len(model.runs)), lambda i: PlannedRun(model.runs[i], i, _plain(suite, model, i)))
     names = [run.config.model.name for run in plain]
-    found = _each(plain, lambda run: _final(suite, model, run, names))
-    _each(found, lambda run: _refuse_taken(suite, model, found[: run.place], run))
+    found = all_of(plain, lambda run: _final(suite, model, run, names))
+    all_of(found, lambda run: _refuse_taken(suite, model, found[: run.place], run))
     return tuple(found)
 
 
-def _each(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
+def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
     """What is made of every item; raises the problems of all of them at once, each once."""
     made: list[Made] = []
     problems: dict[str, ConfigError] = {}
@@ -64,8 +66,12 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
     key, where = f"runs[{i}].config", suite.locate(f"runs.{i}.config")
     if not path.is_file():
         raise ConfigError(f"no such file: {path}", key=key, where=where, remedy="paths start from the suite's folder")
-    if kind_of(path) == "suite":
+    kind = kind_of(path)
+    if kind == "suite":
         raise ConfigError(f"{path} is a suite itself", key=key, where=where, remedy="list its runs one by one")
+    if kind in ("bench", "bearing"):
+        what = f"{path} is a {kind}: the page of a suite is about placements"
+        raise ConfigError(what, key=key, where=where, remedy=f"run it by itself: strainsight run {path}")
     overrides = [
         Override(key, value, suite.locate(f"{section}.{key}"))
         for section, values in (("set", model.overrides), (f"runs.{i}.set", entry.overrides))
@@ -73,7 +79,33 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
     ]
     if entry.name is not None:
         overrides.append(Override("name", entry.name, suite.locate(f"runs.{i}.name")))
-    return load_config(path, overrides)
+    try:
+        return load_config(path, overrides)
+    except ConfigError as error:
+        for problem in (error, *error.others):
+            _say_replaced(problem, overrides)
+        raise
+
+
+def _say_replaced(problem: StrainsightError, overrides: Sequence[Override]) -> None:
+    """Where a key is missing because a whole section was put over the config's own, say how to put only its keys."""
+    for override in overrides:
+        if (
+            problem.what == MISSING
+            and isinstance(override.value, dict)
+            and str(problem.key).startswith(f"{override.key}.")
+        ):
+            keys = ", ".join(f"{key}: {json.dumps(value)}" for key, value in _leaves(override.key, override.value))
+            problem.remedy = f"`set` replaced all of {override.key}: write {keys or 'its keys one by one'}"
+
+
+def _leaves(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Dotted key → value of everything in a mapping."""
+    if not isinstance(value, dict):
+        yield key, value
+        return
+    for name, below in value.items():
+        yield from _leaves(f"{key}.{name}", below)
 
 
 def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequence[str]) -> PlannedRun:

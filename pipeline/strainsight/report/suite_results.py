@@ -12,7 +12,7 @@ from strainsight.report.suite_data import SuiteReport, SuiteRun
 
 BEYOND = 3.0
 """Claimed σ beyond which an error is no bad luck."""
-WRONG, LOST, DIVERGED = "sure and wrong", "not identified", "diverged"
+WRONG, LOST, DIVERGED, CLAIMED = "sure and wrong", "not identified", "diverged", "as claimed"
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,9 @@ class Result:
     """One unknown of one run, all relative.
 
     error, std: of the filtered parameter, of the smoothed load (`smoothed`; the filtered one where no smoothed is there);
-    rms, worst: error over the repeats, which are filtered; ratio: their RMS of error over claimed σ; verdicts: what is
-    wrong with it, empty where nothing is. None is what was not computed.
+    rms, worst: error over the repeats, which are filtered: RMS of those that ended, worst of all, ∞ where one was lost;
+    ratio: RMS of error over claimed σ; repeats: how many, lost: how many of them diverged; verdicts: what is wrong with
+    it, empty where nothing is. None is what was not computed.
     """
 
     unknown: Unknown
@@ -31,7 +32,16 @@ class Result:
     rms: float | None
     worst: float | None
     ratio: float | None
+    repeats: int
+    lost: int
     verdicts: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """All of them in words; "" where it was not estimated."""
+        if self.error is None:
+            return ""
+        return ", ".join(self.verdicts) or (CLAIMED if self.sigmas is not None else "no claim")
 
     @property
     def sigmas(self) -> float | None:
@@ -63,7 +73,7 @@ def counts(report: SuiteReport) -> dict[str, list[int]]:
     """Numbers of the runs, from 1, by what they came to: "as claimed", every verdict, "not estimated"."""
     found: dict[str, list[int]] = {}
     for index, run in enumerate(report.runs, start=1):
-        for word in (verdicts_of(run) or ("as claimed",)) if is_estimated(run) else ("not estimated",):
+        for word in (verdicts_of(run) or (CLAIMED,)) if is_estimated(run) else ("not estimated",):
             found.setdefault(word, []).append(index)
     return found
 
@@ -75,14 +85,16 @@ def _result(run: SuiteRun, unknown: Unknown) -> Result:
     error = unknown.smoothed_error if smoothed else unknown.error
     std = _smoothed_std(unknown, history) if smoothed else unknown.std
     rms = worst = ratio = None
-    if repeats is not None:
+    many = lost = 0
+    if repeats is not None and len(repeats.error):
         size, claimed = np.abs(repeats.error), repeats.claimed_std
-        rms, worst = _rms(size), float(np.max(size[np.isfinite(size)], initial=0.0))
+        many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
+        rms, worst = _rms(size), math.inf if lost else float(np.max(size))
         ratio = _rms(size / np.where(claimed > 0, claimed, np.nan))
     verdicts = []
-    if error is not None and not math.isfinite(error):
+    if lost or (error is not None and not math.isfinite(error)):
         verdicts.append(DIVERGED)
-    result = Result(unknown, smoothed, error, std, rms, worst, ratio, ())
+    result = Result(unknown, smoothed, error, std, rms, worst, ratio, many, lost, ())
     if any(off is not None and off > BEYOND for off in (result.sigmas, result.filtered_sigmas, ratio)):
         verdicts.append(WRONG)
     if repeats is not None and repeats.verdict == LOST:

@@ -8,7 +8,17 @@ from urllib.parse import quote
 from strainsight.report.markup import plain, share
 from strainsight.report.suite_cases import numbered
 from strainsight.report.suite_data import SuiteReport, SuiteRun
-from strainsight.report.suite_results import BEYOND, DIVERGED, LOST, WRONG, Result, counts, is_estimated, results_of
+from strainsight.report.suite_results import (
+    BEYOND,
+    CLAIMED,
+    DIVERGED,
+    LOST,
+    WRONG,
+    Result,
+    counts,
+    is_estimated,
+    results_of,
+)
 
 COLUMNS = (
     "run", "unknown", "gauges", "tr(W P)", "at most above the best set", "error", "σ claimed", "error / σ",
@@ -25,7 +35,7 @@ def answer(report: SuiteReport) -> str:
     many = len(report.runs)
     parts = []
     for word, text in (
-        ("as claimed", "with errors within 3 claimed σ"),
+        (CLAIMED, "with errors within 3 claimed σ"),
         (WRONG, "<strong>sure and wrong</strong>"),
         (LOST, "<strong>not identified</strong>"),
         (DIVERGED, "<strong>diverged</strong>"),
@@ -95,9 +105,8 @@ def _block(index: int, run: SuiteRun) -> str:
     once = "".join(f'<td class="n"{span}>{text}</td>' for _, text in shared)
     if not is_estimated(run):
         names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
-        return (
-            f'<tbody><tr>{heading}<td>{names}</td>{once}<td colspan="{len(MEASURED)}">{_absent(run)}</td></tr></tbody>'
-        )
+        absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
+        return f"<tbody><tr>{heading}<td>{names}</td>{once}{absent}</tr></tbody>"
     rows = []
     for i, result in enumerate(results_of(run)):
         first = (heading, once) if i == 0 else ("", "")
@@ -112,7 +121,7 @@ def _right(name: str) -> str:
 def _absent(run: SuiteRun) -> str:
     """Why there is no estimate, and what placement expects where it went so far."""
     expected = ", ".join(f"{escape(name)} ± {share(std)}" for name, std in run.expected_std.items())
-    text = f"<strong>not estimated</strong>{': ' + escape(run.note) if run.note else f' (ends after {escape(run.reached)})'}"
+    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
     return text + (f"<br>expected when placed: {expected}" if expected else "")
 
 
@@ -143,11 +152,12 @@ def _verdict(result: Result) -> str:
     if result.error is None:
         return "not estimated"
     if not result.verdicts:
-        return '<strong class="good">✓ as claimed</strong>' if result.sigmas is not None else "no claim"
+        return f'<strong class="good">✓ {CLAIMED}</strong>' if result.verdict == CLAIMED else result.verdict
     lines = []
     for verdict in result.verdicts:
         repeated = verdict == WRONG and _only_repeated(result) and result.ratio is not None
         over = f" <small>(repeats: RMS {plain(result.ratio, 2)} σ)</small>" if repeated and result.ratio else ""
+        over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
         lines.append(f'<strong class="bad whole">✕ {verdict}</strong>{over}')
     return "<br>".join(lines)
 
@@ -163,4 +173,10 @@ def _why(verdict: str, result: Result) -> str:
         return f"{WRONG} over the repeats, RMS {plain(result.ratio, 2)} σ"
     if verdict == WRONG:
         return f"{WRONG}, {plain(max(result.sigmas or 0.0, result.filtered_sigmas or 0.0), 2)} σ"
+    if verdict == DIVERGED and result.lost:
+        return f"{DIVERGED}, {_lost(result)}"
     return f"{LOST}, other starts end elsewhere" if verdict == LOST else verdict
+
+
+def _lost(result: Result) -> str:
+    return f"{result.lost} of {result.repeats} repeats"

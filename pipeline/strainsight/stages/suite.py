@@ -53,7 +53,8 @@ def run(context: Context) -> Output:
         scenes, problem = waiting.result()
     page = suite_page(report, drawings, scenes).encode()
     validated = sum(1 for run in report.runs if run.histories)
-    said = f"{len(report.runs)} runs, {validated} of them estimated; report.html, {len(page) / 1024:.0f} KiB"
+    many = len(report.runs)
+    said = f"{many} run{'s' * (many != 1)}, {validated} estimated; report.html, {len(page) / 1024:.0f} KiB"
     return Output(
         datasets=suite_datasets(report),
         summary={
@@ -92,7 +93,7 @@ def _look(packed: Mapping[str, np.ndarray]) -> str:
 
 SUITE = Stage(
     "suite",
-    version=1,
+    version=2,
     reads=("name", "title", "runs"),
     upstream=(),
     files=("runs.*.artefacts.*",),

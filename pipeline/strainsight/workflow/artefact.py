@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ SETTLED = 2_000_000_000
 """[ns] Age from which the time of a file tells whether it was written to again."""
 _VERIFIED: set[tuple[int, ...]] = set()
 """Files that this process has read through once, whatever their names: siblings share large artefacts."""
+_INTACT: set[tuple[int, ...]] = set()
+"""Files whose checksum this process has found right."""
 # Attributes that h5py writes for dimension scales: object references, whose bytes depend on where the file put things.
 SCALE_ATTRIBUTES = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "DIMENSION_LABELS"}
 
@@ -66,6 +69,7 @@ class Artefact:
     artefact.summary, .tables, .message    what the stage said
     artefact.key, .digest, .header         what it was made from, and the sha256 of what it holds
     artefact.attributes("/augmented")      attributes of a group or dataset
+    artefact.lender                        the run beside this one that it has just been taken over from, or ""
 
     Raises ArtefactError for a file that is missing, cut short, altered, of another format version, or that points
     outside itself.
@@ -73,16 +77,10 @@ class Artefact:
 
     def __init__(self, path: Path):
         self.path = Path(path)
+        self.lender = ""
         known = _identity(self.path)
-        if known not in _VERIFIED:
-            _refuse_damaged(self.path)
-        try:
-            with _opened(self.path) as file:
-                self._read(file, known in _VERIFIED)
-        except ArtefactError:
-            raise
-        except Exception as error:  # whatever HDF5 or the decoding makes of altered bytes
-            raise _damaged(self.path, f"it cannot be read to the end ({type(error).__name__})") from error
+        with _checked(self.path) as file:
+            self._read(file, known in _VERIFIED)
         if known is not None:
             _VERIFIED.add(known)
 
@@ -145,6 +143,12 @@ class Artefact:
         return file[path]
 
 
+def header_of(path: Path) -> Header:
+    """What an artefact was made from, its bytes checked but not what they say. Raises ArtefactError."""
+    with _checked(path) as file:
+        return _header(file, path)[0]
+
+
 def content_digest(file: h5py.File) -> str:
     """sha256 over every entry in path order: path, dtype, shape, bytes, attributes. The header stays outside.
 
@@ -191,6 +195,23 @@ def _identity(path: Path) -> tuple[int, ...] | None:
         return None
     # not the time of its last change of any kind: another name for the same file is one
     return (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+@contextmanager
+def _checked(path: Path) -> Iterator[h5py.File]:
+    """The file, opened only if it is as it was sealed; raises ArtefactError for it and for all that goes wrong inside."""
+    known = _identity(path)
+    if known not in _INTACT:
+        _refuse_damaged(path)
+    if known is not None:
+        _INTACT.add(known)
+    try:
+        with _opened(path) as file:
+            yield file
+    except ArtefactError:
+        raise
+    except Exception as error:  # whatever HDF5 or the decoding makes of altered bytes
+        raise _damaged(path, f"it cannot be read to the end ({type(error).__name__})") from error
 
 
 def _refuse_damaged(path: Path) -> None:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
 from pathlib import Path
 
 from strainsight.errors import ArtefactError
-from strainsight.workflow.artefact import Artefact, file_digest
+from strainsight.workflow.artefact import Artefact, Header, file_digest, header_of
 from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
 from strainsight.workflow.store import TEMPORARY
 
 
-def borrowed(stage: Stage, job: Job, key: str) -> tuple[Artefact, str] | None:
-    """The artefact of a run beside this one that was made from exactly the same, copied here, and that run's name.
+def borrowed(stage: Stage, job: Job, key: str) -> Artefact | None:
+    """The artefact of a run beside this one that was made from exactly the same, taken over here; `lender` is that run.
 
     key: of the stage as it would run now. It has to agree, and so has every file that the stage found while running; a file
     written beside it is copied too, its sha256 checked. An artefact that is damaged is passed over: its own run will notice.
@@ -24,39 +25,69 @@ def borrowed(stage: Stage, job: Job, key: str) -> tuple[Artefact, str] | None:
         if path.parent == job.folder:
             continue
         try:
-            other = Artefact(path)
-        except ArtefactError:
+            header = header_of(path)
+            found = (header.found or {}).items()
+            if header.key != key or any(_digest(job.base / name) != digest for name, digest in found):
+                continue
+            taken = _taken(path, job.folder, header)
+        except (ArtefactError, OSError):  # damaged, or replaced by its run at this moment
             continue
-        header = other.header
-        found = (header.found or {}).items()
-        if header.key != key or any(_digest(job.base / name) != digest for name, digest in found):
-            continue
-        beside = header.beside or {}
-        if any(_digest(path.parent / name) != digest for name, digest in beside.items()):
-            continue
-        for name in (*beside, path.name):
-            _copy(path.parent / name, job.folder / name)
-        return Artefact(job.folder / path.name), path.parent.name
+        taken.lender = path.parent.name
+        return taken
     return None
 
 
-def _copy(source: Path, target: Path) -> None:
-    """Under its name only once it is complete; where the disk can, the same file under a second name, because artefacts are
-    replaced and never written into."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{target.name}-", dir=target.parent)
-    os.close(handle)
+def _taken(source: Path, folder: Path, header: Header) -> Artefact:
+    """The artefact of that header and what lies beside it, under their names only once all is here and was checked here."""
+    folder.mkdir(parents=True, exist_ok=True)
+    parts: list[tuple[Path, Path]] = []
     try:
-        os.unlink(name)
-        try:
-            os.link(source, name)
-        except OSError:
-            shutil.copyfile(source, name)
-            shutil.copymode(source, name)
-        os.replace(name, target)
+        parts.append((_part(source, folder), folder / source.name))
+        own = Artefact(parts[0][0])
+        if own.header != header:
+            raise ArtefactError("replaced while it was taken over", where=str(source))
+        for name, digest in (own.header.beside or {}).items():
+            parts.append((_part(source.parent / name, folder), folder / name))
+            if Path(name).name != name or _sha256(parts[-1][0]) != digest:
+                raise ArtefactError(f"{name} beside it was altered", where=str(source))
+        for part, target in reversed(parts):
+            os.replace(part, target)
     finally:
-        Path(name).unlink(missing_ok=True)
+        for part, _ in parts:
+            part.unlink(missing_ok=True)
+    own.path = folder / source.name
+    return own
+
+
+def _part(source: Path, folder: Path) -> Path:
+    """A file as a temporary one in `folder`. An artefact is replaced and never written into: where the disk can, it gets a
+    second name and no copy. People write into what lies beside it."""
+    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{source.name}-", dir=folder)
+    os.close(handle)
+    part = Path(name)
+    try:
+        if source.suffix != ".h5" or not _linked(source, part):
+            shutil.copyfile(source, part)
+            shutil.copymode(source, part)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    return part
+
+
+def _linked(source: Path, part: Path) -> bool:
+    part.unlink()
+    try:
+        os.link(source.resolve(), part)
+    except OSError:
+        return False
+    return True
 
 
 def _digest(path: Path) -> str | None:
     return file_digest(path) if path.is_file() else None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

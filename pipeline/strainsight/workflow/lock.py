@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from strainsight.errors import UserError
@@ -34,15 +34,22 @@ def locked(folder: Path) -> Iterator[int | None]:
 
 
 @contextmanager
-def computing(results: Path, key: str) -> Iterator[None]:
+def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Wait until no other process computes the stage of this key (hex sha256), and hold others off meanwhile.
 
-    A byte of one file in `results` stands for the key; the kernel drops the lock with the process.
+    A byte of one file in `results` stands for the key; the kernel drops the lock with the process. waits: called where
+    there is another one to wait for. On a disk without locks nobody waits: at worst the same is computed twice.
     """
     results.mkdir(parents=True, exist_ok=True)
     handle = os.open(results / COMPUTING, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    byte = int(key[:15], 16)
     try:
-        fcntl.lockf(handle, fcntl.LOCK_EX, 1, int(key[:15], 16))
+        with suppress(OSError):
+            try:
+                fcntl.lockf(handle, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+            except (BlockingIOError, PermissionError):  # which of the two is the system's choice
+                waits()
+                fcntl.lockf(handle, fcntl.LOCK_EX, 1, byte)
         yield
     finally:
         os.close(handle)

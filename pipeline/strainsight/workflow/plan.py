@@ -154,15 +154,8 @@ def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finishe
 def inputs_of(stage: Stage, job: Job, required: bool = True) -> Inputs:
     """Config slice, input files and their digests. Raises ConfigError for a file that is missing, where `required`."""
     config = prune(job.config, stage.reads)
-    files: dict[str, Path] = {}
+    files = files_of(stage, job)
     digests: dict[str, str] = {}
-    for pattern in stage.files:
-        for key in expand(job.config, pattern):
-            if (value := look_up(job.config, key)) is None:
-                continue
-            if key not in expand(config, key):
-                raise ValueError(f"stage '{stage.name}' has the file '{key}' without declaring it in Stage.reads")
-            files[key] = _input_path(key, str(value), job)
     for key, path in files.items():
         if path.is_file():
             try:
@@ -173,6 +166,20 @@ def inputs_of(stage: Stage, job: Job, required: bool = True) -> Inputs:
         elif required:
             raise _no_such_file(key, str(look_up(job.config, key)), path, job)
     return Inputs(config, files, digests)
+
+
+def files_of(stage: Stage, job: Job) -> dict[str, Path]:
+    """Dotted key → input file, whether it is there or not."""
+    config = prune(job.config, stage.reads)
+    files: dict[str, Path] = {}
+    for pattern in stage.files:
+        for key in expand(job.config, pattern):
+            if (value := look_up(job.config, key)) is None:
+                continue
+            if key not in expand(config, key):
+                raise ValueError(f"stage '{stage.name}' has the file '{key}' without declaring it in Stage.reads")
+            files[key] = _input_path(key, str(value), job)
+    return files
 
 
 def _input_path(key: str, value: str, job: Job) -> Path:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from strainsight.errors import StrainsightError
@@ -76,11 +77,12 @@ def run(
             start = time.perf_counter()
             reason = status.reason
             key = inputs[stage.name].key(stage, {name: finished[name].digest for name in stage.upstream})
-            with computing(job.results, key):
+            said = f"{job.config['name']} waits for another process that computes {stage.name}"
+            with computing(job.results, key, partial(notice, said)):
                 taken = None if stage.name in forced else borrowed(stage, job, key)
                 if taken is not None:
-                    finished[stage.name], lender = taken
-                    reason += f", taken over from {lender}"
+                    finished[stage.name] = taken
+                    reason += f", taken over from {taken.lender}"
                 else:
                     with _placed(job):
                         finished[stage.name] = _execute(stage, job, inputs[stage.name], key, finished, progress)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.report.data import Repeats, Unknown
 from strainsight.report.suite_data import SuiteReport, SuiteRun
+from strainsight.report.suite_results import Result, results_of
 from strainsight.workflow.output import Dataset, Table
 
 NONE = float("nan")
@@ -16,7 +16,7 @@ NONE = float("nan")
 def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
     """Tables of the runs, of their unknowns and of the cases that each could tell apart; NaN for what was not computed."""
     runs = report.runs
-    unknowns = [(i, unknown, _repeats(run, unknown)) for i, run in enumerate(runs) for unknown in run.unknowns]
+    unknowns = [(i, result.unknown, result) for i, run in enumerate(runs) for result in results_of(run)]
     cases = [(i, case) for i, run in enumerate(runs) for case in run.cases]
 
     def of_runs(values: Sequence[float | int | None], what: str) -> Dataset:
@@ -26,7 +26,6 @@ def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
         return Dataset(_numbers(values), unit, what, ("/unknown/name",))
 
     trends = [run.trend for run in runs]
-    spread = [(repeats.error if repeats else np.empty(0)) for _, _, repeats in unknowns]
     return {
         "/run/name": Dataset(_text([run.name for run in runs]), "1", "name of every run"),
         "/run/label": Dataset(_text([run.label for run in runs]), "1", "what the page calls it", ("/run/name",)),
@@ -55,14 +54,17 @@ def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
         "/unknown/expected": of_unknowns(
             [u.expected_std for _, u, _ in unknowns], "error that place expected, relative"
         ),
-        "/unknown/repeats_rms": of_unknowns([_rms(e) for e in spread], "RMS error over the repeats, relative"),
+        "/unknown/repeats_rms": of_unknowns(
+            [result.rms for _, _, result in unknowns], "RMS error over the repeats that did not diverge, relative"
+        ),
         "/unknown/repeats_worst": of_unknowns(
-            [_worst(e) for e in spread], "worst error over the repeats, relative; inf where one diverged"
+            [result.worst for _, _, result in unknowns],
+            "worst error over the repeats, relative; inf where one diverged",
         ),
         "/unknown/verdict": Dataset(
-            _text([repeats.verdict if repeats else "" for _, _, repeats in unknowns]),
+            _text([result.verdict for _, _, result in unknowns]),
             "1",
-            "identified or not identified, over the repeats; empty without them",
+            "as claimed, or what is wrong with it; empty where it was not estimated",
             ("/unknown/name",),
         ),
         "/case/run": Dataset(_rows([i for i, _ in cases]), "1", "row of the run of every case"),
@@ -79,10 +81,14 @@ def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
 
 def suite_tables(report: SuiteReport) -> tuple[Table, ...]:
     """The result for the terminal: a row an unknown of a run."""
-    columns = ("run", "unknown", "gauges", "tr(W P)", "gap", "error", "smoothed", "claimed σ", "expected σ", "repeats")
+    columns = (
+        "run", "unknown", "gauges", "tr(W P)", "gap", "error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict",
+    )  # fmt: skip
     rows = []
     for run in report.runs:
-        for i, unknown in enumerate(run.unknowns):
+        absent = f"not estimated ({run.reached})"
+        for i, result in enumerate(results_of(run)):
+            unknown = result.unknown
             rows.append(
                 (
                     run.label if i == 0 else "",
@@ -92,7 +98,7 @@ def suite_tables(report: SuiteReport) -> tuple[Table, ...]:
                         _percent(value)
                         for value in (unknown.error, unknown.smoothed_error, unknown.std, unknown.expected_std)
                     ),
-                    _verdict(_repeats(run, unknown)) if unknown.error is not None else f"not estimated ({run.reached})",
+                    *((_repeats(result), result.verdict) if result.error is not None else ("", absent)),
                 )
             )
     return (Table(report.title, columns, tuple(rows)),)
@@ -106,24 +112,11 @@ def _layout_cells(run: SuiteRun) -> tuple[str, str, str]:
     return f"{run.gauges} of {run.pool}", f"{trend.trace[0]:.3g} → {trend.final_trace:.3g}", gap
 
 
-def _verdict(repeats: Repeats | None) -> str:
-    if repeats is None:
+def _repeats(result: Result) -> str:
+    if result.rms is None:
         return ""
-    return f"RMS {_percent(_rms(repeats.error))}, worst {_percent(_worst(repeats.error))}, {repeats.verdict}"
-
-
-def _repeats(run: SuiteRun, unknown: Unknown) -> Repeats | None:
-    return next((repeats for repeats in run.repeats if repeats.name == unknown.name), None)
-
-
-def _rms(error: np.ndarray) -> float:
-    found = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(found**2))) if len(found) else NONE
-
-
-def _worst(error: np.ndarray) -> float:
-    """Infinite where a run was lost."""
-    return (float(np.abs(error).max()) if np.isfinite(error).all() else float("inf")) if len(error) else NONE
+    lost = f"{result.lost} of {result.repeats} diverged" if result.lost else f"worst {_percent(result.worst)}"
+    return f"RMS {_percent(result.rms)}, {lost}"
 
 
 def _percent(value: float | None) -> str:
