@@ -9,7 +9,8 @@ from strainsight.multibody.forces import Gravity, LinearLaw, PointForce, Relativ
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, state
 from strainsight.multibody.joints import Joint, revolute
-from strainsight.multibody.relations import bearing_displacements, dot
+from strainsight.multibody.relations import bearing_displacements, coincidence, dot
+from strainsight.multibody.spectrum import coupled_frequencies
 from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
@@ -82,3 +83,22 @@ def test_spring_hangs_by_its_stiffness():
         system, state(system, {"stone": Pose(np.array([0, -0.1, 0]))})[0], np.zeros(0), np.zeros(0)
     )
     np.testing.assert_allclose(found[:3], [0, 1.0 - 0.9 - 2.0 * 9.81 / 900.0, 0], atol=1e-9)
+
+
+def test_slow_and_fast_motions_of_one_bench_are_both_found_and_rounding_is_none():
+    """1 kg on 1 mN/m beside 1 kg on 100 MN/m: six decades apart; a pendulum held level has no stiffness at all."""
+    ground = Frame("ground", None)
+    bodies, forces, frames = [], [], []
+    for name, k in (("slow", 1e-3), ("fast", 1e8)):
+        body = RigidBody(name, 1.0, np.zeros(3), np.eye(3))
+        frame = Frame(name, name)
+        bodies.append(body)
+        frames.append(frame)
+        forces.append(RelativeElement(name, (coincidence(ground, frame, 0),), LinearLaw(np.array([[k]]), np.zeros(1))))
+    system = assemble(bodies, (), forces)
+    q, v = state(system, {})
+    found = coupled_frequencies(system, q, v, np.zeros(0), np.zeros(0))
+    np.testing.assert_allclose(found, np.sqrt([1e-3, 1e8]) / (2 * np.pi), rtol=1e-3)
+    level = assemble([BOB], [revolute("hinge", Frame("pivot", None), Frame("end", "bob"))], [DOWN])
+    q, v = state(level, {})
+    assert len(coupled_frequencies(level, q, v, np.zeros(0), np.zeros(0))) == 0

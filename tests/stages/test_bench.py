@@ -6,11 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
+from strainsight.fem.affine import AffineOperator
+from strainsight.rom.craig_bampton import CraigBampton
+from strainsight.rom.inertia import InertiaInvariants
+from strainsight.stages.bench import reduce
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.workflow.artefact import Artefact
+from strainsight.stages.records.bodies import body_datasets, body_from
+from strainsight.workflow.artefact import Artefact, Header
+from strainsight.workflow.output import Output
+from strainsight.workflow.store import write_artefact
 from strainsight_cli.main import app
 
 from .conftest import ROOT, finished, job_of
@@ -192,6 +200,88 @@ def test_gauges_may_be_zeroed_at_the_start(bench, tmp_path):
     zeroed = finished(job, bench_stages(True))["simulate"][2]
     plain = bench["simulate"]["/sensors/gauges"][:11]
     np.testing.assert_array_equal(zeroed["/sensors/gauges"], plain - plain[0])
+
+
+def test_a_modulus_of_any_name_comes_back_as_it_was_reduced(tmp_path):
+    """K = K₀ + E K₁ after the record; E is called as the constant term is."""
+    stiffness = AffineOperator(np.diag([1.0, 2.0]), {"constant": np.diag([3.0, 4.0])})
+    rng = np.random.default_rng(0)
+    inertia = InertiaInvariants(
+        2.0, rng.random(3), rng.random((3, 2)), np.eye(3), rng.random((2, 3, 3)), rng.random((2, 2, 3, 3)),
+        rng.random((3, 3, 2)), rng.random((2, 3, 3, 2)), np.eye(2),
+    )  # fmt: skip
+    reduced = CraigBampton(stiffness, np.eye(2), np.eye(6, 2), {7: np.eye(6, 2)}, np.array([1.0]), 5.0)
+    record = body_datasets("b", reduced, inertia, AffineOperator(np.eye(2), {}), np.eye(6, 2), True)
+    header = Header("reduce", 1, "0" * 64, {}, {}, {})
+    artefact = write_artefact(tmp_path / "reduce.h5", Output(record, {}, "made by hand"), header)
+    found = body_from(artefact, "b")
+    np.testing.assert_array_equal(found.body.stiffness.at({"constant": 2.0}), np.diag([7.0, 10.0]))
+    np.testing.assert_array_equal(found.interface[7], np.eye(6, 2))
+    np.testing.assert_array_equal(found.body.invariants.coupling, inertia.coupling)
+
+
+def test_modal_damping_is_that_of_the_free_modes_of_a_free_body():
+    """Three masses on two springs, the first one the interface: ζ of each mode that deforms it, nothing on its drift."""
+    K = 1e4 * np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
+    M = np.diag([1.0, 2.0, 1.5])
+    body = CraigBampton(AffineOperator(K, {}), M, np.eye(3), {1: np.eye(6, 3)}, np.zeros(0), np.inf)
+    for law in ({"type": "modal", "ratio": 0.05}, {"type": "rayleigh", "alpha": 3.0, "beta": 1e-4}):
+        C = reduce._damping(body, law, {}).constant
+        np.testing.assert_allclose(C @ np.ones(3), 0.0, atol=1e-9)
+        lam, Phi = eigh(K, M)
+        omega = np.sqrt(lam[1:])
+        ratio = np.full(2, 0.05) if law["type"] == "modal" else 0.5 * (3.0 / omega + 1e-4 * omega)
+        np.testing.assert_allclose(np.diag(Phi.T @ C @ Phi)[1:], 2 * ratio * omega, rtol=1e-9)
+
+
+def test_rings_that_face_away_from_each_other_are_refused(tmp_path):
+    """Turned by 180° about z the displacements look small; the model does not hold."""
+    text = (ROOT / "configs" / "bench-full.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "own.yaml"
+    path.write_text(
+        text.replace("../meshes", str(ROOT / "meshes"))
+        .replace("bench-load.csv", str(ROOT / "configs" / "bench-load.csv"))
+        .replace("pose: {origin: [1.386, 0, 0]}", "pose: {origin: [1.386, 0, 0], x_axis: [-1, 0, 0]}")
+        .replace("duration: 10.0", "duration: 0.05"),
+        encoding="utf-8",
+    )
+    done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2, done.output
+    assert "forces.bearing" in done.stderr
+    assert "3.14 rad apart" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"start: as_given": "start: equilibrium", "pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"},
+         "bodies.bob.spin"),
+        ({"duration: 1.0": "duration: 1.0003"}, "simulate.time_step"),
+        ({"simulate:": "cases: {a: {force: [1, 2, 3]}}\nsimulate:"}, "cases"),
+        ({"weight: {type": "push: {type: force, frame: pivot, direction: [1, 0, 0], "
+          "signal: {type: constant, value: 1.0}}\n  weight: {type"}, "forces.push.frame"),
+    ],
+)  # fmt: skip
+def test_what_would_be_dropped_in_silence_is_refused(tmp_path, change, key):
+    done = CliRunner().invoke(app, ["run", str(pendulum(tmp_path, 0.3, **change)), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2
+    assert key in done.stderr
+
+
+def test_a_body_that_turns_fast_for_its_step_is_warned_of(tmp_path):
+    """A free rotor at 40 rad/s, h = 5e-4 s: dω/dt = −ω³h/2 takes 25 % in the first second, and it is said."""
+    text = "kind: bench\nname: rotor\nbodies:\n"
+    text += "  r: {type: rigid, mass: 1.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.5}, spin: [0, 0, 40.0]}\n"
+    text += "frames:\n  f: {body: r}\nsimulate: {duration: 1.0, time_step: 5.0e-4, start: as_given}\n"
+    path = tmp_path / "rotor.yaml"
+    path.write_text(text, encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 0, done.output
+    simulate = Artefact(tmp_path / "r" / "rotor" / "simulate.h5")
+    spin = np.linalg.norm(simulate["/v"][:, 3:12], axis=1) / np.sqrt(2)
+    loss = 1 - spin[-1] / spin[0]
+    assert simulate.summary["turn"] == pytest.approx(0.02, rel=1e-6)
+    assert f"by {100 * loss:.2g} % in the first second" in " ".join(done.output.split())
 
 
 def test_a_bench_has_no_stage_of_a_placement(tmp_path):

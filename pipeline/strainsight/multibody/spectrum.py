@@ -9,8 +9,8 @@ from strainsight.multibody.equations import balance
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.system import System
 
-RIGID = 1e-6
-"""Share of the highest frequency below which a motion counts as free."""
+ROUNDING = 100.0
+"""Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
 
 
 def coupled_frequencies(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -26,12 +26,13 @@ def coupled_frequencies(system: System, q: np.ndarray, v: np.ndarray, u: np.ndar
     zero = np.zeros(n)
     at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta, elastic)
     d = system.metric
-    lam = np.linalg.lstsq((at.B / d).T, at.load / d, rcond=None)[0] if m else np.zeros(0)
-    at = balance(system, q, v, zero, np.zeros(m), lam, u, theta, elastic)
-    K, M = at.stiffness / np.outer(d, d), at.mass / np.outer(d, d)
+    scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
+    K, M, N = at.stiffness, at.mass, np.eye(n)
     if m:
+        lam = np.linalg.lstsq((at.B / d).T, at.load / d, rcond=None)[0]
+        K = balance(system, q, v, zero, np.zeros(m), lam, u, theta, elastic).stiffness
+        scale += float(np.linalg.norm((K - at.stiffness) / np.outer(d, d)))
         N = null_space(constraints_at(system, q)[1] / d)
-        K, M = N.T @ K @ N, N.T @ M @ N
-    lam2 = eigh(0.5 * (K + K.T), M, eigvals_only=True)
-    moving = lam2[lam2 > (RIGID**2) * lam2[-1]] if len(lam2) else lam2
-    return np.sqrt(moving) / (2 * np.pi)
+    K, M = (N.T @ (X / np.outer(d, d)) @ N for X in (K, M))
+    values = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), eigvals_only=True) if len(K) else np.zeros(0)
+    return np.sqrt(values[values > ROUNDING * n * np.finfo(float).eps * scale]) / (2 * np.pi)

@@ -18,6 +18,8 @@ from strainsight.fem.support import TOLERANCE
 from strainsight.fem.ties import MOTIONS, rigid_rows
 from strainsight.mesh.additions import node_index
 
+MOST_MODES = 384
+"""Modes after which a cut-off is taken for a mistake."""
 FIRST_MODES = 12
 """Modes of the first attempt where a frequency says how many are wanted; twice as many at every further one."""
 
@@ -219,6 +221,11 @@ def _held_modes(
         frequency, U = lowest_modes(K, M, count, factor=factor)
         if cutoff is None or frequency[-1] > cutoff or count == most:
             break
+        if count >= MOST_MODES:
+            raise InfeasibleError(
+                f"more than {count} modes lie below {cutoff:g} Hz (the last is at {frequency[-1]:.4g} Hz)",
+                remedy="lower the cut-off, or state a number of modes",
+            )
         count = min(2 * count, most)
     kept = int(modes) if modes is not None else int(np.count_nonzero(frequency <= cutoff))
     cut = float(frequency[kept]) if kept < len(frequency) else np.inf

@@ -41,9 +41,12 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
             yield from _two_frames(f"sensors.{name}.frames", sensor.frames, config)
         else:
             yield from _known(f"sensors.{name}.frame", sensor.frame, config.frames, "frame")
-    steps = config.simulate.duration / config.simulate.time_step
-    if not 1 - 1e-9 <= steps <= MOST_STEPS:
-        yield Problem("simulate.time_step", f"{steps:.3g} steps", f"take 1 to {MOST_STEPS} steps")
+    yield from _moduli(config)
+    if config.cases and not config.bearings:
+        yield Problem("cases", "there is no bearing", "leave cases out, or give bearings", at_key=True)
+    if config.curves and not config.bearings:
+        yield Problem("curves", "there is no bearing", "leave curves out, or give bearings", at_key=True)
+    yield from _time(config)
 
 
 def _bearings(bearings: Mapping[str, Bearing]) -> Iterator[Problem]:
@@ -64,6 +67,43 @@ def _bearings(bearings: Mapping[str, Bearing]) -> Iterator[Problem]:
                 f"{bearing.pitch_diameter:g} m",
                 f"take at most {int(np.pi * bearing.pitch_diameter / bearing.ball_diameter)}",
             )
+
+
+def _time(config: BenchConfig) -> Iterator[Problem]:
+    duration, h = config.simulate.duration, config.simulate.time_step
+    steps = duration / h
+    if not 1 - 1e-9 <= steps <= MOST_STEPS:
+        yield Problem("simulate.time_step", f"{steps:.3g} steps", f"take 1 to {MOST_STEPS} steps")
+    elif abs(steps - round(steps)) > 1e-6 * steps:
+        yield Problem(
+            "simulate.time_step",
+            f"{h:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)",
+            f"take {duration / round(steps):.9g} s",
+        )
+    if config.simulate.start == "equilibrium":
+        for name, body in config.bodies.items():
+            for key in ("velocity", "spin"):
+                if any(getattr(body, key)):
+                    yield Problem(
+                        f"bodies.{name}.{key}",
+                        "a bench that starts from its equilibrium is at rest",
+                        "set simulate.start: as_given",
+                    )
+
+
+def _moduli(config: BenchConfig) -> Iterator[Problem]:
+    """A modulus of one name is one unknown, whatever bodies it scales."""
+    first: dict[str, tuple[str, float]] = {}
+    for name, body in config.bodies.items():
+        if isinstance(body, FlexibleBody):
+            for key, modulus in body.moduli.items():
+                owner, value = first.setdefault(key, (name, modulus.value))
+                if value != modulus.value:
+                    yield Problem(
+                        f"bodies.{name}.moduli.{key}.value",
+                        f"{modulus.value:g} Pa here, {value:g} Pa in '{owner}'",
+                        "a modulus of one name is one parameter: give the two different names, or one value",
+                    )
 
 
 def _bodies(config: BenchConfig) -> Iterator[Problem]:
@@ -114,6 +154,9 @@ def _forces(config: BenchConfig) -> Iterator[Problem]:
             yield from _two_frames(key, (force.outer, force.inner), config)
         elif force.type in ("force", "moment"):
             yield from _known(f"{key}.frame", force.frame, config.frames, "frame")
+            if force.frame in config.frames and config.frames[force.frame].body == GROUND:
+                what = f"frame '{force.frame}' is on the ground, where a load moves nothing"
+                yield Problem(f"{key}.frame", what, "name a frame on a body")
             if not any(force.direction):
                 yield Problem(f"{key}.direction", "has no length", "give three numbers, not all zero")
 

@@ -49,7 +49,14 @@ def bench_of(config: Any, reduced: Mapping[str, ReducedBody], meshes: Mapping[st
     for name, entry in config.bodies.items():
         with blame(f"bodies.{name}"):
             bodies.append(_rigid(name, entry) if entry.type == "rigid" else reduced[name].body)
-        if entry.type == "rigid" or not reduced[name].body.clamped:
+        held = entry.type == "flexible" and reduced[name].body.clamped
+        if held and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
+            raise ConfigError(
+                f"'{name}' is held on the ground by the supports of its deck",
+                key=f"bodies.{name}",
+                remedy="leave pose, velocity and spin out, or take the supports out of the deck",
+            )
+        if not held:
             poses[name] = Pose(
                 np.array(entry.pose.origin), axes_of(entry.pose), np.array(entry.velocity), np.array(entry.spin)
             )
@@ -170,12 +177,6 @@ def _force(name: str, entry: Any, frames: Mapping[str, Frame], bearings: Mapping
         case "bearing":
             relations = bearing_displacements(frames[entry.outer], frames[entry.inner])
             return RelativeElement(name, relations, BearingLaw(bearings[entry.bearing]))
-    if frames[entry.frame].body is None:
-        raise ConfigError(
-            f"frame '{entry.frame}' is on the ground, where a load moves nothing",
-            key=f"forces.{name}.frame",
-            remedy="name a frame on a body",
-        )
     direction = np.asarray(entry.direction, dtype=float)
     direction = direction / np.linalg.norm(direction)
     kind = PointForce if entry.type == "force" else PointMoment

@@ -12,7 +12,7 @@ from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
-from strainsight.rom.craig_bampton import CraigBampton, craig_bampton, floating_basis, rigid_motions
+from strainsight.rom.craig_bampton import CraigBampton, craig_bampton, floating_basis, rigid_motions, rows_of
 from strainsight.rom.inertia import inertia_invariants
 from strainsight.stages.case.settings import damping_of
 from strainsight.stages.records.below import Below
@@ -22,6 +22,8 @@ from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 USUAL_MODES = 10
+RIGID = 1e-9
+"""Share of the largest eigenvalue below which a mode deforms nothing."""
 HELD = 2.0
 """Modes with held interfaces are kept up to so many times the cut-off: frequencies of the body below it are then right to
 0.5 % (test_craig_bampton.py)."""
@@ -50,12 +52,14 @@ def run(context: Context) -> Output:
             modes = None if entry.cutoff is not None else USUAL_MODES if entry.modes is None else int(entry.modes)
             cutoff = None if entry.cutoff is None else HELD * float(entry.cutoff)
             body = craig_bampton(model, nodes, modes=modes, cutoff=cutoff, reference=reference)
+            damping = _damping(body, entry.damping, reference)
+            frequency = _frequencies(body, reference)[loose:]
             if loose:
+                stay = np.flatnonzero(~rows_of(body, nodes[0]).any(axis=0))
+                damping = _cut(damping, stay)
                 body = floating_basis(body, nodes[0])
             inertia = inertia_invariants(model, body.basis)
-        damping = _damping(body, entry.damping, reference)
         datasets |= body_datasets(name, body, inertia, damping, nodal(model, body.basis), loose == 0)
-        frequency = _frequencies(body, reference)
         summary |= {
             f"unknowns.{name}": model.size,
             f"coordinates.{name}": body.size,
@@ -81,24 +85,34 @@ def _moduli(name: str, entry: Any, mesh: Mesh) -> tuple[Parameter, ...]:
 
 
 def _interface(name: str, frames: Any) -> list[int]:
-    """Interface nodes: those of the body's frames, each once, in the order of the config."""
+    """Interface nodes: those of the body's frames, ascending, because the order of frames in a config is none."""
     nodes = [int(frame.node) for frame in frames.values() if frame.body == name]
     if not nodes:
         raise ConfigError(
             f"no frame is on '{name}'", key=f"bodies.{name}", remedy="give a frame at the node that carries it"
         )
-    return list(dict.fromkeys(nodes))
+    return sorted(set(nodes))
 
 
 def _damping(body: CraigBampton, law: Any, reference: dict[str, float]) -> AffineOperator:
-    """C = αM + βK(θ), or  M Φ diag(2ζω) Φᵀ M  of the reduced body's own modes at the reference."""
+    """C = αM̃ + βK(θ), or  M Φ diag(2ζω) Φᵀ M  of the body's own modes at the reference, rigid ones undamped:
+
+    M̃ = M Φ_e Φ_eᵀ M,  Φ_e the modes that deform the body: a law of the structure brakes no rigid motion
+    """
     damping = damping_of(law)
+    lam, Phi = eigh(body.stiffness.at(reference), body.mass)
+    omega = np.sqrt(np.where(lam > RIGID * lam[-1], lam, 0.0))
+    MPhi = body.mass @ Phi
     if damping.kind == "rayleigh":
         terms = {key: damping.beta * X for key, X in body.stiffness.terms.items()}
-        return AffineOperator(damping.alpha * body.mass + damping.beta * body.stiffness.constant, terms)
-    lam, Phi = eigh(body.stiffness.at(reference), body.mass)
-    MPhi = body.mass @ Phi
-    return AffineOperator((MPhi * (2 * damping.ratio * np.sqrt(np.maximum(lam, 0.0)))) @ MPhi.T, {})
+        elastic = (MPhi * (omega > 0)) @ MPhi.T
+        return AffineOperator(damping.alpha * elastic + damping.beta * body.stiffness.constant, terms)
+    return AffineOperator((MPhi * (2 * damping.ratio * omega)) @ MPhi.T, {})
+
+
+def _cut(X: AffineOperator, stay: np.ndarray) -> AffineOperator:
+    square = np.ix_(stay, stay)
+    return AffineOperator(X.constant[square], {key: term[square] for key, term in X.terms.items()})
 
 
 def _frequencies(body: CraigBampton, reference: dict[str, float]) -> list[float]:

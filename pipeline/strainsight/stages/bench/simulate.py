@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.errors import ConfigError, blame
-from strainsight.multibody.bearing.element import ball_loads
-from strainsight.multibody.forces import RelativeElement
-from strainsight.multibody.initial import constraints_at, project_position, project_velocity, state
-from strainsight.multibody.sensors import Readings, RelationSensor, StrainSensor, readings
+from strainsight.errors import blame
+from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.sensors import Readings, StrainSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
 from strainsight.multibody.spectrum import coupled_frequencies
-from strainsight.multibody.static import static_equilibrium
 from strainsight.signals.histories import evaluate
 from strainsight.stages.bench.case import Bench, bench_of, motion_sensor, strain_sensor
+from strainsight.stages.bench.rings import rings_in_time
+from strainsight.stages.bench.start import start_of
 from strainsight.stages.case.settings import signal_of
 from strainsight.stages.records.below import Below
 from strainsight.stages.records.bodies import ReducedBody, body_from
@@ -24,9 +23,10 @@ from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
+FEWEST_STEPS_A_PERIOD = 20
+TURN = 0.01
+"""[rad] a step above which implicit Euler visibly brakes what turns freely."""
 MOTION_UNITS = {"position": "m", "velocity": "m/s"}
-SLIP = 0.01
-"""Share of a velocity that the joints may take away at the start."""
 BAND = 0.1
 """Share of the first coupled frequency up to which implicit Euler follows a load."""
 
@@ -42,7 +42,7 @@ def run(context: Context) -> Output:
     time = h * np.arange(steps + 1)
     u = _loads(context, bench, time)
     with blame("simulate"):
-        q0, v0 = _start(bench, config.simulate, u[0])
+        q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
         found = simulate(
             bench.system,
@@ -80,16 +80,25 @@ def run(context: Context) -> Output:
         "violation": float(position.max()),
         "violation_rate": float(velocity.max()),
     }
-    more, said, more_tables = _bearings(config, bench, found)
+    more, said, more_tables = rings_in_time(config, bench, found)
     datasets |= more
-    first = float(frequency[0]) if len(frequency) else 0.0
+    first, turn = (float(frequency[0]) if len(frequency) else 0.0), _turn(bench, found, h)
+    band = min(BAND * first, 1 / (FEWEST_STEPS_A_PERIOD * h))
+    summary["turn"] = turn
     if first > 0:
-        summary |= {"first_frequency": first, "band": BAND * first}
+        summary |= {"first_frequency": first, "band": band}
+    if turn > TURN:
+        loss = 1 - (1 + turn**2 / h) ** -0.5  # of dω/dt = −ω³h/2 over one second
+        text = (
+            f"a body turns by {turn:.3g} rad a step: implicit Euler brakes what turns freely, by {100 * loss:.2g} % in the first "
+            "second; take a smaller simulate.time_step"
+        )
+        more_tables = (*more_tables, Table("warnings", ("",), ((text,),)))
     return Output(
         datasets=datasets,
         summary=summary | said,
         message=f"{steps} steps of {h:g} s, {bench.system.size} coordinates, {bench.system.constrained} constraints held to "
-        f"{position.max():.1e}" + (f"; good for loads up to {BAND * first:.3g} Hz" if first > 0 else ""),
+        f"{position.max():.1e}" + (f"; good for loads up to {band:.3g} Hz" if first > 0 else ""),
         tables=(*tables, *more_tables),
     )
 
@@ -102,37 +111,6 @@ def _loads(context: Context, bench: Bench, time: np.ndarray) -> np.ndarray:
             signal = signal_of(name, context.config.forces[name].signal, context.files, "forces")
             columns.append(evaluate(signal, time))
     return np.column_stack(columns) if columns else np.zeros((len(time), 0))
-
-
-def _start(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
-    given, rate = state(bench.system, bench.poses)
-    q = project_position(bench.system, given)
-    for name in bench.poses:
-        own = bench.system.of[name]
-        moved = float(np.linalg.norm((q - given)[own][:3]))
-        if moved > settings.snap_tolerance:
-            raise ConfigError(
-                f"the joints move '{name}' by {moved:.4g} m from its pose, beyond {settings.snap_tolerance:g} m",
-                key=f"bodies.{name}.pose",
-                remedy="mend the pose or the frames of its joints, or raise simulate.snap_tolerance",
-            )
-    if settings.start == "equilibrium":
-        q, _ = static_equilibrium(bench.system, q, u, bench.theta)
-        return q, np.zeros_like(q)
-    v = project_velocity(bench.system, q, rate)
-    d = bench.system.metric
-    for name in bench.poses:
-        own = bench.system.of[name]
-        change, whole = (float(np.linalg.norm((d * x)[own])) for x in (v - rate, rate))
-        if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
-            raise ConfigError(
-                f"the joints do not let '{name}' move as its velocity and spin say: {100 * change / max(whole, change):.3g} % of "
-                "it is left out",
-                key=f"bodies.{name}.velocity",
-                remedy="give velocities that the joints allow: a body that turns about a pivot moves its origin too",
-            )
-    return q, v
 
 
 def _sensors(
@@ -186,46 +164,11 @@ def _violation(bench: Bench, found: Trajectory) -> tuple[np.ndarray, np.ndarray]
     return position, np.array([np.abs(B @ v).max() for (_, B), v in zip(pairs, found.v, strict=True)])
 
 
-def _bearings(
-    config: Any, bench: Bench, found: Trajectory
-) -> tuple[dict[str, Dataset], dict[str, Scalar], tuple[Table, ...]]:
-    """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
-    datasets: dict[str, Dataset] = {}
-    summary: dict[str, Scalar] = {}
-    rows = []
-    for element in bench.system.elements:
-        force = element.force
-        if not isinstance(force, RelativeElement):
-            continue
-        name = force.name
-        bearing = bench.bearings[config.forces[name].bearing]
-        own = readings(bench.system, [RelationSensor(name, force.relations)])
-        q = np.array([own.read(a, b)[0] for a, b in zip(found.q, found.v, strict=True)])
-        balls = [ball_loads(bearing, each) for each in q]
-        pressure = np.array([ball.pressure.max() for ball in balls])
-        worst = int(np.argmax(pressure))
-        load = np.array([force.law.load(each, np.zeros(0))[0] for each in q])
-        place = f"/bearings/{name}"
-        datasets |= {
-            f"{place}/displacement": Dataset(
-                q, "m or rad", "x, y, z, tilts about y, z of the inner ring (time × component)", ("/time", "")
-            ),
-            f"{place}/load": Dataset(load, "N or N m", "load on the inner ring (time × component)", ("/time", "")),
-            f"{place}/pressure": Dataset(pressure, "Pa", "highest contact pressure at every instant", ("/time",)),
-            f"{place}/worst/time": Dataset(np.array(found.time[worst]), "s", "instant of the highest pressure"),
-            f"{place}/worst/force": Dataset(balls[worst].force, "N", "contact force then (ball × contact)"),
-            f"{place}/worst/contact_angle": Dataset(
-                balls[worst].contact_angle, "rad", "contact angle then (ball × contact)"
-            ),
-            f"{place}/worst/pressure": Dataset(balls[worst].pressure, "Pa", "contact pressure then (ball × contact)"),
-        }
-        summary[f"pressure.{name}"] = float(pressure.max())
-        loaded = int((balls[worst].force > 0).any(axis=1).sum())
-        rows.append(
-            (name, f"{pressure.max() / 1e6:.5g} MPa", f"{found.time[worst]:.4g} s", f"{loaded} of {bearing.balls}")
-        )
-    table = Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
-    return datasets, summary, (table,) * bool(rows)
+def _turn(bench: Bench, found: Trajectory, h: float) -> float:
+    """Largest angle that any body turns in a step [rad]: ‖Ṙ‖/√2 is |ω|."""
+    starts = [bench.system.of[name].start for name in bench.poses]
+    spins = [np.linalg.norm(found.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
+    return float(h * max(spins, default=0.0))
 
 
 SIMULATE = Stage(

@@ -59,7 +59,7 @@ def body_datasets(
     ):
         record[f"/{kind}/constant"] = Dataset(operator.constant, unit, f"reduced {kind}: constant term")
         for key, term in operator.terms.items():
-            record[f"/{kind}/{key}"] = Dataset(term, f"{unit} per Pa", f"reduced {kind}: slope in {key}")
+            record[f"/{kind}/terms/{key}"] = Dataset(term, f"{unit} per Pa", f"reduced {kind}: slope in {key}")
     for node, rows in reduced.interface.items():
         record[f"/interface/{node}"] = Dataset(
             rows, "m or rad per unit", "three translations and three rotations of that node (motion × coordinate)"
@@ -78,8 +78,8 @@ def body_from(artefact: Artefact, name: str) -> ReducedBody:
     part = Below(artefact, f"/bodies/{name}")
 
     def operator(kind: str) -> AffineOperator:
-        terms = part.children(f"/{kind}")
-        return AffineOperator(terms["constant"], {key: term for key, term in terms.items() if key != "constant"})
+        terms = part.children(f"/{kind}/terms") if f"/{kind}/terms" in part else {}
+        return AffineOperator(part[f"/{kind}/constant"], terms)
 
     values: dict[str, Any] = part.children("/inertia")
     values["mass"] = float(values["mass"])

@@ -1,0 +1,50 @@
+"""Where a bench starts: poses and velocities that its joints allow, or its static equilibrium."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from strainsight.errors import ConfigError
+from strainsight.multibody.initial import project_position, project_velocity, state
+from strainsight.multibody.static import static_equilibrium
+from strainsight.stages.bench.case import Bench
+
+SLIP = 0.01
+"""Share of a velocity that the joints may take away."""
+TURNED = 0.02
+"""[rad] that the joints may turn a body."""
+
+
+def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
+    given, rate = state(bench.system, bench.poses)
+    q = project_position(bench.system, given)
+    for name in bench.poses:
+        own = bench.system.of[name]
+        moved = float(np.linalg.norm((q - given)[own][:3]))
+        turned = float(np.linalg.norm((q - given)[own][3:12])) / np.sqrt(2)
+        if moved > settings.snap_tolerance or turned > TURNED:
+            raise ConfigError(
+                f"the joints move '{name}' by {moved:.4g} m and {turned:.3g} rad from its pose, beyond "
+                f"{settings.snap_tolerance:g} m or {TURNED:g} rad",
+                key=f"bodies.{name}.pose",
+                remedy="mend the pose or the frames of its joints, or raise simulate.snap_tolerance",
+            )
+    if settings.start == "equilibrium":
+        q, _ = static_equilibrium(bench.system, q, u, bench.theta)
+        return q, np.zeros_like(q)
+    v = project_velocity(bench.system, q, rate)
+    d = bench.system.metric
+    for name in bench.poses:
+        own = bench.system.of[name]
+        change, whole = (float(np.linalg.norm((d * x)[own])) for x in (v - rate, rate))
+        if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
+            raise ConfigError(
+                f"the joints do not let '{name}' move as its velocity and spin say: {100 * change / max(whole, change):.3g} % of "
+                "it is left out",
+                key=f"bodies.{name}.velocity",
+                remedy="give velocities that the joints allow: a body that turns about a pivot moves its origin too",
+            )
+    return q, v
