@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from strainsight.workflow.stage import Stage
 
 STAGES = {
+    "bearing": "Look at a bearing alone: load-displacement curves, stiffness, loads of the balls",
     "import": "Read the deck, with its materials and constraints",
     "modes": "Find natural frequencies and mode shapes",
     "rom": "Reduce the model",
@@ -20,7 +21,6 @@ STAGES = {
     "validate": "Estimate from simulated measurements",
     "report": "Write report.html",
     "reduce": "Reduce the flexible bodies of a bench",
-    "bearing": "Look at a bearing alone: load-displacement curves, stiffness, loads of the balls",
     "simulate": "Simulate a bench in time",
 }
 

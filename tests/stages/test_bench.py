@@ -10,6 +10,7 @@ from scipy.linalg import eigh
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
+from strainsight.errors import StrainsightError
 from strainsight.fem.affine import AffineOperator
 from strainsight.rom.craig_bampton import CraigBampton
 from strainsight.rom.inertia import InertiaInvariants
@@ -249,6 +250,30 @@ def test_rings_that_face_away_from_each_other_are_refused(tmp_path):
     assert done.exit_code == 2, done.output
     assert "forces.bearing" in done.stderr
     assert "3.14 rad apart" in done.stderr
+
+
+def test_a_joint_whose_axes_point_opposite_ways_is_refused(tmp_path):
+    """The constraints hold for half a turn too."""
+    path = pendulum(
+        tmp_path,
+        0.3,
+        **{"x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre": "x_axis: [0, -1, 0], y_axis: [1, 0, 0]}}\n  centre"},
+    )
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2
+    assert "joints.hinge" in done.stderr
+    assert "opposite" in done.stderr
+
+
+def test_loads_that_no_such_bearing_carries_are_refused(tmp_path):
+    job = job_of(
+        ROOT / "configs" / "bench-full.yaml",
+        tmp_path,
+        "simulate.duration=0.05",
+        "forces.Fx.signal={type: constant, value: 1.0e13}",
+    )
+    with pytest.raises(StrainsightError, match=r"ellipse|equilibrium|not solved"):
+        finished(job, bench_stages(True))
 
 
 @pytest.mark.parametrize(

@@ -140,6 +140,14 @@ def curve_figure(curve: BearingCurve) -> Drawing:
     return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, image)
 
 
+def cleared(values: FloatArray) -> FloatArray:
+    """Numbers (5,), or a matrix (5, 5) beside its diagonal, without what is rounding."""
+    if values.ndim == 2:
+        scale = np.sqrt(np.abs(np.diag(values)))
+        return np.where(np.abs(values) > ROUNDING * np.outer(scale, scale), values, 0.0)
+    return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
+
+
 def _figures(title: str, drawings: Sequence[Drawing], first: int) -> str:
     if not drawings:
         return ""
@@ -153,7 +161,13 @@ def _cases(cases: Sequence[BearingCase]) -> str:
         rows = [
             [name, measure(q, unit, 5), measure(load, of, 5), *(measure(value, "", 4) for value in row)]
             for name, unit, of, q, load, row in zip(
-                DISPLACEMENTS, DISPLACEMENT_UNITS, LOAD_UNITS, case.displacement, case.load, case.stiffness, strict=True
+                DISPLACEMENTS,
+                DISPLACEMENT_UNITS,
+                LOAD_UNITS,
+                cleared(case.displacement),
+                cleared(case.load),
+                cleared(case.stiffness),
+                strict=True,
             )
         ]
         head = ("", "displacement", "load", *(f"∂/∂{name}" for name in DISPLACEMENTS))

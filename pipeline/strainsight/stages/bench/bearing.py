@@ -18,6 +18,7 @@ from strainsight.report.bearing_page import (
     BearingCase,
     BearingCurve,
     bearing_page,
+    cleared,
 )
 from strainsight.stages.bench.case import bearing_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
@@ -119,7 +120,13 @@ def _tables(cases: list[BearingCase]) -> tuple[Table, ...]:
         rows = [
             (name, f"{load:.6g} {of}", f"{q:.6g} {unit}", *(f"{value:.4g}" for value in row))
             for name, load, of, q, unit, row in zip(
-                DISPLACEMENTS, case.load, LOAD_UNITS, case.displacement, DISPLACEMENT_UNITS, case.stiffness, strict=True
+                DISPLACEMENTS,
+                cleared(case.load),
+                LOAD_UNITS,
+                cleared(case.displacement),
+                DISPLACEMENT_UNITS,
+                cleared(case.stiffness),
+                strict=True,
             )
         ]
         columns = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACEMENTS))

@@ -33,11 +33,13 @@ TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 
 @dataclass(frozen=True)
 class Bench:
-    """system; frames and bearings by name; poses of the bodies at the start; theta (nθ,) values of the system's parameters."""
+    """system; frames and bearings by name; joined: kind and frames of every joint, its axis their z; poses of the bodies at
+    the start; theta (nθ,) values of the system's parameters."""
 
     system: System
     frames: Mapping[str, Frame]
     bearings: Mapping[str, Bearing]
+    joined: Mapping[str, tuple[str, Frame, Frame]]
     poses: Mapping[str, Pose]
     theta: np.ndarray
 
@@ -65,13 +67,14 @@ def bench_of(config: Any, reduced: Mapping[str, ReducedBody], meshes: Mapping[st
     for name, entry in config.bearings.items():
         with blame(f"bearings.{name}"):
             bearings[name] = bearing_of(entry)
-    joints = [_joint(name, entry, frames) for name, entry in config.joints.items()]
+    joined = {name: _joined(entry, frames) for name, entry in config.joints.items()}
+    joints = [_joint(name, config.joints[name], i, j) for name, (_, i, j) in joined.items()]
     forces = [_force(name, entry, frames, bearings) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)
     values = {key: m.value for entry in config.bodies.values() if "moduli" in entry for key, m in entry.moduli.items()}
     theta = np.array([float(values[name]) for name in system.parameters])
-    return Bench(system, frames, bearings, poses, theta)
+    return Bench(system, frames, bearings, joined, poses, theta)
 
 
 def bearing_of(entry: Any) -> Bearing:
@@ -146,17 +149,24 @@ def _frame(name: str, entry: Any, reduced: Mapping[str, ReducedBody], meshes: Ma
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 
 
-def _joint(name: str, entry: Any, frames: Mapping[str, Frame]) -> Joint:
+def _joined(entry: Any, frames: Mapping[str, Frame]) -> tuple[str, Frame, Frame]:
+    """Kind and frames of a joint, turned so that z is the axis it turns about or slides along."""
     i, j = (frames[frame] for frame in entry.frames)
+    if entry.type in ("revolute", "prismatic"):
+        i, j = _turned(i, entry.axis), _turned(j, entry.axis)
+    return entry.type, i, j
+
+
+def _joint(name: str, entry: Any, i: Frame, j: Frame) -> Joint:
     match entry.type:
         case "spherical":
             return kinds.spherical(name, i, j)
         case "fixed":
             return kinds.fixed(name, i, j)
         case "revolute":
-            return kinds.revolute(name, _turned(i, entry.axis), _turned(j, entry.axis))
+            return kinds.revolute(name, i, j)
         case "prismatic":
-            return kinds.prismatic(name, _turned(i, entry.axis), _turned(j, entry.axis))
+            return kinds.prismatic(name, i, j)
         case "coincidence":
             return Joint(name, tuple(coincidence(i, j, "xyz".index(k)) for k in entry.components))
     axis = "xyz".index(entry.axis)

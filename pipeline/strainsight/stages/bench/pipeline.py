@@ -12,7 +12,7 @@ def bench_stages(bearings: bool) -> tuple[Stage, ...]:
     from strainsight.stages.bench.reduce import REDUCE
     from strainsight.stages.bench.simulate import SIMULATE
 
-    return (IMPORT, REDUCE, *((BEARING,) * bearings), SIMULATE)
+    return (*((BEARING,) * bearings), IMPORT, REDUCE, SIMULATE)
 
 
 BEARING_ALONE = (BEARING,)

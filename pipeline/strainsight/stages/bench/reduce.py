@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 from strainsight.errors import ConfigError, blame
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.additions import region_ids
+from strainsight.mesh.additions import node_index, region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.rom.craig_bampton import CraigBampton, craig_bampton, floating_basis, rigid_motions, rows_of
 from strainsight.rom.inertia import inertia_invariants
@@ -47,7 +47,7 @@ def run(context: Context) -> Output:
                     key=f"bodies.{name}.mesh.supports",
                     remedy="hold the body altogether, or not at all and let joints carry it",
                 )
-            nodes = _interface(name, context.config.frames)
+            nodes = _interface(name, context.config.frames, mesh)
             reference = {key: float(modulus.value) for key, modulus in entry.moduli.items()}
             modes = None if entry.cutoff is not None else USUAL_MODES if entry.modes is None else int(entry.modes)
             cutoff = None if entry.cutoff is None else HELD * float(entry.cutoff)
@@ -84,9 +84,14 @@ def _moduli(name: str, entry: Any, mesh: Mesh) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def _interface(name: str, frames: Any) -> list[int]:
+def _interface(name: str, frames: Any, mesh: Mesh) -> list[int]:
     """Interface nodes: those of the body's frames, ascending, because the order of frames in a config is none."""
-    nodes = [int(frame.node) for frame in frames.values() if frame.body == name]
+    nodes = []
+    for key, frame in frames.items():
+        if frame.body == name:
+            with blame(f"frames.{key}.node"):
+                node_index(mesh, int(frame.node))
+            nodes.append(int(frame.node))
     if not nodes:
         raise ConfigError(
             f"no frame is on '{name}'", key=f"bodies.{name}", remedy="give a frame at the node that carries it"

@@ -38,6 +38,13 @@ def rings_in_time(
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
         worst = int(np.argmax(pressure))
+        ellipse = max(float(ball.semi_axes.max()) for ball in balls)
+        if ellipse > bearing.ball_diameter / 2:
+            raise ConfigError(
+                f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {found.time[worst]:g} s, beyond the ball",
+                key=f"forces.{name}",
+                remedy="no such bearing carries these loads: check their size and the preload",
+            )
         load = np.array([force.law.load(each, np.zeros(0))[0] for each in q])
         place = f"/bearings/{name}"
         datasets |= {

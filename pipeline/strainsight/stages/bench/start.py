@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.errors import ConfigError
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
 from strainsight.multibody.initial import project_position, project_velocity, state
+from strainsight.multibody.relations import dot
+from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.static import static_equilibrium
 from strainsight.stages.bench.case import Bench
 
@@ -17,10 +19,16 @@ TURNED = 0.02
 """[rad] that the joints may turn a body."""
 
 
+PARALLEL = {"revolute": (2,), "prismatic": (0, 1, 2), "fixed": (0, 1, 2)}
+"""Axes that a joint keeps parallel, of its frames as the kernel has them: z along the joint's own axis."""
+
+
 def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
     given, rate = state(bench.system, bench.poses)
-    q = project_position(bench.system, given)
+    with blame("joints"):
+        q = project_position(bench.system, given)
+    _refuse_opposite(bench, q)
     for name in bench.poses:
         own = bench.system.of[name]
         moved = float(np.linalg.norm((q - given)[own][:3]))
@@ -33,7 +41,11 @@ def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np
                 remedy="mend the pose or the frames of its joints, or raise simulate.snap_tolerance",
             )
     if settings.start == "equilibrium":
-        q, _ = static_equilibrium(bench.system, q, u, bench.theta)
+        try:
+            q, _ = static_equilibrium(bench.system, q, u, bench.theta)
+        except NumericalError as error:
+            remedy = f"{error.remedy}; or set simulate.start: as_given"
+            raise InfeasibleError(error.what, key="simulate.start", remedy=remedy) from error
         return q, np.zeros_like(q)
     v = project_velocity(bench.system, q, rate)
     d = bench.system.metric
@@ -48,3 +60,17 @@ def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np
                 remedy="give velocities that the joints allow: a body that turns about a pivot moves its origin too",
             )
     return q, v
+
+
+def _refuse_opposite(bench: Bench, q: np.ndarray) -> None:
+    """Constraints hold axes parallel; that they point the same way only the pose can say."""
+    for joint in bench.system.joints:
+        kind, i, j = bench.joined[joint.name]
+        for k in PARALLEL.get(kind, ()):
+            sensor = readings(bench.system, [RelationSensor(joint.name, (dot(i, k, j, k),))])
+            if sensor.read(q, np.zeros_like(q))[0][0] < 0:
+                raise ConfigError(
+                    f"the axes of '{i.name}' and '{j.name}' point opposite ways",
+                    key=f"joints.{joint.name}",
+                    remedy="turn one of the frames by half a turn",
+                )
