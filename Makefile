@@ -22,7 +22,7 @@ help:
 	@echo 'make STAGE          up to that stage: $(STAGES)'
 	@echo 'make status         which stages are up to date, and why the others are not'
 	@echo 'make all-configs    run on every file of configs/'
-	@echo 'make hub            the hub of thesis 6.2: 23 runs of configs/hub/ and one page, results/hub/report.html'
+	@echo 'make hub            the hub of thesis 6.2: 25 runs of configs/hub/ and one page, results/hub/report.html'
 	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html (a quarter of an hour)'
 	@echo 'make test           set up, then all tests'
 	@echo 'make lint           ruff, mypy, import-linter'

@@ -26,9 +26,8 @@ class Inertia(NamedTuple):
 
 
 def as_inertia(at: int, x: InertiaInvariants) -> Inertia:
-    """Arrays of the body whose coordinates begin at `at`; ∫ρ φ_k φ_lᵀ made symmetric in (k, l), as only that part acts."""
-    two = np.asarray(x.second_modal2, dtype=float)
-    fields = (x.first, x.first_modal, x.second, x.second_modal, two, x.coupling, x.coupling_modal, x.modal)
+    """Arrays of the body whose coordinates begin at `at`, contiguous as compiled code wants them."""
+    fields = (x.first, x.first_modal, x.second, x.second_modal, x.second_modal2, x.coupling, x.coupling_modal, x.modal)
     return Inertia(at, float(x.mass), *(np.ascontiguousarray(field, dtype=float) for field in fields))
 
 

@@ -100,7 +100,8 @@ def _polar(case: BearingCase, key: str, what: str, values: FloatArray, unit: str
         for contact, colour in enumerate(COLOURS):
             column = np.append(values[order, contact], values[order[0], contact])
             if np.nanmax(np.abs(np.append(column, 0.0))) > 0:
-                axes.plot(around, column, color=colour, label=CONTACTS[contact])
+                # the two contacts of one diagonal carry nearly the same: dashes leave the line below to be seen
+                axes.plot(around, column, color=colour, ls="-" if contact < 2 else (0, (4, 3)), label=CONTACTS[contact])
         axes.set_title(f"{what} [{unit}]")
         handles, labels = axes.get_legend_handles_labels()
         if handles:

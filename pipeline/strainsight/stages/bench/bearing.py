@@ -57,7 +57,8 @@ def run(context: Context) -> Output:
             (f"{place}/displacement", ""),
         )
     worst = max(cases, key=lambda case: float(case.pressure.max()), default=None)
-    said = f"{len(bearings)} bearing{'s' * (len(bearings) != 1)}, {len(cases)} load cases, {len(curves)} curves"
+    counts = ((len(bearings), "bearing"), (len(cases), "load case"), (len(curves), "curve"))
+    said = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
     if worst is not None:
         said += f"; at most {worst.pressure.max() / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
     return Output(datasets=datasets, summary=summary, message=said, tables=_tables(cases), files={"bearing.html": page})
