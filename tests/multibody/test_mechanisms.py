@@ -1,43 +1,17 @@
 """Published mechanisms with closed loops."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.forces import Gravity, PointMoment, SpringDamper
-from strainsight.multibody.frames import Frame
+from strainsight.multibody.forces import Gravity
 from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
 from strainsight.multibody.joints import pin, revolute
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import assemble
 
-
-def extrapolated(values):
-    """The limit for h → 0 of values at h, h/2, h/4, …, their error a power series in h."""
-    table = list(values)
-    for k in range(1, len(table)):
-        table = [(2**k * fine - coarse) / (2**k - 1) for coarse, fine in pairwise(table)]
-    return table[0]
-
-
-def turned(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-
-
-def at(name, body, x=0.0, y=0.0):
-    return Frame(name, body, np.array([x, y, 0.0]))
-
-
-def planar(name, mass, centre, inertia):
-    """A body in the plane z = 0 with the moment of inertia about its centre, a thin disc's in the other directions."""
-    centre = np.array([*centre, 0.0])
-    central = np.diag([inertia / 2, inertia / 2, inertia])
-    return RigidBody(name, mass, centre, central + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)))
+from .mechanisms import at, extrapolated, planar, turned
 
 
 def four_bars(windows=2):
@@ -87,172 +61,6 @@ def test_two_four_bars_pass_their_singular_position_and_are_where_the_reduction_
     exact = exact_four_bars(1.0)
     assert np.linalg.norm(ends[2] - exact) / np.linalg.norm(ends[3] - exact) == pytest.approx(2.0, abs=0.05)
     np.testing.assert_allclose(extrapolated(ends), exact, atol=1e-5)
-
-
-MASS = np.array([0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498])
-INERTIA = np.array([2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5])
-START = np.array([
-    -0.0617138900142764496358948458001, 0.0, 0.455279819163070380255912382449, 0.222668390165885884674473185609,
-    0.487364979543842550225598953530, -0.222668390165885884674473185609, 1.23054744454982119249735015568,
-])  # fmt: skip
-"""β, Θ, γ, Φ, δ, Ω, ε [rad] at rest."""
-END = np.array([
-    15.81077119629904, -15.75637105984298, 0.04082224013073101, -0.5347301163226948,
-    0.5244099658805304, 0.5347301163226948, 1.048080741042263,
-])  # fmt: skip
-"""The same after 0.03 s."""
-A, B, C = np.array([-0.06934, -0.00227]), np.array([-0.03635, 0.03273]), np.array([0.014, 0.072])
-
-
-def squeezer():
-    """Andrews' squeezer: K1 turns on O and drives K2; K2 meets K3 (on B), K4 (on K5 on A) and K6 (on K7 on A) in F.
-
-    The data and angles are those of the IVP test set: K1 β, K2 β + Θ, K3 γ, K4 Φ + δ, K5 δ, K6 Ω + ε, K7 ε.
-    """
-    beta, theta, gamma, phi, delta, omega, epsilon = START
-    d, e, rr, ss, sc, sd, u, zf, zt = 0.028, 0.02, 0.007, 0.035, 0.018, 0.02, 0.04, 0.02, 0.04
-    centres = [
-        [0.00092, 0],
-        [-0.0115, 0],
-        [0.01043, -0.01874],
-        [0, 0.01421 - e],
-        [0.00916, 0.02308],
-        [zf - 0.01421, 0],
-        [0.01228, 0.00449],
-    ]
-    bodies = [planar(f"K{k + 1}", MASS[k], centres[k], INERTIA[k]) for k in range(7)]
-    angles = [beta, beta + theta, gamma, phi + delta, delta, omega + epsilon, epsilon]
-    R = [turned(angle) for angle in angles]
-    G, H = A + zt * R[4][:2, 0], A - u * R[6][:2, 1]
-    origins = [np.zeros(2), rr * R[0][:2, 0], B, G, A, H, A]
-    meeting = at("F2", "K2", -d)
-    joints = [
-        revolute("O", at("O0", None), at("O1", "K1")),
-        revolute("E", at("E1", "K1", rr), at("E2", "K2")),
-        revolute("B", at("B0", None, *B), at("B3", "K3")),
-        revolute("A5", at("A0", None, *A), at("A5", "K5")),
-        revolute("G", at("G5", "K5", zt), at("G4", "K4")),
-        revolute("A7", at("A0", None, *A), at("A7", "K7")),
-        revolute("H", at("H7", "K7", 0, -u), at("H6", "K6")),
-        pin("F3", meeting, at("F3", "K3", 0, -ss)),
-        pin("F4", meeting, at("F4", "K4", 0, -e)),
-        pin("F6", meeting, at("F6", "K6", zf)),
-    ]
-    drive = PointMoment("drive", at("shaft", "K1"), np.array([0.0, 0.0, 1.0]), ["torque"])
-    spring = SpringDamper("spring", at("D", "K3", sd, -sc), at("C", None, *C), 4530.0, length=0.07785)
-    system = assemble(bodies, joints, [drive, spring])
-    poses = {
-        body.name: Pose(np.array([*origin, 0.0]), turn) for body, origin, turn in zip(bodies, origins, R, strict=True)
-    }
-    return system, *state(system, poses)
-
-
-def first_axes(system, q):
-    """cos and sin of every body's angle (7, 2)."""
-    return np.array([q[own.start + 3 : own.start + 5] for own in system.of.values()])
-
-
-def exact_squeezer(time):
-    """The seven angles from M(p)p̈ + Gᵀλ = f, Gp̈ = −Ġṗ: the published mass matrix in angles, integrated to rounding."""
-    d, da, e, ea, rr, ra, ss, sa, sb, sc, sd = (
-        0.028,
-        0.0115,
-        0.02,
-        0.01421,
-        0.007,
-        0.00092,
-        0.035,
-        0.01874,
-        0.01043,
-        0.018,
-        0.02,
-    )
-    ta, tb, u, ua, ub, zf, zt, fa = 0.02308, 0.00916, 0.04, 0.01228, 0.00449, 0.02, 0.04, 0.01421
-    m, inertia = MASS, INERTIA
-
-    def rate(t, y):
-        be, th, ga, ph, de, om, ep = y[:7]
-        bep, thp, gap, php, dep, omp, epp = y[7:]
-        s, c = np.sin, np.cos
-        M = np.zeros((7, 7))
-        M[0, 0] = m[0] * ra**2 + m[1] * (rr**2 - 2 * da * rr * c(th) + da**2) + inertia[0] + inertia[1]
-        M[0, 1] = M[1, 0] = m[1] * (da**2 - da * rr * c(th)) + inertia[1]
-        M[1, 1] = m[1] * da**2 + inertia[1]
-        M[2, 2] = m[2] * (sa**2 + sb**2) + inertia[2]
-        M[3, 3] = m[3] * (e - ea) ** 2 + inertia[3]
-        M[3, 4] = M[4, 3] = m[3] * ((e - ea) ** 2 + zt * (e - ea) * s(ph)) + inertia[3]
-        M[4, 4] = (
-            m[3] * (zt**2 + 2 * zt * (e - ea) * s(ph) + (e - ea) ** 2)
-            + m[4] * (ta**2 + tb**2)
-            + inertia[3]
-            + inertia[4]
-        )
-        M[5, 5] = m[5] * (zf - fa) ** 2 + inertia[5]
-        M[5, 6] = M[6, 5] = m[5] * ((zf - fa) ** 2 - u * (zf - fa) * s(om)) + inertia[5]
-        M[6, 6] = (
-            m[5] * ((zf - fa) ** 2 - 2 * u * (zf - fa) * s(om) + u**2)
-            + m[6] * (ua**2 + ub**2)
-            + inertia[5]
-            + inertia[6]
-        )
-        D = B + np.array([sd * c(ga) + sc * s(ga), sd * s(ga) - sc * c(ga)])
-        length = np.hypot(*(D - C))
-        fx, fy = -4530.0 * (length - 0.07785) / length * (D - C)
-        f = np.array([
-            0.033 - m[1] * da * rr * thp * (thp + 2 * bep) * s(th),
-            m[1] * da * rr * bep**2 * s(th),
-            fx * (sc * c(ga) - sd * s(ga)) + fy * (sd * c(ga) + sc * s(ga)),
-            m[3] * zt * (e - ea) * dep**2 * c(ph),
-            -m[3] * zt * (e - ea) * php * (php + 2 * dep) * c(ph),
-            -m[5] * u * (zf - fa) * epp**2 * c(om),
-            m[5] * u * (zf - fa) * omp * (omp + 2 * epp) * c(om),
-        ])  # fmt: skip
-        bt, pd, oe = be + th, ph + de, om + ep
-        w_bt, w_pd, w_oe = bep + thp, php + dep, omp + epp
-        first = [-rr * s(be) + d * s(bt), d * s(bt)], [rr * c(be) - d * c(bt), -d * c(bt)]
-        G = np.zeros((6, 7))
-        for k in range(3):
-            G[2 * k, :2], G[2 * k + 1, :2] = first
-        G[0, 2], G[1, 2] = -ss * c(ga), -ss * s(ga)
-        G[2, 3:5], G[3, 3:5] = [-e * c(pd), -e * c(pd) + zt * s(de)], [-e * s(pd), -e * s(pd) - zt * c(de)]
-        G[4, 5:], G[5, 5:] = [zf * s(oe), zf * s(oe) - u * c(ep)], [-zf * c(oe), -zf * c(oe) - u * s(ep)]
-        x = -rr * c(be) * bep**2 + d * c(bt) * w_bt**2
-        z = -rr * s(be) * bep**2 + d * s(bt) * w_bt**2
-        turning = np.array([
-            x + ss * s(ga) * gap**2,
-            z - ss * c(ga) * gap**2,
-            x + e * s(pd) * w_pd**2 + zt * c(de) * dep**2,
-            z - e * c(pd) * w_pd**2 + zt * s(de) * dep**2,
-            x + zf * c(oe) * w_oe**2 + u * s(ep) * epp**2,
-            z + zf * s(oe) * w_oe**2 - u * c(ep) * epp**2,
-        ])  # fmt: skip
-        KKT = np.block([[M, G.T], [G, np.zeros((6, 6))]])
-        return np.concatenate([y[7:], np.linalg.solve(KKT, np.concatenate([f, -turning]))[:7]])
-
-    start = np.concatenate([START, np.zeros(7)])
-    return solve_ivp(rate, (0, time), start, method="DOP853", rtol=1e-11, atol=1e-12).y[:7, -1]
-
-
-def cosines_and_sines(angles):
-    beta, theta, gamma, phi, delta, omega, epsilon = angles
-    turned = np.array([beta, beta + theta, gamma, phi + delta, delta, omega + epsilon, epsilon])
-    return np.stack([np.cos(turned), np.sin(turned)], axis=1)
-
-
-def test_squeezer_in_angles_gives_the_published_values():
-    np.testing.assert_allclose(exact_squeezer(0.03), END, rtol=0, atol=1e-6)
-
-
-def test_squeezer_is_where_its_angles_are():
-    time = 0.006
-    system, q, v = squeezer()
-    assert system.constrained == 12 * 7 - 1
-    np.testing.assert_allclose(project_position(system, q), q, atol=1e-14)
-    ends = []
-    for steps in (150, 300, 600, 1200):
-        run = simulate(system, q, v, np.full((steps, 1), 0.033), time / steps, np.zeros(0))
-        ends.append(first_axes(system, run.q[-1]))
-    np.testing.assert_allclose(extrapolated(ends), cosines_and_sines(exact_squeezer(time)), atol=1e-4)
 
 
 def test_third_revolute_joint_of_a_planar_loop_is_refused_by_name():
