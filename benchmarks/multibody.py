@@ -5,7 +5,7 @@ lumped masses on a hinge, its floating frame reduced to some modes. This package
 second derivatives from Python and NumPy, so that every step can be differentiated; Exudyn takes generalised-α steps in
 C++ with its default settings, only its output to files turned off. Both take as many steps over the same half second; the
 error is the largest of the body's rotation matrix at the end, beside Exudyn's trapezoidal rule with ten times the steps.
-Then the bench of configs/bench-full.yaml through the stages `import` and `reduce` (28 coordinates, 7 constraints, a bearing
+Then the bench of configs/bench-full.yaml through the stages `import` and `reduce` (31 coordinates, 7 constraints, a bearing
 of 112 balls), which has no counterpart: time of a step, of its bearing, and of its derivatives for a filter. Shortest of some
 runs, without the compiling of the first; one BLAS thread: the matrices are small. Machines differ and are shared: read the
 load beside the times. Exudyn comes with the `dev` extra only.

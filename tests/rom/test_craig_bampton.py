@@ -14,14 +14,17 @@ from scipy.spatial.transform import Rotation
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.fem.affine import Parameter
+from strainsight.fem.assembly import assemble
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region, RigidElement
+from strainsight.mesh.model import CellBlock, Material, Mesh, PointMass, Region, RigidElement
 from strainsight.rom.craig_bampton import craig_bampton, floating_basis, frame_shapes, rigid_motions
+from strainsight.rom.inertia import inertia_invariants
+from strainsight.rom.residual_vectors import inertia_loads, rigid_field
 
 MESHES = Path(__file__).parents[2] / "meshes"
 ROOT, TIP, SIDE = 901, 902, 903
@@ -115,10 +118,97 @@ def test_stiffness_of_the_interface_is_the_schur_complement_and_the_modes_are_ap
     to_free = np.linalg.inv(B[:, b])
     reduced, omega2 = body.stiffness.constant, (2 * np.pi * body.frequency) ** 2
     assert np.allclose(reduced[:12, :12], to_free.T @ schur @ to_free, rtol=0, atol=1e-12 * np.abs(schur).max())
-    assert np.allclose(reduced[12:, 12:], np.diag(omega2), rtol=0, atol=1e-9 * omega2.max())
+    assert np.allclose(reduced[12:16, 12:16], np.diag(omega2), rtol=0, atol=1e-9 * omega2.max())
     scale = np.sqrt(np.diag(reduced))
     assert np.all(np.abs(reduced[:12, 12:]) <= 1e-10 * np.outer(scale[:12], scale[12:]))
-    assert np.allclose(body.mass[12:, 12:], np.eye(4), rtol=0, atol=1e-12)
+    assert np.allclose(body.mass[12:16, 12:16], np.eye(4), rtol=0, atol=1e-12)
+
+
+# the body's own inertia
+
+
+def inertia_of(model, motion):
+    """TᵀMr of a motion of every node (3n, k), by the mass matrix of all nodes."""
+    T = model.constraint.transform[: len(motion)]
+    return T.T @ (assemble(model.mesh, ())[1].constant @ motion)
+
+
+def gauge_rows(model, shapes):
+    glued = candidates(model.mesh, exterior_facets(model.mesh), (1.0, 0.0, 0.0), (0.0, 45.0))
+    return channel_rows(model.mesh.position, glued, nodal(model, shapes))
+
+
+@pytest.mark.parametrize("count", [0, 1, 4, 12, 40])
+def test_weight_deforms_it_as_the_full_model_with_any_number_of_modes(clamped, count):
+    body = craig_bampton(clamped, [TIP, SIDE], modes=count)
+    f = inertia_of(clamped, rigid(clamped.mesh.position)[:, :3])
+    exact = factorise(clamped.stiffness.constant).solve(f)
+    found = np.linalg.solve(body.stiffness.constant, body.basis.T @ f)
+    assert body.size == 12 + count + 3
+    assert np.allclose(body.basis @ found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
+    strain = gauge_rows(clamped, exact)
+    assert np.allclose(gauge_rows(clamped, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
+
+
+@pytest.mark.parametrize("count", [0, 5, 40])
+def test_a_body_that_moves_deforms_as_the_full_one_under_any_acceleration_of_its_frame(free, clamped, count):
+    """Three of its origin, three of its axes; the full one is held where the frame is."""
+    body = floating_basis(craig_bampton(free, [ROOT, TIP], modes=count), ROOT)
+    motion = rigid(free.mesh.position)
+    exact = factorise(clamped.stiffness.constant).solve(inertia_of(clamped, motion))
+    found = np.linalg.solve(body.stiffness.constant, body.basis.T @ inertia_of(free, motion))
+    assert body.size == 6 + count + 6
+    field = nodal(clamped, exact)
+    assert np.allclose(nodal(free, body.basis) @ found, field, rtol=0, atol=1e-9 * np.abs(field).max(axis=0))
+    strain = gauge_rows(clamped, exact)
+    assert np.allclose(gauge_rows(free, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
+
+
+@pytest.mark.parametrize("count", [0, 4, 40])
+def test_residual_vectors_are_apart_from_the_modes_and_from_each_other(clamped, free, count):
+    for model, vectors in ((clamped, 3), (free, 6)):
+        body = craig_bampton(model, [TIP, SIDE] if vectors == 3 else [ROOT, TIP], modes=count)
+        K, M = body.stiffness.constant[12:, 12:], body.mass[12:, 12:]
+        lam = np.diag(K)
+        assert len(lam) == count + vectors
+        assert len(body.frequency) == count
+        assert np.allclose(M, np.eye(len(M)), rtol=0, atol=1e-12)
+        assert np.all(np.abs(K - np.diag(lam)) <= 1e-10 * np.sqrt(np.outer(lam, lam)))
+        # made of modes that were left out
+        assert np.all(lam[count:] >= (2 * np.pi * body.cut) ** 2 * (1 - 1e-9))
+        assert np.all(np.diff(lam[count:]) > 0)
+
+
+def test_loads_of_inertia_count_held_nodes_and_point_masses(free):
+    """MR of a free body; of a held one what its multibody weight is."""
+    points = (
+        PointMass(1, free.mesh.node_index(TIP), 40.0, (0.1, 0.2, -0.3), np.diag([3.0, 4.0, 5.0])),
+        PointMass(2, 20, 25.0, (0.0, 0.0, 0.0), np.zeros((3, 3))),
+    )
+    loose = build_model(replace(free.mesh, point_masses=points), supported=False)
+    R = np.linalg.lstsq(loose.constraint.transform.toarray(), rigid_field(loose), rcond=None)[0]
+    exact = loose.mass.constant @ R
+    assert np.allclose(inertia_loads(loose), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    held = build_model(replace(bar(side=True, clamped=True), point_masses=points))
+    body = craig_bampton(held, [TIP, SIDE], modes=2)
+    weight = inertia_invariants(held, body.basis).first_modal.T
+    assert np.allclose(body.basis.T @ inertia_loads(held)[:, :3], weight, rtol=0, atol=1e-12 * np.abs(weight).max())
+
+
+def test_an_interior_of_one_node_or_none_has_no_more_shapes_than_motions():
+    mesh = bar((1, 1, 1))
+    root, tip = mesh.rigid
+    one = build_model(replace(mesh, rigid=(root, replace(tip, nodes=tip.nodes[:3]))), supported=False)
+    for count in range(4):
+        body = craig_bampton(one, [ROOT, TIP], modes=count)
+        assert body.size == one.size == 15
+        assert len(body.frequency) == count
+        assert np.linalg.matrix_rank(body.basis) == 15
+    none = craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=0)
+    assert none.size == 12
+    assert none.cut == np.inf
+    with pytest.raises(InfeasibleError, match="0 unknowns between"):
+        craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=1)
 
 
 # modes
@@ -167,7 +257,8 @@ def test_a_cut_off_keeps_every_mode_up_to_it(clamped, kept):
 
 def test_a_cut_off_below_the_first_mode_leaves_the_static_shapes(clamped):
     body = craig_bampton(clamped, [TIP, SIDE], cutoff=1.0)
-    assert body.size == 12
+    assert body.size == 12 + 3
+    assert len(body.frequency) == 0
     assert body.cut > 1.0
 
 
@@ -185,7 +276,7 @@ def on_the_interface(model, *nodes):
 @pytest.mark.parametrize("nodes", [(TIP,), (ROOT, TIP), (SIDE, ROOT, TIP)])
 def test_a_rigid_motion_of_the_interface_takes_every_node_along_without_force(free, nodes):
     body = craig_bampton(free, nodes, modes=3)
-    r = np.vstack([on_the_interface(free, *nodes), np.zeros((3, 6))])
+    r = np.vstack([on_the_interface(free, *nodes), np.zeros((body.size - 6 * len(nodes), 6))])
     assert np.allclose(nodal(free, body.basis @ r), rigid(free.mesh.position), rtol=0, atol=1e-13)
     K = body.stiffness.constant
     full = free.stiffness.constant.diagonal().max()
@@ -195,7 +286,7 @@ def test_a_rigid_motion_of_the_interface_takes_every_node_along_without_force(fr
 def test_the_inertia_of_rigid_motions_is_that_of_a_cuboid(free):
     """m, m x̄ and ∫ρ(|x|² I − x xᵀ), by the formulae of a cuboid with its centre off the origin."""
     body = craig_bampton(free, [ROOT, TIP, SIDE], modes=3)
-    r = np.vstack([on_the_interface(free, ROOT, TIP, SIDE), np.zeros((3, 6))])
+    r = np.vstack([on_the_interface(free, ROOT, TIP, SIDE), np.zeros((body.size - 18, 6))])
     inertia = r.T @ body.mass @ r
     m, c = RHO * SIZE.prod(), START + 0.5 * SIZE
     second = m * (np.diag(SIZE**2) / 12 + np.outer(c, c))
@@ -256,13 +347,14 @@ def test_frame_shapes_are_the_motions_of_the_node(free):
 
 
 def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamped):
-    """Same stiffness and mass as of the bar with ROOT in its supports."""
+    """Same stiffness and mass as of the bar with ROOT in its supports, which has no responses to turning."""
     seen = floating_basis(craig_bampton(free, [ROOT, TIP, SIDE], modes=5), ROOT)
     held = craig_bampton(clamped, [TIP, SIDE], modes=5)
-    assert seen.size == held.size == 17
+    assert (seen.size, held.size) == (17 + 6, 17 + 3)
     for found, exact in ((seen.stiffness.constant, held.stiffness.constant), (seen.mass, held.mass)):
+        found, exact = found[:17, :17], exact[:17, :17]
         scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
-        sign = np.sign(np.einsum("ij,ij->j", nodal(free, seen.basis), nodal(clamped, held.basis)))
+        sign = np.sign(np.einsum("ij,ij->j", nodal(free, seen.basis[:, :17]), nodal(clamped, held.basis[:, :17])))
         assert np.all(np.abs(found * np.outer(sign, sign) - exact) <= 1e-9 * scale)
     Phi, Psi = frame_shapes(seen, ROOT)
     assert not Phi.any()
@@ -287,12 +379,17 @@ def test_the_stiffness_is_affine_in_the_moduli():
 
 
 def test_one_modulus_of_the_whole_leaves_statics_exact_at_every_value():
+    """Of a load on the interface and of weight."""
     model = build_model(bar(clamped=True), (Parameter("E", "youngs_modulus", (1, 2), 2.1e11),))
     body = craig_bampton(model, [TIP], modes=2, reference={"E": 2.1e11})
     B = pick(model, TIP)
     exact = B @ np.linalg.solve(dense(model.stiffness.at({"E": 0.7e11})), B.T)
     found = np.linalg.inv(body.stiffness.at({"E": 0.7e11}))[:6, :6]
     assert np.allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+    f = inertia_of(model, rigid(model.mesh.position)[:, :3])
+    exact = np.linalg.solve(dense(model.stiffness.at({"E": 0.7e11})), f)
+    found = body.basis @ np.linalg.solve(body.stiffness.at({"E": 0.7e11}), body.basis.T @ f)
+    assert np.allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
 
 
 # gauges
@@ -300,12 +397,9 @@ def test_one_modulus_of_the_whole_leaves_statics_exact_at_every_value():
 
 def test_gauges_read_the_reduced_body(clamped):
     """The static strain of a load on the interface is that of the full model; a rigid motion has none."""
-    facets = exterior_facets(clamped.mesh)
-    glued = candidates(clamped.mesh, facets, (1.0, 0.0, 0.0), (0.0, 45.0))
     body = craig_bampton(clamped, [TIP, SIDE], modes=3)
-    rows = channel_rows(clamped.mesh.position, glued, nodal(clamped, body.basis))
     full = np.linalg.solve(dense(clamped.stiffness.constant), pick(clamped, TIP, SIDE).T)
-    exact = channel_rows(clamped.mesh.position, glued, nodal(clamped, full))
+    rows, exact = gauge_rows(clamped, body.basis), gauge_rows(clamped, full)
     found = rows @ np.linalg.solve(body.stiffness.constant, np.eye(body.size)[:, :12])
     assert np.allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
 
@@ -387,6 +481,10 @@ def test_the_hub_is_the_full_one_in_statics_and_in_its_modes_below_half_the_cut_
     assert np.allclose(body.basis @ reduced, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
     flexibility = B @ exact
     assert np.allclose(reduced[:6], flexibility, rtol=0, atol=1e-10 * np.abs(flexibility).max())
+    f = inertia_of(model, rigid(model.mesh.position)[:, :3])
+    exact = factor.solve(f)
+    found = body.basis @ np.linalg.solve(body.stiffness.constant, body.basis.T @ f)
+    assert np.allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
     frequency, _ = lowest_modes(K, M, 9, factor=factor)
     assert frequency[-1] < 0.5 * body.cut
     ratio = frequencies(body.stiffness.constant, body.mass)[:9] / frequency

@@ -15,8 +15,9 @@ from strainsight.fem.factorisation import Factor, factorise
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.support import TOLERANCE
-from strainsight.fem.ties import MOTIONS, rigid_rows
+from strainsight.fem.ties import MOTIONS
 from strainsight.mesh.additions import node_index
+from strainsight.rom.residual_vectors import inertia_loads, residual_vectors, rigid_field
 
 MOST_MODES = 384
 """Modes after which a cut-off is taken for a mistake."""
@@ -26,12 +27,13 @@ FIRST_MODES = 12
 
 @dataclass(frozen=True)
 class CraigBampton:
-    """z_free ≈ H*q,  q = (z_b, η*)  (1.16), and K(θ)q + M q̈ = f (1.17).
+    """z_free ≈ H*q,  q = (z_b, η*, ρ)  (1.16), and K(θ)q + M q̈ = f (1.17).
 
+    η* (modes,) are modes with the interface held, ρ (0 … 6,) residual vectors, which look like modes and are none.
     stiffness dense affine operator (n, n), one term for every Young's modulus that is a parameter; mass (n, n);
     basis H* (n_free, n); interface: node id → its three translations [m] and three rotations [rad] along the basic axes as
-    rows (6, n) on q; frequency (modes,) [Hz] of the modes with the interface held; cut [Hz]: the first one that was
-    left out, inf where none was.
+    rows (6, n) on q; frequency (modes,) [Hz] of the modes with the interface held, without the residual vectors; cut [Hz]:
+    the first mode that was left out, inf where none was.
     """
 
     stiffness: AffineOperator
@@ -55,15 +57,20 @@ def craig_bampton(
     cutoff: float | None = None,
     reference: Mapping[str, float] | None = None,
 ) -> CraigBampton:
-    """Static responses to unit motions of the interface, and the lowest modes with it held, from one factorisation of K_ii:
+    """Static responses to unit motions of the interface, the lowest modes with it held, and static responses to the body's
+    own inertia with it held, from one factorisation of K_ii:
 
-        H* = [ I             0  ]      K_ii U = M_ii U Ω²,   U_rᵀM_ii U_r = I
-             [ −K_ii⁻¹K_ib   U_r]      K* = H*ᵀK(θ)H*,  M* = H*ᵀMH*
+        H* = [ I             0     0]      K_ii U = M_ii U Ω²,   U_rᵀM_ii U_r = I,   span [U_r V] ∋ K_ii⁻¹F_i
+             [ −K_ii⁻¹K_ib   U_r   V]      K* = H*ᵀK(θ)H*,  M* = H*ᵀMH*
+
+    F: weight along three axes, and the inertia of three angular accelerations where the supports leave a rigid motion; V
+    is orthonormal to U_r and within itself (`residual_vectors`). Field and strain under gravity are exact by V, whatever
+    the number of modes.
 
     model supported or free (`build_model(…, supported=False)`); interface: ids of k nodes with six motions each (the
     reference nodes of rigid elements); modes: how many, 0 for none; or cutoff [Hz]: all below it; reference θ₀
-    parameter name → value [SI], where H* is taken. K* is affine in θ as K is; the static response to the interface is exact
-    at θ₀, and at all θ where one modulus scales the whole. A motion that the supports leave free is in H* without error.
+    parameter name → value [SI], where H* is taken. K* is affine in θ as K is; static responses are exact at θ₀, and at
+    all θ where one modulus scales the whole. A motion that the supports leave free is in H* without error.
     A frequency f well below the cut f_c is too high, by at most ½(f/f_c)² of itself: what the modes left out hold of the
     energy of its mode. Measured: within 0.5 % up to half the cut on a hub with 20 modes and more.
 
@@ -82,18 +89,21 @@ def craig_bampton(
     b, unit = _interface_motions(model, interface)
     i = np.setdiff1d(np.arange(model.size), b)
     K, M = _at_reference(model, reference or {}), model.mass.constant
-    K_i, M_ii = sparse.csr_array(K[i]), sparse.csr_array(M[i][:, i])
-    K_ii, K_ib = sparse.csr_array(K_i[:, i]), K_i[:, b]
-    factor = factorise(K_ii)
-    frequency, U, cut = _held_modes(K_ii, M_ii, factor, modes, cutoff)
-    H = np.zeros((model.size, len(b) + len(frequency)))
-    H[b, : len(b)] = unit
-    H[i, : len(b)] = -factor.solve(K_ib @ unit)
-    H[i, len(b) :] = U
-    # the rigid motions R that the supports leave: H R_b = R up to the rounding of the solver, which this takes away
+    K_i = sparse.csr_array(K[i])
     R = rigid_motions(model)
+    # a body that cannot turn has no angular acceleration
+    F = inertia_loads(model)[:, : 6 if R.shape[1] else 3]
+    H = np.zeros((model.size, len(b)))
+    H[b] = unit
+    H[i], shapes, frequency, cut = _interior(
+        sparse.csr_array(K_i[:, i]), sparse.csr_array(M[i][:, i]), K_i[:, b] @ unit, F[i], modes, cutoff
+    )
+    # the rigid motions R that the supports leave: H R_b = R up to the rounding of the solver, which this takes away
     R_b = np.linalg.solve(unit, R[b])
-    H[:, : len(b)] += (R - H[:, : len(b)] @ R_b) @ np.linalg.pinv(R_b)
+    H += (R - H @ R_b) @ np.linalg.pinv(R_b)
+    held = np.zeros((model.size, shapes.shape[1]))
+    held[i] = shapes
+    H = np.hstack([H, held])
     rows = {node: np.eye(6, H.shape[1], 6 * k) for k, node in enumerate(interface)}
     mass = AffineOperator(M, {}).project(H).constant
     return CraigBampton(model.stiffness.project(H), mass, H, rows, frequency, cut)
@@ -147,19 +157,13 @@ def rigid_motions(model: FiniteElementModel) -> np.ndarray:
 
         z = r c = T z_free   for c in the null space of T r_free − r
 
-    r the six motions about the middle of the elements' nodes, rotations divided by its radius, r_free their free rows.
+    r the six motions of everything (`rigid_field`), r_free their free rows.
     """
-    constraint, x = model.constraint, model.mesh.position
-    T = constraint.transform
-    used = np.unique(np.concatenate([block.nodes.ravel() for block in model.mesh.blocks]))
-    arm = x - x[used].mean(axis=0)
-    r = np.zeros((T.shape[0], 6))
-    r[: 3 * len(x)] = rigid_rows(arm).reshape(-1, 6)
-    for row in constraint.reference_rows.values():
-        r[row : row + 3, 3:] = np.eye(3)
-    r[:, 3:] /= np.linalg.norm(arm[used], axis=1).max()
+    constraint = model.constraint
+    T, r = constraint.transform, rigid_field(model)
     r_free = constraint.along_own_axes(sparse.csr_array(r)).toarray()[constraint.free_rows]
     # what no element holds has no free motion, and stays behind without harm
+    used = np.unique(np.concatenate([block.nodes.ravel() for block in model.mesh.blocks]))
     counts = np.diff(T.indptr) > 0
     counts[(3 * used[:, None] + np.arange(3)).ravel()] = True
     _, strength, Vt = np.linalg.svd(np.linalg.qr((T @ r_free - r)[counts], mode="r"))
@@ -175,7 +179,7 @@ def _interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> t
     for k, node in enumerate(interface):
         if node in interface[:k]:
             raise UserError(f"interface node {node} is named twice", remedy="name it once")
-        part = model.constraint.transform[_rows(model, node)]
+        part = model.constraint.transform[motion_rows(model, node)]
         found = np.unique(part.tocoo().col)
         held = np.diff(part.indptr) == 0
         if held.any():
@@ -193,8 +197,8 @@ def _interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> t
     return np.concatenate(columns), block_diag(*blocks)
 
 
-def _rows(model: FiniteElementModel, node: int) -> np.ndarray:
-    """Rows of z of three translations and three rotations."""
+def motion_rows(model: FiniteElementModel, node: int) -> np.ndarray:
+    """Rows (6,) of z of a node's three translations and three rotations. Raises UserError where it has no rotations."""
     index = node_index(model.mesh, node)
     turning = model.constraint.reference_rows.get(index)
     if turning is None:
@@ -205,10 +209,15 @@ def _rows(model: FiniteElementModel, node: int) -> np.ndarray:
     return np.concatenate([3 * index + np.arange(3), turning + np.arange(3)])
 
 
-def _held_modes(
-    K: sparse.csr_array, M: sparse.csr_array, factor: Factor, modes: int | None, cutoff: float | None
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Frequencies, shapes and the first frequency left out."""
+def _interior(
+    K: sparse.csr_array,
+    M: sparse.csr_array,
+    load: np.ndarray,
+    F: np.ndarray,
+    modes: int | None,
+    cutoff: float | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """−K⁻¹ load, [U V] and of U the frequencies and the cut; K, M (n_i, n_i) and loads (n_i, ·) of the held interior."""
     most = int(np.count_nonzero(M.diagonal() > 0))
     if modes is not None and not 0 <= modes <= most:
         raise InfeasibleError(
@@ -216,6 +225,17 @@ def _held_modes(
         )
     if cutoff is not None and not cutoff > 0:
         raise InfeasibleError(f"a cut-off at {cutoff:g} Hz", remedy="it must be positive")
+    if len(F) == 0:  # rigid elements leave nothing between the interfaces
+        return -load, np.zeros((0, 0)), np.zeros(0), np.inf
+    factor = factorise(K)
+    frequency, U, cut = _held_modes(K, M, factor, modes, cutoff, most)
+    return -factor.solve(load), np.hstack([U, residual_vectors(F, M, factor, frequency, U)]), frequency, cut
+
+
+def _held_modes(
+    K: sparse.csr_array, M: sparse.csr_array, factor: Factor, modes: int | None, cutoff: float | None, most: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Frequencies, shapes and the first frequency left out, of at most so many modes."""
     count = min(FIRST_MODES if modes is None else modes + 1, most)
     while True:
         frequency, U = lowest_modes(K, M, count, factor=factor)

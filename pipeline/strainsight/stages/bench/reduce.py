@@ -9,10 +9,10 @@ from scipy.linalg import eigh
 
 from strainsight.errors import ConfigError, blame
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.additions import node_index, region_ids
+from strainsight.fem.model import FiniteElementModel, build_model, nodal
+from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
-from strainsight.rom.craig_bampton import CraigBampton, craig_bampton, floating_basis, rigid_motions, rows_of
+from strainsight.rom.craig_bampton import CraigBampton, craig_bampton, floating_basis, motion_rows, rigid_motions, rows_of
 from strainsight.rom.inertia import inertia_invariants
 from strainsight.stages.case.settings import damping_of
 from strainsight.stages.records.below import Below
@@ -22,8 +22,6 @@ from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 USUAL_MODES = 10
-RIGID = 1e-9
-"""Share of the largest eigenvalue below which a mode deforms nothing."""
 HELD = 2.0
 """Modes with held interfaces are kept up to so many times the cut-off: frequencies of the body below it are then right to
 0.5 % (test_craig_bampton.py)."""
@@ -47,12 +45,12 @@ def run(context: Context) -> Output:
                     key=f"bodies.{name}.mesh.supports",
                     remedy="hold the body altogether, or not at all and let joints carry it",
                 )
-            nodes = _interface(name, context.config.frames, mesh)
+            nodes = _interface(name, context.config.frames, model)
             reference = {key: float(modulus.value) for key, modulus in entry.moduli.items()}
             modes = None if entry.cutoff is not None else USUAL_MODES if entry.modes is None else int(entry.modes)
             cutoff = None if entry.cutoff is None else HELD * float(entry.cutoff)
             body = craig_bampton(model, nodes, modes=modes, cutoff=cutoff, reference=reference)
-            damping = _damping(body, entry.damping, reference)
+            damping = _damping(body, entry.damping, reference, loose)
             frequency = _frequencies(body, reference)[loose:]
             if loose:
                 stay = np.flatnonzero(~rows_of(body, nodes[0]).any(axis=0))
@@ -84,13 +82,13 @@ def _moduli(name: str, entry: Any, mesh: Mesh) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def _interface(name: str, frames: Any, mesh: Mesh) -> list[int]:
+def _interface(name: str, frames: Any, model: FiniteElementModel) -> list[int]:
     """Interface nodes: those of the body's frames, ascending, because the order of frames in a config is none."""
     nodes = []
     for key, frame in frames.items():
         if frame.body == name:
             with blame(f"frames.{key}.node"):
-                node_index(mesh, int(frame.node))
+                motion_rows(model, int(frame.node))
             nodes.append(int(frame.node))
     if not nodes:
         raise ConfigError(
@@ -99,14 +97,16 @@ def _interface(name: str, frames: Any, mesh: Mesh) -> list[int]:
     return sorted(set(nodes))
 
 
-def _damping(body: CraigBampton, law: Any, reference: dict[str, float]) -> AffineOperator:
-    """C = αM̃ + βK(θ), or  M Φ diag(2ζω) Φᵀ M  of the body's own modes at the reference, rigid ones undamped:
+def _damping(body: CraigBampton, law: Any, reference: dict[str, float], loose: int) -> AffineOperator:
+    """C = αM̃ + βK(θ), or  M Φ diag(2ζω) Φᵀ M  of the body's own modes at the reference, the first `loose` rigid and undamped:
 
     M̃ = M Φ_e Φ_eᵀ M,  Φ_e the modes that deform the body: a law of the structure brakes no rigid motion
     """
     damping = damping_of(law)
     lam, Phi = eigh(body.stiffness.at(reference), body.mass)
-    omega = np.sqrt(np.where(lam > RIGID * lam[-1], lam, 0.0))
+    # counted: a share of the largest eigenvalue would take slow modes beside stiff residual vectors for rigid ones
+    lam[:loose] = 0.0
+    omega = np.sqrt(lam)
     MPhi = body.mass @ Phi
     if damping.kind == "rayleigh":
         terms = {key: damping.beta * X for key, X in body.stiffness.terms.items()}
@@ -127,7 +127,7 @@ def _frequencies(body: CraigBampton, reference: dict[str, float]) -> list[float]
 
 REDUCE = Stage(
     "reduce",
-    version=1,
+    version=2,
     reads=(
         "bodies.*.type",
         "bodies.*.modes",
