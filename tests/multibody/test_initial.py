@@ -103,6 +103,14 @@ def test_motion_without_mass_is_named():
     np.testing.assert_allclose(project_position(held, q), q, atol=1e-15)
 
 
+def test_a_body_out_of_all_proportion_is_named():
+    """Not its joints, nor its rigidity, is at fault."""
+    planet = RigidBody("planet", 1e30, np.zeros(3), 1e30 * np.eye(3))
+    system = assemble([BALL, planet], [spherical("joint", frame("wall", None), frame("end", "ball"))])
+    with pytest.raises(InfeasibleError, match="the inertia of body planet is too large beside the rest"):
+        project_position(system, state(system, {})[0])
+
+
 def test_unknown_and_twin_names_are_refused():
     with pytest.raises(InfeasibleError, match="two bodies are called ball"):
         assemble([BALL, BALL])

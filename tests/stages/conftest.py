@@ -54,4 +54,4 @@ def artefacts(config, results):
 def bench(tmp_path_factory):
     """stage → Artefact of one second of bench-full."""
     job = job_of(ROOT / "configs" / "bench-full.yaml", tmp_path_factory.mktemp("bench"), "simulate.duration=1.0")
-    return {stage: artefact for stage, (_, _, artefact) in finished(job, bench_stages(True)).items()}
+    return {stage: artefact for stage, (_, _, artefact) in finished(job, bench_stages(job.config)).items()}

@@ -58,9 +58,9 @@ def pendulum(folder: Path, angle: float, **changes: str) -> Path:
     return path
 
 
-def test_hub_bearing_and_blade_have_28_coordinates_and_hold_seven_constraints(bench):
+def test_hub_bearing_and_blade_have_31_coordinates_and_hold_seven_constraints(bench):
     summary = bench["simulate"].summary
-    assert (summary["coordinates"], summary["constraints"]) == (28, 7)
+    assert (summary["coordinates"], summary["constraints"]) == (31, 7)
     assert summary["violation"] < 1e-13
     assert summary["violation_rate"] < 1e-13
 
@@ -103,7 +103,7 @@ def test_the_bearing_alone_answers_the_weight_as_statics_asks(bench):
 
 def test_bodies_come_back_with_the_mass_of_their_deck(bench):
     assert bench["reduce"]["/bodies/hub/inertia/mass"] == pytest.approx(bench["import"].summary["mass.hub"], rel=1e-9)
-    assert bench["reduce"]["/bodies/hub/basis"].shape[1] == bench["reduce"].summary["coordinates.hub"] == 16
+    assert bench["reduce"]["/bodies/hub/basis"].shape[1] == bench["reduce"].summary["coordinates.hub"] == 6 + 10 + 3
 
 
 def test_a_pendulum_swings_with_the_period_of_its_length(tmp_path):
@@ -198,7 +198,7 @@ def test_gauges_may_be_zeroed_at_the_start(bench, tmp_path):
     """Only what they read at the start goes; the bench itself is the same."""
     config = ROOT / "configs" / "bench-full.yaml"
     job = job_of(config, tmp_path, "simulate.duration=0.1", "sensors.gauges.zeroed=true")
-    zeroed = finished(job, bench_stages(True))["simulate"][2]
+    zeroed = finished(job, bench_stages(job.config))["simulate"][2]
     plain = bench["simulate"]["/sensors/gauges"][:11]
     np.testing.assert_array_equal(zeroed["/sensors/gauges"], plain - plain[0])
 
@@ -227,12 +227,20 @@ def test_modal_damping_is_that_of_the_free_modes_of_a_free_body():
     M = np.diag([1.0, 2.0, 1.5])
     body = CraigBampton(AffineOperator(K, {}), M, np.eye(3), {1: np.eye(6, 3)}, np.zeros(0), np.inf)
     for law in ({"type": "modal", "ratio": 0.05}, {"type": "rayleigh", "alpha": 3.0, "beta": 1e-4}):
-        C = reduce._damping(body, law, {}).constant
+        C = reduce._damping(body, law, {}, 1).constant
         np.testing.assert_allclose(C @ np.ones(3), 0.0, atol=1e-9)
         lam, Phi = eigh(K, M)
         omega = np.sqrt(lam[1:])
         ratio = np.full(2, 0.05) if law["type"] == "modal" else 0.5 * (3.0 / omega + 1e-4 * omega)
         np.testing.assert_allclose(np.diag(Phi.T @ C @ Phi)[1:], 2 * ratio * omega, rtol=1e-9)
+
+
+def test_a_slow_mode_beside_a_stiff_residual_vector_is_damped():
+    """Eigenvalues 1 and 1e11 (rad/s)² of a held body: neither is rigid."""
+    lam = np.array([1.0, 1e11])
+    body = CraigBampton(AffineOperator(np.diag(lam), {}), np.eye(2), np.eye(2), {}, np.array([1.0]), 5.0)
+    C = reduce._damping(body, {"type": "modal", "ratio": 0.05}, {}, 0).constant
+    np.testing.assert_allclose(C, np.diag(0.1 * np.sqrt(lam)), rtol=1e-9)
 
 
 def test_rings_that_face_away_from_each_other_are_refused(tmp_path):
@@ -273,7 +281,7 @@ def test_loads_that_no_such_bearing_carries_are_refused(tmp_path):
         "forces.Fx.signal={type: constant, value: 1.0e13}",
     )
     with pytest.raises(StrainsightError, match=r"ellipse|equilibrium|not solved"):
-        finished(job, bench_stages(True))
+        finished(job, bench_stages(job.config))
 
 
 @pytest.mark.parametrize(
@@ -307,6 +315,18 @@ def test_a_body_that_turns_fast_for_its_step_is_warned_of(tmp_path):
     loss = 1 - spin[-1] / spin[0]
     assert simulate.summary["turn"] == pytest.approx(0.02, rel=1e-6)
     assert f"by {100 * loss:.2g} % in the first second" in " ".join(done.output.split())
+
+
+def test_a_frame_at_a_node_without_rotations_is_blamed_on_the_frame(tmp_path):
+    text = "kind: bench\nname: beam\nbodies:\n  beam: {type: flexible, damping: {type: modal, ratio: 0.01}, "
+    text += f"mesh: {{file: {ROOT / 'meshes' / 'cantilever.bdf'}}}}}\n"
+    text += "frames:\n  tip: {body: beam, node: 3765}\nsimulate: {duration: 1.0, time_step: 0.1}\n"
+    path = tmp_path / "beam.yaml"
+    path.write_text(text, encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2
+    assert f"{path}:6:27  frames.tip.node" in done.stderr
+    assert "node 3765 has no rotations" in done.stderr
 
 
 def test_a_bench_has_no_stage_of_a_placement(tmp_path):

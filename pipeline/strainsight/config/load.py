@@ -169,7 +169,7 @@ def _place_of(problem: Problem, places: Mapping[str, str], given: Sequence[Overr
 
 def _meant_for_runs(problem: Problem, given: Sequence[Override]) -> Problem:
     """Say how a suite sets a key of its runs."""
-    if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields:
+    if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
         return problem
     made = [o for o in given if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
     written = (

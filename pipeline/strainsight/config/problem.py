@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+
+from strainsight.errors import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -23,3 +25,10 @@ def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
         listed = [f"'{name}'" for name in values]
         what = f"{' and '.join(given)} are both given" if given else f"none of {', '.join(listed)} is given"
         yield Problem(key, what, f"give exactly one of {', '.join(listed)}", at_key=True)
+
+
+def known(key: str, name: str, names: Collection[str], what: str) -> Iterator[Problem]:
+    """A problem unless the name is one of these."""
+    if name not in names:
+        listed = ", ".join(names) or "none"
+        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known here: {listed}"))

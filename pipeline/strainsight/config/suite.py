@@ -11,6 +11,7 @@ from pydantic import Field, JsonValue
 
 from strainsight.config.base import RunName, Section, Text
 from strainsight.config.problem import Problem
+from strainsight.config.suite_studies import Claim, Study, claim_problems, study_problems
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""
@@ -28,6 +29,10 @@ class SuiteRun(Section):
     )
     until: Text = Field("report", description="Last stage to run.")
     note: str = Field("", description="A sentence that the page shows with the run.")
+    study: Text | None = Field(
+        None, description="Benches: name of the study; its runs share a heading and their figures."
+    )
+    group: str = Field("", description="Benches: runs of one group are one line in figures over a varied key.")
 
 
 class SuiteConfig(Section):
@@ -45,7 +50,15 @@ class SuiteConfig(Section):
     jobs: int = Field(
         1, ge=1, le=64, description="Runs at a time [-]: two halve the time where the memory is enough for both."
     )
-    runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(description="The runs, in order.")
+    runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(
+        description="The runs, in order: all of them placements, or all of them benches."
+    )
+    studies: tuple[Study, ...] = Field(
+        (), description="Benches: what more there is to say of studies named in runs[].study."
+    )
+    claims: tuple[Claim, ...] = Field(
+        (), description="Benches: statements that the page calls confirmed or contradicted."
+    )
 
 
 def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
@@ -53,8 +66,15 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
     yield from _lines({"title": config.title})
     yield from _overrides("set", config.overrides)
     for i, run in enumerate(config.runs):
-        yield from _lines({f"runs.{i}.label": run.label, f"runs.{i}.note": run.note})
+        texts = {"label": run.label, "note": run.note, "study": run.study or "", "group": run.group}
+        yield from _lines({f"runs.{i}.{key}": text for key, text in texts.items()})
         yield from _overrides(f"runs.{i}.set", run.overrides)
+    for i, study in enumerate(config.studies):
+        yield from _lines({f"studies.{i}.name": study.name, f"studies.{i}.note": study.note})
+    for i, claim in enumerate(config.claims):
+        yield from _lines({f"claims.{i}.text": claim.text, f"claims.{i}.unit": claim.unit})
+    yield from study_problems(config.studies, [run.study for run in config.runs if run.study is not None])
+    yield from claim_problems(config.claims)
 
 
 def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:

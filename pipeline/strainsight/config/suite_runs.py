@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from strainsight.config.load import LoadedConfig, Override, kind_of, load_config
 from strainsight.config.messages import MISSING
 from strainsight.config.suite import SuiteConfig, SuiteRun
+from strainsight.config.suite_benches import refused
 from strainsight.errors import ConfigError, StrainsightError
 
 Of = TypeVar("Of")
@@ -28,8 +29,8 @@ class PlannedRun:
 def runs_of(suite: LoadedConfig) -> tuple[PlannedRun, ...]:
     """The configs of a suite's runs, in order: its `set` put over each, then the run's own, then name and suffix.
 
-    A guess that comes from a run of the suite follows that run's suffix. Raises ConfigError with every problem of every
-    run; what `set` made wrong is placed in the suite's file.
+    What is taken `from` a run of the suite follows that run's suffix. Raises ConfigError with every problem of every run;
+    what `set` made wrong is placed in the suite's file.
     """
     model = suite.model
     assert isinstance(model, SuiteConfig)
@@ -37,7 +38,12 @@ def runs_of(suite: LoadedConfig) -> tuple[PlannedRun, ...]:
     names = [run.config.model.name for run in plain]
     found = all_of(plain, lambda run: _final(suite, model, run, names))
     all_of(found, lambda run: _refuse_taken(suite, model, found[: run.place], run))
+    all_of(refused(suite, model, found, names), _raise)
     return tuple(found)
+
+
+def _raise(error: ConfigError) -> None:
+    raise error
 
 
 def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
@@ -69,8 +75,8 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
     kind = kind_of(path)
     if kind == "suite":
         raise ConfigError(f"{path} is a suite itself", key=key, where=where, remedy="list its runs one by one")
-    if kind in ("bench", "bearing"):
-        what = f"{path} is a {kind}: the page of a suite is about placements"
+    if kind == "bearing":
+        what = f"{path} is a bearing alone: the page of a suite is about placements or benches"
         raise ConfigError(what, key=key, where=where, remedy=f"run it by itself: strainsight run {path}")
     overrides = [
         Override(key, value, suite.locate(f"{section}.{key}"))
@@ -105,12 +111,12 @@ def _leaves(key: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield key, value
         return
     for name, below in value.items():
-        yield from _leaves(f"{key}.{name}", below)
+        yield from _leaves(f"{key}.{name}" if key else name, below)
 
 
 def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequence[str]) -> PlannedRun:
     """The run with its suffix; names: of all runs before that."""
-    more = list(_guesses(run, names, model.suffix))
+    more = list(_taken(run, names, model.suffix))
     if model.suffix:
         more.append(Override("name", names[run.place] + model.suffix, suite.locate("suffix")))
     if not more:
@@ -118,20 +124,19 @@ def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequ
     return PlannedRun(run.entry, run.place, load_config(run.config.path, (*run.config.overrides, *more)))
 
 
-def _guesses(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Override]:
-    """The guesses that come from runs of the suite, under the names that these have here."""
-    for name, entry in run.config.data["parameters"].items():
-        if not isinstance(entry["guess"], dict):
+def _taken(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Override]:
+    """What comes from runs of the suite, under the names that these have here."""
+    for key, source in _leaves("", run.config.data):
+        if not key.endswith(".from") or not isinstance(source, str):
             continue
-        source = str(entry["guess"]["from"])
-        key = f"parameters.{name}.guess.from"
         where = run.config.locate(key)
         if source in names[: run.place]:
             if suffix:
                 yield Override(key, source + suffix, where)
         elif source in names:
+            what = "the guess" if ".guess." in key else "it"
             raise ConfigError(
-                f"the guess comes from '{source}', which the suite runs later",
+                f"{what} comes from '{source}', which the suite runs later",
                 key=key,
                 where=where,
                 remedy="list that run before this one",

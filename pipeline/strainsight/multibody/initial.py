@@ -130,7 +130,8 @@ def check_consistent(system: System, q: np.ndarray, v: np.ndarray) -> None:
 
 
 def check_regular(system: System, q: np.ndarray) -> None:
-    """Raise InfeasibleError naming constraints that depend on others at q, or a body that can move without mass.
+    """Raise InfeasibleError naming constraints that depend on others at q, a body that can move without mass, or one whose
+    inertia is out of all proportion.
 
     Pivoted QR of the joints' gradients after those of the rigid motions, unit rows in the metric of the mass.
     """
@@ -142,6 +143,15 @@ def check_regular(system: System, q: np.ndarray) -> None:
     norms = np.linalg.norm(B, axis=1)
     rigid = 6 * sum(moves(body) for body in system.bodies)
     idle = [system.constraints[i] for i in range(len(B)) if norms[i] <= DEPENDENT * norms.max()]
+    heavy = np.flatnonzero(norms[:rigid] <= DEPENDENT * norms.max())
+    if len(heavy):
+        # a body's rigidity always changes with its coordinates: only its weight in the metric can hide that
+        body = [b.name for b in system.bodies if moves(b)][heavy[0] // 6]
+        raise InfeasibleError(
+            f"the inertia of body {body} is too large beside the rest of the system: its coordinates weigh "
+            f"{norms.max() / norms[heavy[0]]:.1e} times those of others",
+            remedy="check the masses [kg] and moments of inertia [kg m²] of the bodies",
+        )
     if idle:
         raise InfeasibleError(
             f"{'; '.join(idle)}: no coordinate changes it here", remedy="leave it out, or turn the frame's axes"

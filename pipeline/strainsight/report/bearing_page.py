@@ -23,6 +23,8 @@ DISPLACEMENT_UNITS = ("m", "m", "m", "rad", "rad")
 ROUNDING = 1e-9
 """Share of the largest load below which a component is drawn as zero."""
 LOAD_UNITS = ("N", "N", "N", "N m", "N m")
+CASE_HEAD = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACEMENTS))
+"""Of the table of a load case, on the page and in the terminal."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,22 @@ def cleared(values: FloatArray) -> FloatArray:
     return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
 
 
+def case_rows(case: BearingCase) -> list[tuple[str, list[tuple[float, str, int]]]]:
+    """Rows below CASE_HEAD: the displacement, and its cells as value, unit and significant digits."""
+    load, q, stiffness = cleared(case.load), cleared(case.displacement), cleared(case.stiffness)
+    return [
+        (
+            DISPLACEMENTS[i],
+            [
+                (float(load[i]), LOAD_UNITS[i], 6),
+                (float(q[i]), DISPLACEMENT_UNITS[i], 6),
+                *((float(value), "", 4) for value in stiffness[i]),
+            ],
+        )
+        for i in range(len(DISPLACEMENTS))
+    ]
+
+
 def _figures(title: str, drawings: Sequence[Drawing], first: int) -> str:
     if not drawings:
         return ""
@@ -159,21 +177,9 @@ def _figures(title: str, drawings: Sequence[Drawing], first: int) -> str:
 def _cases(cases: Sequence[BearingCase]) -> str:
     text = ""
     for case in cases:
-        rows = [
-            [name, measure(q, unit, 5), measure(load, of, 5), *(measure(value, "", 4) for value in row)]
-            for name, unit, of, q, load, row in zip(
-                DISPLACEMENTS,
-                DISPLACEMENT_UNITS,
-                LOAD_UNITS,
-                cleared(case.displacement),
-                cleared(case.load),
-                cleared(case.stiffness),
-                strict=True,
-            )
-        ]
-        head = ("", "displacement", "load", *(f"∂/∂{name}" for name in DISPLACEMENTS))
+        rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
         title = f"<h2>{escape(case.bearing)} under {escape(case.case)}</h2>"
         text += title + table(
-            head, rows, numeric=range(1, 8), caption="Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
+            CASE_HEAD, rows, numeric=range(1, 8), caption="Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
         )
     return text

@@ -6,7 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Name, Positive, RunName, Section, Seed
+from strainsight.config.base import Name, Positive, RunName, Section, Seed, Text
+
+Bearings = Text | Annotated[tuple[Text, ...], Field(min_length=1)] | None
+"""Names of bearings; None: all."""
 
 
 class Bearing(Section):
@@ -20,7 +23,9 @@ class Bearing(Section):
     radius_inner_right: Positive = Field(description="Groove radius of that raceway [m]; above D/2.")
     radius_outer_left: Positive = Field(description="Groove radius of that raceway [m]; above D/2.")
     radius_outer_right: Positive = Field(description="Groove radius of that raceway [m]; above D/2.")
-    preload: float = Field(0.0, description="Oversize of the balls on their radius [m]; negative: clearance.")
+    preload: float = Field(
+        0.0, description="Oversize of the balls on their radius [m]; negative: clearance; at most 2 % of D."
+    )
     groove_centres: Literal["follow", "fixed"] = Field(
         "follow",
         description="What a change of ball or groove does: follow: the contact point at the free angle stays; fixed: the "
@@ -38,14 +43,18 @@ class LoadCase(Section):
 
     force: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="Along the bearing's axis x, y and z [N].")
     moment: tuple[float, float] = Field((0.0, 0.0), description="About y and z [N m].")
+    bearing: Bearings = Field(None, description="Name of the bearing it loads, or a list of them; null: every one.")
 
 
 class Curve(Section):
     """A load-displacement curve: one displacement of the inner ring runs, the others are held at zero."""
 
     along: Literal["x", "y", "z", "tilt_y", "tilt_z"] = Field(description="Which displacement.")
-    reach: Positive = Field(description="It runs from −reach to reach [m or rad].")
+    reach: Positive = Field(
+        description="It runs from −reach to reach [m or rad]; at the pitch circle at most the ball diameter."
+    )
     points: int = Field(41, ge=3, le=10001, description="Points of the curve [-].")
+    bearing: Bearings = Field(None, description="Name of the bearing it is of, or a list of them; null: every one.")
 
 
 class BearingConfig(Section):

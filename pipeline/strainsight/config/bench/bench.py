@@ -10,6 +10,7 @@ from strainsight.config.base import Name, Positive, RunName, Section, Seed, Text
 from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
 from strainsight.config.bench.bodies import Body, Frame
 from strainsight.config.bench.connections import Force, Frames, Joint
+from strainsight.config.bench.estimate import Estimate
 from strainsight.config.gauges import GluedGauge
 
 
@@ -77,3 +78,4 @@ class BenchConfig(Section):
     forces: dict[Name, Force] = Field({}, description="Forces, by name.")
     sensors: dict[Name, Sensor] = Field({}, description="Sensors, by name.")
     simulate: Simulate = Field(description="The simulation in time.")
+    estimate: Estimate | None = Field(None, description="Loads and parameters from the sensors.")

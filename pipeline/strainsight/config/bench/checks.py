@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
-from strainsight.config.bench.bearing import Bearing, BearingConfig
+from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.bodies import FlexibleBody, Pose
-from strainsight.config.problem import Problem
-from strainsight.errors import did_you_mean
+from strainsight.config.bench.bodies import FlexibleBody, Pose, RigidBody
+from strainsight.config.bench.checks_bearing import bearings_alone
+from strainsight.config.bench.checks_estimate import estimate_problems
+from strainsight.config.problem import Problem, known
 
 GROUND = "ground"
-RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
 MOST_STEPS = 10_000_000
 PARALLEL = 1e-6
+GYRATION = (1e-7, 1e7)
+"""[m] within which a radius of gyration is one: beyond, turning weighs nothing beside moving, or moving beside turning."""
+MASSES_APART = 1e12
+"""Ratio of two masses up to which the joints between them hold to rounding."""
 
 
 def bearing_problems(config: BearingConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of bearings."""
-    yield from _bearings(config.bearings)
+    yield from bearings_alone(config.bearings, config.cases, config.curves)
 
 
 def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of a bench."""
-    yield from _bearings(config.bearings)
+    yield from bearings_alone(config.bearings, config.cases, config.curves)
     if GROUND in config.bodies:
         yield Problem(f"bodies.{GROUND}", f"'{GROUND}' is the ground", "give the body another name", at_key=True)
     yield from _bodies(config)
@@ -36,37 +39,14 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _forces(config)
     for name, sensor in config.sensors.items():
         if sensor.type == "strain":
-            yield from _known(f"sensors.{name}.body", sensor.body, _flexible(config), "flexible body")
+            yield from known(f"sensors.{name}.body", sensor.body, _flexible(config), "flexible body")
         elif sensor.type == "relative":
             yield from _two_frames(f"sensors.{name}.frames", sensor.frames, config)
         else:
-            yield from _known(f"sensors.{name}.frame", sensor.frame, config.frames, "frame")
+            yield from known(f"sensors.{name}.frame", sensor.frame, config.frames, "frame")
     yield from _moduli(config)
-    if config.cases and not config.bearings:
-        yield Problem("cases", "there is no bearing", "leave cases out, or give bearings", at_key=True)
-    if config.curves and not config.bearings:
-        yield Problem("curves", "there is no bearing", "leave curves out, or give bearings", at_key=True)
     yield from _time(config)
-
-
-def _bearings(bearings: Mapping[str, Bearing]) -> Iterator[Problem]:
-    for name, bearing in bearings.items():
-        half = bearing.ball_diameter / 2
-        for radius in RADII:
-            value = getattr(bearing, radius)
-            if not value > half:
-                yield Problem(
-                    f"bearings.{name}.{radius}",
-                    f"{value:g} m is not above half the ball diameter, {half:g} m",
-                    "a groove is wider than its ball: usual radii are 1.03 to 1.06 times half the diameter",
-                )
-        if bearing.ball_diameter * bearing.balls > np.pi * bearing.pitch_diameter:
-            yield Problem(
-                f"bearings.{name}.balls",
-                f"{bearing.balls} balls of {bearing.ball_diameter:g} m do not fit on a circle of "
-                f"{bearing.pitch_diameter:g} m",
-                f"take at most {int(np.pi * bearing.pitch_diameter / bearing.ball_diameter)}",
-            )
+    yield from estimate_problems(config)
 
 
 def _time(config: BenchConfig) -> Iterator[Problem]:
@@ -128,12 +108,43 @@ def _bodies(config: BenchConfig) -> Iterator[Problem]:
                     "one principal moment is larger than the sum of the two others, which no body has",
                     "give the moments about the centre of mass, with xy = −∫ρxy",
                 )
+            yield from _gyration(name, body)
+    yield from _masses(config)
+
+
+def _gyration(name: str, body: RigidBody) -> Iterator[Problem]:
+    """√(½ tr I / m): the joints are told apart in the metric of the mass, where a lever is one beside this radius."""
+    trace = body.inertia.xx + body.inertia.yy + body.inertia.zz
+    radius = float(np.sqrt(trace / 2) / np.sqrt(body.mass))
+    low, high = GYRATION
+    if not low <= radius <= high:
+        yield Problem(
+            f"bodies.{name}.mass",
+            f"{body.mass:g} kg with moments of inertia of {trace:.3g} kg m² in sum is a radius of gyration of {radius:.3g} m, "
+            f"not within {low:g} to {high:g} m",
+            "give mass and moments of the same body, in kg and kg m²",
+        )
+
+
+def _masses(config: BenchConfig) -> Iterator[Problem]:
+    masses = {name: body.mass for name, body in config.bodies.items() if isinstance(body, RigidBody)}
+    if not masses:
+        return
+    light, heavy = min(masses, key=masses.__getitem__), max(masses, key=masses.__getitem__)
+    if masses[heavy] / MASSES_APART > masses[light]:
+        # which of the two is meant nobody can know: the one farther from a kilogram is the odd one
+        odd, other = (heavy, light) if abs(np.log(masses[heavy])) >= abs(np.log(masses[light])) else (light, heavy)
+        yield Problem(
+            f"bodies.{odd}.mass",
+            f"{masses[odd]:g} kg beside {masses[other]:g} kg of '{other}': more than {MASSES_APART:g} lie between them",
+            "check both, in kg; what is to stay where it is belongs to the ground",
+        )
 
 
 def _frames(config: BenchConfig) -> Iterator[Problem]:
     for name, frame in config.frames.items():
         key = f"frames.{name}"
-        yield from _known(f"{key}.body", frame.body, [*config.bodies, GROUND], "body")
+        yield from known(f"{key}.body", frame.body, [*config.bodies, GROUND], "body")
         yield from _pose(f"{key}.pose", frame.pose)
         flexible = frame.body in _flexible(config)
         if flexible and frame.node is None:
@@ -150,10 +161,10 @@ def _forces(config: BenchConfig) -> Iterator[Problem]:
         if force.type == "spring":
             yield from _two_frames(f"{key}.frames", force.frames, config)
         elif force.type == "bearing":
-            yield from _known(f"{key}.bearing", force.bearing, config.bearings, "bearing")
+            yield from known(f"{key}.bearing", force.bearing, config.bearings, "bearing")
             yield from _two_frames(key, (force.outer, force.inner), config)
         elif force.type in ("force", "moment"):
-            yield from _known(f"{key}.frame", force.frame, config.frames, "frame")
+            yield from known(f"{key}.frame", force.frame, config.frames, "frame")
             if force.frame in config.frames and config.frames[force.frame].body == GROUND:
                 what = f"frame '{force.frame}' is on the ground, where a load moves nothing"
                 yield Problem(f"{key}.frame", what, "name a frame on a body")
@@ -163,7 +174,7 @@ def _forces(config: BenchConfig) -> Iterator[Problem]:
 
 def _two_frames(key: str, frames: tuple[str, str], config: BenchConfig) -> Iterator[Problem]:
     for frame in frames:
-        yield from _known(key, frame, config.frames, "frame")
+        yield from known(key, frame, config.frames, "frame")
     if all(frame in config.frames for frame in frames):
         bodies = {config.frames[frame].body for frame in frames}
         if len(bodies) == 1:
@@ -182,9 +193,3 @@ def _pose(key: str, pose: Pose) -> Iterator[Problem]:
 
 def _flexible(config: BenchConfig) -> list[str]:
     return [name for name, body in config.bodies.items() if isinstance(body, FlexibleBody)]
-
-
-def _known(key: str, name: str, known: Any, what: str) -> Iterator[Problem]:
-    if name not in known:
-        listed = ", ".join(known) or "none"
-        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, list(known), f"known here: {listed}"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.errors import NumericalError, UserError
+from strainsight.errors import InfeasibleError, NumericalError, StrainsightError, UserError
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.geometry import Bearing
 
@@ -20,7 +20,8 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
     loads of the same direction.
     load F (5,) [N, N, N, N m, N m] on the inner ring; start (5,), by default the centred ring. Where clearance leaves the
     ring free, one of its many positions. Returns q (5,) [m, m, m, rad, rad], with F to 1e-9 of itself and of z K (FLOOR D)^1.5.
-    Raises UserError for a load or start that is no five numbers, NumericalError where no equilibrium was reached.
+    Raises UserError for a load or start that is no five numbers, InfeasibleError for a load that is beyond the bearing,
+    NumericalError where no equilibrium was reached.
     Source: Conn, Gould and Toint, Trust-Region Methods, algorithm 6.1.1; the tangent is that of `bearing_load`.
     """
     F, y = _five("load", load), np.zeros(5) if start is None else _five("start", start)
@@ -28,17 +29,18 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
     unit = np.array([1.0, 1.0, 1.0, 2 / bearing.pitch_diameter, 2 / bearing.pitch_diameter])
     size, most = float(np.abs(unit * F).max()), _largest_force(bearing)
     if size > most:
-        raise _none(F, f"its balls together carry {most:.3g} N at an approach of one ball diameter")
+        raise _none(InfeasibleError, F, f"its balls together carry {most:.3g} N at an approach of one ball diameter")
     y, left = _newton(bearing, unit, F, y / unit)
     factor = 1e-6 * most / size if left > 1 else 1.0
     while left > 1 or factor > 1:
         factor = max(factor / 4, 1.0)
         y, left = _newton(bearing, unit, factor * F, y)
         if left > 1:
-            raise _none(factor * F, f"after {ITERATIONS} steps {left:.1e} times the tolerated force remains unbalanced")
+            why = f"after {ITERATIONS} steps {left:.1e} times the tolerated force remains unbalanced"
+            raise _none(NumericalError, factor * F, why)
     semi_axis = float(ball_loads(bearing, unit * y).semi_axes.max())
     if semi_axis > bearing.ball_diameter / 2:
-        raise _none(F, f"a contact ellipse would reach {1e3 * semi_axis:.4g} mm, beyond the ball")
+        raise _none(InfeasibleError, F, f"a contact ellipse would reach {1e3 * semi_axis:.4g} mm, beyond the ball")
     return unit * y
 
 
@@ -47,8 +49,8 @@ def _largest_force(bearing: Bearing) -> float:
     return bearing.balls * float(np.max(bearing.contacts.table[:, 3])) * bearing.ball_diameter**1.5
 
 
-def _none(F: np.ndarray, why: str) -> NumericalError:
-    return NumericalError(
+def _none(kind: type[StrainsightError], F: np.ndarray, why: str) -> StrainsightError:
+    return kind(
         f"the bearing finds no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}): {why}",
         remedy="load or preload may be far beyond what the bearing carries: look at the pressures under a smaller one",
     )

@@ -7,18 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.errors import blame
+from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.equilibrium import displacement
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.report.bearing_page import (
+    CASE_HEAD,
+    CONTACTS,
     DISPLACEMENT_UNITS,
     DISPLACEMENTS,
-    LOAD_UNITS,
     BearingCase,
     BearingCurve,
     bearing_page,
-    cleared,
+    case_rows,
 )
 from strainsight.stages.bench.case import bearing_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
@@ -67,9 +68,15 @@ def run(context: Context) -> Output:
 def _cases(config: Any, bearings: Mapping[str, Bearing]) -> Iterator[BearingCase]:
     for name, bearing in bearings.items():
         for case, entry in config.cases.items():
+            if not _is_of(name, entry):
+                continue
             load = np.array([*entry.force, *entry.moment], dtype=float)
-            with blame(f"cases.{case}"):
+            try:
                 q = displacement(bearing, load)
+            except StrainsightError as error:
+                # a case may be of several bearings
+                what = f"'{name}': {error.what}"
+                raise type(error)(what, key=f"cases.{case}", remedy=error.remedy) from error
             found, balls = bearing_load(bearing, q), ball_loads(bearing, q)
             yield BearingCase(
                 name, case, found.force, q, found.tangent, balls.angle, balls.force, balls.contact_angle, balls.pressure
@@ -79,16 +86,27 @@ def _cases(config: Any, bearings: Mapping[str, Bearing]) -> Iterator[BearingCase
 def _curves(config: Any, bearings: Mapping[str, Bearing]) -> Iterator[BearingCurve]:
     for name, bearing in bearings.items():
         half = bearing.pitch_diameter / 2
-        asked = [(ALONG.index(curve.along), curve.reach, int(curve.points)) for curve in config.curves] or [
-            (along, USUAL_REACH if along < 3 else USUAL_REACH / half, USUAL_POINTS) for along in (0, 1, 3)
+        asked = [
+            (f"curves.{i}", ALONG.index(curve.along), curve.reach, int(curve.points))
+            for i, curve in enumerate(config.curves)
+            if _is_of(name, curve)
         ]
-        for along, reach, points in asked:
+        if not config.curves:
+            usual = ((along, USUAL_REACH if along < 3 else USUAL_REACH / half) for along in (0, 1, 3))
+            asked = [(f"bearings.{name}", along, reach, USUAL_POINTS) for along, reach in usual]
+        for key, along, reach, points in asked:
             over = np.linspace(-reach, reach, points)
             q = np.zeros((points, 5))
             q[:, along] = over
-            yield BearingCurve(
-                name, along, over, np.array([bearing_load(bearing, row, slopes=False).force for row in q])
-            )
+            with blame(key):
+                load = np.array([bearing_load(bearing, row, slopes=False).force for row in q])
+            yield BearingCurve(name, along, over, load)
+
+
+def _is_of(name: str, entry: Any) -> bool:
+    """Whether a load case or a curve is of this bearing; null means every one."""
+    chosen = entry.bearing
+    return chosen is None or name in ((chosen,) if isinstance(chosen, str) else chosen)
 
 
 def _facts(bearing: Bearing) -> str:
@@ -119,19 +137,10 @@ def _tables(cases: list[BearingCase]) -> tuple[Table, ...]:
     tables = []
     for case in cases:
         rows = [
-            (name, f"{load:.6g} {of}", f"{q:.6g} {unit}", *(f"{value:.4g}" for value in row))
-            for name, load, of, q, unit, row in zip(
-                DISPLACEMENTS,
-                cleared(case.load),
-                LOAD_UNITS,
-                cleared(case.displacement),
-                DISPLACEMENT_UNITS,
-                cleared(case.stiffness),
-                strict=True,
-            )
+            (name, *(f"{value:.{digits}g} {unit}".rstrip() for value, unit, digits in cells))
+            for name, cells in case_rows(case)
         ]
-        columns = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACEMENTS))
-        tables.append(Table(f"{case.bearing} under {case.case}", columns, tuple(rows)))
+        tables.append(Table(f"{case.bearing} under {case.case}", CASE_HEAD, tuple(rows)))
         loaded = int((case.force > 0).any(axis=1).sum())
         rows_of_balls = [
             (
@@ -140,7 +149,7 @@ def _tables(cases: list[BearingCase]) -> tuple[Table, ...]:
                 f"{case.pressure[:, i].max() / 1e6:.5g} MPa",
                 f"{np.rad2deg(case.angle[np.argmax(case.force[:, i]), i]):.4g}°" if case.force[:, i].max() > 0 else "–",
             )
-            for i, contact in enumerate(("inner left", "inner right", "outer left", "outer right"))
+            for i, contact in enumerate(CONTACTS)
         ]
         title = f"the balls of {case.bearing} under {case.case}: {loaded} of {len(case.station)} loaded"
         tables.append(Table(title, ("contact", "largest force", "pressure", "angle there"), tuple(rows_of_balls)))

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
+from strainsight.multibody.forces import SpringDamper
 from strainsight.multibody.initial import project_position, project_velocity, state
-from strainsight.multibody.relations import dot
+from strainsight.multibody.relations import distance_squared, dot
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.static import static_equilibrium
 from strainsight.stages.bench.case import Bench
@@ -17,8 +18,8 @@ SLIP = 0.01
 """Share of a velocity that the joints may take away."""
 TURNED = 0.02
 """[rad] that the joints may turn a body."""
-
-
+SHORTEST = 1e-6
+"""[m] between the ends of a spring below which its direction is rounding."""
 PARALLEL = {"revolute": (2,), "prismatic": (0, 1, 2), "fixed": (0, 1, 2)}
 """Axes that a joint keeps parallel, of its frames as the kernel has them: z along the joint's own axis."""
 
@@ -40,6 +41,7 @@ def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np
                 key=f"bodies.{name}.pose",
                 remedy="mend the pose or the frames of its joints, or raise simulate.snap_tolerance",
             )
+    _refuse_coincident(bench, q)
     if settings.start == "equilibrium":
         try:
             q, _ = static_equilibrium(bench.system, q, u, bench.theta)
@@ -73,4 +75,20 @@ def _refuse_opposite(bench: Bench, q: np.ndarray) -> None:
                     f"the axes of '{i.name}' and '{j.name}' point opposite ways",
                     key=f"joints.{joint.name}",
                     remedy="turn one of the frames by half a turn",
+                )
+
+
+def _refuse_coincident(bench: Bench, q: np.ndarray) -> None:
+    for force in bench.system.forces:
+        if isinstance(force, SpringDamper):
+            sensor = readings(
+                bench.system, [RelationSensor(force.name, (distance_squared(force.first, force.second),))]
+            )
+            apart = np.sqrt(max(float(sensor.read(q, np.zeros_like(q))[0][0]), 0.0))
+            if apart < SHORTEST:
+                raise ConfigError(
+                    f"its end points '{force.first.name}' and '{force.second.name}' are {apart:.2g} m apart at the start, "
+                    f"below {SHORTEST:g} m: the spring has no direction",
+                    key=f"forces.{force.name}.frames",
+                    remedy="name frames that are apart at the start",
                 )

@@ -1,0 +1,153 @@
+"""What the estimate of a bench demands of its other sections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from strainsight.config.bench.estimate import Estimate, EstimatedParameter
+from strainsight.config.problem import Problem, known
+
+if TYPE_CHECKING:
+    from strainsight.config.bench.bench import BenchConfig
+
+RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
+FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
+COMPONENTS = {"relative": 5, "motion": 3}
+
+
+def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
+    """Every contradiction between `estimate` and the bench."""
+    estimate = config.estimate
+    if estimate is None:
+        return
+    loads = [name for name, force in config.forces.items() if force.type in ("force", "moment")]
+    for name in estimate.inputs:
+        yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
+    if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
+        yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
+    yield from _sensors(config, estimate)
+    yield from _parameters(config, estimate)
+    yield from _told_apart(config, estimate)
+    yield from _times(config, estimate)
+    yield from _elsewhere(config, estimate)
+
+
+def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+    channels = 0
+    for name, entry in estimate.sensors.items():
+        key = f"estimate.sensors.{name}"
+        yield from known(key, name, config.sensors, "sensor")
+        if name not in config.sensors:
+            return
+        count = channels_of(config, name)
+        channels += count or 0
+        if count is not None and isinstance(entry.noise, tuple) and len(entry.noise) != count:
+            what = f"{len(entry.noise)} noises for {count} components"
+            yield Problem(f"{key}.noise", what, f"give one number, or {count}")
+    if None not in [channels_of(config, name) for name in estimate.sensors] and channels < len(estimate.inputs):
+        yield Problem(
+            "estimate.sensors",
+            f"{channels} channels for {len(estimate.inputs)} unknown loads",
+            "give the filter more sensors, or make a load known",
+        )
+
+
+def channels_of(config: BenchConfig, name: str) -> int | None:
+    """How many components a sensor has; None where a placed layout says it later."""
+    sensor = config.sensors[name]
+    if sensor.type != "strain":
+        return COMPONENTS[sensor.type]
+    gauges = sensor.gauges
+    return sum(len(gauge.angles) if gauge.angles else 1 for gauge in gauges) if gauges else None
+
+
+def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+    moduli = {name: m.value for body in config.bodies.values() if body.type == "flexible" for name, m in body.moduli.items()}
+    taken: dict[tuple[str, str], str] = {}
+    for name, entry in estimate.parameters.items():
+        key = f"estimate.parameters.{name}"
+        if (entry.bearing is None) != (entry.property is None):
+            yield Problem(key, "bearing and property belong together", "give both, or neither for a modulus", at_key=True)
+            continue
+        if entry.bearing is None:
+            yield from known(key, name, moduli, "modulus under bodies.*.moduli")
+        else:
+            yield from known(f"{key}.bearing", entry.bearing, config.bearings, "bearing")
+            other = taken.setdefault((entry.bearing, str(entry.property)), name)
+            if other != name:
+                yield Problem(key, f"'{other}' is the same property", "name it once", at_key=True)
+        if entry.starts and entry.std is None:
+            yield Problem(f"{key}.starts", "it is not estimated", "give std, or leave starts out")
+        if entry.starts and estimate.truth.model == "walk":
+            what = "a drawn truth starts where the filter's own belief puts it"
+            yield Problem(f"{key}.starts", what, "leave starts out, or take another truth")
+        if entry.property != "preload":
+            for field, value in (("guess", entry.guess), *(("starts", start) for start in entry.starts)):
+                if value is not None and not value > 0:
+                    yield Problem(f"{key}.{field}", f"{value:g} is not positive", "give a positive value")
+        if entry.std is None and entry.guess is None:
+            yield Problem(key, "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True)
+    for bearing in config.bearings:
+        yield from _grooves(config, bearing, estimate.parameters)
+
+
+def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, EstimatedParameter]) -> Iterator[Problem]:
+    """A groove has to be wider than its ball at every guess."""
+    own = {str(e.property): (name, e) for name, e in parameters.items() if e.bearing == bearing}
+    entry = config.bearings[bearing]
+
+    def guess(field: str) -> float:
+        given = own[field][1].guess if field in own else None
+        return float(getattr(entry, field) if given is None else given)
+
+    ball = guess("ball_diameter") / 2 + max(guess("preload"), 0.0)
+    for radius in RADII:
+        if guess(radius) <= ball and own:
+            blamed = own.get("ball_diameter") or own.get(radius) or next(iter(own.values()))
+            yield Problem(
+                f"estimate.parameters.{blamed[0]}.guess",
+                f"{radius} of {guess(radius):g} m would not pass a ball of {ball:g} m in radius",
+                "a groove is wider than its ball: change the radii with it, or guess nearer",
+            )
+            return
+
+
+def _told_apart(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+    """Diameter and preload are one unknown where the groove centres stay: both only add to the interference."""
+    for bearing, entry in config.bearings.items():
+        free = {str(e.property): n for n, e in estimate.parameters.items() if e.bearing == bearing and e.std is not None}
+        if entry.groove_centres == "fixed" and {"ball_diameter", "preload"} <= free.keys():
+            yield Problem(
+                f"estimate.parameters.{free['preload']}",
+                "with groove_centres: fixed, ball diameter and preload are the same unknown",
+                "estimate one of them",
+                at_key=True,
+            )
+
+
+def _times(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+    duration = estimate.duration or config.simulate.duration
+    h = estimate.time_step or config.simulate.time_step
+    steps = duration / h
+    if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
+        what = f"{duration:g} s are {steps:.3g} steps of {h:g} s"
+        yield Problem("estimate.time_step", what, f"take {FEWEST_STEPS} to {MOST_STEPS} steps")
+    elif abs(steps - round(steps)) > 1e-6 * steps:
+        yield Problem(
+            "estimate.time_step",
+            f"{h:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)",
+            f"take {duration / round(steps):.9g} s, or estimate.duration: {h * round(steps):.9g}",
+        )
+
+
+def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+    measured = estimate.measured
+    if measured is None:
+        return
+    for name in measured.sensors:
+        yield from known(f"estimate.measured.sensors.{name}", name, list(estimate.sensors), "sensor of the filter")
+    for name in measured.inputs:
+        yield from known(f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "unknown input")
+    if measured.run == config.name:
+        yield Problem("estimate.measured.from", "is this run itself", "name another run, whose sensors are measured")

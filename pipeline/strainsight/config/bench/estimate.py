@@ -1,0 +1,103 @@
+"""What a bench's filter estimates, from which sensors, and what stands for reality."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strainsight.config.base import Name, NotNegative, Positive, Section, Text, with_defaults
+
+BearingParameter = Literal[
+    "ball_diameter", "radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right", "preload"
+]
+
+
+class MeasuredSensor(Section):
+    """A sensor that the filter is given."""
+
+    noise: NotNegative | tuple[NotNegative, ...] = Field(
+        description="σ of a sample [strain, m, rad], one for all components or one each; of a relative motion the second half of "
+        "a pair in m and rad is written out: five numbers."
+    )
+
+
+class UnknownInput(Section):
+    """A force or moment of the bench that the filter does not know: a random walk."""
+
+    guess: float | None = Field(None, description="First estimate [N or N m]; null: its history's first value.")
+    std: Positive = Field(description="σ of the first estimate [N or N m].")
+    increment: Positive = Field(description="σ of its change in a step, or in a second (see `increments`) [N or N m].")
+
+
+class EstimatedParameter(Section):
+    """A parameter that the filter's model has wrong, and may estimate.
+
+    A Young's modulus under its name in `bodies.*.moduli`, or a property of a bearing under any name.
+    """
+
+    bearing: Text | None = Field(None, description="Name of the bearing; null: a modulus of that name.")
+    property: BearingParameter | None = Field(None, description="Which property of the bearing.")
+    guess: float | None = Field(None, description="What the filter starts from [m or Pa]; null: the bench's own value.")
+    std: Positive | None = Field(
+        None, description="σ of the guess [m or Pa]; null: the guess is taken for the truth and not estimated."
+    )
+    increment: NotNegative = Field(0.0, description="σ of its change in a step, or in a second [m or Pa].")
+    starts: tuple[float, ...] = Field((), description="Further guesses, a run each: do all end alike? [m or Pa].")
+
+
+class BenchTruth(Section):
+    """What stands for reality: the bench with the values of the config."""
+
+    model: Literal["fine", "own", "walk"] = Field(
+        "fine",
+        description="fine: integrated with a finer step; own: with the filter's step; walk: that, with inputs, parameters and "
+        "disturbance drawn from the filter's own model.",
+    )
+    substeps: int = Field(20, ge=1, le=10_000, description="fine: steps of the truth in a step of the filter [-].")
+    noise: bool = Field(True, description="false: the sensors read exactly, whatever noise the filter believes.")
+
+
+class FromRun(Section):
+    """Measurements from another bench: what its sensors read there, the filter's bench must read here (thesis 4)."""
+
+    run: Text = Field(
+        alias="from",
+        description="Name of the run (results/NAME/simulate.h5), or the path of such a file from the config's folder.",
+    )
+    sensors: dict[Name, Text] = Field({}, description="Own sensor → sensor there; left out: the one of the same name.")
+    inputs: dict[Name, Text] = Field({}, description="Own input → input there, to divide one by the other; default as above.")
+    scale: Positive = Field(1.0, description="Factor on lengths that are taken over [-].")
+
+
+class Method(Section):
+    """How a measurement corrects the estimate."""
+
+    update: Literal["iterated", "one_shot", "undamped"] = Field(
+        "iterated",
+        description="iterated: damped Gauss-Newton on the most probable state with the step inside; one_shot: the extended "
+        "Kalman filter, put back onto the constraints; undamped: iterated without its damping.",
+    )
+    iterations: int = Field(10, ge=1, le=100, description="Most iterations of a step [-].")
+
+
+class Estimate(Section):
+    """Loads and parameters of the bench from its sensors (thesis 2 to 4)."""
+
+    time_step: Positive | None = Field(None, description="Time step of filter and samples [s]; null: simulate.time_step.")
+    duration: Positive | None = Field(None, description="Length of the estimate [s]; null: simulate.duration.")
+    sensors: Annotated[dict[Name, MeasuredSensor], Field(min_length=1)] = Field(
+        description="The sensors that the filter is given; all others are compared with it."
+    )
+    inputs: dict[Name, UnknownInput] = Field({}, description="Unknown forces and moments, by their names under `forces`.")
+    parameters: dict[Name, EstimatedParameter] = Field({}, description="Parameters that the filter has wrong, by name.")
+    increments: Literal["step", "second"] = Field(
+        "step", description="Whether `increment` is σ of the change in a step, whatever its length, or in a second (Q ∝ h²)."
+    )
+    disturbance: NotNegative = Field(
+        0.0, description="σ of a white acceleration on every body, drawn anew in every step: model error [m/s²]."
+    )
+    truth: BenchTruth = with_defaults(BenchTruth, "What stands for reality.")
+    measured: FromRun | None = Field(None, description="Measurements from another bench instead.")
+    method: Method = with_defaults(Method, "How a measurement corrects the estimate.")
+    runs: int = Field(1, ge=1, le=10_000, description="Seeds of the noise, a run each [-].")

@@ -1,0 +1,118 @@
+"""What the fields of a bench and its bearings demand of one another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from strainsight.config.load import load_config
+from strainsight.errors import ConfigError, UserError
+from strainsight.multibody.bearing.geometry import Bearing
+
+FULL = Path(__file__).parents[2] / "configs" / "bench-full.yaml"
+RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
+OF_THE_BEARING = "bearings.pitch-bearing"
+SMALL = ", ".join(f"{radius}: 0.0053" for radius in RADII)
+SECOND = (
+    f"bearings.spare={{balls: 20, ball_diameter: 0.01, pitch_diameter: 0.2, contact_angle: 45, {SMALL}}}"  # of 10 mm
+)
+
+
+def refused(*overrides: str) -> ConfigError:
+    with pytest.raises(ConfigError) as caught:
+        load_config(FULL, overrides)
+    assert not caught.value.others
+    assert caught.value.where
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "says"),
+    [
+        ("cases.weight.bearing=pitch-baering", "cases.weight.bearing", "did you mean pitch-bearing?"),
+        ("cases.weight.bearing=[pitch-bearing, none]", "cases.weight.bearing", "no bearing 'none'"),
+        ("curves=[{along: x, reach: 1.0e-4, bearing: [pitch]}]", "curves[0].bearing", "did you mean pitch-bearing?"),
+    ],
+)
+def test_a_case_or_a_curve_of_a_bearing_that_is_not_there_is_refused(override, key, says):
+    error = refused(override)
+    assert error.key == key
+    assert says in str(error)
+
+
+def test_a_case_may_name_one_bearing_or_several():
+    for chosen in ("null", "spare", "[spare]", "[pitch-bearing, spare]"):
+        load_config(FULL, [SECOND, f"cases.weight.bearing={chosen}"])
+    with pytest.raises(ConfigError, match=r"cases\.weight\.bearing"):
+        load_config(FULL, ["cases.weight.bearing=[]"])
+
+
+@pytest.mark.parametrize(
+    ("along", "reach", "says"),
+    [
+        ("x", 0.0601, ("0.0601 m is beyond", "0.06 m", "take at most 0.06 m")),
+        ("tilt_y", 0.06, ("moves the balls of 'pitch-bearing' by 0.069 m", "take at most 0.05217 rad")),
+        ("z", 5e-11, ("rounding", "6e-11 m")),
+        ("tilt_z", 1e-300, ("rounding", "rad")),
+        ("y", 1e300, ("1e+300 m is beyond",)),
+    ],
+)
+def test_a_curve_that_reaches_beyond_a_ball_or_nowhere_is_refused(along, reach, says):
+    error = refused(f"curves=[{{along: x, reach: 1.0e-4}}, {{along: {along}, reach: {reach!r}}}]")
+    assert error.key == "curves[1].reach"
+    assert all(text in str(error) for text in says)
+
+
+def test_the_reach_of_a_curve_is_held_against_the_bearings_it_is_of():
+    load_config(FULL, [SECOND, "curves=[{along: x, reach: 0.05, bearing: pitch-bearing}]"])
+    assert "'spare', 0.01 m" in str(refused(SECOND, "curves=[{along: x, reach: 0.05}]"))
+
+
+@pytest.mark.parametrize(
+    ("preload", "says"),
+    [(-1.0, "-1 m is beyond 0.0012 m, 2 %"), (-0.0013, "beyond"), (0.0013, "beyond"), (1e300, "beyond")],
+)
+def test_a_preload_beyond_any_bearing_is_refused(preload, says):
+    error = refused(f"{OF_THE_BEARING}.preload={preload!r}")
+    assert error.key == f"{OF_THE_BEARING}.preload"
+    assert says in str(error)
+
+
+@pytest.mark.parametrize("radius", [0.0299, 0.03, 0.0304, 0.0306, 0.0318])
+@pytest.mark.parametrize("preload", [-5e-4, 0.0, 5e-4])
+def test_config_and_kernel_refuse_the_same_grooves(radius, preload):
+    """The rule is written twice because a config knows no kernel; this holds the two together."""
+    data = load_config(FULL).data["bearings"]["pitch-bearing"]
+    values = data | {"radius_outer_left": radius, "preload": preload, "contact_angle": 0.7}
+    try:
+        Bearing(**values)
+        passes = True
+    except UserError:
+        passes = False
+    overrides = [f"{OF_THE_BEARING}.radius_outer_left={radius!r}", f"{OF_THE_BEARING}.preload={preload!r}"]
+    if passes:
+        load_config(FULL, overrides)
+    else:
+        key = "radius_outer_left" if radius <= 0.03 else "preload"
+        assert refused(*overrides).key == f"{OF_THE_BEARING}.{key}"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "says"),
+    [
+        (["bodies.blade.mass=1.0e+30"], "bodies.blade.mass", "radius of gyration of 1.6"),
+        (["bodies.blade.mass=1.0e-30"], "bodies.blade.mass", "1e-30 kg with moments of inertia"),
+        (["bodies.dust={type: rigid, mass: 1.0e-10, inertia: {xx: 1.0e-10, yy: 1.0e-10, zz: 1.0e-10}}"],
+         "bodies.dust.mass", "1e-10 kg beside 14000 kg of 'blade'"),
+    ],
+)  # fmt: skip
+def test_a_mass_out_of_all_proportion_is_refused(overrides, key, says):
+    error = refused(*overrides)
+    assert error.key == key
+    assert says in str(error)
+
+
+def test_a_heavy_body_with_moments_to_match_is_accepted():
+    """Proportion decides, not size."""
+    load_config(FULL, ["bodies.blade.mass=1.0e+30", "bodies.blade.inertia={xx: 1.0e+30, yy: 1.0e+30, zz: 1.0e+30}"])
