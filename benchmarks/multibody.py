@@ -222,7 +222,7 @@ def full_bench(steps: int) -> None:
     from strainsight.config.load import load_config
     from strainsight.multibody.forces import RelativeElement
     from strainsight.multibody.sensors import RelationSensor, readings
-    from strainsight.stages.bench.case import bench_of
+    from strainsight.stages.bench.case.bench import bench_of
     from strainsight.stages.bench.import_bodies import IMPORT
     from strainsight.stages.bench.reduce import REDUCE
     from strainsight.stages.records.below import Below

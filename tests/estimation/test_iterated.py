@@ -194,6 +194,53 @@ def test_a_step_that_fails_is_halved_for_its_run_alone():
         assert found.x[b, 0] == pytest.approx(np.sqrt(best.x[0]), abs=1e-4)
 
 
+def test_without_damping_every_increment_is_taken_and_a_step_that_fails_loses_its_run():
+    model = Brittle(np.zeros((1, 1)), np.array([1e-4]))
+    x, P = np.array([[1.0], [1.0]]), np.array([[[4.0]], [[4.0]]])
+    y = np.array([[0.05], [0.9]])
+    found = refine(model, 0, x, P, model.Q, np.full((2, 1), 1e-4), y, 50, damped=False)
+    assert np.isnan(found.x[0, 0])
+    best = least_squares(lambda z: [(z[0] - 1) / 2, (0.9 - np.sqrt(z[0])) / 1e-2], [0.5])
+    assert found.x[1, 0] == pytest.approx(np.sqrt(best.x[0]), abs=1e-6)
+
+
+@pytest.mark.parametrize("form", ["joseph", "square_root"])
+@pytest.mark.parametrize(
+    "how", [{}, {"iterations": 5, "through_step": True, "damped": False}], ids=["one shot", "undamped"]
+)
+def test_a_run_whose_step_fails_is_lost_and_the_others_go_on(form, how):
+    model = Brittle(np.array([[1e-4]]), np.array([1e-4]))
+    y = np.sqrt(0.9) * np.ones((4, 2, 1))
+    mean, P = np.array([[-1.0], [0.9]]), 1e-3 * np.ones((2, 1, 1))
+    both = filter_runs(model, mean, P, y, form=form, **how)
+    alone = filter_runs(model, mean[1:], P[1:], y[:, 1:], form=form, **how)
+    np.testing.assert_array_equal(both.lost, [1, -1])
+    assert np.isnan(both.mean[1:, 0]).all()
+    np.testing.assert_allclose(both.mean[:, 1], alone.mean[:, 0], rtol=1e-14)
+
+
+def test_a_projection_keeps_the_update_in_one_shot_on_the_constraint():
+    start = np.diag([0, 0, 0, 0, 1e-2, 0.05])
+    model = Pendulum(np.zeros((6, 6)), np.array([1e-4]), start, h=0.05)
+    y = np.sin(0.5 * np.cos(4 * model.h * np.arange(1, 41)))[:, None]
+
+    def project(x):
+        x = x.copy()
+        x[:, :2] /= np.linalg.norm(x[:, :2], axis=1)[:, None]
+        x[:, 2:4] -= np.sum(x[:, :2] * x[:, 2:4], axis=1)[:, None] * x[:, :2]
+        return x
+
+    mean = np.array([np.sin(0.4), -np.cos(0.4), 0, 0, 0, 0])
+    away = []
+    for how in ({}, {"project": project}):
+        x = filter_runs(model, mean, np.diag([0, 0, 0, 0, 0, 1.0]), y, **how).mean[1:, 0]
+        away.append(
+            max(np.abs(np.hypot(x[:, 0], x[:, 1]) - 1).max(), np.abs(np.sum(x[:, :2] * x[:, 2:4], axis=1)).max())
+        )
+    assert away[0] > 1e-4
+    assert away[1] < 1e-14
+
+
 def test_a_linear_model_has_nothing_to_iterate(make_beam, make_filter):
     model = make_filter(make_beam(modes=3), ("tip",))
     nothing, P0 = np.zeros((30, 3, 0)), np.diag([0.0] * 6 + [1.0])

@@ -71,7 +71,9 @@ class SquareRoot:
     def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> SquareRoot:
         F = self.factor
         if before is not None:
-            F = np.concatenate(np.broadcast_arrays(F, self._factor("before", before)), axis=-1)
+            own = self._factor("before", before)
+            b = max(len(F), len(own))
+            F = np.concatenate([np.broadcast_to(X, (b, *X.shape[1:])) for X in (F, own)], axis=-1)
         return SquareRoot(predict_factor(F, A, self._factor("process", process)), self.known)
 
     def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[SquareRoot, np.ndarray, np.ndarray]:
@@ -83,7 +85,9 @@ class SquareRoot:
 
     def _factor(self, which: str, Q: np.ndarray) -> np.ndarray:
         if which not in self.known or self.known[which][0] is not Q:
-            self.known[which] = (Q, square_factor(Q if Q.ndim == 3 else Q[None]))
+            factor = square_factor(Q if Q.ndim == 3 else Q[None])
+            # noise on few states has few columns, and every column costs an orthogonal step
+            self.known[which] = (Q, factor[:, :, np.any(factor, axis=(0, 1))])
         return self.known[which][1]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from strainsight.errors import NumericalError
@@ -60,6 +62,10 @@ def filter_runs(
     form: Form = "joseph",
     iterations: int = 1,
     through_step: bool = False,
+    damped: bool = True,
+    project: Callable[[np.ndarray], np.ndarray] | None = None,
+    told: Callable[[int], None] | None = None,
+    refuse: bool = True,
 ) -> FilterRun:
     """Predict with the step, update with the measurement, T times, for B runs at once:
 
@@ -70,11 +76,13 @@ def filter_runs(
     keep "all" stores what the smoother needs (2 T b n² numbers).
     form: "joseph", or "square_root", which carries a factor of P and serves noise so small that P spans more digits than
     a number has. iterations: 1 is the extended Kalman filter, more make the update a damped Gauss-Newton iteration,
-    through_step with the step inside (`refine`); a linear model has nothing to iterate.
+    through_step with the step inside (`refine`); a linear model has nothing to iterate. damped: whether an increment that
+    raises the cost or fails is halved. project: puts x (B, n) back on constraints after every update, its covariance is
+    left as it is; a step with the constraints inside and an update through it need none. told: is told every step that begins.
     No scaling of the states: products and factors commute with a diagonal scaling, and P is never inverted. A covariance
     that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs, and
     not again once it has come to rest, as long as no sample is missing and the noise is the same.
-    Raises NumericalError where every run is lost, or where HPHᵀ + R is not positive definite.
+    Raises NumericalError where every run is lost and `refuse`, or where HPHᵀ + R is not positive definite.
     """
     y = measurement if measurement.ndim == 3 else measurement[:, None, :]
     there = np.isfinite(y)
@@ -93,11 +101,14 @@ def filter_runs(
     G, L, calm = P, P, 0
     same: tuple[np.ndarray | None, ...] = (None, None, None)
     for k in range(len(y)):
+        if told is not None:
+            told(k)
         instant, noise = (k + 1) * model.h, (model.before(k), model.process(k), model.noise(k))
         before, process, R = noise
         calm = calm if all(new is old for new, old in zip(noise, same, strict=True)) and there[k].all() else 0
         same = noise
         ahead, A = model.step(x, k)
+        A = _where_it_failed(ahead, A, np.eye(model.size))
         H: np.ndarray | None = None
         adjusted = None
         if not there[k].any():
@@ -105,7 +116,7 @@ def filter_runs(
         else:
             expected, H = model.measure(ahead, k)
             record.innovation[k] = y[k] - expected
-            innovation = record.innovation[k]
+            innovation, H = record.innovation[k], _where_it_failed(ahead, H, 0.0)
             if not there[k].all():
                 H, innovation = np.where(there[k][..., None], H, 0.0), np.nan_to_num(innovation)
             if calm < CALM:
@@ -118,17 +129,20 @@ def filter_runs(
             else:
                 if through_step:
                     full = belief.covariance if before is None else belief.covariance + before
-                    found = refine(model, k, x, full, process, R, y[k], iterations)
-                    A = found.A
+                    found = refine(model, k, x, full, process, R, y[k], iterations, damped)
+                    A = _where_it_failed(found.x, found.A, np.eye(model.size))
                     prior = belief.predicted(A, process, before)
                 else:
-                    found = refine(model, k, ahead, prior.covariance, None, R, y[k], iterations)
-                belief, _, L = prior.updated(found.H, R, instant)
-                x, H, adjusted = found.x, found.H, whiten(L, found.innovation)
+                    found = refine(model, k, ahead, prior.covariance, None, R, y[k], iterations, damped)
+                x, H = found.x, _where_it_failed(found.x, found.H, 0.0)
+                belief, _, L = prior.updated(H, R, instant)
+                adjusted = whiten(L, found.innovation)
+            if project is not None:
+                x = project(x)
         astray = model.lost(x)
         if astray.any():
             record.lost[astray & (record.lost < 0)] = k + 1
-            if np.all(record.lost >= 0):
+            if refuse and np.all(record.lost >= 0):
                 raise _all_lost(model, record.lost)
             x = np.where(astray[:, None], start[0], x)
             belief = belief if b == 1 else belief.reset(astray, start[1])
@@ -142,6 +156,12 @@ def filter_runs(
             record.readings(k, *model.measure(x, k), None)
         record.linearised(k, A, H, adjusted)
     return record.finished(P, there)
+
+
+def _where_it_failed(x: np.ndarray, X: np.ndarray, instead: np.ndarray | float) -> np.ndarray:
+    """X (b, ., .) with `instead` in the runs whose x (B, n) is not finite: they are lost, and must not spoil the others."""
+    failed = ~np.isfinite(x.sum(axis=1))
+    return np.where(failed[:, None, None], instead, X) if failed.any() and len(X) == len(failed) else X
 
 
 def _unmoved(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:

@@ -15,6 +15,10 @@ HALVINGS = 12
 SETTLED = 1e-6
 """The iteration ends when the next increment is shorter than this many standard deviations."""
 
+SHORT = 1e-3
+"""An increment of fewer standard deviations is taken whatever the cost says: the 1e-6 it is worth may be less than the
+rounding of the cost where the noise is small."""
+
 
 @dataclass(frozen=True)
 class Refined:
@@ -37,6 +41,7 @@ def refine(
     R: np.ndarray,
     measured: np.ndarray,
     most: int,
+    damped: bool = True,
 ) -> Refined:
     """The most probable start ξ and disturbance w of a step, given its measurement, by damped Gauss-Newton:
 
@@ -48,7 +53,8 @@ def refine(
 
     x (B, n), prior (b, n, n) [with `before`] before the step k, process (b, n, n) or (n, n) after it; process None: x and
     prior stand behind the step, f is the identity, and this is the iterated extended Kalman filter;
-    R (b, m); measured y (B, m), NaN where missing; most: iterations.
+    R (b, m); measured y (B, m), NaN where missing; most: iterations; damped False: every increment is taken as it is, and
+    a step that fails leaves NaN in its run.
     Source: Bell and Cathey, IEEE Trans. Automatic Control 38 (1993); García-Fernández et al., Signal Processing 2021.
     """
     there = np.isfinite(measured)
@@ -77,16 +83,19 @@ def refine(
         length = np.sum(d_mu * apply(prior, d_mu), axis=-1) + np.sum(d_nu * apply(Q, d_nu), axis=-1)
         going &= length > SETTLED**2
         share = np.where(going, 1.0, 0.0)
-        for _ in range(HALVINGS):
+        for _ in range(HALVINGS if damped else 1):
             if not share.any():
                 break
             trial_mu, trial_nu = mu + share[:, None] * d_mu, nu + share[:, None] * d_nu
             try:
                 found = evaluate(trial_mu, trial_nu)
             except NumericalError:  # of the step itself, for the whole batch
+                if not damped:
+                    raise
                 share *= 0.5
                 continue
-            better = (found[4] <= cost * (1 + 1e-12)) & (share > 0)
+            better = (found[4] <= cost * (1 + 1e-12)) | ((length < SHORT**2) & np.isfinite(found[4])) | (not damped)
+            better &= share > 0
             taken += better
             mu, nu = np.where(better[:, None], trial_mu, mu), np.where(better[:, None], trial_nu, nu)
             after, A, H, effective, cost = (
@@ -107,7 +116,13 @@ def _duals(
     S = HA @ prior @ transposed(HA) + H @ Q @ transposed(H)
     diagonal = range(R.shape[-1])
     S[..., diagonal, diagonal] += R
-    multiplier = np.linalg.solve(S, effective[..., None])
+    try:
+        multiplier = np.linalg.solve(S, effective[..., None])
+    except np.linalg.LinAlgError as error:
+        raise NumericalError(
+            "the innovation covariance is singular",
+            remedy="two sensors may be the same, or the noise stated is below what a number resolves",
+        ) from error
     return (transposed(HA) @ multiplier)[..., 0], (transposed(H) @ multiplier)[..., 0]
 
 

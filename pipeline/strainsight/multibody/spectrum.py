@@ -1,11 +1,13 @@
-"""Small undamped motions about a state: how fast the coupled system moves by itself."""
+"""Small motions about a state: the linear system there, and how fast it moves by itself."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh, null_space
 
-from strainsight.multibody.equations import balance
+from strainsight.multibody.equations import Balance, balance
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.system import System
 
@@ -13,13 +15,24 @@ ROUNDING = 100.0
 """Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
 
 
-def coupled_frequencies(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Undamped natural frequencies [Hz], ascending, of the system held where it is:
+@dataclass(frozen=True)
+class Tangent:
+    """The motions q + T y that the constraints leave, T (n, r), orthonormal in the metric, and all derivatives there, the
+    forces of the constraints balanced (at); scale: ‖K‖ before its terms cancel, in the metric."""
 
-        Nᵀ(K_T − Σ λ ∇²φ)N a = ω² NᵀMN a,     B N = 0
+    T: np.ndarray
+    at: Balance
+    scale: float
 
-    q on the constraints; v only sets the forces that depend on it; K_T the tangent of all forces, λ the constraint forces that
-    balance them. Free motions (ω = 0) and those that the loads make unstable are left out.
+    def project(self, X: np.ndarray) -> np.ndarray:
+        """TᵀXT (r, r)."""
+        return self.T.T @ X @ self.T
+
+
+def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Tangent:
+    """Of the system held where it is: q on the constraints; v only sets the forces that depend on it.
+
+    The stiffness is K_T − Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best.
     """
     n, m = system.size, system.constrained
     elastic = system.at(theta)
@@ -27,12 +40,24 @@ def coupled_frequencies(system: System, q: np.ndarray, v: np.ndarray, u: np.ndar
     at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta, elastic)
     d = system.metric
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
-    K, M, N = at.stiffness, at.mass, np.eye(n)
+    N = np.eye(n)
     if m:
         lam = np.linalg.lstsq((at.B / d).T, at.load / d, rcond=None)[0]
-        K = balance(system, q, v, zero, np.zeros(m), lam, u, theta, elastic).stiffness
-        scale += float(np.linalg.norm((K - at.stiffness) / np.outer(d, d)))
-        N = null_space(constraints_at(system, q)[1] / d)
-    K, M = (N.T @ (X / np.outer(d, d)) @ N for X in (K, M))
+        held = balance(system, q, v, zero, np.zeros(m), lam, u, theta, elastic)
+        scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
+        at, N = held, null_space(constraints_at(system, q)[1] / d)
+    return Tangent(N / d[:, None], at, scale)
+
+
+def coupled_frequencies(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Undamped natural frequencies [Hz], ascending, of the system held where it is:
+
+        Tᵀ(K_T − Σ λ ∇²φ)T a = ω² TᵀMT a,     B T = 0
+
+    with the terms of `tangent_space`. Free motions (ω = 0) and those that the loads make unstable are left out.
+    """
+    found = tangent_space(system, q, v, u, theta)
+    K, M = found.project(found.at.stiffness), found.project(found.at.mass)
     values = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), eigvals_only=True) if len(K) else np.zeros(0)
-    return np.sqrt(values[values > ROUNDING * n * np.finfo(float).eps * scale]) / (2 * np.pi)
+    least = ROUNDING * system.size * np.finfo(float).eps * found.scale
+    return np.sqrt(values[values > least]) / (2 * np.pi)

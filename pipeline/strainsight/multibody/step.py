@@ -54,6 +54,7 @@ def step(
     theta: np.ndarray,
     w: np.ndarray | None = None,
     guess: Step | None = None,
+    near: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Step:
     """The state one step later, from
 
@@ -61,7 +62,8 @@ def step(
         B(q')v' = 0,    φ(q') = 0
 
     q, v (n,) at the start [SI], need not satisfy φ = 0; u (nu,) at the end of the step; h [s]; theta (nθ,); w (n,) an
-    extra generalised force; guess: the step before, whose multipliers start Newton's iteration. D², the diagonal scale
+    extra generalised force; guess: the step before, whose multipliers start Newton's iteration; near: q', v' (n,) from which
+    it starts first, by default q + hv, v. D², the diagonal scale
     of the mass (`System.metric`), stands where the thesis has 1, so that no unit matters; μ = 0 in the exact solution.
     Where Newton fails from the start it is led there by steps of h/2, h/4, …: the equations stay those of h.
     Raises NumericalError naming the constraint, body or force that is farthest from balance.
@@ -72,6 +74,11 @@ def step(
     m = system.constrained
     mu, lam = (guess.mu, guess.lam) if guess is not None else (np.zeros(m), np.zeros(m))
     first = (q + h * v, v, mu, lam)
+    if near is not None:
+        try:
+            return _newton(problem, h, (*near, mu, lam))
+        except NumericalError:
+            pass
     try:
         return _newton(problem, h, first)
     except NumericalError:

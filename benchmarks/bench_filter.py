@@ -1,0 +1,152 @@
+"""Cost of a filter step on a bench beside that of its simulation: `python benchmarks/bench_filter.py [--quick]`.
+
+The bench of configs/bench-full.yaml through the stages `import` and `reduce` (a bearing of 112 balls), from its equilibrium
+under the loads of its file: once simulated, then filtered from readings of its four gauges and of the five displacements of its
+bearing, three loads unknown. One-shot is the extended Kalman filter whose state is put back on the constraints; iterated has
+the step inside the update; both carry a factor of the covariance. The same with the ball diameter unknown under known loads,
+from a guess 1 % too large. All in one process, one BLAS thread, in turns; shortest of some runs each. Errors are those of the
+loads, over their largest value, on the filter's own step without noise; noise that the filter is told: 1e-11 of strain, m, rad.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MKL_NUM_THREADS", "1")
+
+import cProfile
+import pstats
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.config.load import load_config
+from strainsight.estimation.filter import filter_runs
+from strainsight.multibody.forces import RelativeElement
+from strainsight.multibody.initial import project_position, state
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.inverse.parameters import parameter_coordinates
+from strainsight.multibody.inverse.start import start_covariance, white_force
+from strainsight.multibody.sensors import RelationSensor, readings
+from strainsight.multibody.simulate import simulate
+from strainsight.multibody.static import static_equilibrium
+from strainsight.stages.bench.case.bench import bench_of, strain_sensor
+from strainsight.stages.bench.import_bodies import IMPORT
+from strainsight.stages.bench.reduce import REDUCE
+from strainsight.stages.records.below import Below
+from strainsight.stages.records.bodies import body_from
+from strainsight.stages.records.mesh import mesh_from
+from strainsight.workflow.plan import Job
+from strainsight.workflow.runner import run
+from strainsight.workflow.slices import Slice
+
+CONFIG = Path(__file__).parents[1] / "configs" / "bench-full.yaml"
+NOISE = 1e-11
+
+
+def in_turns(work: dict[str, Callable[[], Any]], repeat: int) -> tuple[dict[str, float], dict[str, Any]]:
+    """Shortest of some times [s] of each, taken in turns so that a busy spell of the machine meets all, and what came of it."""
+    times: dict[str, float] = dict.fromkeys(work, np.inf)
+    found = {}
+    for _ in range(repeat):
+        for name, one in work.items():
+            begin = time.perf_counter()
+            found[name] = one()
+            times[name] = min(times[name], time.perf_counter() - begin)
+    return times, found
+
+
+def prepared(free: tuple[str, ...]) -> tuple[Any, Any]:
+    """The bench with these parameters of its bearing free, and its sensors."""
+    data = load_config(CONFIG).data
+    with tempfile.TemporaryDirectory() as folder:
+        job = Job(data, CONFIG.parent, Path(folder))
+        made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
+        mesh = mesh_from(Below(made["import"], "/bodies/hub"))
+        reduced = body_from(made["reduce"], "hub")
+        config = Slice(data)
+        bench = bench_of(config, {"hub": reduced}, {"hub": mesh}, {"pitch-bearing": free} if free else None)
+        gauges, _ = strain_sensor("gauges", config.sensors["gauges"], reduced, mesh)
+    element = next(e.force for e in bench.system.elements if isinstance(e.force, RelativeElement))
+    return bench, readings(bench.system, [gauges, RelationSensor("relative", element.relations)])
+
+
+def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
+    bench, sensors = prepared(free)
+    system, theta, n = bench.system, bench.theta, bench.system.size
+    table = np.genfromtxt(CONFIG.parent / "bench-load.csv", delimiter=",", names=True)
+    instants = np.minimum(h * np.arange(steps + 1), table["time"][-1])
+    u = np.column_stack([np.interp(instants, table["time"], table[name]) for name in system.inputs])
+    q = project_position(system, state(system, bench.poses)[0])
+    q, _ = static_equilibrium(system, q, u[0], theta)
+    v = np.zeros(n)
+    truth = simulate(system, q, v, u[1:], h, theta)
+    y = np.array([sensors.read(*now)[0] for now in zip(truth.q[1:], truth.v[1:], strict=True)])
+
+    inputs = np.arange(0 if free else len(system.inputs))
+    values = {"pitch-bearing": bench.bearings["pitch-bearing"].parameters}
+    coordinates = parameter_coordinates(system.parameters, [f"pitch-bearing.{name}" for name in free], theta, values)
+    guess = theta * (1.01 if free else 1.0)
+    start, _ = static_equilibrium(system, q, u[0], guess)
+    increment = np.abs(np.diff(u, axis=0)).max(axis=0)[inputs]
+    channels = len(sensors.channels)
+    model = AugmentedStep(
+        system, sensors, np.zeros(channels), h, u[1:], inputs, coordinates, white_force(system, 1e-7),
+        increment**2, np.zeros(len(free)), np.full(channels, NOISE**2),
+    )  # fmt: skip
+    std_xi = coordinates.std(guess, 0.01 * guess[coordinates.free])
+    P = start_covariance(system, start, u[0], guess, coordinates, inputs, increment, std_xi)
+    x = model.pack(start, v, u[0, inputs], guess)
+    ways: dict[str, dict[str, Any]] = {
+        "one-shot": {"form": "square_root", "project": model.projected},
+        "iterated": {"form": "square_root", "iterations": 8, "through_step": True},
+    }
+    work: dict[str, Callable[[], Any]] = {"simulation": lambda: simulate(system, q, v, u[1:], h, theta)}
+    for way, how in ways.items():
+        filter_runs(model, x, P, y[:3], **how)
+        work[way] = partial(filter_runs, model, x, P, y, **how)
+    times, found = in_turns(work, 5)
+    name = "ball diameter" if free else "three loads"
+    print(
+        f"\n{name}, {steps} steps of {1e3 * h:g} ms: {n} coordinates, {system.constrained} constraints, {model.size} states"
+    )
+    print(f"  {'simulation':10s} {1e6 * times['simulation'] / steps:6.0f} µs a step")
+    for way in ways:
+        mean = found[way].mean[:, 0]
+        if free:
+            last = coordinates.theta(mean[-1, model.xi])[0]
+            told = f"error {abs(last[0] / theta[0] - 1):.1e} after {steps} steps"
+        else:
+            off = np.abs(mean[1:, model.u] - u[1:]) / np.abs(u).max(axis=0)
+            told = "errors " + ", ".join(f"{worst:.1e}" for worst in off.max(axis=0))
+        print(
+            f"  {way:10s} {1e6 * times[way] / steps:6.0f} µs a step, {times[way] / times['simulation']:5.1f} times the"
+            f" simulation; {told}; off the constraints by {model.violation(mean).max():.0e}",
+            flush=True,
+        )
+        if profile:
+            watch = cProfile.Profile()
+            watch.runcall(work[way])
+            pstats.Stats(watch).sort_stats("tottime").print_stats(22)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a quarter of the steps")
+    parser.add_argument("--profile", action="store_true", help="where the time goes")
+    given = parser.parse_args()
+    print(f"load average {os.getloadavg()[0]:.1f}, {os.cpu_count()} processors")
+    for free in ((), ("ball_diameter",)):
+        for h in (0.02, 0.1):
+            measure(h, 50 if given.quick else 200, free, given.profile)
+
+
+if __name__ == "__main__":
+    main()

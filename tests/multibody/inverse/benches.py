@@ -1,0 +1,137 @@
+"""A bench small enough for tests: an elastic hub on the ground, a pitch bearing, a rigid blade, three loads far out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.fem.affine import AffineOperator
+from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
+from strainsight.multibody.bearing.law import BearingLaw
+from strainsight.multibody.bodies import FlexibleBody, RigidBody
+from strainsight.multibody.forces import Gravity, PointForce, RelativeElement
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.initial import Pose, project_position, state
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.inverse.parameters import parameter_coordinates
+from strainsight.multibody.inverse.start import start_covariance, white_force
+from strainsight.multibody.joints import Joint
+from strainsight.multibody.relations import bearing_displacements, dot
+from strainsight.multibody.sensors import Readings, RelationSensor, StrainSensor, readings
+from strainsight.multibody.simulate import simulate
+from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.system import System, assemble
+from strainsight.rom.inertia import InertiaInvariants
+
+FLANGE = np.array([1.4, 0.0, 0.0])
+MODULUS = 1.7e11
+
+
+@dataclass(frozen=True)
+class Bench:
+    """system and sensors (4 gauges, then 5 displacements of the bearing), equilibrium q under no load, θ."""
+
+    system: System
+    sensors: Readings
+    bearing: Bearing
+    q: np.ndarray
+    theta: np.ndarray
+
+    def truth(self, u, h, theta=None):
+        """States and readings (T, m) of a run from the equilibrium under u (T, nu)."""
+        theta = self.theta if theta is None else theta
+        q, _ = static_equilibrium(self.system, self.q, np.zeros(u.shape[1]), theta)
+        run = simulate(self.system, q, np.zeros_like(q), u, h, theta)
+        return run, np.array([self.sensors.read(q, v)[0] for q, v in zip(run.q[1:], run.v[1:], strict=True)])
+
+    def model(self, h, steps, known=None, free=(), noise=(1e-9, 1e-9), load=0.0, **more):
+        """The step as the filter wants it, and where it starts: all three loads unknown (increment `load` [N] a step) unless
+        they are known (T, 3); free parameters of the bearing; noise of strain and displacement."""
+        inputs = np.arange(3) if known is None else np.array([], dtype=int)
+        coordinates = parameter_coordinates(
+            self.system.parameters, free, more.pop("theta", self.theta), {"b": self.bearing.parameters}
+        )
+        R = np.concatenate([np.full(4, noise[0] ** 2), np.full(5, noise[1] ** 2)])
+        return AugmentedStep(
+            self.system,
+            self.sensors,
+            more.pop("offset", np.zeros(9)),
+            h,
+            np.zeros((steps, 3)) if known is None else known,
+            inputs,
+            coordinates,
+            more.pop("Q_w", white_force(self.system, more.pop("white", 1e-8))),
+            np.full(len(inputs), float(load) ** 2),
+            np.zeros(len(free)),
+            R,
+        )
+
+    def start(self, model, std_u=0.0, std_xi=0.0, spread=0.0, theta=None):
+        """x (size,) in equilibrium without loads under θ, and its covariance."""
+        theta = self.theta if theta is None else theta
+        nu, p = len(model.inputs), model.coordinates.size
+        q, _ = static_equilibrium(self.system, self.q, np.zeros(3), theta)
+        P = start_covariance(
+            self.system,
+            q,
+            np.zeros(3),
+            theta,
+            model.coordinates,
+            model.inputs,
+            np.full(nu, std_u),
+            np.full(p, std_xi),
+            spread,
+        )
+        return model.pack(q, np.zeros_like(q), np.zeros(nu), theta), P
+
+
+def inertia_of(modal, mass):
+    """Of a body on the ground whose weight does no work: modal (n, n), mass [kg]."""
+    n = len(modal)
+    return InertiaInvariants(
+        mass=mass, first=np.zeros(3), first_modal=np.zeros((3, n)), second=mass * np.eye(3), second_modal=np.zeros((n, 3, 3)),
+        second_modal2=np.zeros((n, n, 3, 3)), coupling=np.zeros((3, 3, n)), coupling_modal=np.zeros((n, 3, 3, n)), modal=modal,
+    )  # fmt: skip
+
+
+def bench(free=(), convention="follow", balls=30, preload=1e-5, modulus=False) -> Bench:
+    """free: names of bearing parameters that are parameters of the system; modulus: whether the hub's modulus is one, "E"."""
+    rng = np.random.default_rng(5)
+    n = 9
+    mass = np.diag([3e3, 3e3, 3e3, 2e3, 2e3, 2e3, 1.0, 1.0, 1.0])
+    K = np.diag([2e9, 1.5e9, 1.2e9, 3e9, 2e9, 1.6e9, *(2 * np.pi * np.array([55.0, 70.0, 90.0])) ** 2])
+    C = 2e-5 * K
+    if modulus:
+        K = AffineOperator(np.zeros((n, n)), {"E": K / MODULUS})
+    hub = FlexibleBody("hub", True, K, mass, C, inertia_of(mass, 9e3))
+    blade = RigidBody(
+        "blade", 1.4e4, np.array([17.0, 0, 0]), np.diag([1.5e4, 2.8e6 + 1.4e4 * 17**2, 2.8e6 + 1.4e4 * 17**2])
+    )
+    shape, turn = np.zeros((3, n)), np.zeros((3, n))
+    shape[:, :3], turn[:, 3:6] = np.eye(3), np.eye(3)
+    flange = Frame("flange", "hub", FLANGE, displacement=shape, rotation=turn)
+    root = Frame("root", "blade")
+    station = Frame("station", "blade", np.array([15.0, 0, 0]))
+    r = 0.0318
+    ring = Bearing(balls, 2.3, np.pi / 4, 0.06, r, r, r, r, preload, convention)
+    relations = bearing_displacements(flange, root)
+    element = RelativeElement("b", relations, BearingLaw(ring, free), tuple(f"b.{name}" for name in free))
+    pull = PointForce("pull", station, np.eye(3), ["Fx", "Fy", "Fz"])
+    system = assemble([hub, blade], [Joint("pitch", (dot(flange, 1, root, 2),))], [Gravity(), element, pull])
+    rows = np.concatenate([0.05 * rng.normal(size=(4, 6)), 1e-4 * rng.normal(size=(4, 3))], axis=1)
+    sensors = readings(system, [StrainSensor("gauges", "hub", rows), RelationSensor("relative", relations)])
+    values = {f"b.{name}": value for name, value in zip(PARAMETERS, ring.parameters, strict=True)} | {"E": MODULUS}
+    theta = np.array([values[name] for name in system.parameters])
+    q = project_position(system, state(system, {"blade": Pose(FLANGE)})[0])
+    q, _ = static_equilibrium(system, q, np.zeros(3), theta)
+    return Bench(system, sensors, ring, q, theta)
+
+
+def loads(h, steps, frequency=0.5):
+    """Three slow loads [N] (T, 3): u[k] acts at (k + 1) h."""
+    t = h * np.arange(1, steps + 1)
+    turn = 2 * np.pi * frequency * t
+    return np.stack(
+        [4e4 * np.sin(turn), 2e4 * np.sin(1.3 * turn + 0.5) - 1e4, 1.5e4 * (1 - np.cos(0.8 * turn))], axis=1
+    )

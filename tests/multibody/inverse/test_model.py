@@ -1,0 +1,131 @@
+"""The step as a filter's model: its Jacobian, its memory, what fails, and how it is brought back on constraints."""
+
+import numpy as np
+import pytest
+
+from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.step import step
+
+from .benches import bench, loads
+
+FREE = ("ball_diameter", "radius_inner_left", "preload")
+
+
+def disturbed(model, x, seed=0):
+    """A state that moves, on the constraints, with a white force, loads and other parameters."""
+    rng = np.random.default_rng(seed)
+    x = x.copy()
+    x[model.q] += 1e-4 * rng.normal(size=model.system.size)
+    x[model.v] += 1e-3 * rng.normal(size=model.system.size)
+    x = model.projected(x[None])[0]
+    x[model.w] = 1e2 * rng.normal(size=model.system.size)
+    x[model.u] = 1e4 * rng.normal(size=len(model.inputs))
+    x[model.xi] += 1e-3 * rng.normal(size=model.coordinates.size)
+    return x
+
+
+@pytest.mark.parametrize("h", [0.01, 0.2])
+def test_jacobian_is_the_differences_of_the_step(h):
+    b = bench([*FREE], modulus=True)
+    free = ["E", *(f"b.{name}" for name in FREE)]
+    model = b.model(h, 1, free=free)
+    x = disturbed(model, b.start(model)[0])
+    ahead, A = (found[0] for found in model.step(x[None], 0))
+    assert not ahead[model.w].any()
+    np.testing.assert_array_equal(ahead[model.u.start :], x[model.u.start :])
+    blocks = {"q": model.q, "v": model.v, "w": model.w, "u": model.u, "xi": model.xi}
+    widths = {"q": 1e-6, "v": 1e-4, "w": 1e2, "u": 1e2, "xi": 1e-3}
+    for name, own in blocks.items():
+        columns = []
+        for j in range(own.start, own.stop):
+            d = np.zeros(model.size)
+            d[j] = widths[name]
+            near, far = (model.step(np.stack([x + c * d, x - c * d]), 0)[0] for c in (1, 2))
+            columns.append((8 * (near[0] - near[1]) - (far[0] - far[1])) / (12 * d[j]))
+        difference = np.stack(columns, axis=1)
+        for rows in blocks.values():
+            size = np.abs(A[rows, own]).max()
+            np.testing.assert_allclose(A[rows, own], difference[rows], rtol=0, atol=1e-7 * max(size, 1e-300))
+
+
+def test_known_inputs_act_and_unknown_ones_come_from_the_state():
+    b, h = bench(), 0.05
+    known = loads(h, 3)
+    model, told = b.model(h, 3, load=1.0), b.model(h, 3, known=known)
+    x, y = b.start(model)[0], b.start(told)[0]
+    x[model.u] = known[2]
+    there = step(b.system, x[model.q], x[model.v], known[2], h, b.theta)
+    for one, state in ((model, x), (told, y)):
+        ahead, _ = one.step(state[None], 2)
+        np.testing.assert_allclose(ahead[0, one.q], there.q, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(ahead[0, one.v], there.v, rtol=0, atol=1e-12)
+
+
+def test_readings_are_those_of_the_sensors_less_the_offset():
+    b = bench()
+    offset = np.arange(9.0)
+    model = b.model(0.1, 1, offset=offset, load=1.0)
+    x = disturbed(model, b.start(model)[0])
+    y, J = model.measure(x[None], 0)
+    np.testing.assert_allclose(y[0], b.sensors.read(x[model.q], x[model.v])[0] - offset)
+    for j in range(model.size):
+        d = np.zeros(model.size)
+        d[j] = 1e-3
+        plus, minus = (model.measure((x + s * d)[None], 0)[0][0] for s in (1, -1))
+        np.testing.assert_allclose(J[0, :, j], (plus - minus) / 2e-3, atol=1e-9)
+
+
+def test_a_step_that_fails_leaves_nan_in_its_run_alone():
+    b = bench(["ball_diameter"])
+    model = b.model(0.1, 1, free=["b.ball_diameter"], load=1.0)
+    good = b.start(model)[0]
+    bad, absurd = good.copy(), good.copy()
+    bad[model.xi] += 1e4
+    absurd[model.w] = np.inf
+    ahead, A = model.step(np.stack([good, bad, absurd]), 0)
+    assert np.isfinite(ahead[0]).all()
+    assert np.isfinite(A[0]).all()
+    assert np.isnan(ahead[1:]).all()
+    np.testing.assert_array_equal(model.lost(ahead), [False, True, True])
+    assert np.isnan(model.projected(ahead)[1:]).all()
+
+
+def test_the_same_point_is_stepped_once(monkeypatch):
+    b, calls = bench(), []
+    from strainsight.multibody.inverse import model as module
+
+    def counted(*arguments):
+        calls.append(1)
+        return step(*arguments)
+
+    monkeypatch.setattr(module, "step", counted)
+    model = b.model(0.1, 2, load=1.0)
+    x = np.stack([b.start(model)[0]] * 2)
+    x[1, model.u] = 1e3
+    first = model.step(x, 0)
+    again = model.step(x, 0)
+    assert len(calls) == 2
+    np.testing.assert_array_equal(first[0], again[0])
+    model.step(x, 1)
+    assert len(calls) == 4
+
+
+def test_projection_puts_a_state_back_on_its_constraints():
+    b = bench()
+    model = b.model(0.1, 1, load=1.0)
+    rng = np.random.default_rng(2)
+    x = np.stack([b.start(model)[0]] * 3)
+    x[:, : model.w.start] += 1e-3 * rng.normal(size=(3, model.w.start))
+    assert np.all(model.violation(x) > 1e-6)
+    back = model.projected(x)
+    assert np.all(model.violation(back) < 1e-15)
+    d = b.system.metric
+    for old, new in zip(x, back, strict=True):
+        phi, B = constraints_at(b.system, new[model.q])
+        assert np.abs(phi).max() < 1e-14
+        assert np.abs(B @ new[model.v]).max() < 1e-15
+        # nearest in the metric: what is taken off is across the constraints
+        off = d * (old[model.v] - new[model.v])
+        across = np.linalg.lstsq((B / d).T, off, rcond=None)[0]
+        np.testing.assert_allclose((B / d).T @ across, off, atol=1e-12 * np.abs(off).max())
+    np.testing.assert_array_equal(back[:, model.w.start :], x[:, model.w.start :])
