@@ -11,17 +11,19 @@ if TYPE_CHECKING:
 STAGES = {
     "bearing": "Look at a bearing alone: load-displacement curves, stiffness, loads of the balls",
     "import": "Read the deck, with its materials and constraints",
+    "reduce": "Reduce the flexible bodies of a bench",
     "modes": "Find natural frequencies and mode shapes",
     "rom": "Reduce the model",
     "train": "Simulate the training run and the strain of every candidate",
     "screen": "Drop weak and clustered candidates",
     "observe": "Say which unknowns could be told apart",
     "place": "Choose the gauges",
+    "simulate": "Simulate a bench in time",
+    "estimate": "Estimate from measurements: of a test, or of a bench",
+    "field": "Write the strain and stress of a bench's body in time",
     "spectrum": "Find the modes of a validation's truth",
     "validate": "Estimate from simulated measurements",
     "report": "Write report.html",
-    "reduce": "Reduce the flexible bodies of a bench",
-    "simulate": "Simulate a bench in time",
 }
 
 
@@ -34,4 +36,4 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
         return stages_for(bool(estimate and estimate.get("file")), config["validate"]["truth"]["model"])
     from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
 
-    return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(bool(config["bearings"]))
+    return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)

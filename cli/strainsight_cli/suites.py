@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from strainsight.errors import ConfigError, UserError, did_you_mean
 from strainsight_cli import pipelines, render
@@ -25,11 +25,10 @@ if TYPE_CHECKING:
 def works_of(suite: LoadedConfig, results: Path) -> list[Work]:
     """The runs of a suite, in order, and last the suite itself. Raises ConfigError for whatever is wrong with any of them."""
     from strainsight.config.suite_runs import all_of, runs_of
-    from strainsight.stages.suite import SUITE, config_of_run
     from strainsight.workflow.plan import Job
 
     runs = runs_of(suite)
-    works, told = [], []
+    works = []
     for run, stages in zip(runs, all_of(runs, lambda run: _stages(suite, run)), strict=True):
         data = run.config.data
         works.append(
@@ -40,13 +39,38 @@ def works_of(suite: LoadedConfig, results: Path) -> list[Work]:
                 f"run {run.place + 1} of {len(runs)} {data['name']}",
             )
         )
-        told.append(config_of_run(data, run.entry.label, run.entry.note, [stage.name for stage in stages]))
-    model = suite.data
-    job = Job({"name": model["name"], "title": model["title"], "runs": told}, results, results, suite.locate)
-    page = Work((SUITE,), job, model["name"])
+    page = _page(suite, runs, works, results)
     all_of([*works, page], refuse_taken)
     all_of(range(len(works)), lambda i: _refuse_inputs(suite, works, i))
     return [*works, page]
+
+
+def _page(suite: LoadedConfig, runs: Sequence[PlannedRun], works: Sequence[Work], results: Path) -> Work:
+    """The suite's own stage, and what it is told of the runs."""
+    from strainsight.workflow.plan import Job
+
+    model = suite.data
+    told: dict[str, Any] = {"name": model["name"], "title": model["title"]}
+    reached = [[stage.name for stage in work.stages] for work in works]
+    if runs[0].config.data["kind"] == "placement":
+        from strainsight.stages.suite import SUITE, config_of_run
+
+        told["runs"] = [
+            config_of_run(run.config.data, run.entry.label, run.entry.note, stages)
+            for run, stages in zip(runs, reached, strict=True)
+        ]
+        stage = SUITE
+    else:
+        from strainsight.config.suite_benches import claims_of, told_of
+        from strainsight.stages.bench.suite import BENCH_SUITE
+
+        told |= {
+            "runs": told_of(suite, runs, reached),
+            "studies": model["studies"],
+            "claims": claims_of(suite, runs, reached),
+        }
+        stage = BENCH_SUITE
+    return Work((stage,), Job(told, results, results, suite.locate), model["name"])
 
 
 def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:

@@ -51,7 +51,13 @@ def artefacts(config, results):
 
 
 @pytest.fixture(scope="session")
-def bench(tmp_path_factory):
+def bench_results(tmp_path_factory) -> Path:
+    """Results of benches, which borrow each other's reduced hub."""
+    return tmp_path_factory.mktemp("bench")
+
+
+@pytest.fixture(scope="session")
+def bench(bench_results):
     """stage → Artefact of one second of bench-full."""
-    job = job_of(ROOT / "configs" / "bench-full.yaml", tmp_path_factory.mktemp("bench"), "simulate.duration=1.0")
+    job = job_of(ROOT / "configs" / "bench-full.yaml", bench_results, "simulate.duration=1.0")
     return {stage: artefact for stage, (_, _, artefact) in finished(job, bench_stages(job.config)).items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -212,7 +213,8 @@ def _set(data: dict[str, Any], override: Override) -> None:
         if not isinstance(below, dict | list):
             spot[place] = below = {}
         spot = below
-    spot[_index(spot, last, override) if isinstance(spot, list) else last] = override.value
+    # a copy: a later override may change a part of it, and a suite gives the same one to every run
+    spot[_index(spot, last, override) if isinstance(spot, list) else last] = deepcopy(override.value)
 
 
 def _index(entries: Sequence[Any], part: str, override: Override) -> int:

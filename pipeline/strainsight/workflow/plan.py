@@ -13,6 +13,8 @@ from strainsight.workflow.artefact import Artefact, file_digest
 from strainsight.workflow.slices import canonical, differences, expand, look_up, prune
 from strainsight.workflow.stage import Stage
 
+ESTIMATED, MEASURED = "validate", "simulate"
+"""Stages whose artefacts another run starts from: `guess: {from: NAME}`, `measured: {from: NAME}`."""
 UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
 
@@ -183,14 +185,14 @@ def files_of(stage: Stage, job: Job) -> dict[str, Path]:
 
 
 def _input_path(key: str, value: str, job: Job) -> Path:
-    """A path as written, from the config's folder; a plain name under a key `from` is another run's validation."""
+    """A path as written, from the config's folder; a plain name under a key `from` is another run's artefact."""
     if key.endswith(".from") and "/" not in value and "." not in value:
-        return job.results / value / "validate.h5"
+        return job.results / value / f"{MEASURED if key.endswith('measured.from') else ESTIMATED}.h5"
     return job.base / value
 
 
 def _no_such_file(key: str, written: str, path: Path, job: Job) -> ConfigError:
-    if path.is_relative_to(job.results) and path.name == "validate.h5" and "/" not in written:
+    if key.endswith(".from") and path.is_relative_to(job.results) and "/" not in written:
         what, remedy = f"no result of a run '{written}' ({_shown(path)})", f"run the config named '{written}' first"
     elif path.is_dir():
         what, remedy = f"{_shown(path)} is a folder, not a file", "name a file in it"

@@ -122,6 +122,7 @@ def _placed(job: Job) -> Iterator[None]:
     try:
         yield
     except StrainsightError as error:
-        if error.key and error.where is None:
-            error.where = job.locate(error.key)
+        for problem in (error, *error.others):
+            if problem.key and problem.where is None:
+                problem.where = job.locate(problem.key)
         raise

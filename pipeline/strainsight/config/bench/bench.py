@@ -11,6 +11,8 @@ from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
 from strainsight.config.bench.bodies import Body, Frame
 from strainsight.config.bench.connections import Force, Frames, Joint
 from strainsight.config.bench.estimate import Estimate
+from strainsight.config.bench.field import SurfaceField
+from strainsight.config.bench.place import BenchPlace, Layout
 from strainsight.config.gauges import GluedGauge
 
 
@@ -19,7 +21,10 @@ class StrainSensor(Section):
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
     body: Text = Field(description="Name of the flexible body.")
-    gauges: Annotated[tuple[GluedGauge, ...], Field(min_length=1)] = Field(description="Where they are glued.")
+    gauges: tuple[GluedGauge, ...] = Field((), description="Where they are glued; none: as `layout` says.")
+    layout: Layout | None = Field(
+        None, description="Gauges of the section `place` instead: the placed ones, or the first layout drawn at random."
+    )
     snap_tolerance: Positive = Field(
         0.005, description="How far a gauge may be from the surface of the mesh before it is refused [m]."
     )
@@ -78,4 +83,6 @@ class BenchConfig(Section):
     forces: dict[Name, Force] = Field({}, description="Forces, by name.")
     sensors: dict[Name, Sensor] = Field({}, description="Sensors, by name.")
     simulate: Simulate = Field(description="The simulation in time.")
+    place: BenchPlace | None = Field(None, description="Gauges placed for the unknown loads.")
+    field: SurfaceField | None = Field(None, description="Strain and stress of a body's surface in time.")
     estimate: Estimate | None = Field(None, description="Loads and parameters from the sensors.")

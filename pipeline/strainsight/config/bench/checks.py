@@ -11,6 +11,8 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FlexibleBody, Pose, RigidBody
 from strainsight.config.bench.checks_bearing import bearings_alone
 from strainsight.config.bench.checks_estimate import estimate_problems
+from strainsight.config.bench.field import field_problems
+from strainsight.config.bench.place import place_problems
 from strainsight.config.problem import Problem, known
 
 GROUND = "ground"
@@ -47,6 +49,8 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _moduli(config)
     yield from _time(config)
     yield from estimate_problems(config)
+    yield from place_problems(config)
+    yield from field_problems(config)
 
 
 def _time(config: BenchConfig) -> Iterator[Problem]:

@@ -31,8 +31,7 @@ class BenchPlace(Section):
     include: tuple[Zone, ...] = Field((), description="Zones that gauges have to be in, one of them; none: everywhere.")
     exclude: tuple[Zone, ...] = Field((), description="Zones without gauges.")
     pool: Annotated[int, Field(ge=1)] = Field(
-        300,
-        description="Candidates that enter the elimination [-], an equal share the strongest under each unknown input.",
+        300, description="Candidates that enter the elimination [-]: the strongest under each unknown input in turn."
     )
     spacing: NotNegative = Field(
         0.0, description="Least distance between those that are strongest under one input [m]."

@@ -21,7 +21,7 @@ from strainsight.report.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.stages.bench.case import bearing_of
+from strainsight.stages.bench.case.bench import bearing_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspicions import suspicions
 from strainsight.stages.import_mesh import checked, mesh_of
 from strainsight.stages.records.below import below
@@ -25,11 +26,12 @@ def run(context: Context) -> Output:
     for i, (name, body) in enumerate(flexible.items()):
         context.progress(name, i / len(flexible))
         key = f"bodies.{name}.mesh"
-        mesh = mesh_of(body.mesh, context.files[f"{key}.file"], key)
+        deck = mesh_of(body.mesh, context.files[f"{key}.file"], key)
+        mesh = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
         assert weight is not None
         datasets |= below(f"/bodies/{name}", mesh_datasets(mesh))
-        doubts = suspicions(mesh, body.mesh.length_unit, body.mesh.mass_unit)
+        doubts = suspicions(deck, body.mesh.length_unit, body.mesh.mass_unit)
         tables += [
             replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, doubts)
         ]
@@ -45,4 +47,11 @@ def run(context: Context) -> Output:
     )
 
 
-IMPORT = Stage("import", version=1, reads=("bodies.*.mesh",), upstream=(), files=("bodies.*.mesh.file",), run=run)
+IMPORT = Stage(
+    "import",
+    version=2,
+    reads=("bodies.*.mesh", "bodies.*.scale"),
+    upstream=(),
+    files=("bodies.*.mesh.file",),
+    run=run,
+)

@@ -2,17 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 from strainsight.stages.bench.bearing import BEARING
 from strainsight.workflow.stage import Stage
 
+BEARING_ALONE = (BEARING,)
 
-def bench_stages(bearings: bool) -> tuple[Stage, ...]:
-    """From the decks to a simulation in time; with the bearings alone where there are any."""
+
+def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
+    """From the decks to a simulation in time and its page; with its bearings alone, a placement, an estimate and a field where
+    the config has them."""
     from strainsight.stages.bench.import_bodies import IMPORT
     from strainsight.stages.bench.reduce import REDUCE
     from strainsight.stages.bench.simulate import SIMULATE
 
-    return (*((BEARING,) * bearings), IMPORT, REDUCE, SIMULATE)
+    stages = [*((BEARING,) if config["bearings"] else ()), IMPORT, REDUCE]
+    if config.get("place"):
+        from strainsight.stages.bench.place import PLACE
+
+        stages.append(PLACE)
+    takes_over = any(sensor.get("layout") for sensor in config["sensors"].values())
+    stages.append(_after(SIMULATE, "place") if takes_over else SIMULATE)
+    if config.get("estimate"):
+        from strainsight.stages.bench.estimate import ESTIMATE
+
+        stages.append(_after(ESTIMATE, "place") if takes_over else ESTIMATE)
+    if config.get("field"):
+        from strainsight.stages.bench.field import field_stage
+
+        stages.append(field_stage(config["field"]["of"]))
+    from strainsight.stages.bench.report import report_stage
+
+    stages.append(report_stage([stage.name for stage in stages]))
+    return tuple(stages)
 
 
-BEARING_ALONE = (BEARING,)
+def _after(stage: Stage, name: str) -> Stage:
+    """The stage with one more upstream."""
+    return replace(stage, upstream=(*stage.upstream, name))

@@ -12,7 +12,14 @@ from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import FiniteElementModel, build_model, nodal
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
-from strainsight.rom.craig_bampton import CraigBampton, craig_bampton, floating_basis, motion_rows, rigid_motions, rows_of
+from strainsight.rom.craig_bampton import (
+    CraigBampton,
+    craig_bampton,
+    floating_basis,
+    motion_rows,
+    rigid_motions,
+    rows_of,
+)
 from strainsight.rom.inertia import inertia_invariants
 from strainsight.stages.case.settings import damping_of
 from strainsight.stages.records.below import Below

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from strainsight.errors import blame
 from strainsight.multibody.initial import constraints_at
-from strainsight.multibody.sensors import Readings, StrainSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
 from strainsight.multibody.spectrum import coupled_frequencies
-from strainsight.signals.histories import evaluate
-from strainsight.stages.bench.case import Bench, bench_of, motion_sensor, strain_sensor
-from strainsight.stages.bench.rings import rings_in_time
-from strainsight.stages.bench.start import start_of
-from strainsight.stages.case.settings import signal_of
-from strainsight.stages.records.below import Below
-from strainsight.stages.records.bodies import ReducedBody, body_from
-from strainsight.stages.records.mesh import mesh_from
+from strainsight.stages.bench.case.bench import Bench, bench_of
+from strainsight.stages.bench.case.flexible import flexible_bodies
+from strainsight.stages.bench.case.loads import loads_of
+from strainsight.stages.bench.case.rings import rings_in_time
+from strainsight.stages.bench.case.sensors import reading_datasets, sensors_of
+from strainsight.stages.bench.case.start import start_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 FEWEST_STEPS_A_PERIOD = 20
 TURN = 0.01
 """[rad] a step above which implicit Euler visibly brakes what turns freely."""
-MOTION_UNITS = {"position": "m", "velocity": "m/s"}
 BAND = 0.1
 """Share of the first coupled frequency up to which implicit Euler follows a load."""
 
@@ -34,13 +27,11 @@ BAND = 0.1
 def run(context: Context) -> Output:
     """Assemble the bench, bring it to its start, step through the loads, read the sensors."""
     config = context.config
-    flexible = [name for name, body in config.bodies.items() if body.type == "flexible"]
-    reduced = {name: body_from(context.upstream["reduce"], name) for name in flexible}
-    meshes = {name: mesh_from(Below(context.upstream["import"], f"/bodies/{name}")) for name in flexible}
+    reduced, meshes = flexible_bodies(context)
     bench = bench_of(config, reduced, meshes)
     h, steps = float(config.simulate.time_step), round(config.simulate.duration / config.simulate.time_step)
     time = h * np.arange(steps + 1)
-    u = _loads(context, bench, time)
+    u = loads_of(context, bench)(time)
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
@@ -53,9 +44,9 @@ def run(context: Context) -> Output:
             bench.theta,
             lambda k: context.progress("simulation", k / steps) if k % 50 == 0 else None,
         )
-    sensors, zeroed, tables = _sensors(config, bench, reduced, meshes)
-    measured = np.array([sensors.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
-    measured = measured - np.where(zeroed, measured[0], 0.0)
+    sensors = sensors_of(config, bench, reduced, meshes, context.upstream.get("place"))
+    measured = np.array([sensors.readings.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+    measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
     position, velocity = _violation(bench, found)
     datasets = {
         "/time": Dataset(found.time, "s", "time, the start first"),
@@ -72,7 +63,7 @@ def run(context: Context) -> Output:
     for k, name in enumerate(bench.system.inputs):
         unit = "N" if config.forces[name].type == "force" else "N m"
         datasets[f"/inputs/{name}"] = Dataset(u[:, k], unit, f"load {name}", ("/time",))
-    datasets |= _readings(config, sensors, measured)
+    datasets |= reading_datasets(config, sensors, measured)
     summary: dict[str, Scalar] = {
         "steps": steps,
         "coordinates": bench.system.size,
@@ -99,60 +90,8 @@ def run(context: Context) -> Output:
         summary=summary | said,
         message=f"{steps} steps of {h:g} s, {bench.system.size} coordinates, {bench.system.constrained} constraints held to "
         f"{position.max():.1e}" + (f"; good for loads up to {band:.3g} Hz" if first > 0 else ""),
-        tables=(*tables, *more_tables),
+        tables=(*sensors.table, *more_tables),
     )
-
-
-def _loads(context: Context, bench: Bench, time: np.ndarray) -> np.ndarray:
-    """Inputs (T + 1, nu) in the order of the system."""
-    columns = []
-    for name in bench.system.inputs:
-        with blame(f"forces.{name}.signal"):
-            signal = signal_of(name, context.config.forces[name].signal, context.files, "forces")
-            columns.append(evaluate(signal, time))
-    return np.column_stack(columns) if columns else np.zeros((len(time), 0))
-
-
-def _sensors(
-    config: Any, bench: Bench, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Any]
-) -> tuple[Readings, np.ndarray, tuple[Table, ...]]:
-    """The sensors compiled, which channels are zeroed at the start (k,), and where gauges went."""
-    strains, others, zeroed, rows = [], [], [], []
-    for name, entry in config.sensors.items():
-        if entry.type != "strain":
-            others.append(motion_sensor(name, entry, bench.frames))
-            continue
-        sensor, moved = strain_sensor(name, entry, reduced[entry.body], meshes[entry.body])
-        strains.append(sensor)
-        zeroed += [bool(entry.zeroed)] * len(sensor.rows)
-        rows += [(name, str(i), f"{1e3 * distance:.3g} mm") for i, distance in enumerate(moved, start=1)]
-    compiled = readings(bench.system, [*strains, *others])
-    still = np.zeros(len(compiled.channels), dtype=bool)
-    still[: len(zeroed)] = zeroed
-    return (
-        compiled,
-        still,
-        (Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), tuple(rows)),) * bool(rows),
-    )
-
-
-def _readings(config: Any, sensors: Readings, measured: np.ndarray) -> dict[str, Dataset]:
-    datasets, at = {}, 0
-    for sensor in sensors.sensors:
-        count = len(sensor.rows) if isinstance(sensor, StrainSensor) else len(sensor.relations)
-        part = measured[:, at : at + count]
-        at += count
-        entry = config.sensors[sensor.name]
-        unit, what = {
-            "strain": ("strain", "strain of every gauge (time × gauge)"),
-            "relative": ("m or rad", "displacements x, y, z and tilts about y, z (time × component)"),
-            "motion": (
-                MOTION_UNITS.get(entry.get("quantity"), "1"),
-                f"{entry.get('quantity')} in global axes (time × xyz)",
-            ),
-        }[entry.type]
-        datasets[f"/sensors/{sensor.name}"] = Dataset(part, unit, what, ("/time", ""))
-    return datasets
 
 
 def _violation(bench: Bench, found: Trajectory) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from strainsight.multibody.initial import project_position, project_velocity, st
 from strainsight.multibody.relations import distance_squared, dot
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.static import static_equilibrium
-from strainsight.stages.bench.case import Bench
+from strainsight.stages.bench.case.bench import Bench
 
 SLIP = 0.01
 """Share of a velocity that the joints may take away."""

@@ -12,7 +12,7 @@ from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.relations import dot
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory
-from strainsight.stages.bench.case import Bench
+from strainsight.stages.bench.case.bench import Bench
 from strainsight.workflow.output import Dataset, Scalar, Table
 
 TILT = 0.1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from strainsight.mesh.additions import node_index
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody import joints as kinds
-from strainsight.multibody.bearing.geometry import Bearing
+from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import Body, RigidBody
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement, SpringDamper
@@ -25,7 +25,9 @@ from strainsight.multibody.joints import Joint
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, offset
 from strainsight.multibody.sensors import RelationSensor, Sensor, StrainSensor, axis_sensor, position_sensor
 from strainsight.multibody.system import System, assemble
+from strainsight.stages.bench.layout.placed import placed_layout
 from strainsight.stages.records.bodies import ReducedBody
+from strainsight.workflow.artefact import Artefact
 
 TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 """Axes in a cyclic order that ends with the one meant: joints turn and slide about the z axis of their frames."""
@@ -34,7 +36,7 @@ TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 @dataclass(frozen=True)
 class Bench:
     """system; frames and bearings by name; joined: kind and frames of every joint, its axis their z; poses of the bodies at
-    the start; theta (nθ,) values of the system's parameters."""
+    the start; theta (nθ,) values of the system's parameters, a bearing's called BEARING.PROPERTY."""
 
     system: System
     frames: Mapping[str, Frame]
@@ -44,8 +46,14 @@ class Bench:
     theta: np.ndarray
 
 
-def bench_of(config: Any, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> Bench:
-    """The whole bench; reduced and meshes: of the flexible bodies, by name."""
+def bench_of(
+    config: Any,
+    reduced: Mapping[str, ReducedBody],
+    meshes: Mapping[str, Mesh],
+    free: Mapping[str, Sequence[str]] | None = None,
+) -> Bench:
+    """The whole bench; reduced and meshes: of the flexible bodies, by name; free: bearing → its properties that are
+    parameters of the system."""
     bodies: list[Body] = []
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
@@ -69,10 +77,12 @@ def bench_of(config: Any, reduced: Mapping[str, ReducedBody], meshes: Mapping[st
             bearings[name] = bearing_of(entry)
     joined = {name: _joined(entry, frames) for name, entry in config.joints.items()}
     joints = [_joint(name, config.joints[name], i, j) for name, (_, i, j) in joined.items()]
-    forces = [_force(name, entry, frames, bearings) for name, entry in config.forces.items()]
+    forces = [_force(name, entry, frames, bearings, free or {}) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)
     values = {key: m.value for entry in config.bodies.values() if "moduli" in entry for key, m in entry.moduli.items()}
+    for name, bearing in bearings.items():
+        values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
     return Bench(system, frames, bearings, joined, poses, theta)
 
@@ -108,10 +118,17 @@ def axes_of(pose: Any) -> np.ndarray:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def strain_sensor(name: str, entry: Any, reduced: ReducedBody, mesh: Mesh) -> tuple[StrainSensor, np.ndarray]:
+def strain_sensor(
+    name: str, entry: Any, reduced: ReducedBody, mesh: Mesh, placed: Artefact | None = None
+) -> tuple[StrainSensor, np.ndarray]:
     """The gauges of a sensor on the nearest places of the body's surface, and how far (gauges,) [m] each was moved there."""
     key = f"sensors.{name}.gauges"
-    entries = [GluedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+    if entry.layout is None:
+        entries = [GluedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+    else:
+        assert placed is not None
+        key = f"sensors.{name}.layout"
+        entries = [GluedEntry(x, d) for x, d in zip(*placed_layout(placed, entry.layout), strict=True)]
     facets = exterior_facets(mesh)
     with blame(key):
         there, moved = glued(mesh, facets, entries, float(entry.snap_tolerance), key)
@@ -177,7 +194,13 @@ def _turned(frame: Frame, axis: str) -> Frame:
     return replace(frame, axes=frame.axes[:, TURNED[axis]])
 
 
-def _force(name: str, entry: Any, frames: Mapping[str, Frame], bearings: Mapping[str, Bearing]) -> Force:
+def _force(
+    name: str,
+    entry: Any,
+    frames: Mapping[str, Frame],
+    bearings: Mapping[str, Bearing],
+    free: Mapping[str, Sequence[str]],
+) -> Force:
     match entry.type:
         case "gravity":
             return Gravity(np.array(entry.acceleration), name)
@@ -186,7 +209,9 @@ def _force(name: str, entry: Any, frames: Mapping[str, Frame], bearings: Mapping
             return SpringDamper(name, first, second, entry.stiffness, entry.damping, entry.length)
         case "bearing":
             relations = bearing_displacements(frames[entry.outer], frames[entry.inner])
-            return RelativeElement(name, relations, BearingLaw(bearings[entry.bearing]))
+            own = tuple(free.get(entry.bearing, ()))
+            names = tuple(f"{entry.bearing}.{key}" for key in own)
+            return RelativeElement(name, relations, BearingLaw(bearings[entry.bearing], own), names)
     direction = np.asarray(entry.direction, dtype=float)
     direction = direction / np.linalg.norm(direction)
     kind = PointForce if entry.type == "force" else PointMoment

@@ -1,0 +1,1 @@
+"""What a bench is made of: bodies, joints, forces, sensors, loads, its start."""

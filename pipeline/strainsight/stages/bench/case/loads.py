@@ -1,0 +1,30 @@
+"""The loads of a bench in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from strainsight.errors import blame
+from strainsight.signals.histories import evaluate
+from strainsight.stages.bench.case.bench import Bench
+from strainsight.stages.case.settings import signal_of
+from strainsight.workflow.stage import Context
+
+
+def loads_of(context: Context, bench: Bench) -> Callable[[np.ndarray], np.ndarray]:
+    """Time (k,) [s] → inputs (k, nu) [N, N m] in the order of the system."""
+    signals = {}
+    for name in bench.system.inputs:
+        with blame(f"forces.{name}.signal"):
+            signals[name] = signal_of(name, context.config.forces[name].signal, context.files, "forces")
+
+    def at(time: np.ndarray) -> np.ndarray:
+        columns = []
+        for name, signal in signals.items():
+            with blame(f"forces.{name}.signal"):
+                columns.append(evaluate(signal, time))
+        return np.column_stack(columns) if columns else np.zeros((len(time), 0))
+
+    return at

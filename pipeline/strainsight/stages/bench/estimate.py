@@ -1,0 +1,158 @@
+"""estimate: loads and parameters of a bench from its sensors, by an extended Kalman filter on the implicit step (thesis 2-4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.stages.bench.case.bench import Bench, bench_of
+from strainsight.stages.bench.case.flexible import flexible_bodies
+from strainsight.stages.bench.case.loads import loads_of
+from strainsight.stages.bench.case.sensors import Sensors, sensors_of, some_of
+from strainsight.stages.bench.inverse.output import estimate_output
+from strainsight.stages.bench.inverse.trial import Trial, measurements, trial_of
+from strainsight.stages.bench.inverse.truth import Reality, drawn, from_run, simulated
+from strainsight.stages.bench.inverse.unknowns import Unknowns, free_properties, unknowns_of
+from strainsight.workflow.output import Output
+from strainsight.workflow.stage import Context, Stage
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """What a filter made of a reality.
+
+    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in lost runs; xi_covariance (T + 1, b, p, p);
+    nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
+    (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input.
+    """
+
+    bench: Bench
+    unknowns: Unknowns
+    trial: Trial
+    sensors: Sensors
+    used: Sensors
+    reality: Reality
+    measured: np.ndarray
+    time: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    xi_covariance: np.ndarray
+    nis: np.ndarray
+    lost: np.ndarray
+    reading: np.ndarray
+    elsewhere: Mapping[str, np.ndarray]
+    said: tuple[str, ...]
+
+
+def run(context: Context) -> Output:
+    """Simulate or fetch the measurements, run the filter on them, compare."""
+    found = estimated(context)
+    return estimate_output(context.config, found)
+
+
+def estimated(context: Context) -> Estimated:
+    """All that the stage finds."""
+    config, estimate = context.config, context.config.estimate
+    reduced, meshes = flexible_bodies(context)
+    bench = bench_of(config, reduced, meshes, free_properties(estimate))
+    sensors = sensors_of(config, bench, reduced, meshes, context.upstream.get("place"))
+    used = some_of(bench, sensors, list(estimate.sensors))
+    h = float(estimate.time_step or config.simulate.time_step)
+    steps = round((estimate.duration or config.simulate.duration) / h)
+    time = h * np.arange(steps + 1)
+    unknowns = unknowns_of(estimate, bench, h)
+    loads = loads_of(context, bench)
+    known = loads(time)
+    heaviest = known[np.argmax(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
+    for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
+        guess = estimate.inputs[name].guess
+        known[:, column] = known[0, column] if guess is None else guess
+
+    def told(share: float) -> None:
+        context.progress("truth", 0.3 * share)
+
+    reality: Reality | None = None
+    elsewhere: dict[str, np.ndarray] = {}
+    if estimate.measured is not None:
+        read, elsewhere = from_run(
+            context.files["estimate.measured.from"], estimate.measured,
+            {name: config.sensors[name] for name in used.channels}, list(estimate.inputs), h, steps,
+        )  # fmt: skip
+        readings = np.full((steps, 1, len(sensors.zeroed)), np.nan)
+        for name, values in read.items():
+            readings[:, 0, sensors.channels[name]] = values
+        nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
+        reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings, None)
+    elif estimate.truth.model != "walk":
+        substeps = int(estimate.truth.substeps) if estimate.truth.model == "fine" else 1
+        reality = simulated(bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, told)
+    among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
+    runs, starts = int(estimate.runs), len(unknowns.starts)
+    largest = np.zeros(len(among)) if reality is None else np.abs(reality.readings[:, 0, among]).max(axis=0)
+    trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, h)
+    if reality is None:
+        reality = _walked(trial, used, sensors, known, runs, context.seed)
+    y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, context.seed, bool(estimate.truth.noise))
+    found = _filtered(context, trial, y)
+    reading = np.array([_read(sensors, trial, x) for x in found.mean[:, 0]])
+    reading = reading - np.where(sensors.zeroed, reading[0], 0.0)
+    return Estimated(
+        bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
+        found.unknown_covariance[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
+        reading, elsewhere, trial.said,
+    )  # fmt: skip
+
+
+def _read(sensors: Sensors, trial: Trial, x: np.ndarray) -> np.ndarray:
+    """What all sensors read at x (size,); NaN where the run is lost."""
+    if not np.isfinite(x).all():
+        return np.full(len(sensors.zeroed), np.nan)
+    return sensors.readings.read(x[trial.model.q], x[trial.model.v])[0]
+
+
+def _walked(
+    trial: Trial, used: Sensors, sensors: Sensors, known: np.ndarray, runs: int, seed: int
+) -> Reality:
+    """Drawn truths; sensors that the filter has not are not read."""
+    found = drawn(trial.model, trial.start[:runs], trial.covariance[:runs], known, runs, seed)
+    readings = np.full((len(known) - 1, runs, len(sensors.zeroed)), np.nan)
+    for name, own in used.channels.items():
+        readings[:, :, sensors.channels[name]] = found.readings[:, :, own]
+    return Reality(found.inputs, found.theta, readings, found.q)
+
+
+def _filtered(context: Context, trial: Trial, y: np.ndarray) -> FilterRun:
+    """The filter as `method` says; what diverges without damping is a result, too."""
+    method, model = context.config.estimate.method, trial.model
+    one_shot = method.update == "one_shot"
+
+    def told(k: int) -> None:
+        if k % 10 == 0:
+            context.progress("filter", 0.3 + 0.7 * k / len(y))
+
+    return filter_runs(
+        model,
+        trial.start,
+        trial.covariance,
+        y,
+        form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
+        iterations=1 if one_shot else int(method.iterations),
+        through_step=not one_shot,
+        damped=method.update != "undamped",
+        project=model.projected if one_shot else None,
+        told=told,
+        refuse=method.update != "undamped",
+    )
+
+
+ESTIMATE = Stage(
+    "estimate",
+    version=1,
+    reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
+    upstream=("import", "reduce"),
+    files=("forces.*.signal.file", "estimate.measured.from"),
+    run=run,
+)

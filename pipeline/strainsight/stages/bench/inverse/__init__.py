@@ -1,0 +1,1 @@
+"""What the estimate of a bench is made of: unknowns, truth, filter, comparison."""

@@ -1,0 +1,77 @@
+"""How good an estimate is: loads against true ones, parameters, sensors, one bench's loads over another's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.workflow.output import Scalar
+
+LARGE = 0.3
+"""Share of its largest value above which a load is divided by another: near zero a quotient says nothing."""
+
+
+def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> dict[str, Scalar]:
+    """slope and offset [N, N m] of the fit estimate = slope · true + offset; the rms error and the mean σ over the
+    second half, and the largest error, over the largest |true|. true, estimate, std (T,) after the start."""
+    slope, offset = _fit(true, estimate)
+    largest = float(np.abs(true).max()) or 1.0
+    off = estimate - true
+    return {
+        f"slope.{name}": slope,
+        f"offset.{name}": offset,
+        f"error.{name}": float(np.sqrt(np.mean(off[len(off) // 2 :] ** 2))) / largest,
+        f"largest_error.{name}": float(np.abs(off).max()) / largest,
+        f"std.{name}": float(std[len(std) // 2 :].mean()) / largest,
+    }
+
+
+def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> dict[str, Scalar]:
+    """A load here over the one of the other bench: affine fit, and the quotient where the other is large. (T,) each."""
+    slope, offset = _fit(there, estimate)
+    large = np.abs(there) > LARGE * np.abs(there).max(initial=0.0)
+    quotient = estimate[large] / there[large] if large.any() else np.array([np.nan])
+    return {
+        f"ratio_slope.{name}": slope,
+        f"ratio_offset.{name}": offset,
+        f"ratio_mean.{name}": float(quotient.mean()),
+        f"ratio_low.{name}": float(quotient.min()),
+        f"ratio_high.{name}": float(quotient.max()),
+    }
+
+
+def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.ndarray) -> dict[str, Scalar]:
+    """Error and σ at the end of the first run, relative to the truth; rms of error/σ over all runs.
+
+    true, last, std (runs,)."""
+    size = abs(float(true[0]))
+    size = size if size > 0 else 1.0
+    numbers: dict[str, Scalar] = {
+        f"error.{name}": abs(float(last[0] - true[0])) / size,
+        f"std.{name}": float(std[0]) / size,
+    }
+    if len(last) > 1:
+        numbers[f"ratio.{name}"] = float(np.sqrt(np.mean(((last - true) / std) ** 2)))
+        numbers[f"largest_error.{name}"] = float(np.abs(last - true).max()) / size
+    return numbers
+
+
+def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> dict[str, Scalar]:
+    """rms of measured − expected over that of measured, of every component (T, components) and of the worst."""
+    off = np.sqrt(np.mean((measured - expected) ** 2, axis=0))
+    whole = np.sqrt(np.mean(measured**2, axis=0))
+    share = np.divide(off, whole, out=np.full_like(off, np.nan), where=whole > 0)
+    if not np.isfinite(share).any():
+        return {}
+    numbers: dict[str, Scalar] = {f"mismatch.{name}": float(np.nanmax(share))}
+    if len(share) > 1:
+        numbers |= {f"mismatch.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)}
+    return numbers
+
+
+def _fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """slope, offset of y over x; a constant x has the slope of their means and no offset."""
+    spread = x - x.mean()
+    if not np.any(np.abs(spread) > 1e-9 * np.abs(x).max(initial=0.0)):
+        return (float(y.mean() / x.mean()) if x.mean() else float("nan")), 0.0
+    slope = float(spread @ y / (spread @ spread))
+    return slope, float(y.mean() - slope * x.mean())

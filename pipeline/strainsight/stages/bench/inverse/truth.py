@@ -1,0 +1,149 @@
+"""What stands for reality in a bench's estimate: its own simulation, finer or not, or what another bench's sensors read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.errors import ArtefactError, ConfigError, NumericalError, blame, did_you_mean
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.sensors import Readings
+from strainsight.multibody.simulate import simulate
+from strainsight.stages.bench.case.bench import Bench
+from strainsight.stages.bench.case.start import start_of
+from strainsight.workflow.artefact import Artefact
+
+FEW = 1e-6
+"""Share of a step by which two clocks may differ."""
+
+
+@dataclass(frozen=True)
+class Reality:
+    """inputs (T + 1, r, nu) of the system, r = 1 or one a run [N, N m]; theta (r, nθ); readings (T, r, all channels) of every
+    sensor at h, 2h, …, NaN where nothing was read; q (T + 1, n) of the first run, or None."""
+
+    inputs: np.ndarray
+    theta: np.ndarray
+    readings: np.ndarray
+    q: np.ndarray | None
+
+
+def simulated(
+    bench: Bench,
+    sensors: Readings,
+    zeroed: np.ndarray,
+    settings: Any,
+    loads: Callable[[np.ndarray], np.ndarray],
+    h: float,
+    steps: int,
+    substeps: int,
+    progress: Callable[[float], None],
+) -> Reality:
+    """The bench with its own parameters, integrated with h/substeps; loads: time (k,) → (k, nu); zeroed (channels,)."""
+    fine = h / substeps * np.arange(steps * substeps + 1)
+    u = loads(fine)
+    count = len(fine) - 1
+    with blame("estimate.truth"):
+        q0, v0 = start_of(bench, settings, u[0])
+        found = simulate(
+            bench.system, q0, v0, u[1:], h / substeps, bench.theta,
+            lambda k: progress(k / count) if k % 50 == 0 else None,
+        )  # fmt: skip
+    read = np.array([sensors.read(q, v)[0] for q, v in zip(found.q[::substeps], found.v[::substeps], strict=True)])
+    read = read - np.where(zeroed, read[0], 0.0)
+    return Reality(u[::substeps, None], bench.theta[None], read[1:, None], found.q[::substeps])
+
+
+def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
+    """Truths of the filter's own model: the start from N(x̂, P), inputs, parameters and disturbance from `before`.
+
+    start (B, size), P (B, size, size), known (T + 1, all inputs). The drawn starts are put back on the constraints.
+    Raises NumericalError where a drawn step cannot be solved.
+    """
+    steps = len(known) - 1
+    x = np.empty((runs, model.size))
+    draws = [np.random.default_rng((seed, run)) for run in range(runs)]
+    for run, draw in enumerate(draws):
+        which = run % len(start)
+        values, vectors = np.linalg.eigh(P[which] / np.outer(*[_std(P[which])] * 2))
+        factor = _std(P[which])[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        x[run] = start[which] + factor @ draw.standard_normal(model.size)
+    x = model.projected(x)
+    inputs = np.repeat(known[:, None], runs, axis=1)
+    inputs[0][:, model.inputs] = x[:, model.u]
+    readings = np.empty((steps, runs, model.channels))
+    q = np.empty((steps + 1, model.system.size))
+    q[0], deviation = x[0, model.q], np.sqrt(np.diag(model.before(0)))
+    for k in range(steps):
+        noise = np.array([draw.standard_normal(model.size) for draw in draws])
+        x = model.step(x + deviation * noise, k)[0]
+        if not np.all(np.isfinite(x)):
+            raise NumericalError(
+                f"a drawn truth cannot be stepped at {k * model.h:g} s",
+                remedy="give smaller increments, or a smaller std at the start",
+            )
+        inputs[k + 1][:, model.inputs] = x[:, model.u]
+        readings[k], q[k + 1] = model.measure(x, k)[0], x[0, model.q]
+    theta = np.array([model.coordinates.theta(own)[0] for own in x[:, model.xi]])
+    return Reality(inputs, theta, readings, q)
+
+
+def from_run(
+    path: Path, settings: Any, own: Mapping[str, Any], inputs: list[str], h: float, steps: int
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """What another bench's sensors read at h, 2h, … (T, components), and its loads at 0, h, … (T + 1,), by own names.
+
+    own: sensors of the filter; settings: `estimate.measured`. Lengths are multiplied by `scale`: the displacements of a
+    relative motion and positions, not tilts, strains or axes. Raises ConfigError for a sensor or an instant that it lacks.
+    """
+    key = "estimate.measured.from"
+    there = Artefact(path)
+    if there.header.stage != "simulate":
+        raise ArtefactError(f"{path.name} is of stage '{there.header.stage}', not of a simulation", key=key)
+    clock = there["/time"]
+    pace = clock[1] - clock[0]
+    every = round(h / pace)
+    if abs(every * pace - h) > FEW * pace or every < 1:
+        raise ConfigError(
+            f"its samples are {pace:g} s apart, which does not divide the filter's step of {h:g} s",
+            key=key,
+            remedy=f"set estimate.time_step to a multiple of {pace:g}",
+        )
+    if every * steps > len(clock) - 1:
+        raise ConfigError(
+            f"it ends after {clock[-1]:g} s, the estimate after {h * steps:g} s",
+            key=key,
+            remedy=f"set estimate.duration to at most {clock[-1]:g}",
+        )
+    rows = every * np.arange(steps + 1)
+    read = {}
+    for name, entry in own.items():
+        values = there[_there(there, "sensors", settings.sensors.get(name, name), f"estimate.measured.sensors.{name}")]
+        lengths = slice(3) if entry.type == "relative" or entry.get("quantity") in ("position", "velocity") else slice(0)
+        values = np.array(values[rows[1:]], dtype=float)
+        values[:, lengths] *= settings.scale
+        read[name] = values
+    loads = {}
+    for name in inputs:
+        wanted = settings.inputs.get(name, name)
+        if name in settings.inputs or f"/inputs/{wanted}" in there:
+            loads[name] = there[_there(there, "inputs", wanted, f"estimate.measured.inputs.{name}")][rows]
+    return read, loads
+
+
+def _there(there: Artefact, group: str, name: str, key: str) -> str:
+    if f"/{group}/{name}" not in there:
+        listed = list(there.children(f"/{group}"))
+        raise ConfigError(
+            f"that run has no {group[:-1]} '{name}'", key=key, remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}")
+        )
+    return f"/{group}/{name}"
+
+
+def _std(P: np.ndarray) -> np.ndarray:
+    std = np.sqrt(np.diag(P))
+    return np.where(std > 0, std, 1.0)

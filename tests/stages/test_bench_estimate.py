@@ -1,0 +1,206 @@
+"""The estimate of a bench: loads, bearing and hub from their sensors, the thesis's conclusions, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.errors import ConfigError
+from strainsight.stages.bench.pipeline import bench_stages
+from strainsight_cli.main import app
+
+from .conftest import ROOT, finished, job_of
+
+LOADS = ROOT / "configs" / "bench" / "loads.yaml"
+DIAMETER = ROOT / "configs" / "bench" / "diameter.yaml"
+MODULUS = ROOT / "configs" / "bench" / "modulus.yaml"
+SMALL = ROOT / "configs" / "bench" / "small.yaml"
+WEIGHT = 1.4e4 * 9.81
+EXACT = ("estimate.sensors={gauges: {noise: 0.0}}", "estimate.truth={model: own, noise: false}")
+ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
+    f"{name}: {{bearing: pitch-bearing, property: {name}, guess: {1.1 * value:.6g}}}"
+    for name, value in (
+        ("ball_diameter", 0.06), ("radius_inner_left", 0.0318), ("radius_inner_right", 0.0318),
+        ("radius_outer_left", 0.0318), ("radius_outer_right", 0.0318),
+    )
+) + "}"  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def estimate(bench_results):
+    """overrides → the artefact of an estimate, its hub reduced once for all."""
+    count = iter(range(1000))
+
+    def of(config, *overrides, stage="estimate"):
+        job = job_of(config, bench_results, "simulate.duration=1.0", f"name=estimate-{next(count)}", *overrides)
+        return finished(job, bench_stages(job.config))[stage][2]
+
+    return of
+
+
+@pytest.mark.parametrize("h", [0.02, 0.1])
+def test_without_noise_on_its_own_step_the_iterated_filter_has_the_loads_to_1e_7(estimate, h):
+    when = (f"estimate.time_step={h}", "estimate.duration=1.0", *EXACT)
+    iterated = estimate(LOADS, *when)
+    one_shot = estimate(LOADS, *when, "estimate.method.update=one_shot")
+    for name in ("Fx", "Fy", "Fz"):
+        assert iterated.summary[f"error.{name}"] < 1e-7
+        assert iterated.summary[f"error.{name}"] < one_shot.summary[f"error.{name}"] < 1e-4
+    assert iterated.summary["violation"] < 1e-14
+    assert one_shot.summary["violation"] < 1e-14
+
+
+def test_against_a_finely_integrated_truth_the_loads_are_right_to_2e_3_at_a_step_of_300_ms(estimate):
+    found = estimate(
+        LOADS, "simulate.duration=9.0", "estimate.time_step=0.3", "estimate.truth.noise=false",
+        "estimate.sensors.gauges.noise=1.0e-9", *(f"estimate.inputs.F{k}.increment=1.0e+4" for k in "xyz"),
+    )  # fmt: skip
+    assert max(found.summary[f"error.F{k}"] for k in "xyz") < 2e-3
+
+
+def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(estimate):
+    """Strains only feel the load that passes through: thesis figure 2.7."""
+    found = estimate(
+        DIAMETER, "estimate.time_step=0.1", "estimate.duration=3.0", "estimate.truth.noise=false", ALL_OF_THE_BEARING,
+        "estimate.sensors={gauges: {noise: 1.0e-9}}",
+    )  # fmt: skip
+    for name in ("Fx", "Fy", "Fz"):
+        assert found.summary[f"slope.{name}"] == pytest.approx(1.0, abs=0.005)
+    assert found.summary["mismatch.relative"] > 0.02
+    assert not found["/sensors/relative/used"]
+
+
+@pytest.mark.parametrize("zeroed", [False, True])
+def test_a_hub_ten_per_cent_too_stiff_scales_loads_and_adds_a_tenth_of_the_weight_unless_gauges_are_zeroed(
+    estimate, zeroed
+):
+    """û = 1.1 u + 0.1 G for loads at the blade's centre on a hub that weighs nothing itself; thesis figure 2.8."""
+    found = estimate(
+        MODULUS, "estimate.duration=4.0", "estimate.truth.noise=false",
+        "estimate.parameters={E: {guess: 1.87e+11}}", "estimate.sensors={gauges: {noise: 1.0e-7}}",
+        "bodies.hub.mesh.materials={iron: {regions: all, youngs_modulus: 1.7e+11, poisson_ratio: 0.275, density: 7.1}}",
+        "frames.station.pose.origin=[17.0, 0.0, 0.0]", f"sensors.gauges.zeroed={str(zeroed).lower()}",
+        *(f"estimate.inputs.F{k}={{std: 1.0e+5, increment: 3.0e+4}}" for k in "xyz"),
+    )  # fmt: skip
+    assert found.summary["slope.Fz"] == pytest.approx(1.10, abs=0.01)
+    if zeroed:
+        assert abs(found.summary["offset.Fz"]) < 0.002 * WEIGHT
+    else:
+        assert found.summary["offset.Fz"] == pytest.approx(-0.1 * WEIGHT, rel=0.02)
+
+
+def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone_do_not(estimate):
+    common = ("estimate.duration=4.0", "sensors.gauges.zeroed=true")
+    both = estimate(MODULUS, *common)
+    alone = estimate(MODULUS, *common, "estimate.sensors={gauges: {noise: 1.0e-7}}")
+    assert both.summary["identified.E"] is True
+    assert both.summary["error.E"] < 4 * both.summary["std.E"] < 0.04
+    assert alone.summary["identified.E"] is False
+    assert alone.summary["std.E"] > 10 * both.summary["std.E"]
+
+
+@pytest.mark.parametrize("convention", ["follow", "fixed"])
+@pytest.mark.parametrize("guess", [0.0606, 0.0594])
+def test_ball_diameter_is_found_from_one_per_cent_off(estimate, convention, guess):
+    found = estimate(
+        DIAMETER, f"bearings.pitch-bearing.groove_centres={convention}", "estimate.truth={model: own, noise: false}",
+        f"estimate.parameters.diameter.guess={guess}", "estimate.duration=2.0", "estimate.time_step=0.2",
+        "estimate.sensors={gauges: {noise: 1.0e-9}, relative: {noise: 1.0e-9}}",
+    )  # fmt: skip
+    assert found.summary["error.diameter"] < 1e-6
+    assert found["/parameters/diameter/true"] == 0.06
+
+
+def test_undamped_updates_lose_a_diameter_that_damped_ones_find(estimate):
+    wrong = (
+        "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
+        "estimate.duration=2.0", "estimate.time_step=0.2",
+    )  # fmt: skip
+    undamped = estimate(DIAMETER, *wrong, "estimate.method.update=undamped")
+    assert undamped.summary["lost"] == 1
+    assert estimate(DIAMETER, *wrong).summary["error.diameter"] < 1e-6
+
+
+def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(estimate, bench):
+    large = ("estimate.duration=1.0", f"estimate.measured.from={bench['simulate'].path}")
+    three = estimate(SMALL, *large)
+    five = estimate(SMALL, *large, *(f"estimate.inputs.M{k}={{std: 1.0e+5, increment: 1.0e+4}}" for k in "yz"))
+    assert five.summary["mismatch.relative"] < 1e-4
+    assert three.summary["mismatch.relative"] > 0.01
+    assert {f"mismatch.relative.{i}" for i in range(1, 6)} <= three.summary.keys()
+    assert three.summary["ratio_high.Fx"] > 1.5 * three.summary["ratio_low.Fx"] or three.summary["ratio_low.Fx"] < 0
+
+
+def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(estimate, bench_results):
+    """Displacements, preload × s, g/s, static loads: all strains are those of the large bench, forces go with s²."""
+    static = tuple(
+        f"forces.F{k}.signal={{type: constant, value: {v}}}" for k, v in zip("xyz", (3e4, 2e4, 4e4), strict=True)
+    )
+    large = estimate(ROOT / "configs" / "bench-full.yaml", *static, stage="simulate")
+    found = estimate(
+        SMALL, "estimate.duration=1.0", f"estimate.measured={{from: {large.path}, scale: 0.5}}",
+        "bearings.pitch-bearing.preload=5.0e-6", "forces.weight.acceleration=[0.0, 0.0, -19.62]",
+    )  # fmt: skip
+    for name in ("Fx", "Fy", "Fz"):
+        assert found.summary[f"ratio_slope.{name}"] == pytest.approx(0.25, abs=1e-5)
+    assert found.summary["mismatch.relative"] < 1e-6
+
+
+def test_loads_are_written_as_a_command_history(estimate):
+    found = estimate(LOADS, "estimate.duration=0.2", *EXACT)
+    rows = list(csv.reader(io.StringIO((found.path.parent / "loads.csv").read_text(encoding="utf-8"))))
+    assert rows[0] == ["time", "Fx", "Fy", "Fz"]
+    np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/estimate"], rtol=1e-8)
+
+
+def test_noise_of_zero_is_raised_and_said(estimate, bench_results):
+    done = CliRunner().invoke(
+        app,
+        ["run", str(LOADS), "--results", str(bench_results), "--set", "name=floored", "--set", "estimate.duration=0.2",
+         "--set", "simulate.duration=0.2", "--set", "estimate.sensors.gauges.noise=0.0"],
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "the noise of gauges is raised from 0" in " ".join(done.output.split())
+
+
+@pytest.mark.parametrize(
+    ("config", "change", "key", "what"),
+    [
+        (LOADS, "estimate.sensors={tip: {noise: 1.0e-3}}", None, None),
+        (LOADS, "sensors.gauges.gauges=[{position: [0.918, 0.94, -1.372], direction: [0, 0, 1]}]", "estimate.sensors",
+         "1 channels for 3 unknown loads"),
+        (LOADS, "estimate.sensors.gauge={noise: 1.0e-7}", "estimate.sensors.gauge", "did you mean gauges"),
+        (LOADS, "estimate.inputs.weight={std: 1.0, increment: 1.0}", "estimate.inputs.weight", "no force or moment"),
+        (LOADS, "estimate.sensors.gauges.noise=[1.0e-7, 1.0e-7]", "estimate.sensors.gauges.noise", "2 noises for 4"),
+        (LOADS, "estimate.time_step=0.07", "estimate.time_step", "does not divide"),
+        (DIAMETER, "estimate.parameters.diameter.guess=0.066", "estimate.parameters.diameter.guess", "would not pass a ball"),
+        (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
+    ],
+)  # fmt: skip
+def test_contradictions_are_refused_with_their_place(config, change, key, what):
+    if key is None:
+        job_of(config, ROOT, change)
+        return
+    with pytest.raises(ConfigError) as refused:
+        job_of(config, ROOT, change)
+    assert refused.value.key == key
+    assert what in str(refused.value)
+
+
+def test_diameter_and_preload_are_one_unknown_where_groove_centres_stay():
+    both = "estimate.parameters.preload={bearing: pitch-bearing, property: preload, std: 1.0e-6}"
+    job_of(DIAMETER, ROOT, both)
+    with pytest.raises(ConfigError, match="the same unknown") as refused:
+        job_of(DIAMETER, ROOT, both, "bearings.pitch-bearing.groove_centres=fixed")
+    assert refused.value.key == "estimate.parameters.preload"
+
+
+def test_an_unknown_that_no_sensor_feels_is_refused_by_name(estimate):
+    """The modulus of the hub moves no ring against the other."""
+    with pytest.raises(ConfigError, match="no sensor feels it") as refused:
+        estimate(MODULUS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=0.2")
+    assert refused.value.key == "estimate.parameters.E"
