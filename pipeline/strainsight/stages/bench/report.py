@@ -1,0 +1,72 @@
+"""report: one page about a run of a bench; everything on it is read from the artefacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import sha256
+
+from strainsight import __version__
+from strainsight.report.bench_data import BenchRun
+from strainsight.report.bench_page import bench_figures, bench_page
+from strainsight.stages.records.bench_run import estimate_of, motion_of, placement_of, warnings_in
+from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.stage import Context, Stage
+
+SHOWN = ("place", "simulate", "estimate")
+"""Stages that the page shows, of those that a bench has."""
+
+
+def run(context: Context) -> Output:
+    """Gather what the page shows and write it as one self-contained file."""
+    report = bench_run(context)
+    context.progress("figures", 0.2)
+    drawings = bench_figures(report)
+    up = context.upstream
+    provenance = {"strainsight": __version__, "seed": str(context.seed)} | {
+        f"{stage} artefact": up[stage].digest[:16] for stage in up
+    }
+    page = bench_page(report, drawings, provenance.items()).encode()
+    count = sum(len(entries) for entries in drawings.values())
+    return Output(
+        datasets=_datasets(report),
+        summary={"page_sha256": sha256(page).hexdigest(), "figures": count, "warnings": len(report.warnings)},
+        message=f"report.html, {count} figures, {len(page) / 1024:.0f} KiB",
+        files={"report.html": page},
+    )
+
+
+def bench_run(context: Context) -> BenchRun:
+    """The page's content."""
+    up = {stage: context.upstream[stage] for stage in context.upstream}
+    estimate = estimate_of(up["estimate"]) if "estimate" in up else None
+    motion = motion_of(up["simulate"]) if "simulate" in up else None
+    placement = placement_of(up["place"]) if "place" in up else None
+    if placement is not None and motion is not None:
+        placement = replace(placement, units={name: unit for name, (unit, _) in motion.inputs.items()})
+    return BenchRun(
+        name=context.name,
+        motion=motion,
+        estimate=estimate,
+        placement=placement,
+        numbers={stage: artefact.summary for stage, artefact in up.items()},
+        warnings=warnings_in(up),
+    )
+
+
+def _datasets(report: BenchRun) -> dict[str, Dataset]:
+    """What the page is about in time: artefacts need at least one array."""
+    time = (
+        report.motion.time
+        if report.motion is not None
+        else report.estimate.time
+        if report.estimate is not None
+        else None
+    )
+    return {} if time is None else {"/time": Dataset(time, "s", "time of the bench that the page shows")}
+
+
+def report_stage(stages: Sequence[str]) -> Stage:
+    """The stage of a bench that has these stages."""
+    upstream = tuple(stage for stage in stages if stage in SHOWN)
+    return Stage("report", version=1, reads=("name", "seed"), upstream=upstream, files=(), run=run)

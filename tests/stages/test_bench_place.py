@@ -1,0 +1,223 @@
+"""Gauges placed on the body of a bench: scipy's Riccati solver over all subsets, a beam's formula, the sensor they become."""
+
+from __future__ import annotations
+
+import re
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_are
+from typer.testing import CliRunner
+
+from strainsight.errors import StrainsightError
+from strainsight.stages.bench.pipeline import bench_stages
+from strainsight_cli.main import app
+
+from .conftest import ROOT, finished, job_of
+from .test_artefacts import DOC
+
+LENGTH, WIDTH, HEIGHT, MODULUS = 2.0, 0.25, 0.19, 2.1e11
+NOISE = 1e-7
+BEAM = f"""
+kind: bench
+name: beam
+bodies:
+  beam: {{type: flexible, mesh: {{file: {ROOT}/meshes/cantilever.bdf}}, modes: 4, damping: {{type: modal, ratio: 0.01}}}}
+frames:
+  tip: {{body: beam, node: 2}}
+forces:
+  side: {{type: force, frame: tip, direction: [0, 1, 0], signal: {{type: constant, value: 1000.0}}}}
+  down: {{type: force, frame: tip, direction: [0, 0, 1], signal: {{type: constant, value: 500.0}}}}
+sensors:
+  gauges: {{type: strain, body: beam, layout: place}}
+  others: {{type: strain, body: beam, layout: random}}
+simulate: {{duration: 0.05, time_step: 0.01}}
+estimate:
+  sensors: {{gauges: {{noise: {NOISE}}}}}
+  inputs:
+    side: {{std: 1.0e+3, increment: 20.0}}
+    down: {{std: 1.0e+3, increment: 10.0}}
+place:
+  body: beam
+  keep: 3
+  noise: {NOISE}
+  pool: 10
+  spacing: 0.05
+  random: 3
+  direction: {{type: axis, axis: [1, 0, 0], angles: [0.0, 45.0]}}
+  exclude: [{{normal_cone: {{axis: [1, 0, 0], angle: 20}}}}]
+field: {{body: beam, instants: 3}}
+"""
+
+
+def written(folder: Path, **changes: str) -> Path:
+    text = BEAM
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "beam.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """stage → Artefact of the beam, without its estimate."""
+    folder = tmp_path_factory.mktemp("beam")
+    job = job_of(written(folder), folder / "results")
+    stages = [stage for stage in bench_stages(job.config) if stage.name not in ("estimate", "report")]
+    return {name: artefact for name, (_, _, artefact) in finished(job, stages).items()}
+
+
+def test_a_candidate_strains_as_a_beam_does(beam):
+    """ε = (L − x) z/EI per newton, half a beam's height away from clamp and tip."""
+    place = beam["place"]
+    x, d = place["/candidates/position"], place["/candidates/direction"]
+    middle = (np.abs(d[:, 0]) > 0.999) & (np.abs(x[:, 0] - LENGTH / 2) < 0.7)
+    assert middle.sum() > 100
+    side, down = place["/candidates/response"][middle].T
+    arm = LENGTH - x[middle, 0]
+    np.testing.assert_allclose(
+        side, -arm * x[middle, 1] / (MODULUS * HEIGHT * WIDTH**3 / 12), atol=0.01 * abs(side).max()
+    )
+    np.testing.assert_allclose(
+        down, -arm * x[middle, 2] / (MODULUS * WIDTH * HEIGHT**3 / 12), atol=0.01 * abs(down).max()
+    )
+
+
+def trace(place, gauges):
+    """tr(W P) of some pool rows by scipy's solver, in units of what an increment does."""
+    F, H, Q, R = (place[f"/augmented/{name}"] for name in "FHQR")
+    r, increments = (len(F) - 2) // 2, np.array([20.0, 10.0])
+    rest = np.abs(np.linalg.solve(F[r : 2 * r, :r], F[r : 2 * r, 2 * r :])) @ increments
+    d = np.concatenate([rest, rest * np.sqrt(np.abs(np.diag(F[r : 2 * r, :r]))), increments])
+    scaled = H[gauges] * d / np.sqrt(R[gauges])[:, None]
+    P = solve_continuous_are((F / d[:, None] * d).T, scaled.T, Q / np.outer(d, d), np.eye(len(gauges)))
+    return float(place["/augmented/weight"] @ (np.diag(P) * d**2))
+
+
+def test_the_layout_is_the_best_of_all_subsets_of_its_pool(beam):
+    """By an independent solver, over every one of them; the bound is below the best, and the gap tells by how much at most."""
+    place = beam["place"]
+    pool = place["/pool/candidate"]
+    costs = {gauges: trace(place, list(gauges)) for gauges in combinations(range(len(pool)), 3)}
+    best = min(costs, key=costs.__getitem__)
+    assert place.summary["trace_final"] == pytest.approx(costs[best], rel=1e-6)
+    assert place.summary["lower_bound"] <= costs[best] * (1 + 1e-9)
+    assert place.summary["gap"] == pytest.approx(1 - place.summary["lower_bound"] / costs[best], abs=1e-6)
+    assert place["/elimination/trace"][0] == pytest.approx(2.0, rel=1e-9)
+    assert trace(place, list(range(len(pool)))) == pytest.approx(2.0, rel=1e-6)
+
+
+def test_random_layouts_are_worse_and_drawn_from_all_candidates(beam):
+    place = beam["place"]
+    drawn = [name for name in place.groups("/layouts") if name != "place"]
+    assert drawn == ["random-1", "random-2", "random-3"]
+    assert len(place["/candidates/position"]) > 10 * len(place["/pool/candidate"])
+    for name in drawn:
+        assert place[f"/layouts/{name}/trace"] > place["/layouts/place/trace"]
+        assert np.all(place[f"/layouts/{name}/std"] > place["/layouts/place/std"])
+    middle = np.median([place[f"/layouts/{name}/std"] for name in drawn], axis=0)
+    assert [place.summary[f"random.{name}"] for name in ("side", "down")] == pytest.approx(middle.tolist())
+
+
+def test_a_sensor_takes_the_layout_over_where_it_was_placed(beam):
+    """Statics of a linear bench: what it reads at the start is the response to the constant loads."""
+    place, simulate = beam["place"], beam["simulate"]
+    load = [1000.0, 500.0]
+    for sensor, layout in (("gauges", "place"), ("others", "random-1")):
+        own = place[f"/layouts/{layout}/candidate"]
+        np.testing.assert_allclose(
+            simulate[f"/sensors/{sensor}"][0], place["/candidates/response"][own] @ load, rtol=1e-6, atol=1e-12
+        )
+
+
+@pytest.mark.parametrize(("sensor", "layout"), [("gauges", "place"), ("others", "random-1")])
+def test_a_filter_comes_to_claim_what_was_expected(tmp_path, beam, sensor, layout):
+    """The σ that the bench's own filter, with its constraints and its step, ends with."""
+    path = written(tmp_path, **{"sensors: {gauges:": f"sensors: {{{sensor}:", "duration: 0.05": "duration: 1.0"})
+    job = job_of(path, beam["reduce"].path.parents[1], f"name=claim-{layout}", "field=null")
+    done = finished(job, [stage for stage in bench_stages(job.config) if stage.name != "report"])
+    estimate, place = done["estimate"][2], beam["place"]
+    for i, name in enumerate(place["/inputs"]):
+        claimed = estimate[f"/inputs/{name}/std"][-1]
+        assert claimed == pytest.approx(place[f"/layouts/{layout}/std"][i], rel=1e-5)
+
+
+def test_one_gauge_less_is_what_the_file_says_of_it(beam):
+    """Two gauges still tell the two loads, worse; the file lists them in newtons."""
+    place = beam["place"]
+    without, whole = place["/layouts/place/without"], place["/layouts/place/std"]
+    assert np.all(without > whole * (1 - 1e-9))
+    lines = (place.path.parent / "gauges.csv").read_text(encoding="utf-8").splitlines()
+    head = lines[0].split(",")
+    listed = [float(line.split(",")[head.index("std_side_without")]) for line in lines[1:]]
+    np.testing.assert_allclose(listed, without[:, 0], rtol=1e-6)
+    assert (place.path.parent / "gauges.unv").stat().st_size > 0
+
+
+@pytest.mark.parametrize(("stage", "heading"), [("place", "place.h5 of a bench"), ("field", "field.h5")])
+def test_every_dataset_and_scalar_is_listed(beam, stage, heading):
+    """docs/artefacts.md, row by row, and the other way round."""
+    text = DOC.read_text(encoding="utf-8").split(f"## {heading}\n")[1].split("\n## ")[0]
+    listed = {
+        re.escape(path).replace("<name>", r"[\w-]+"): (
+            0 if shape.strip() == "scalar" else shape.count("×") + 1,
+            unit.strip(),
+        )
+        for path, shape, unit in re.findall(r"^\| `([^`]+)` \| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE)
+    }
+    own = [path for path in beam[stage].paths() if not path.startswith("/VTKHDF")]
+    for path in own:
+        matching = [row for pattern, row in listed.items() if re.fullmatch(pattern, path)]
+        assert matching == [(beam[stage][path].ndim, beam[stage].attributes(path)["units"])], path
+    for pattern in listed:
+        assert pattern.startswith("/moduli") or any(re.fullmatch(pattern, path) for path in own), pattern
+    scalars = [name.replace("<name>", r"[\w-]+") for name in re.findall(r"`([^`]+)`", text.split("Summary:")[1])]
+    for name in beam[stage].summary:
+        assert any(re.fullmatch(scalar, name) for scalar in scalars), name
+
+
+INPUTS = "  inputs:\n    side: {std: 1.0e+3, increment: 20.0}\n    down: {std: 1.0e+3, increment: 10.0}\n"
+GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "says"),
+    [
+        ({INPUTS: "  parameters: {E: {std: 1.0e+9}}\n"}, "place", "no input is unknown"),
+        ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "did you mean beam?"),
+        ({"keep: 3": "keep: 30"}, "place.pool", "10 candidates for 30"),
+        ({"random: 3": "random: 0"}, "sensors.others.layout", "at random"),
+        ({"body: beam, layout: place": "body: beam"}, "sensors.gauges", "neither is given"),
+        ({"body: beam, layout: place": f"body: beam, layout: place, {GLUED}"}, "sensors.gauges", "both"),
+        ({BEAM[BEAM.index("place:\n  body") : BEAM.index("field:")]: ""}, "sensors.gauges.layout", "nothing is placed"),
+        ({"field: {body: beam, instants: 3}": "field: {body: beam, instants: 3, every: 2}"}, "field.every", "both"),
+        ({"field: {body: beam": "field: {body: bean"}, "field.body", "did you mean beam?"),
+    ],
+)
+def test_what_contradicts_itself_is_refused_with_its_place(tmp_path, change, key, says):
+    done = CliRunner().invoke(app, ["simulate", str(written(tmp_path, **change)), "--results", str(tmp_path / "r")])
+    assert done.exit_code == 2, done.output
+    assert key in done.stderr
+    assert says in " ".join(done.stderr.split())
+    assert not list(tmp_path.rglob("*.h5"))
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "says"),
+    [
+        ({"keep: 3": "keep: 1"}, "place.keep", "1 gauges cannot observe 2 unknowns"),
+        ({"exclude: [": "include: [{box: [[5, 5, 5], [6, 6, 6]]}]\n  exclude: ["}, "place.include", "no facet is left"),
+        ({"direction: [0, 1, 0], signal": "direction: [0, 0, 2], signal"}, "place.keep", "together"),
+    ],
+)
+def test_what_cannot_be_placed_is_refused_with_its_place(tmp_path, beam, change, key, says):
+    """One gauge for two loads; a zone beside the body; two loads that are one and the same."""
+    job = job_of(written(tmp_path, **change), beam["reduce"].path.parents[1], "name=other")
+    stages = [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place")]
+    with pytest.raises(StrainsightError, match=says) as caught:
+        finished(job, stages)
+    assert caught.value.key == key
