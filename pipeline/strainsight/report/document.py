@@ -10,9 +10,13 @@ from importlib.resources import files
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
-def document(kind: str, name: str, title: str, answer: str, sections: Iterable[str], footer: str) -> str:
-    """HTML text of a page. kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML."""
-    css = files("strainsight.report").joinpath("page.css").read_text(encoding="utf-8")
+def document(
+    kind: str, name: str, title: str, answer: str, sections: Iterable[str], footer: str, styles: Iterable[str] = ()
+) -> str:
+    """HTML text of a page. kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML;
+    styles: files beside page.css whose rules come after its own."""
+    folder = files("strainsight.report")
+    css = "".join(folder.joinpath(style).read_text(encoding="utf-8") for style in ("page.css", *styles))
     return "\n".join(
         (
             "<!DOCTYPE html>",

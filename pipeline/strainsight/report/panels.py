@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from strainsight.report.data import FloatArray, History
 from strainsight.report.drawing import MUTED
-from strainsight.report.text import number, prefix
+from strainsight.report.text import SUPERSCRIPTS, number, prefix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+FLAT = 1e-9
+"""Share of its size within which a curve is flat."""
+LONG = 1e5
+"""Value from which tick labels are written with powers of ten."""
 
 
 def focus_on(axes: Axes, values: FloatArray, share: float = 0.02) -> None:
@@ -75,6 +82,38 @@ def plain_ticks(axes: Axes, which: str) -> None:
     )
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 3)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def legend_of_lines(axes: Axes, labels: Sequence[str]) -> None:
+    """The legend over the axes in as many columns as fit beside each other."""
+    longest = max(map(len, labels), default=0)
+    legend_above(axes, 4 if longest <= 10 else 2 if longest <= 20 else 1)
+
+
+def plain_axis(axes: Axes) -> None:
+    """Label a linear y axis with the numbers themselves, without a power or an offset beside it; rounding stays flat."""
+    low, high = axes.get_ylim()
+    size = max(abs(low), abs(high))
+    if high - low < FLAT * size:
+        axes.set_ylim((low + high) / 2 - 0.05 * size, (low + high) / 2 + 0.05 * size)
+    if size < LONG:
+        axes.ticklabel_format(axis="y", useOffset=False)
+    else:
+        axes.yaxis.set_major_formatter(lambda value, _: number(value, 4))
+
+
+def log_ticks(axes: Axes, which: str = "y") -> None:
+    """Label a logarithmic axis with powers of ten where it spans more than three decades, else as `plain_ticks`."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    low, high = axis.get_view_interval()
+    if not (axis.get_scale() == "log" and 0 < low < high < np.inf and high / low > 1e3):
+        plain_ticks(axes, which)
+        return
+    axis.set_major_locator(LogLocator(numticks=6))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"10{str(round(np.log10(value))).translate(SUPERSCRIPTS)}"))
     axis.set_minor_formatter(NullFormatter())
 
 

@@ -8,6 +8,8 @@ PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 READINGS = {"strain": "strain", "m/s^2": "acceleration", "m/s²": "acceleration", "m": "displacement"}
 """What a gauge reads, by the unit that the artefacts state."""
 PREFIXED_UNITS = frozenset({"Pa", "N", "N·m", "Nm", "N/m", "Hz", "W", "J"})
+SMALL = 5e-5
+"""Ratio below which it is no longer said in per cent."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -67,6 +69,11 @@ def percent(ratio: float, digits: int = 2) -> str:
         return f"{number(value, digits)}\u00a0%"
     rounded = round(value, digits - 1 - power)
     return _grouped(f"{rounded:.{max(digits - 1 - power, 0)}f}").replace("-", "−") + "\u00a0%"
+
+
+def ratio(value: float, digits: int = 2) -> str:
+    """A ratio in per cent, or as a plain number where per cent would be a row of zeros."""
+    return number(value, digits) if 0 < abs(value) < SMALL else percent(value, digits)
 
 
 def _grouped(digits: str) -> str:

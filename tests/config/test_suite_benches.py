@@ -1,0 +1,157 @@
+"""A suite of benches: its studies and claims are checked with the configs of its runs, each mistake at its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from strainsight.config.load import load_config
+from strainsight.config.suite_benches import claims_of, told_of, value_over
+from strainsight.config.suite_runs import runs_of
+from strainsight.errors import ConfigError
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+BENCH = """\
+kind: bench
+name: bob
+bodies:
+  bob: {type: rigid, mass: 2.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.0}}
+frames:
+  pivot: {body: ground}
+  hinge: {body: bob}
+joints:
+  hinge: {type: fixed, frames: [pivot, hinge]}
+simulate: {duration: 1.0, time_step: 0.1}
+"""
+SUITE = """\
+kind: suite
+name: all
+title: Benches
+suffix: -x
+set: {simulate: {duration: 1.0, time_step: 0.1}}
+runs:
+  - {config: bench.yaml, name: long, label: long steps, study: steps, group: own, set: {simulate.time_step: 0.5}}
+  - {config: bench.yaml, name: short, label: short steps, study: steps, group: own}
+  - {config: bench.yaml, name: other, label: another}
+studies:
+  - {name: steps, note: What a step costs., over: simulate.time_step, numbers: [steps]}
+claims:
+  - {text: Few steps., run: long, stage: simulate, number: steps, below: 3}
+  - {text: Five times as many., run: [short], stage: simulate, number: steps, against: long, above: 4.5, below: 5.5}
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    (tmp_path / "bench.yaml").write_text(BENCH, encoding="utf-8")
+    beam = CONFIGS / "cantilever-youngs-modulus.yaml"
+    (tmp_path / "beam.yaml").write_text(beam.read_text(encoding="utf-8"), encoding="utf-8")
+
+    def written(text: str = SUITE) -> Path:
+        path = tmp_path / "suite.yaml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
+def refused(path: Path, stages=("import", "reduce", "simulate")) -> list[ConfigError]:
+    def checked():
+        suite = load_config(path)
+        runs = runs_of(suite)
+        claims_of(suite, runs, [list(stages)] * len(runs))
+
+    with pytest.raises(ConfigError) as caught:
+        checked()
+    return [caught.value, *caught.value.others]
+
+
+def test_the_page_is_told_what_every_run_varies_and_where_its_numbers_are(write):
+    suite = load_config(write())
+    runs = runs_of(suite)
+    told = told_of(suite, runs, [["import", "reduce", "simulate", "report"]] * 3)
+    assert [run["at"] for run in told] == [0.5, 0.1, None]
+    assert [run["study"] for run in told] == ["steps", "steps", ""]
+    assert told[0]["artefacts"] == {"simulate": "long-x/simulate.h5", "report": "long-x/report.h5"}
+    claims = claims_of(suite, runs, [["simulate"]] * 3)
+    assert [(claim["runs"], claim["against"], claim["number"]) for claim in claims] == [
+        ([0], None, ["steps"]),
+        ([1], 0, ["steps"]),
+    ]
+
+
+def test_a_section_that_is_set_for_all_runs_is_each_run_s_own(write):
+    runs = runs_of(load_config(write()))
+    assert [run.config.data["simulate"]["time_step"] for run in runs] == [0.5, 0.1, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key", "what"),
+    [
+        ("run: long,", "run: lnog,", "claims[0].run", "no run 'lnog'"),
+        ("against: long", "against: none", "claims[1].against", "no run 'none'"),
+        ("below: 3", "note: 3", "claims[0].note", "unknown key"),
+        (", below: 3", "", "claims[0]", "has no bound"),
+        ("above: 4.5", "above: 6", "claims[1].above", "6 is not smaller than below, 5.5"),
+        ("below: 3", "equals: true, below: 3", "claims[0].equals", "no other bound"),
+        ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "no run to compare"),
+        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is no number in runs[0], 'long-x'"),
+        ("over: simulate.time_step, ", "", "studies[0].numbers", "nothing to draw them over"),
+        ("name: steps, note", "name: stops, note", "studies[0].name", "no run is of the study 'stops'"),
+        ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "is listed twice"),
+        ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "has no stage 'simulat'"),
+        ("long, stage: simulate, ", "long, ", "claims[0].run", "has no stage 'estimate'"),
+        ("text: Few steps.", 'text: "Few\\esteps."', "claims[0].text", "control character"),
+        ("group: own", 'group: "a\\nb"', "runs[0].group", "a line break"),
+    ],
+)
+def test_a_mistake_has_its_place(write, before, after, key, what):
+    assert before in SUITE
+    (error,) = (error for error in refused(write(SUITE.replace(before, after, 1))) if what in error.what)
+    assert error.key == key
+    assert "suite.yaml:" in error.where
+    assert error.remedy
+
+
+def test_placements_and_benches_do_not_share_a_page(write):
+    text = SUITE.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
+    (error,) = refused(write(text.replace("bench.yaml, name: other", "beam.yaml, name: other")))
+    assert error.key == "runs[2].config"
+    assert "beam.yaml is a placement, runs[0] a bench" in error.what
+
+
+def test_studies_and_claims_are_for_benches(write):
+    text = "kind: suite\nname: all\ntitle: t\nruns:\n  - {config: beam.yaml, label: E, study: s, group: g}\n"
+    text += "studies: [{name: s}]\nclaims: [{text: t, run: a, number: n, above: 0}]\n"
+    assert {error.key for error in refused(write(text))} == {"studies", "claims", "runs[0].study", "runs[0].group"}
+
+
+def test_a_bearing_alone_has_no_page_in_a_suite(write, tmp_path):
+    (tmp_path / "ball.yaml").write_text("kind: bearing\nname: ball\n", encoding="utf-8")
+    (error,) = refused(write(SUITE.replace("bench.yaml, name: other", "ball.yaml, name: other")))
+    assert error.key == "runs[2].config"
+
+
+def test_the_value_at_a_dotted_key():
+    config = {"a": [{"b": 2}, {"b": True}], "c": None}
+    assert value_over(config, "a.0.b") == 2.0
+    assert [value_over(config, key) for key in ("a.1.b", "a.2.b", "c", "c.d", "a", "e")] == [None] * 6
+
+
+def test_what_is_measured_on_another_run_follows_the_suffix(write, tmp_path):
+    bench = (CONFIGS / "bench-full.yaml").read_text(encoding="utf-8")
+    (tmp_path / "full.yaml").write_text(bench, encoding="utf-8")
+    estimate = (
+        "{sensors: {relative: {noise: 1.0e-7}}, inputs: {Fx: {std: 1.0, increment: 1.0}}, measured: {from: NAME}}"
+    )
+    text = "kind: suite\nname: all\ntitle: t\nsuffix: -x\nruns:\n  - {config: full.yaml, name: full, label: f}\n"
+    text += f"  - {{config: full.yaml, name: small, label: s, set: {{estimate: {estimate}}}}}\n"
+    runs = runs_of(load_config(write(text.replace("NAME", "full"))))
+    assert runs[1].config.data["estimate"]["measured"]["from"] == "full-x"
+    runs = runs_of(load_config(write(text.replace("NAME", "elsewhere"))))
+    assert runs[1].config.data["estimate"]["measured"]["from"] == "elsewhere"
+    later = text.replace("NAME", "late") + "  - {config: full.yaml, name: late, label: l}\n"
+    (error,) = refused(write(later))
+    assert error.key == "estimate.measured.from"
+    assert "which the suite runs later" in error.what

@@ -1,0 +1,216 @@
+"""The pages of benches, of one run and of a suite, from artefacts made by hand: their numbers, escaped texts, errors."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strainsight.errors import ConfigError
+from strainsight.stages.bench.report import report_stage
+from strainsight.stages.bench.suite import BENCH_SUITE
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.plan import Job
+from strainsight.workflow.runner import run
+from strainsight.workflow.slices import Slice
+from strainsight.workflow.stage import Context
+
+from .bench_artefacts import estimated, placed, simulated
+
+DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
+CLAIM = {
+    "stage": "estimate", "times": 1.0, "against": None, "against_number": None, "above": None, "below": None, "equals": None,
+    "unit": "",
+}  # fmt: skip
+
+
+def told(name: str, stages, **more):
+    entry = {
+        "name": name,
+        "label": f"<{name}>",
+        "note": "",
+        "study": "",
+        "group": "",
+        "at": None,
+        "reached": stages[-1],
+    }
+    return entry | {"artefacts": {stage: f"{name}/{stage}.h5" for stage in stages}} | more
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results")
+    for i, error in enumerate((1e-3, 1e-2)):
+        simulated(folder / f"h{i}")
+        estimated(folder / f"h{i}", error=error, seed=i)
+    estimated(folder / "down", there=0.25, truth=False, parameter=False)
+    estimated(folder / "lost", lost=1, parameter=False)
+    simulated(folder / "still")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs():
+    both = ("simulate", "estimate")
+    return [
+        told("h0", both, study="Steps", group="own", at=0.1, note="A <note>."),
+        told("h1", both, study="Steps", group="own", at=1.0),
+        told("down", ("estimate",), study="Scale"),
+        told("lost", ("estimate",)),
+        told("still", ("simulate",)),
+    ]
+
+
+def made(results, runs, claims=(), studies=(), name="all"):
+    config = {"name": name, "title": "All & <more>", "runs": runs, "studies": list(studies), "claims": list(claims)}
+    job = Job(config, results, results, lambda key: f"suite.yaml at {key}")
+    return list(run((BENCH_SUITE,), job))[-1].artefact
+
+
+@pytest.fixture(scope="module")
+def suite(results, runs):
+    claims = [
+        CLAIM | {"text": "Slopes are one.", "runs": [0, 1], "number": ["slope.Fz"], "above": 0.995, "below": 1.005},
+        CLAIM | {"text": "Ten times worse.", "runs": [1], "number": ["error.Fz"], "against": 0, "above": 11.0},
+        CLAIM | {"text": "In per cent.", "runs": [1], "number": ["error.Fz"], "times": 100.0, "above": 0.9, "below": 1.1},
+        CLAIM | {"text": "All starts agree.", "runs": [0, 1], "number": ["identified.ball"], "equals": True},
+        CLAIM | {"text": "A lost filter knows.", "runs": [3], "number": ["error.ball"], "below": 1.0},
+        CLAIM | {"text": "Constraints hold.", "runs": [4], "stage": "simulate", "number": ["violation"], "below": 1e-13},
+    ]  # fmt: skip
+    studies = [{"name": "Steps", "note": "What a <step> costs.", "over": "estimate.time_step", "numbers": []}]
+    return made(results, runs, claims, studies)
+
+
+def test_claims_are_measured_in_the_artefacts(suite):
+    assert suite["/claim/verdict"].tolist() == [
+        "confirmed", "contradicted", "confirmed", "confirmed", "no number", "confirmed",
+    ]  # fmt: skip
+    np.testing.assert_allclose(suite["/number/value"], [1.001, 1.001, 10.0, 1.0, 1.0, 1.0, np.nan, 2e-16], rtol=1e-12)
+    assert suite["/number/run"].tolist() == [0, 1, 1, 1, 0, 1, 3, 4]
+    assert (suite.summary["claims"], suite.summary["confirmed"], suite.summary["contradicted"]) == (6, 4, 1)
+
+
+def test_the_numbers_are_those_of_the_runs(suite, results):
+    assert suite["/run/name"].tolist() == ["h0", "h1", "down", "lost", "still"]
+    assert suite["/run/at"][:2].tolist() == [0.1, 1.0]
+    assert suite["/unknown/name"].tolist() == ["Fz", "ball", "Fz", "ball", "Fz", "Fz"]
+    error = [Artefact(results / name / "estimate.h5").summary["error.Fz"] for name in ("h0", "h1")]
+    np.testing.assert_array_equal(suite["/unknown/error"][[0, 2]], error)
+    assert np.isnan(suite["/unknown/error"][4])
+    assert suite["/unknown/ratio_slope"][4] == 0.25
+
+
+def test_the_page_says_them_and_nothing_of_it_is_markup_from_a_name(suite):
+    page = (suite.path.parent / "report.html").read_text(encoding="utf-8")
+    for text in ("<more>", "<h0>", "<note>", "<step>", "<floored>"):
+        assert text not in page
+        assert text.replace("<", "&lt;").replace(">", "&gt;") in page
+    words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
+    assert "6 statements : 4 confirmed, 1 contradicted (statement 2 ), 1 no number (statement 5 )" in words
+    assert "from 5 runs, 4 with an estimate" in words
+    assert "not estimated (ends after simulate)" in words
+    assert not re.search(r"https?:|<script|mathdefault", page)
+
+
+def test_it_is_up_to_date_until_a_claim_changes(suite, results, runs):
+    config = Artefact(suite.path).header.config
+    job = Job(dict(config), results, results)
+    assert [event.status for event in run((BENCH_SUITE,), job)] == ["up to date"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "what", "remedy"),
+    [
+        (
+            {"number": ["slope.Fx"]},
+            "claims.0.number",
+            "no number 'slope.Fx' in the stage 'estimate' of 'h0'",
+            "slope.Fz",
+        ),
+        ({"number": ["method"]}, "claims.0.number", "no number 'method'", "it has"),
+        ({"number": ["identified.ball"]}, "claims.0", "is true or false", "equals"),
+        ({"equals": True, "below": None}, "claims.0", "is a number", "above or below"),
+        (
+            {"against": 1, "against_number": "error.Fq"},
+            "claims.0.against_number",
+            "no number 'error.Fq' in the stage 'estimate' of 'h1'",
+            "error.Fz",
+        ),
+    ],
+)
+def test_a_number_that_a_run_does_not_have_is_refused_at_its_place(results, runs, changes, key, what, remedy):
+    claim = CLAIM | {"text": "t", "runs": [0], "number": ["slope.Fz"], "below": 3.0} | changes
+    with pytest.raises(ConfigError, match=re.escape(what)) as caught:
+        made(results, runs, [claim], name="wrong")
+    assert caught.value.where == f"suite.yaml at {key}"
+    assert remedy in caught.value.remedy
+
+
+def test_every_wrong_claim_is_told_at_once(results, runs):
+    claims = [CLAIM | {"text": "t", "runs": [0], "number": [name], "below": 3.0} for name in ("a", "b")]
+    with pytest.raises(ConfigError) as caught:
+        made(results, runs, claims, name="wrong")
+    places = [error.where for error in (caught.value, *caught.value.others)]
+    assert places == ["suite.yaml at claims.0.number", "suite.yaml at claims.1.number"]
+
+
+def test_a_number_to_draw_that_no_run_of_the_study_has_is_refused(results, runs):
+    studies = [{"name": "Steps", "note": "", "over": "h", "numbers": ["slope.Fz", "slpoe.Fz"]}]
+    with pytest.raises(ConfigError, match="no run of the study 'Steps' has a number 'slpoe") as caught:
+        made(results, runs, studies=studies, name="wrong")
+    assert caught.value.where == "suite.yaml at studies.0.numbers"
+    assert caught.value.remedy == "did you mean slope.Fz?"
+
+
+def test_every_dataset_of_the_suite_is_listed(suite):
+    text = DOC.read_text(encoding="utf-8").split("## suite.h5 of benches\n")[1].split("\n## ")[0]
+    listed = dict(re.findall(r"^\| `([^`]+)` \| [^|]+ \| ([^|]+) \|", text, flags=re.MULTILINE))
+    assert {path: unit.strip() for path, unit in listed.items()} == {
+        path: suite.attributes(path)["units"] for path in suite.paths()
+    }
+    assert set(re.findall(r"`([^`]+)`", text.split("Summary:")[1])) == set(suite.summary)
+
+
+def reported(folder: Path, name: str, stages):
+    """The report of a run, from artefacts that lie there already."""
+    stage = report_stage(["import", "reduce", *stages])
+    upstream = {own: Artefact(folder / name / f"{own}.h5") for own in stage.upstream}
+    return stage, stage.run(
+        Context(Slice({"name": name, "seed": 3}, "report"), upstream, {}, lambda doing, share: None)
+    )
+
+
+def test_the_page_of_one_run_shows_its_estimate_placement_and_motion(results, tmp_path):
+    for make in (simulated, placed):
+        make(tmp_path / "one")
+    estimated(tmp_path / "one", there=0.2)
+    stage, output = reported(tmp_path, "one", ("place", "simulate", "estimate", "field"))
+    assert stage.upstream == ("place", "simulate", "estimate")
+    page = output.files["report.html"].decode()
+    words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
+    assert "9 channels tell Fz to 1.0 % at a claimed σ of 1.0 %" in words
+    assert "A noise of 0 is &lt;floored&gt;." in page
+    assert "<floored>" not in page
+    assert "iterated &lt;with the step&gt;" in page
+    # four gauges, the last at 9 10 11, and what random layouts are expected to know
+    assert "9.000 10.000 11.000" in words
+    assert "Fz 100 N 900 N ∞ N" in words
+    assert output.summary["warnings"] == 1
+    assert page.count("<figure") == output.summary["figures"] == 13
+
+
+def test_a_bench_without_an_estimate_has_a_page_of_its_motion(results):
+    stage, output = reported(results, "still", ("simulate",))
+    assert stage.upstream == ("simulate",)
+    page = output.files["report.html"].decode()
+    # the peak of |5e4 sin 2t| on the grid, in pressure 1e9 + 1e4 |load|
+    peak = 1e9 + 1e4 * 5e4 * np.abs(np.sin(2 * np.linspace(0.0, 3.0, 61))).max()
+    assert f"{peak / 1e9:.4g}".rstrip("0") in page
+    assert "What was estimated" not in page
+
+
+def test_the_same_artefacts_give_the_same_bytes(results):
+    first, second = (reported(results, "h0", ("simulate", "estimate"))[1] for _ in range(2))
+    assert first.files == second.files
