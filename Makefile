@@ -14,7 +14,7 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: help run status test lint all-configs hub hub-fine setup lock $(STAGES)
+.PHONY: help run status test lint all-configs hub hub-fine bench setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo 'make all-configs    run on every file of configs/'
 	@echo 'make hub            the hub of thesis 6.2: 25 runs of configs/hub/ and one page, results/hub/report.html'
 	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html (a quarter of an hour)'
+	@echo 'make bench          chapters 2 to 4 of the thesis: 100 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make test           set up, then all tests'
 	@echo 'make lint           ruff, mypy, import-linter'
 	@echo 'make lock           renew requirements-dev.lock from pyproject.toml'
@@ -45,6 +46,9 @@ hub: $(READY)
 
 hub-fine: $(READY)
 	@$(VENV)/bin/strainsight run configs/hub/suite.yaml $(FINE) $(ARGS)
+
+bench: $(READY)
+	@$(VENV)/bin/strainsight run configs/bench/suite.yaml $(ARGS)
 
 test: $(READY)
 	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile -q $(ARGS)

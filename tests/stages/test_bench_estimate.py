@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 
 import numpy as np
 import pytest
@@ -204,3 +205,38 @@ def test_an_unknown_that_no_sensor_feels_is_refused_by_name(estimate):
     with pytest.raises(ConfigError, match="no sensor feels it") as refused:
         estimate(MODULUS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=0.2")
     assert refused.value.key == "estimate.parameters.E"
+
+
+def test_a_bench_without_weight_and_loads_stays_at_rest(estimate):
+    """Nothing deforms the hub: its coordinates are rounding, which no iteration can settle to twelve digits."""
+    found = estimate(SMALL, "forces.weight.acceleration=[0.0, 0.0, 0.0]", "simulate.duration=0.1", "estimate.measured=null", stage="simulate")
+    assert np.abs(found["/q"] - found["/q"][0]).max() < 1e-12
+
+
+def test_every_dataset_and_number_is_listed_in_the_docs(estimate, bench):
+    text = (ROOT / "docs" / "artefacts.md").read_text(encoding="utf-8")
+    text = text.split("## estimate.h5 of a bench\n")[1].split("\n## ")[0]
+    rows = {}
+    for path, shape, unit in re.findall(r"^\| `([^`]+)` \| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE):
+        pattern = re.escape(path).replace("<name>", r"[\w-]+")
+        rows[pattern] = 0 if shape.strip() == "scalar" else shape.count("×") + 1, unit.strip()
+    scalars = [
+        re.escape(name).replace("<name>", r"[\w-]+").replace("<i>", r"\d+")
+        for name in re.findall(r"`([^`]+)`", text.split("Summary:")[1])
+    ]
+    found = [
+        estimate(DIAMETER, "estimate.duration=0.9", "estimate.runs=2"),
+        estimate(SMALL, "estimate.duration=0.5", f"estimate.measured.from={bench['simulate'].path}"),
+    ]
+    seen = set()
+    for artefact in found:
+        for path in artefact.paths():
+            (pattern,) = [pattern for pattern in rows if re.fullmatch(pattern, path)]
+            seen.add(pattern)
+            rank, unit = rows[pattern]
+            assert artefact[path].ndim == rank, path
+            units = artefact.attributes(path)["units"]
+            assert units in unit.split(" or ") or unit in (units, "unit of the sensor"), path
+        for name in artefact.summary:
+            assert any(re.fullmatch(scalar, name) for scalar in scalars), name
+    assert seen == set(rows)

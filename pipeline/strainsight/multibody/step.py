@@ -20,6 +20,8 @@ ROUNDING = 1e-8
 """A correction below this that no longer shrinks is rounding."""
 SLOW = 1e-3
 """Motion in a step beside the coordinates below which the velocity is as good as none."""
+STILL = 1e-10
+"""Deformation of a body beside the whole system's coordinates that is as good as none: what no load deforms is rounding."""
 LEAST = 1e-3
 """Share of a correction below which Newton's iteration is given up."""
 HALVINGS = 6
@@ -180,6 +182,7 @@ def _size(system: System, q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.n
     parts = np.array([d * dq, hd * dv, d * (q + dq), hd * (v + dv)])
     change_q, change_v, whole_q, whole_v = np.add.reduceat(parts * parts, system.starts, 1)
     tiny = np.finfo(float).tiny
+    whole_q = np.maximum(whole_q, STILL**2 * whole_q.sum())
     by_q = change_q / np.maximum(whole_q, tiny)
     by_v = change_v / np.maximum(np.maximum(whole_v, SLOW**2 * whole_q), tiny)
     return float(np.sqrt(max(by_q.max(), by_v.max())))

@@ -125,7 +125,7 @@ def _walked(
 
 
 def _filtered(context: Context, trial: Trial, y: np.ndarray) -> FilterRun:
-    """The filter as `method` says; what diverges without damping is a result, too."""
+    """The filter as `method` says; that the other forms diverge is a result, too."""
     method, model = context.config.estimate.method, trial.model
     one_shot = method.update == "one_shot"
 
@@ -144,7 +144,7 @@ def _filtered(context: Context, trial: Trial, y: np.ndarray) -> FilterRun:
         damped=method.update != "undamped",
         project=model.projected if one_shot else None,
         told=told,
-        refuse=method.update != "undamped",
+        refuse=method.update == "iterated",
     )
 
 

@@ -37,7 +37,7 @@ def estimate_output(config: Any, found: Estimated) -> Output:
     sensors, mismatches = _sensors(config, found)
     model = found.trial.model
     violation = np.array([_violation(found, k) for k in range(len(found.time))])
-    nis = found.nis[:, 0]
+    nis, late = found.nis[:, 0], found.nis[len(found.nis) // 2 :]
     m, nu = len(found.trial.noise), len(found.unknowns.inputs)
     lost = int(np.sum(found.lost >= 0))
     truth = _truth(config)
@@ -48,7 +48,7 @@ def estimate_output(config: Any, found: Estimated) -> Output:
         "unknowns": nu + len(found.unknowns.free),
         "runs": found.mean.shape[1],
         "lost": lost,
-        "nis": float(np.nanmean(found.nis)) if np.isfinite(found.nis).any() else -1.0,
+        "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
         "expected_nis": (m - nu) / m if config.estimate.truth.model != "walk" else 1.0,
         "violation": float(np.nanmax(violation)),
         "method": METHODS[config.estimate.method.update],
