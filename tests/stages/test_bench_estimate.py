@@ -209,7 +209,13 @@ def test_an_unknown_that_no_sensor_feels_is_refused_by_name(estimate):
 
 def test_a_bench_without_weight_and_loads_stays_at_rest(estimate):
     """Nothing deforms the hub: its coordinates are rounding, which no iteration can settle to twelve digits."""
-    found = estimate(SMALL, "forces.weight.acceleration=[0.0, 0.0, 0.0]", "simulate.duration=0.1", "estimate.measured=null", stage="simulate")
+    found = estimate(
+        SMALL,
+        "forces.weight.acceleration=[0.0, 0.0, 0.0]",
+        "simulate.duration=0.1",
+        "estimate.measured=null",
+        stage="simulate",
+    )
     assert np.abs(found["/q"] - found["/q"][0]).max() < 1e-12
 
 

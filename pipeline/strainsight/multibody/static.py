@@ -9,12 +9,14 @@ from strainsight.multibody.equations import Balance, balance
 from strainsight.multibody.system import System
 
 CONVERGED = 1e-12
+NEAR = 1e-11
+"""Shift of the first step beside the stiffness where q is nearly there: Newton's own."""
 FREE = 1e-12
 """Stiffness of a motion beside the largest (in the metric of the mass) below which nothing holds it."""
 
 
 def static_equilibrium(
-    system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray, iterations: int = 200
+    system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray, iterations: int = 200, near: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """q (n,) and λ (m,) with  f(q, 0, u, θ) = Bᵀλ,  φ(q) = 0,  from the configuration q.
 
@@ -22,7 +24,7 @@ def static_equilibrium(
         [B            0 ] [λ'] = − [φ      ],     τ grows as the imbalance falls: at last Newton's own steps
 
     the motion of the system under heavy damping with ever longer time steps, which goes downhill in the potential (from
-    the very top of it, it stays there).
+    the very top of it, it stays there). near: q is an equilibrium of nearly the same loads and parameters.
     Raises NumericalError where it does not settle, or where nothing holds some motion of a body (named).
     Source: pseudo-transient continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998).
     """
@@ -35,7 +37,7 @@ def static_equilibrium(
     if m:
         lam = np.linalg.lstsq(B.T, at.load / d, rcond=None)[0] * s
     stiffness = float(np.linalg.norm(K, 2)) or 1.0
-    before, shift, whole = np.inf, stiffness, 1.0
+    before, shift, whole = np.inf, NEAR * stiffness if near else stiffness, 1.0
     for _ in range(iterations):
         at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
         K, B, s = _scaled(at, d)

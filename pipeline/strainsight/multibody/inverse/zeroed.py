@@ -36,7 +36,7 @@ def zero_at_rest(
     @lru_cache(maxsize=256)
     def at(xi: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         theta, slopes = coordinates.theta(np.array(xi))
-        rest, _ = static_equilibrium(system, q, u, theta)
+        rest, _ = static_equilibrium(system, q, u, theta, near=True)
         y, H, _ = sensors.read(rest, still)
         by_theta = static_response(system, rest, u, theta)[1]
         return np.where(zeroed, y, 0.0), np.where(zeroed[:, None], H @ by_theta @ slopes, 0.0)

@@ -6,14 +6,16 @@ import numpy as np
 
 from strainsight.workflow.output import Scalar
 
+SETTLING = 0.1
+"""Share of the record, from its start, that fits and quotients leave out: there the first guess is forgotten."""
 LARGE = 0.3
 """Share of its largest value above which a load is divided by another: near zero a quotient says nothing."""
 
 
 def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> dict[str, Scalar]:
-    """slope and offset [N, N m] of the fit estimate = slope · true + offset; the rms error and the mean σ over the
+    """slope and offset [N, N m] of the fit estimate = slope · true + offset, settled; the rms error and the mean σ over the
     second half, and the largest error, over the largest |true|. true, estimate, std (T,) after the start."""
-    slope, offset = _fit(true, estimate)
+    slope, offset = _fit(*_settled(true, estimate))
     largest = float(np.abs(true).max()) or 1.0
     off = estimate - true
     return {
@@ -26,7 +28,8 @@ def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndar
 
 
 def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> dict[str, Scalar]:
-    """A load here over the one of the other bench: affine fit, and the quotient where the other is large. (T,) each."""
+    """A load here over the one of the other bench, settled: affine fit, and the quotient where the other is large. (T,) each."""
+    there, estimate = _settled(there, estimate)
     slope, offset = _fit(there, estimate)
     large = np.abs(there) > LARGE * np.abs(there).max(initial=0.0)
     quotient = estimate[large] / there[large] if large.any() else np.array([np.nan])
@@ -66,6 +69,10 @@ def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> d
     if len(share) > 1:
         numbers |= {f"mismatch.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)}
     return numbers
+
+
+def _settled(*histories: np.ndarray) -> tuple[np.ndarray, ...]:
+    return tuple(history[int(SETTLING * len(history)) :] for history in histories)
 
 
 def _fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
