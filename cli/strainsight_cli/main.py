@@ -174,6 +174,15 @@ def estimate(
         from strainsight.errors import ConfigError
 
         asked = list(overrides or ())
+        from strainsight.config.load import kind_of
+
+        if measurements is not None and kind_of(config) == "bench":
+            raise ConfigError(
+                "a bench takes its measurements from another run of a bench, not from a file",
+                key="estimate.measured",
+                where=str(config),
+                remedy="give `estimate: {measured: {from: RUN}}`",
+            )
         if measurements is not None:
             # From the config's folder, as all paths of a config: no absolute path gets into the results.
             relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
@@ -219,10 +228,11 @@ def _work_of_one(path: Path, results: Path, overrides: list[str] | None, stage: 
     if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing
         from strainsight.errors import UserError
 
+        section = f"give it a section `{stage}`; " if kind == "bench" and stage in ("place", "estimate", "field") else ""
         raise UserError(
-            f"a config of kind {kind} has no stage '{stage}'",
+            f"this config of kind {kind} has no stage '{stage}'",
             where=str(path),
-            remedy=f"its stages are {', '.join(names)}",
+            remedy=f"{section}its stages are {', '.join(names)}",
         )
     return work
 

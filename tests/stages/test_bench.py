@@ -332,7 +332,7 @@ def test_a_frame_at_a_node_without_rotations_is_blamed_on_the_frame(tmp_path):
 def test_a_bench_has_no_stage_of_a_placement(tmp_path):
     done = CliRunner().invoke(app, ["place", str(pendulum(tmp_path, 0.3))])
     assert done.exit_code == 2
-    assert "a config of kind bench has no stage 'place'" in done.stderr
+    assert "give it a section `place`" in done.stderr
 
 
 def test_the_load_file_of_the_example_is_what_its_script_writes():

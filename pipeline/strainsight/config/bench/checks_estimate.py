@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter
@@ -63,17 +64,30 @@ def channels_of(config: BenchConfig, name: str) -> int | None:
 
 
 def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
-    moduli = {name: m.value for body in config.bodies.values() if body.type == "flexible" for name, m in body.moduli.items()}
+    moduli = {
+        name: m.value for body in config.bodies.values() if body.type == "flexible" for name, m in body.moduli.items()
+    }
     taken: dict[tuple[str, str], str] = {}
+    used = {force.bearing for force in config.forces.values() if force.type == "bearing"}
     for name, entry in estimate.parameters.items():
         key = f"estimate.parameters.{name}"
+        if name in estimate.inputs:
+            yield Problem(
+                key, "a load of the estimate has the same name", "give the parameter another one", at_key=True
+            )
         if (entry.bearing is None) != (entry.property is None):
-            yield Problem(key, "bearing and property belong together", "give both, or neither for a modulus", at_key=True)
+            yield Problem(
+                key, "bearing and property belong together", "give both, or neither for a modulus", at_key=True
+            )
             continue
         if entry.bearing is None:
             yield from known(key, name, moduli, "modulus under bodies.*.moduli")
         else:
             yield from known(f"{key}.bearing", entry.bearing, config.bearings, "bearing")
+            if entry.bearing in config.bearings and entry.bearing not in used:
+                yield Problem(
+                    f"{key}.bearing", f"no force is of '{entry.bearing}'", "name a bearing of this bench's forces"
+                )
             other = taken.setdefault((entry.bearing, str(entry.property)), name)
             if other != name:
                 yield Problem(key, f"'{other}' is the same property", "name it once", at_key=True)
@@ -87,9 +101,16 @@ def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
                 if value is not None and not value > 0:
                     yield Problem(f"{key}.{field}", f"{value:g} is not positive", "give a positive value")
         if entry.std is None and entry.guess is None:
-            yield Problem(key, "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True)
+            yield Problem(
+                key, "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True
+            )
     for bearing in config.bearings:
         yield from _grooves(config, bearing, estimate.parameters)
+        for name, entry in estimate.parameters.items():
+            for start in entry.starts if entry.bearing == bearing else ():
+                moved = {**estimate.parameters, name: entry.model_copy(update={"guess": start})}
+                for problem in _grooves(config, bearing, moved):
+                    yield replace(problem, key=f"estimate.parameters.{name}.starts")
 
 
 def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, EstimatedParameter]) -> Iterator[Problem]:
@@ -116,7 +137,9 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
 def _told_apart(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
     """Diameter and preload are one unknown where the groove centres stay: both only add to the interference."""
     for bearing, entry in config.bearings.items():
-        free = {str(e.property): n for n, e in estimate.parameters.items() if e.bearing == bearing and e.std is not None}
+        free = {
+            str(e.property): n for n, e in estimate.parameters.items() if e.bearing == bearing and e.std is not None
+        }
         if entry.groove_centres == "fixed" and {"ball_diameter", "preload"} <= free.keys():
             yield Problem(
                 f"estimate.parameters.{free['preload']}",
@@ -145,6 +168,14 @@ def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
     measured = estimate.measured
     if measured is None:
         return
+    if estimate.truth.model != "fine":
+        what = f"'{estimate.truth.model}' beside measurements from another bench"
+        yield Problem("estimate.truth.model", what, "leave truth.model out, or measured")
+    for name in estimate.sensors:
+        sensor = config.sensors.get(name)
+        if sensor is not None and sensor.type == "strain" and sensor.zeroed:
+            what = "the loads under which it was zeroed on the other bench are not known here"
+            yield Problem(f"sensors.{name}.zeroed", what, "set zeroed: false, or leave the sensor out of the estimate")
     for name in measured.sensors:
         yield from known(f"estimate.measured.sensors.{name}", name, list(estimate.sensors), "sensor of the filter")
     for name in measured.inputs:

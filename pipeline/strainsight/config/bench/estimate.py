@@ -25,7 +25,11 @@ class MeasuredSensor(Section):
 class UnknownInput(Section):
     """A force or moment of the bench that the filter does not know: a random walk."""
 
-    guess: float | None = Field(None, description="First estimate [N or N m]; null: its history's first value.")
+    guess: float | None = Field(
+        None,
+        description="First estimate [N or N m]; null: its history's first value, as where a test begins under known loads; with "
+        "`measured` the load that explains the first sample at rest.",
+    )
     std: Positive = Field(description="σ of the first estimate [N or N m].")
     increment: Positive = Field(description="σ of its change in a step, or in a second (see `increments`) [N or N m].")
 

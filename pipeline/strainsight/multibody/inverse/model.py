@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.initial import constraints_at
@@ -42,7 +43,7 @@ class AugmentedStep:
     system, sensors: compiled for each other; offset (m,) subtracted from every reading (zeroed gauges) [unit of the
     channel]; h [s]; known (T, all inputs): row k acts in step k, columns of unknown inputs are not read [N, N m];
     inputs (nu,): places of the unknown inputs in `system.inputs`; coordinates: of the unknown parameters;
-    Q_w (n,), Q_u (nu,), Q_xi (p,): variances a step [unit²]; R (m,): variances of the readings [unit²];
+    Q_w (n,), Q_u (nu,): variances a step, Q_xi (p,) or (p, p) covariance [unit²]; R (m,): variances of the readings [unit²];
     zero: ξ → a further offset (m,) and its slopes (m, p), of channels zeroed under load (`zero_at_rest`).
     A step that fails leaves NaN in its run. Runs are stepped one after the other; the last two steps of each are remembered.
     Source: thesis (1.40-1.56), with the noise before the step in place of (1.45).
@@ -168,7 +169,9 @@ class AugmentedStep:
     @cached_property
     def _noise(self) -> tuple[np.ndarray, np.ndarray]:
         still = np.zeros(2 * self.system.size)
-        return np.zeros((self.size, self.size)), np.diag(np.concatenate([still, self.Q_w, self.Q_u, self.Q_xi]))
+        Q_xi = np.diag(self.Q_xi) if self.Q_xi.ndim == 1 else self.Q_xi
+        before = block_diag(np.diag(np.concatenate([still, self.Q_w, self.Q_u])), Q_xi)
+        return np.zeros((self.size, self.size)), before
 
     def _take(self, run: int, x: np.ndarray, k: int) -> _Taken:
         before = self._taken.get(run, ())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +14,13 @@ from strainsight.stages.bench.case.flexible import flexible_bodies
 from strainsight.stages.bench.case.loads import loads_of
 from strainsight.stages.bench.case.sensors import Sensors, sensors_of, some_of
 from strainsight.stages.bench.inverse.output import estimate_output
-from strainsight.stages.bench.inverse.trial import Trial, measurements, trial_of
+from strainsight.stages.bench.inverse.trial import Trial, free_zero, measurements, trial_of, zero_of
 from strainsight.stages.bench.inverse.truth import Reality, drawn, from_run, simulated
 from strainsight.stages.bench.inverse.unknowns import Unknowns, free_properties, unknowns_of
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
+
+LOAD_UNITS = {"force": "N", "moment": "N m"}
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,7 @@ def estimated(context: Context) -> Estimated:
     unknowns = unknowns_of(estimate, bench, h)
     loads = loads_of(context, bench)
     known = loads(time)
+    zeroing = known[0].copy()
     heaviest = known[np.argmax(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
     for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
         guess = estimate.inputs[name].guess
@@ -76,29 +80,30 @@ def estimated(context: Context) -> Estimated:
 
     reality: Reality | None = None
     elsewhere: dict[str, np.ndarray] = {}
+    first = None
     if estimate.measured is not None:
-        read, elsewhere = from_run(
-            context.files["estimate.measured.from"], estimate.measured,
-            {name: config.sensors[name] for name in used.channels}, list(estimate.inputs), h, steps,
-        )  # fmt: skip
+        own = {name: (config.sensors[name], part.stop - part.start) for name, part in used.channels.items()}
+        path = context.files["estimate.measured.from"]
+        units = {name: LOAD_UNITS[config.forces[name].type] for name in estimate.inputs}
+        read, elsewhere = from_run(path, estimate.measured, own, units, h, steps)
         readings = np.full((steps, 1, len(sensors.zeroed)), np.nan)
         for name, values in read.items():
-            readings[:, 0, sensors.channels[name]] = values
+            readings[:, 0, sensors.channels[name]] = values[1:]
+        first = np.concatenate([read[name][0] for name in used.channels])
         nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
-        reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings, None)
+        reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
     elif estimate.truth.model != "walk":
         substeps = int(estimate.truth.substeps) if estimate.truth.model == "fine" else 1
         reality = simulated(bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, told)
     among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
     runs, starts = int(estimate.runs), len(unknowns.starts)
     largest = np.zeros(len(among)) if reality is None else np.abs(reality.readings[:, 0, among]).max(axis=0)
-    trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, h)
+    trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, zeroing, first, h)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, context.seed)
     y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, context.seed, bool(estimate.truth.noise))
     found = _filtered(context, trial, y)
-    reading = np.array([_read(sensors, trial, x) for x in found.mean[:, 0]])
-    reading = reading - np.where(sensors.zeroed, reading[0], 0.0)
+    reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
         found.unknown_covariance[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
@@ -106,11 +111,19 @@ def estimated(context: Context) -> Estimated:
     )  # fmt: skip
 
 
-def _read(sensors: Sensors, trial: Trial, x: np.ndarray) -> np.ndarray:
-    """What all sensors read at x (size,); NaN where the run is lost."""
-    if not np.isfinite(x).all():
-        return np.full(len(sensors.zeroed), np.nan)
-    return sensors.readings.read(x[trial.model.q], x[trial.model.v])[0]
+def _expected(
+    config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, trial: Trial, found: FilterRun, zeroing: np.ndarray
+) -> np.ndarray:
+    """What all sensors read by the first run's estimate (T + 1, channels), zeroed ones less their zero by the parameters of
+    that instant; NaN where the run is lost."""
+    model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
+    constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
+    reading = np.full((len(found.time), len(sensors.zeroed)), np.nan)
+    for k, x in enumerate(found.mean[:, 0]):
+        if np.isfinite(x).all():
+            taken_off = constant if zero is None else zero(x[model.xi])[0]
+            reading[k] = sensors.readings.read(x[model.q], x[model.v])[0] - taken_off
+    return reading
 
 
 def _walked(
@@ -121,7 +134,7 @@ def _walked(
     readings = np.full((len(known) - 1, runs, len(sensors.zeroed)), np.nan)
     for name, own in used.channels.items():
         readings[:, :, sensors.channels[name]] = found.readings[:, :, own]
-    return Reality(found.inputs, found.theta, readings, found.q)
+    return Reality(found.inputs, found.theta, readings)
 
 
 def _filtered(context: Context, trial: Trial, y: np.ndarray) -> FilterRun:

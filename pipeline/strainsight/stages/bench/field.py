@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.errors import blame
+from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
-from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
+from strainsight.stages.bench.reduce import moduli_of
 from strainsight.stages.records.below import Below
 from strainsight.stages.records.bodies import body_from
 from strainsight.stages.records.grids import vtkhdf_datasets
@@ -46,7 +45,14 @@ def run(context: Context) -> Output:
     first, stop = (int(i) for i in context.upstream["simulate"][f"/coordinates/{name}"])
     modes = reduced.body.modes
     at = _instants(len(time), settings)
-    parameters = _moduli(name, config.bodies[name].moduli, mesh)
+    if not np.isfinite(q[at]).all():
+        lost = time[at][~np.isfinite(q[at]).all(axis=1)][0]
+        raise InfeasibleError(
+            f"the estimate was lost, at {lost:g} s at the latest: there is no field from there on",
+            key="field.of",
+            remedy="mend the estimate, or set field.of: simulate",
+        )
+    parameters = moduli_of(name, config.bodies[name].moduli, mesh)
     theta = {p.name: _values(source, p, len(time))[at] for p in parameters}
     facets = exterior_facets(mesh)
     with mesh.located():
@@ -105,15 +111,6 @@ def _instants(count: int, settings: Any) -> np.ndarray:
     return np.unique(
         np.linspace(0, count - 1, PICTURES if settings.instants is None else int(settings.instants)).astype(int)
     )
-
-
-def _moduli(name: str, entries: Any, mesh: Mesh) -> tuple[Parameter, ...]:
-    found = []
-    for key, modulus in entries.items():
-        with blame(f"bodies.{name}.moduli.{key}.region"):
-            regions = region_ids(mesh, modulus.region if isinstance(modulus.region, tuple) else (modulus.region,))
-        found.append(Parameter(key, "youngs_modulus", regions, float(modulus.value)))
-    return tuple(found)
 
 
 def _values(source: Any, parameter: Parameter, count: int) -> np.ndarray:

@@ -44,7 +44,7 @@ def run(context: Context) -> Output:
         context.progress(name, i / len(flexible))
         mesh = mesh_from(Below(context.upstream["import"], f"/bodies/{name}"))
         with blame(f"bodies.{name}"):
-            model = build_model(mesh, _moduli(name, entry, mesh), supported=False)
+            model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
             loose = rigid_motions(model).shape[1]
             if loose not in (0, 6):
                 raise ConfigError(
@@ -80,9 +80,10 @@ def run(context: Context) -> Output:
     )
 
 
-def _moduli(name: str, entry: Any, mesh: Mesh) -> tuple[Parameter, ...]:
+def moduli_of(name: str, moduli: Any, mesh: Mesh) -> tuple[Parameter, ...]:
+    """The Young's moduli of a body that stay free, each with the ids of its regions."""
     found = []
-    for key, modulus in entry.moduli.items():
+    for key, modulus in moduli.items():
         with blame(f"bodies.{name}.moduli.{key}.region"):
             regions = region_ids(mesh, modulus.region if isinstance(modulus.region, tuple) else (modulus.region,))
         found.append(Parameter(key, "youngs_modulus", regions, float(modulus.value)))

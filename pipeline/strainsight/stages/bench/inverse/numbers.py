@@ -6,8 +6,14 @@ import numpy as np
 
 from strainsight.workflow.output import Scalar
 
+NONE = 1e-9
+"""Share of σ below which the true load is none at all."""
 SETTLING = 0.1
 """Share of the record, from its start, that fits and quotients leave out: there the first guess is forgotten."""
+RELATIVE = 5
+"""Components of a relative motion."""
+STILL = 0.01
+"""Share of the largest component of its unit below which one hardly moves."""
 LARGE = 0.3
 """Share of its largest value above which a load is divided by another: near zero a quotient says nothing."""
 
@@ -16,11 +22,12 @@ def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndar
     """slope and offset [N, N m] of the fit estimate = slope · true + offset, settled; the rms error and the mean σ over the
     second half, and the largest error, over the largest |true|. true, estimate, std (T,) after the start."""
     slope, offset = _fit(*_settled(true, estimate))
-    largest = float(np.abs(true).max()) or 1.0
+    largest = float(np.abs(true).max())
     off = estimate - true
-    return {
-        f"slope.{name}": slope,
-        f"offset.{name}": offset,
+    fit: dict[str, Scalar] = {f"slope.{name}": slope, f"offset.{name}": offset}
+    if largest <= NONE * float(std.max()):
+        return fit  # errors of a load that is none are no share of it
+    return fit | {
         f"error.{name}": float(np.sqrt(np.mean(off[len(off) // 2 :] ** 2))) / largest,
         f"largest_error.{name}": float(np.abs(off).max()) / largest,
         f"std.{name}": float(std[len(std) // 2 :].mean()) / largest,
@@ -59,9 +66,12 @@ def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.nda
 
 
 def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> dict[str, Scalar]:
-    """rms of measured − expected over that of measured, of every component (T, components) and of the worst."""
+    """rms of measured − expected over that of measured, of every component (T, components) and of the worst; a component that
+    hardly moves counts beside the largest of its unit (of a pair of metres and radians: x, y, z, then tilts)."""
     off = np.sqrt(np.mean((measured - expected) ** 2, axis=0))
     whole = np.sqrt(np.mean(measured**2, axis=0))
+    for kind in (slice(3), slice(3, None)) if whole.size == RELATIVE else (slice(None),):
+        whole[kind] = np.where(whole[kind] < STILL * whole[kind].max(), whole[kind].max(), whole[kind])
     share = np.divide(off, whole, out=np.full_like(off, np.nan), where=whole > 0)
     if not np.isfinite(share).any():
         return {}

@@ -15,6 +15,7 @@ from strainsight.stages.bench.inverse.numbers import (
     ratio_numbers,
 )
 from strainsight.stages.bench.inverse.trial import command_history
+from strainsight.stages.bench.inverse.verdicts import SURE, message_of, warnings_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 
 if TYPE_CHECKING:
@@ -63,24 +64,17 @@ def estimate_output(config: Any, found: Estimated) -> Output:
         "/lost": Dataset(found.lost, "1", "step in which each run was lost, -1: none"),
     }
     loads = {name: found.mean[:, 0, model.u.start + i] for i, name in enumerate(config.estimate.inputs)}
-    warnings = list(found.said)
-    if lost:
-        warnings.append(f"{lost} of {len(found.lost)} runs were lost, the first after {found.lost[found.lost >= 0].min()} steps")
-    warnings += [
-        f"{name} is not identified: its starts end more than three standard deviations apart, or σ is above {LEARNED:g} of its "
-        "first"
-        for name in found.unknowns.free
-        if finite.get(f"identified.{name}") is False
-    ]
+    known = summary | finite
+    warnings = [*found.said, *warnings_of(config, found.unknowns.free, known, float(known["nis"]), found.lost)]
     tables = [_table(config, found, finite)]
     if warnings:
         tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
     return Output(
         datasets=datasets | inputs | parameters | sensors,
-        summary=summary | finite,
-        message=_message(config, found, finite, truth),
+        summary=known,
+        message=message_of(config, found.unknowns.free, known, METHODS[config.estimate.method.update], truth),
         tables=tuple(tables),
-        files={"loads.csv": command_history(found.time, loads)} if loads else {},
+        files={"loads.csv": command_history(found.time, loads)} if loads and found.lost[0] < 0 else {},
     )
 
 
@@ -91,7 +85,8 @@ def _inputs(config: Any, found: Estimated) -> tuple[dict[str, Dataset], dict[str
     for i, (name, column) in enumerate(zip(config.estimate.inputs, found.unknowns.inputs, strict=True)):
         unit = "N" if config.forces[name].type == "force" else "N m"
         at = model.u.start + i
-        mean, std = found.mean[:, :, at], found.std[:, :, at]
+        mean = found.mean[:, :, at]
+        std = np.where(np.isfinite(mean), found.std[:, :, at], np.nan)
         place = f"/inputs/{name}"
         datasets[f"{place}/estimate"] = Dataset(mean[:, 0], unit, f"estimate of {name}", ("/time",))
         datasets[f"{place}/std"] = Dataset(std[:, 0], unit, "its standard deviation", ("/time",))
@@ -143,7 +138,8 @@ def _parameters(config: Any, found: Estimated) -> tuple[dict[str, Dataset], dict
                 datasets[f"/runs/parameters/{name}/{key}"] = Dataset(values, unit, f"{said}, of every run")
         apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
         learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
-        numbers[f"identified.{name}"] = learned and not apart
+        wrong = known and bool(np.any(np.abs(theta[-1] - true) > SURE * std[-1]))
+        numbers[f"identified.{name}"] = learned and not apart and not (starts > 1 and wrong)
         if known:
             numbers |= parameter_numbers(name, true, theta[-1], std[-1])
             datasets |= _errors(name, unit, theta[-1] - true)
@@ -206,17 +202,8 @@ def _table(config: Any, found: Estimated, numbers: dict[str, Scalar]) -> Table:
     for name, keys in shown.items():
         cells = [f"{k.replace('_', ' ')} {numbers[f'{k}.{name}']:.4g}" for k in keys if f"{k}.{name}" in numbers]
         rows.append((name, *cells, *[""] * (4 - len(cells))))
-    return Table("unknowns, errors and σ over the largest true value", ("unknown", "", "", "", ""), tuple(rows))
-
-
-def _message(config: Any, found: Estimated, numbers: dict[str, Scalar], truth: str) -> str:
-    said = []
-    for name in (*config.estimate.inputs, *found.unknowns.free):
-        if f"error.{name}" in numbers:
-            said.append(f"{name} ± {100 * float(numbers[f'error.{name}']):.2g} %")
-        elif f"ratio_mean.{name}" in numbers:
-            said.append(f"{name} {float(numbers[f'ratio_mean.{name}']):.3g} of the other")
-    return f"{', '.join(said) or 'nothing comparable'}; {METHODS[config.estimate.method.update]}, {truth}"
+    title = "unknowns" if found.elsewhere else "unknowns, errors and σ over the largest true value"
+    return Table(title, ("unknown", "", "", "", ""), tuple(rows))
 
 
 def _said(value: Scalar) -> bool:

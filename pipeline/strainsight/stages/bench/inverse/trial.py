@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.errors import ConfigError, blame
+from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.start import start_covariance, static_response, white_force
-from strainsight.multibody.inverse.zeroed import zero_at_rest
+from strainsight.multibody.inverse.zeroed import Zero, zero_at_rest
+from strainsight.multibody.sensors import Readings
 from strainsight.stages.bench.case.bench import Bench
 from strainsight.stages.bench.case.sensors import Sensors
 from strainsight.stages.bench.case.start import start_of
@@ -24,6 +25,11 @@ SPAN = 1e-7
 """Share of what a load or parameter may move a reading by that its noise is raised to: squared, the digits of a number."""
 NOTHING = 1e-12
 """Noise of a channel that reads nothing at all [its unit]."""
+FAR = 100.0
+"""Times that a stated noise may be raised by; beyond, it is a unit that is wrong."""
+FITS, SETTLED = 20, 1e-9
+NOISE = 1
+"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
 FELT = 1e-3
 """σ of its noise by which one σ of an unknown must move a reading to be felt."""
 
@@ -48,10 +54,14 @@ def trial_of(
     known: np.ndarray,
     largest: np.ndarray,
     heaviest: np.ndarray,
+    zeroing: np.ndarray,
+    first: np.ndarray | None,
     h: float,
 ) -> Trial:
     """The filter of `estimate`; known (T + 1, nu) all loads as the filter knows them, guesses in the columns of unknown ones;
-    largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt.
+    largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt;
+    zeroing (nu,): those under which gauges were zeroed at rest, which a test knows; first (m,): what was measured at the
+    start, which guesses that the config leaves open have to explain at rest.
 
     Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
     equilibrium, its covariance says what badly known loads and parameters do to it.
@@ -60,24 +70,75 @@ def trial_of(
     model = AugmentedStep(
         bench.system, channels, np.zeros(len(largest)), h, known[1:], unknowns.inputs, unknowns.coordinates,
         white_force(bench.system, float(config.estimate.disturbance)), unknowns.increment_u**2,
-        unknowns.coordinates.std(unknowns.starts[0], unknowns.increment) ** 2, np.zeros(len(largest)),
+        unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
     )  # fmt: skip
+    raised_by = guess.copy()
+    raised_by[unknowns.inputs] += unknowns.std_u
+    moved = _moved(config, model, bench, unknowns, (guess, heaviest, raised_by))
+    noise, raised = _noise(config.estimate, used, largest, moved.max(axis=1, initial=0.0))
+    said = (*raised, *_felt(config, unknowns, used, moved / noise[:, None]))
+    if first is not None and config.simulate.start == "equilibrium":
+        guess = _at_rest(config, bench, channels, unknowns, guess, first, noise)
     states, covariances, offsets = [], [], []
     for theta in unknowns.starts:
         with blame("estimate"):
             q, v = start_of(replace(bench, theta=theta), config.simulate, guess)
             states.append(model.pack(q, v, guess[unknowns.inputs], theta))
             covariances.append(_covariance(config, model, unknowns, q, guess, theta))
-        offsets.append(np.where(used.zeroed, channels.read(q, v)[0], 0.0))
-    moved = _moved(config, model, bench, unknowns, (guess, heaviest))
-    noise, raised = _noise(config.estimate, used, largest, moved.max(axis=1, initial=0.0))
-    said = _felt(config, unknowns, used, moved / noise[:, None])
-    if used.zeroed.any() and unknowns.free and config.simulate.start == "equilibrium":
-        q = states[0][model.q]
-        model = replace(model, zero=zero_at_rest(bench.system, channels, used.zeroed, q, guess, unknowns.coordinates))
-        offsets = [np.zeros(len(largest))] * len(states)
+        offsets.append(zero_of(config, bench, used, unknowns, theta, zeroing))
+    zero = free_zero(config, bench, used, unknowns, zeroing)
+    if zero is not None:
+        model, offsets = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(offsets, (runs, 1)), R=noise**2)
-    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, (*raised, *said))
+    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, said)
+
+
+def zero_of(
+    config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, theta: np.ndarray, zeroing: np.ndarray
+) -> np.ndarray:
+    """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
+    if not sensors.zeroed.any():
+        return np.zeros(len(sensors.zeroed))
+    with blame("estimate"):
+        q, v = start_of(replace(bench, theta=theta), config.simulate, zeroing)
+    return np.where(sensors.zeroed, sensors.readings.read(q, v)[0], 0.0)
+
+
+def free_zero(config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, zeroing: np.ndarray) -> Zero | None:
+    """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
+    if not (sensors.zeroed.any() and unknowns.free and config.simulate.start == "equilibrium"):
+        return None
+    q, _ = start_of(replace(bench, theta=unknowns.starts[0]), config.simulate, zeroing)
+    return zero_at_rest(bench.system, sensors.readings, sensors.zeroed, q, zeroing, unknowns.coordinates)
+
+
+def _at_rest(
+    config: Any,
+    bench: Bench,
+    channels: Readings,
+    unknowns: Unknowns,
+    guess: np.ndarray,
+    first: np.ndarray,
+    noise: np.ndarray,
+) -> np.ndarray:
+    """Loads (nu,) under which the bench at rest reads what was measured first, by Gauss-Newton from the guess:
+
+        min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
+    """
+    free = [i for i, entry in enumerate(config.estimate.inputs.values()) if entry.guess is None]
+    columns, u, theta = unknowns.inputs[free], guess.copy(), unknowns.starts[0]
+    for _ in range(FITS if free else 0):
+        with blame("estimate.measured"):
+            q, v = start_of(replace(bench, theta=theta), config.simulate, u)
+            by_u, _ = static_response(bench.system, q, u, theta)
+        read, H, _ = channels.read(q, v)
+        W = np.concatenate([(H @ by_u[:, columns]) / noise[:, None], np.diag(1 / unknowns.std_u[free])])
+        r = np.concatenate([(first - read) / noise, (guess - u)[columns] / unknowns.std_u[free]])
+        du = np.linalg.lstsq(W, r, rcond=None)[0]
+        u[columns] += du
+        if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):
+            break
+    return u
 
 
 def _noise(
@@ -89,11 +150,17 @@ def _noise(
     for name, own in used.channels.items():
         stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), own.stop - own.start)
         noise[own] = np.maximum(stated, least[own])
-        if (raised := stated < least[own]).any():
-            said.append(
-                f"the noise of {name} is raised from {stated[raised].min():.3g} to {least[own][raised].max():.3g} or less: with "
-                "none, rounding is all that a filter would explain"
+        if not (raised := stated < least[own]).any():
+            continue
+        low, high = float(stated[raised].min()), float(least[own][raised].max())
+        if low > 0 and high > FAR * low:
+            raise ConfigError(
+                f"one σ of an unknown moves it by {moved[own].max():.3g}, {moved[own].max() / low:.1e} times its noise of "
+                f"{low:g}: more digits than a number has",
+                key=f"estimate.sensors.{name}.noise",
+                remedy="check the units of guesses, std and increments, or take smaller ones",
             )
+        said.append(f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding")
     return noise, tuple(said)
 
 
@@ -123,17 +190,23 @@ def _moved(
         np.maximum(unknowns.std_u, unknowns.increment_u), np.maximum(unknowns.std, unknowns.increment)
     ])  # fmt: skip
     free = [bench.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
-    for u in under:
-        with blame("estimate"):
-            q, v = start_of(replace(bench, theta=theta), config.simulate, u)
-            by_u, by_theta = static_response(bench.system, q, u, theta)
+    for i, u in enumerate(under):
+        try:
+            with blame("estimate"):
+                q, v = start_of(replace(bench, theta=theta), config.simulate, u)
+                by_u, by_theta = static_response(bench.system, q, u, theta)
+        except (UserError, NumericalError):
+            if i == 0:
+                raise
+            continue  # loads that rest cannot carry say nothing
         response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
         most = np.maximum(most, np.abs(model.sensors.read(q, v)[1] @ response) * std)
     return most
 
 
 def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> tuple[str, ...]:
-    """Refuse an unknown that no sensor feels at rest, name the sensors that feel none; moved (m, nu + p) in σ of the noise.
+    """Refuse an unknown that no sensor feels at rest, name sensors that feel none and loads that rest cannot tell apart;
+    moved (m, nu + p) in σ of the noise.
 
     Where the start is no equilibrium, or a sensor measures a velocity, rest says nothing.
     """
@@ -141,10 +214,10 @@ def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> 
     if config.simulate.start != "equilibrium" or "velocity" in quantities:
         return ()
     names = [f"inputs.{name}" for name in config.estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]
-    for name, column in zip(names, moved.T, strict=True):
+    for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
         if column.max() < FELT:
             raise ConfigError(
-                f"no sensor feels it: one σ of it moves every reading by less than {FELT:g} σ of its noise",
+                f"no sensor feels it: one σ of it ({std:.3g}) moves every reading by less than {FELT:g} σ of its noise",
                 key=f"estimate.{name}",
                 remedy="give the filter a sensor on a body that it deforms or moves, or make it known",
             )
@@ -164,7 +237,7 @@ def measurements(
     found = np.broadcast_to(readings, (steps, runs, m)).copy()
     if noisy:
         for run in range(runs):
-            found[:, run] += noise * np.random.default_rng((seed, 1, run)).standard_normal((steps, m))
+            found[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
     return np.repeat(found, starts, axis=1)
 
 

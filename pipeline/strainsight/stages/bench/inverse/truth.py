@@ -10,13 +10,17 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import ArtefactError, ConfigError, NumericalError, blame, did_you_mean
+from strainsight.estimation.update import covariance_factor
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.sensors import Readings
 from strainsight.multibody.simulate import simulate
 from strainsight.stages.bench.case.bench import Bench
+from strainsight.stages.bench.case.sensors import unit_of
 from strainsight.stages.bench.case.start import start_of
 from strainsight.workflow.artefact import Artefact
 
+DRAWN = 2
+"""Last word of the seed of every drawn truth."""
 FEW = 1e-6
 """Share of a step by which two clocks may differ."""
 
@@ -24,12 +28,11 @@ FEW = 1e-6
 @dataclass(frozen=True)
 class Reality:
     """inputs (T + 1, r, nu) of the system, r = 1 or one a run [N, N m]; theta (r, nθ); readings (T, r, all channels) of every
-    sensor at h, 2h, …, NaN where nothing was read; q (T + 1, n) of the first run, or None."""
+    sensor at h, 2h, …, NaN where nothing was read."""
 
     inputs: np.ndarray
     theta: np.ndarray
     readings: np.ndarray
-    q: np.ndarray | None
 
 
 def simulated(
@@ -55,7 +58,7 @@ def simulated(
         )  # fmt: skip
     read = np.array([sensors.read(q, v)[0] for q, v in zip(found.q[::substeps], found.v[::substeps], strict=True)])
     read = read - np.where(zeroed, read[0], 0.0)
-    return Reality(u[::substeps, None], bench.theta[None], read[1:, None], found.q[::substeps])
+    return Reality(u[::substeps, None], bench.theta[None], read[1:, None])
 
 
 def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
@@ -66,39 +69,39 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
     """
     steps = len(known) - 1
     x = np.empty((runs, model.size))
-    draws = [np.random.default_rng((seed, run)) for run in range(runs)]
+    draws = [np.random.default_rng((seed, run, DRAWN)) for run in range(runs)]
     for run, draw in enumerate(draws):
         which = run % len(start)
-        values, vectors = np.linalg.eigh(P[which] / np.outer(*[_std(P[which])] * 2))
-        factor = _std(P[which])[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-        x[run] = start[which] + factor @ draw.standard_normal(model.size)
+        spread = covariance_factor(P[which])
+        x[run] = start[which] + spread @ draw.standard_normal(spread.shape[1])
     x = model.projected(x)
     inputs = np.repeat(known[:, None], runs, axis=1)
     inputs[0][:, model.inputs] = x[:, model.u]
     readings = np.empty((steps, runs, model.channels))
-    q = np.empty((steps + 1, model.system.size))
-    q[0], deviation = x[0, model.q], np.sqrt(np.diag(model.before(0)))
+    factor = covariance_factor(model.before(0))
     for k in range(steps):
-        noise = np.array([draw.standard_normal(model.size) for draw in draws])
-        x = model.step(x + deviation * noise, k)[0]
+        noise = np.array([draw.standard_normal(factor.shape[1]) for draw in draws])
+        x = model.step(x + noise @ factor.T, k)[0]
         if not np.all(np.isfinite(x)):
             raise NumericalError(
                 f"a drawn truth cannot be stepped at {k * model.h:g} s",
                 remedy="give smaller increments, or a smaller std at the start",
             )
         inputs[k + 1][:, model.inputs] = x[:, model.u]
-        readings[k], q[k + 1] = model.measure(x, k)[0], x[0, model.q]
+        readings[k] = model.measure(x, k)[0]
     theta = np.array([model.coordinates.theta(own)[0] for own in x[:, model.xi]])
-    return Reality(inputs, theta, readings, q)
+    return Reality(inputs, theta, readings)
 
 
 def from_run(
-    path: Path, settings: Any, own: Mapping[str, Any], inputs: list[str], h: float, steps: int
+    path: Path, settings: Any, own: Mapping[str, tuple[Any, int]], units: Mapping[str, str], h: float, steps: int
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """What another bench's sensors read at h, 2h, … (T, components), and its loads at 0, h, … (T + 1,), by own names.
+    """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names.
 
-    own: sensors of the filter; settings: `estimate.measured`. Lengths are multiplied by `scale`: the displacements of a
-    relative motion and positions, not tilts, strains or axes. Raises ConfigError for a sensor or an instant that it lacks.
+    own: sensors of the filter with their number of channels; units: of the unknown loads; settings:
+    `estimate.measured`. Lengths are multiplied by
+    `scale`: the displacements of a relative motion and positions, not tilts, strains or axes. Raises ConfigError for a
+    sensor or an instant that it lacks, and for one of another kind.
     """
     key = "estimate.measured.from"
     there = Artefact(path)
@@ -121,17 +124,32 @@ def from_run(
         )
     rows = every * np.arange(steps + 1)
     read = {}
-    for name, entry in own.items():
-        values = there[_there(there, "sensors", settings.sensors.get(name, name), f"estimate.measured.sensors.{name}")]
+    for name, (entry, channels) in own.items():
+        path_there = _there(there, "sensors", settings.sensors.get(name, name), f"estimate.measured.sensors.{name}")
+        values, unit = there[path_there], there.attributes(path_there)["units"]
+        if (unit, values.shape[1]) != (unit_of(entry)[0], channels):
+            raise ConfigError(
+                f"'{name}' has {channels} channels in {unit_of(entry)[0]}, {path_there[1:]} there {values.shape[1]} in {unit}",
+                key="estimate.measured",
+                remedy="name a sensor of the same kind and size under estimate.measured.sensors",
+            )
         lengths = slice(3) if entry.type == "relative" or entry.get("quantity") in ("position", "velocity") else slice(0)
-        values = np.array(values[rows[1:]], dtype=float)
+        values = np.array(values[rows], dtype=float)
         values[:, lengths] *= settings.scale
         read[name] = values
     loads = {}
-    for name in inputs:
+    for name in units:
         wanted = settings.inputs.get(name, name)
         if name in settings.inputs or f"/inputs/{wanted}" in there:
-            loads[name] = there[_there(there, "inputs", wanted, f"estimate.measured.inputs.{name}")][rows]
+            path_there = _there(there, "inputs", wanted, f"estimate.measured.inputs.{name}")
+            if there.attributes(path_there)["units"] != units[name]:
+                unit = there.attributes(path_there)["units"]
+                raise ConfigError(
+                    f"'{name}' is in {units[name]}, '{wanted}' there in {unit}",
+                    key=f"estimate.measured.inputs.{name}",
+                    remedy="name a load of the same kind",
+                )
+            loads[name] = there[path_there][rows]
     return read, loads
 
 
@@ -143,7 +161,3 @@ def _there(there: Artefact, group: str, name: str, key: str) -> str:
         )
     return f"/{group}/{name}"
 
-
-def _std(P: np.ndarray) -> np.ndarray:
-    std = np.sqrt(np.diag(P))
-    return np.where(std > 0, std, 1.0)

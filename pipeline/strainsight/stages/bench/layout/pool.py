@@ -57,9 +57,8 @@ def gauge_pool(mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequen
     size = np.abs(response) / _strength(response, inputs)
     with blame("place.spacing"):
         ranked = [_ranked(column, pool.position, float(place.spacing)) for column in size.T]
-    kept: set[int] = set()
-    for turns in zip_longest(*ranked):
-        kept |= {int(gauge) for gauge in turns if gauge is not None} if len(kept) < place.pool else set()
+    in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
+    kept = list(in_turn)[: int(place.pool)]
     return GaugePool(pool, rows, response, np.array(sorted(kept)))
 
 

@@ -1,0 +1,71 @@
+"""What a reader has to be told of an estimate: where its claim does not hold, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from strainsight.workflow.output import Scalar
+
+SURE = 3.0
+"""Real error over claimed σ above which an estimate is sure and wrong."""
+LARGE_NIS, SMALL_NIS = 2.0, 0.5
+"""Of a truth that the filter's model could have made; slow loads make it smaller, down to (m − n)/m."""
+HARDLY = 0.5
+"""σ of a load over its largest value above which it is hardly known."""
+MATCHES = 0.01
+"""Mismatch of a sensor up to which one bench moves as the other."""
+
+
+def warnings_of(
+    config: Any, free: tuple[str, ...], numbers: Mapping[str, Scalar], nis: float, lost: np.ndarray
+) -> Iterator[str]:
+    """Sentences; numbers: the summary's, nis over the number of channels, lost (runs,) steps, −1 for none."""
+    gone = lost[lost >= 0]
+    if len(gone):
+        yield f"{len(gone)} of {len(lost)} runs were lost, the first after {gone.min()} steps"
+    for name in (*config.estimate.inputs, *free):
+        error, std = _float(numbers, f"error.{name}"), _float(numbers, f"std.{name}")
+        off = _float(numbers, f"ratio.{name}", error / std if std > 0 else np.nan)
+        if off > SURE:
+            yield f"{name} is sure and wrong: its error is {off:.3g} times what the filter claims"
+        if name in config.estimate.inputs and std > HARDLY:
+            yield f"{name} is hardly known: σ is {100 * std:.3g} % of the largest load; give other sensors, or make a load known"
+    yield from (
+        f"{name} is not identified: its starts end more than three σ apart, its σ has not halved, or it is wrong beyond it"
+        for name in free
+        if numbers.get(f"identified.{name}") is False
+    )
+    if nis > LARGE_NIS or (config.estimate.truth.model == "walk" and nis < SMALL_NIS):
+        size, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
+        yield (
+            f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {size} than the filter claims: its model is not the bench, "
+            f"or increments, disturbance or noise are too {noises}"
+        )
+    if config.estimate.measured is not None:
+        for name in config.estimate.sensors:
+            mismatch = _float(numbers, f"mismatch.{name}")
+            if mismatch > MATCHES:
+                there = config.estimate.measured["from"]
+                yield f"these loads do not make {name} read as on {there}: it is {100 * mismatch:.3g} % off"
+
+
+def message_of(config: Any, free: tuple[str, ...], numbers: Mapping[str, Scalar], method: str, truth: str) -> str:
+    """One line: what is known of every unknown."""
+    said = []
+    for name in (*config.estimate.inputs, *free):
+        if f"error.{name}" in numbers:
+            said.append(f"{name} to {100 * numbers[f'error.{name}']:.2g} % (σ {100 * numbers[f'std.{name}']:.2g} %)")
+        elif f"ratio_slope.{name}" in numbers:
+            offset = _float(numbers, f"ratio_offset.{name}")
+            said.append(f"{name} = {numbers[f'ratio_slope.{name}']:.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}")
+    if config.estimate.measured is not None:
+        worst = max((_float(numbers, f"mismatch.{name}") for name in config.estimate.sensors), default=np.nan)
+        said.insert(0, f"sensors {100 * worst:.2g} % off")
+    return f"{', '.join(said) or 'nothing comparable'}; {method}, {truth}"
+
+
+def _float(numbers: Mapping[str, Scalar], key: str, otherwise: float = float("nan")) -> float:
+    return float(numbers.get(key, otherwise))
