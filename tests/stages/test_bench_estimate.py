@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from strainsight.errors import ConfigError
 from strainsight.stages.bench.pipeline import bench_stages
+from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .conftest import ROOT, finished, job_of
@@ -330,3 +332,22 @@ def test_an_unknown_under_a_load_that_begins_at_zero_is_felt_all_the_same(estima
     """Nothing loads the hub at the start but what its unknown loads may be."""
     found = estimate(MODULUS, "forces.weight.acceleration=[0.0, 0.0, 0.0]", "estimate.duration=1.0")
     assert "E" in str(found.tables)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        (),
+        ("estimate.parameters={E: {guess: 2.3e+11, std: 2.0e+10}}",),
+        ("place={body: beam, noise: 1.0e-7, keep: 2}", "sensors.gauges={type: strain, body: beam, layout: place}"),
+    ],
+)
+def test_the_bench_of_the_manual_runs_as_it_says(tmp_path, more):
+    text = (ROOT / "docs" / "bench.md").read_text(encoding="utf-8").split("## A bench from scratch\n```yaml\n")[1]
+    (tmp_path / "beam.yaml").write_text(text.split("```")[0], encoding="utf-8")
+    shutil.copy(ROOT / "meshes" / "cantilever.bdf", tmp_path)
+    options = [part for change in more for part in ("--set", change)]
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "beam.yaml"), "--results", str(tmp_path / "r"), *options])
+    assert done.exit_code == 0, done.output
+    found = Artefact(tmp_path / "r" / "beam" / "estimate.h5")
+    assert found.summary["error.F"] < 0.1
