@@ -14,8 +14,9 @@ from strainsight.stages.bench.case.flexible import flexible_bodies
 from strainsight.stages.bench.case.loads import loads_of
 from strainsight.stages.bench.case.sensors import Sensors, sensors_of, some_of
 from strainsight.stages.bench.inverse.output import estimate_output
-from strainsight.stages.bench.inverse.trial import Trial, free_zero, measurements, trial_of, zero_of
-from strainsight.stages.bench.inverse.truth import Reality, drawn, from_run, simulated
+from strainsight.stages.bench.inverse.rest import free_zero, zero_of
+from strainsight.stages.bench.inverse.trial import Trial, trial_of
+from strainsight.stages.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
 from strainsight.stages.bench.inverse.unknowns import Unknowns, free_properties, unknowns_of
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from strainsight.stages.bench.inverse.numbers import (
     parameter_numbers,
     ratio_numbers,
 )
-from strainsight.stages.bench.inverse.trial import command_history
 from strainsight.stages.bench.inverse.verdicts import SURE, message_of, warnings_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 
@@ -74,7 +74,7 @@ def estimate_output(config: Any, found: Estimated) -> Output:
         summary=known,
         message=message_of(config, found.unknowns.free, known, METHODS[config.estimate.method.update], truth),
         tables=tuple(tables),
-        files={"loads.csv": command_history(found.time, loads)} if loads and found.lost[0] < 0 else {},
+        files={"loads.csv": _command_history(found.time, loads)} if loads and found.lost[0] < 0 else {},
     )
 
 
@@ -204,6 +204,14 @@ def _table(config: Any, found: Estimated, numbers: dict[str, Scalar]) -> Table:
         rows.append((name, *cells, *[""] * (4 - len(cells))))
     title = "unknowns" if found.elsewhere else "unknowns, errors and σ over the largest true value"
     return Table(title, ("unknown", "", "", "", ""), tuple(rows))
+
+
+def _command_history(time: np.ndarray, loads: Mapping[str, np.ndarray]) -> bytes:
+    """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m]."""
+    lines = [",".join(["time", *loads])]
+    for k, instant in enumerate(time):
+        lines.append(",".join([f"{instant:.9g}", *(f"{values[k]:.9g}" for values in loads.values())]))
+    return ("\n".join(lines) + "\n").encode()
 
 
 def _said(value: Scalar) -> bool:

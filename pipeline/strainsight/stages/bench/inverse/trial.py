@@ -1,21 +1,19 @@
-"""A bench's filter before it runs: its model, where it starts, and the measurements it is given."""
+"""A bench's filter before it runs: its model, where it starts, the noise of its channels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from strainsight.errors import ConfigError, NumericalError, UserError, blame
+from strainsight.errors import ConfigError, blame
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.start import start_covariance, static_response, white_force
-from strainsight.multibody.inverse.zeroed import Zero, zero_at_rest
-from strainsight.multibody.sensors import Readings
+from strainsight.multibody.inverse.start import start_covariance, white_force
 from strainsight.stages.bench.case.bench import Bench
 from strainsight.stages.bench.case.sensors import Sensors
 from strainsight.stages.bench.case.start import start_of
+from strainsight.stages.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
 from strainsight.stages.bench.inverse.unknowns import Unknowns
 
 FLOOR = 1e-8
@@ -27,9 +25,6 @@ NOTHING = 1e-12
 """Noise of a channel that reads nothing at all [its unit]."""
 FAR = 100.0
 """Times that a stated noise may be raised by; beyond, it is a unit that is wrong."""
-FITS, SETTLED = 20, 1e-9
-NOISE = 1
-"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
 FELT = 1e-3
 """σ of its noise by which one σ of an unknown must move a reading to be felt."""
 
@@ -74,11 +69,11 @@ def trial_of(
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
-    moved = _moved(config, model, bench, unknowns, (guess, heaviest, raised_by))
+    moved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
     noise, raised = _noise(config.estimate, used, largest, moved.max(axis=1, initial=0.0))
     said = (*raised, *_felt(config, unknowns, used, moved / noise[:, None]))
     if first is not None and config.simulate.start == "equilibrium":
-        guess = _at_rest(config, bench, channels, unknowns, guess, first, noise)
+        guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
     states, covariances, offsets = [], [], []
     for theta in unknowns.starts:
         with blame("estimate"):
@@ -91,54 +86,6 @@ def trial_of(
         model, offsets = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(offsets, (runs, 1)), R=noise**2)
     return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, said)
-
-
-def zero_of(
-    config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, theta: np.ndarray, zeroing: np.ndarray
-) -> np.ndarray:
-    """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
-    if not sensors.zeroed.any():
-        return np.zeros(len(sensors.zeroed))
-    with blame("estimate"):
-        q, v = start_of(replace(bench, theta=theta), config.simulate, zeroing)
-    return np.where(sensors.zeroed, sensors.readings.read(q, v)[0], 0.0)
-
-
-def free_zero(config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, zeroing: np.ndarray) -> Zero | None:
-    """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
-    if not (sensors.zeroed.any() and unknowns.free and config.simulate.start == "equilibrium"):
-        return None
-    q, _ = start_of(replace(bench, theta=unknowns.starts[0]), config.simulate, zeroing)
-    return zero_at_rest(bench.system, sensors.readings, sensors.zeroed, q, zeroing, unknowns.coordinates)
-
-
-def _at_rest(
-    config: Any,
-    bench: Bench,
-    channels: Readings,
-    unknowns: Unknowns,
-    guess: np.ndarray,
-    first: np.ndarray,
-    noise: np.ndarray,
-) -> np.ndarray:
-    """Loads (nu,) under which the bench at rest reads what was measured first, by Gauss-Newton from the guess:
-
-        min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
-    """
-    free = [i for i, entry in enumerate(config.estimate.inputs.values()) if entry.guess is None]
-    columns, u, theta = unknowns.inputs[free], guess.copy(), unknowns.starts[0]
-    for _ in range(FITS if free else 0):
-        with blame("estimate.measured"):
-            q, v = start_of(replace(bench, theta=theta), config.simulate, u)
-            by_u, _ = static_response(bench.system, q, u, theta)
-        read, H, _ = channels.read(q, v)
-        W = np.concatenate([(H @ by_u[:, columns]) / noise[:, None], np.diag(1 / unknowns.std_u[free])])
-        r = np.concatenate([(first - read) / noise, (guess - u)[columns] / unknowns.std_u[free]])
-        du = np.linalg.lstsq(W, r, rcond=None)[0]
-        u[columns] += du
-        if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):
-            break
-    return u
 
 
 def _noise(
@@ -177,33 +124,6 @@ def _covariance(
     return P
 
 
-def _moved(
-    config: Any, model: AugmentedStep, bench: Bench, unknowns: Unknowns, under: tuple[np.ndarray, ...]
-) -> np.ndarray:
-    """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
-    these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest."""
-    most = np.zeros((model.channels, model.size - model.u.start))
-    if config.simulate.start != "equilibrium":
-        return most
-    theta = unknowns.starts[0]
-    std = np.concatenate([
-        np.maximum(unknowns.std_u, unknowns.increment_u), np.maximum(unknowns.std, unknowns.increment)
-    ])  # fmt: skip
-    free = [bench.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
-    for i, u in enumerate(under):
-        try:
-            with blame("estimate"):
-                q, v = start_of(replace(bench, theta=theta), config.simulate, u)
-                by_u, by_theta = static_response(bench.system, q, u, theta)
-        except (UserError, NumericalError):
-            if i == 0:
-                raise
-            continue  # loads that rest cannot carry say nothing
-        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
-        most = np.maximum(most, np.abs(model.sensors.read(q, v)[1] @ response) * std)
-    return most
-
-
 def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> tuple[str, ...]:
     """Refuse an unknown that no sensor feels at rest, name sensors that feel none and loads that rest cannot tell apart;
     moved (m, nu + p) in σ of the noise.
@@ -226,26 +146,3 @@ def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> 
         for name, own in used.channels.items()
         if moved[own].max() < FELT
     )
-
-
-def measurements(
-    readings: np.ndarray, noise: np.ndarray, runs: int, starts: int, seed: int, noisy: bool
-) -> np.ndarray:
-    """What the filter is given (T, runs · starts, m): readings (T, 1 or runs, m), noise drawn anew for every run, the same for
-    all starts of one."""
-    steps, m = len(readings), len(noise)
-    found = np.broadcast_to(readings, (steps, runs, m)).copy()
-    if noisy:
-        for run in range(runs):
-            found[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
-    return np.repeat(found, starts, axis=1)
-
-
-def command_history(time: np.ndarray, loads: Mapping[str, np.ndarray]) -> bytes:
-    """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m]."""
-    lines = [",".join(["time", *loads])]
-    for k, instant in enumerate(time):
-        lines.append(",".join([f"{instant:.9g}", *(f"{values[k]:.9g}" for values in loads.values())]))
-    return ("\n".join(lines) + "\n").encode()
-
-

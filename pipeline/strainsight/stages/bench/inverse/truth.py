@@ -19,6 +19,8 @@ from strainsight.stages.bench.case.sensors import unit_of
 from strainsight.stages.bench.case.start import start_of
 from strainsight.workflow.artefact import Artefact
 
+NOISE = 1
+"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
 DRAWN = 2
 """Last word of the seed of every drawn truth."""
 FEW = 1e-6
@@ -91,6 +93,19 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
         readings[k] = model.measure(x, k)[0]
     theta = np.array([model.coordinates.theta(own)[0] for own in x[:, model.xi]])
     return Reality(inputs, theta, readings)
+
+
+def measurements(
+    readings: np.ndarray, noise: np.ndarray, runs: int, starts: int, seed: int, noisy: bool
+) -> np.ndarray:
+    """What the filter is given (T, runs · starts, m): readings (T, 1 or runs, m), noise drawn anew for every run, the same for
+    all starts of one."""
+    steps, m = len(readings), len(noise)
+    found = np.broadcast_to(readings, (steps, runs, m)).copy()
+    if noisy:
+        for run in range(runs):
+            found[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
+    return np.repeat(found, starts, axis=1)
 
 
 def from_run(
