@@ -14,7 +14,7 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: help run status test lint all-configs hub hub-fine bench setup lock $(STAGES)
+.PHONY: help run status test lint all-configs hub hub-fine bench manual setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -27,6 +27,7 @@ help:
 	@echo 'make bench          chapters 2 to 4 of the thesis: 100 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make test           set up, then all tests'
 	@echo 'make lint           ruff, mypy, import-linter'
+	@echo 'make manual         the manual as a site: site/index.html'
 	@echo 'make lock           renew requirements-dev.lock from pyproject.toml'
 	@echo
 	@echo 'CONFIG=$(CONFIG)'
@@ -51,12 +52,16 @@ bench: $(READY)
 	@$(VENV)/bin/strainsight run configs/bench/suite.yaml $(ARGS)
 
 test: $(READY)
-	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile -q $(ARGS)
+	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q $(ARGS)
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .
 	@$(VENV)/bin/mypy
 	@$(VENV)/bin/lint-imports
+
+manual: $(READY)
+	@$(VENV)/bin/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir .sphinx docs site
+	@echo site/index.html
 
 setup: $(READY)
 

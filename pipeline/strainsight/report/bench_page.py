@@ -108,7 +108,8 @@ def run_answer(run: BenchRun) -> str:
     channels = run.number("channels")
     given = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
     text = f"{given} channels tell {', '.join(parts) or 'nothing'}."
-    if any(unknown.there is not None for unknown in estimate.unknowns):
+    elsewhere = [unknown.name for unknown in estimate.unknowns if unknown.there is not None]
+    if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
         told = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
         text = f"These loads make the bench read as the one that was measured, {', '.join(told)}: {', '.join(parts)}."

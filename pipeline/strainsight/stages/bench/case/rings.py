@@ -28,7 +28,7 @@ def rings_in_time(
     rows = []
     for element in bench.system.elements:
         force = element.force
-        if not isinstance(force, RelativeElement):
+        if not isinstance(force, RelativeElement) or config.forces[force.name].type != "bearing":
             continue
         name = force.name
         bearing = bench.bearings[config.forces[name].bearing]

@@ -1,0 +1,60 @@
+"""The manual as a site: `make manual` builds it into site/ from the pages of this folder. Nothing in it comes from a network."""
+
+import html
+import re
+import sys
+from pathlib import Path
+
+from docutils.nodes import SkipNode
+from docutils.utils.math import MathError
+from docutils.utils.math.latex2mathml import tex2mathml
+
+sys.path.insert(0, str(Path(__file__).parent))
+import config_reference
+
+project = "strainsight"
+extensions = ["myst_parser"]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+exclude_patterns = ["images", "static"]
+nitpicky = True
+# Blocks without a language are equations and printouts: not to be guessed at.
+highlight_language = "text"
+html_theme = "furo"
+html_title = "strainsight"
+html_copy_source = False
+html_show_copyright = False
+html_static_path = ["static"]
+html_css_files = ["manual.css"]
+html_show_sphinx = False
+html_math_renderer = "mathml"
+
+
+def inline_math(writer, node):
+    """An equation between words, as MathML: no script draws it."""
+    writer.body.append(mathml(node, as_block=False))
+    raise SkipNode
+
+
+def block_math(writer, node):
+    """An equation on a line of its own."""
+    writer.body.append(f'<div class="equation">{mathml(node, as_block=True)}</div>')
+    raise SkipNode
+
+
+def mathml(node, as_block):
+    try:
+        return tex2mathml(node.astext(), as_block=as_block)
+    except MathError as fault:
+        raise ValueError(f"not understood as an equation: {html.escape(node.astext())}") from fault
+
+
+def only_within(app, name, source):
+    """Links to files that are beside the manual in the repository, but not in it, become plain words."""
+    source[0] = re.sub(r"\[([^]]+)\]\(\.\./(?:\.\./)*(?:meshes|configs|tests|benchmarks)/[^)]*\)", r"\1", source[0])
+
+
+def setup(app):
+    app.add_html_math_renderer("mathml", (inline_math, None), (block_math, None))
+    app.connect("source-read", only_within)
+    app.connect("builder-inited", lambda app: config_reference.write(Path(app.srcdir) / "config"))

@@ -1,0 +1,219 @@
+"""The manual: it builds without a warning and loads nothing, its reference is complete, and what it quotes comes out."""
+
+import importlib.util
+import math
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from strainsight.config.schema import config_schema
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+TOLERANCE = 0.05
+"""Of a quoted number, relative: quoted are few digits, and equal gauges are told apart by the last ones."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The manual as a site."""
+    folder = tmp_path_factory.mktemp("manual")
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-d",
+        folder / "doctrees",
+        DOCS,
+        folder / "site",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder / "site"
+
+
+class Loads(HTMLParser):
+    """What a page loads, or would."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attributes):
+        named = {key: value or "" for key, value in attributes}
+        self.found += [value for key, value in named.items() if key in ("src", "srcset", "data", "poster")]
+        if tag == "link":
+            self.found.append(named.get("href", ""))
+
+
+def test_the_site_loads_nothing_from_a_network(site):
+    pages = sorted(site.rglob("*.html"))
+    assert len(pages) > 40
+    for page in pages:
+        loads = Loads()
+        loads.feed(page.read_text(encoding="utf-8"))
+        for address in loads.found:
+            assert not re.match(r"(?:[a-z]+:)?//", address), f"{page.name} loads {address}"
+    for style in site.rglob("*.css"):
+        text = style.read_text(encoding="utf-8")
+        assert not re.search(r"@import\s|url\(\s*['\"]?(?:https?:)?//", text), f"{style.name} loads from elsewhere"
+
+
+def test_every_page_is_in_the_site(site):
+    for page in DOCS.rglob("*.md"):
+        assert (site / page.relative_to(DOCS).with_suffix(".html")).is_file(), page
+
+
+def test_links_to_places_on_a_page_lead_somewhere(site):
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        for target in re.findall(r'class="reference internal" href="([^"#]*)#([^"]+)"', text):
+            there = (page.parent / target[0]) if target[0] else page
+            assert f'id="{target[1]}"' in there.read_text(encoding="utf-8"), f"{page.name}: {target}"
+
+
+def test_the_reference_lists_every_key_with_its_meaning():
+    """A table for every mapping of the models, with all of its keys."""
+    tables = set()
+    for page in _reference().pages().values():
+        for part in re.split(r"^## ", page, flags=re.MULTILINE):
+            listed = re.findall(r"^\| \[?`([^`]+)`.* \| (.*) \|$", part, re.MULTILINE)
+            assert all(what.strip() for _, what in listed), part
+            tables.add(frozenset(key.rsplit(".", 1)[-1] for key, _ in listed))
+    for name, model in config_schema()["$defs"].items():
+        if model.get("properties"):
+            assert frozenset(model["properties"]) in tables, name
+
+
+def test_the_reference_lists_every_key_of_the_examples():
+    pages = "\n".join(_reference().pages().values())
+    for key in (
+        "loads.NAME.signal.frequency",
+        "place.symmetry.normal",
+        "validate.truth.model",
+        "bodies.NAME.moduli.NAME.value",
+        "joints.NAME.frames",
+        "estimate.inputs.NAME.increment",
+        "bearings.NAME.preload",
+        "runs[].config",
+        "mesh.matrices.stiffness[].file",
+        "gauges.exclude[].normal_cone.angle",
+    ):
+        assert f"| `{key}` |" in pages
+
+
+def test_a_key_of_the_reference_shows_type_default_and_unit():
+    pages = _reference().pages()
+    assert "| `place.keep` | whole number ≥ 1 | required |" in pages["placement-place"]
+    assert "| `place.instants` | whole number ≥ 1 | `20` |" in pages["placement-place"]
+    assert re.search(r"\| `train.time_step` \| number \\> 0 \| required \| .*\\\[s\\\]", pages["placement-train"])
+
+
+def test_the_reference_is_rewritten_only_where_it_changed(tmp_path):
+    reference = _reference()
+    reference.write(tmp_path)
+    (tmp_path / "gone.md").write_text("of an older version")
+    page = tmp_path / "placement.md"
+    os.utime(page, (1, 1))
+    reference.write(tmp_path)
+    assert page.stat().st_mtime == 1
+    assert not (tmp_path / "gone.md").exists()
+
+
+@pytest.mark.slow
+def test_the_tutorial_does_what_it_says(tmp_path):
+    run_page(DOCS / "tutorial.md", tmp_path)
+
+
+def test_paths_of_the_manual_exist():
+    """Files of the repository that a page names with their folder."""
+    folders = "config|fem|mesh|decks|gauges|rom|augmentation|placement|estimation|multibody|measurements|stages|report|workflow"
+    for page in sorted(DOCS.rglob("*.md")):
+        if page.parent.name == "config":
+            continue
+        text = page.read_text(encoding="utf-8")
+        for path in re.findall(rf"`((?:{folders})/[\w./]*\w+\.py)`", text):
+            assert (ROOT / "pipeline" / "strainsight" / path).is_file(), f"{page.name}: {path}"
+        for path in re.findall(r"`((?:tests|benchmarks|configs|meshes|pipeline|cli)/[\w./-]*\w+\.\w+)`", text):
+            assert (ROOT / path).is_file(), f"{page.name}: {path}"
+
+
+@pytest.mark.parametrize(
+    ("quoted", "printed", "same"),
+    [
+        ("place  done … 100 → 4, gap 0.010 %", "place     done   13.3 s   100 → 4, gap 0.010 %, E ± 0.49 %", True),
+        ("E ± 0.49 %", "E ± 0.50 %", True),
+        ("E ± 0.49 %", "E ± 0.59 %", False),
+        ("3666 nodes", "3665 nodes", False),
+        ("3666 nodes", "3666 elements", False),
+        ("G1 28 …", "G1  28  0.5  0.6", True),
+    ],
+)
+def test_quoted_lines_are_compared_by_words_and_numbers(quoted, printed, same):
+    assert within(quoted, printed) is same
+
+
+def run_page(page, folder):
+    """Run the commands of a page's `<!-- run -->` blocks in `folder`; every other line of a block has to be printed."""
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(r"<!-- run -->\n```console\n(.*?)```", text, re.DOTALL)
+    assert blocks
+    for block in blocks:
+        parts = re.split(r"^\$ (.+)$", block, flags=re.MULTILINE)
+        assert not parts[0].strip(), f"{page.name}: a block begins with a command"
+        for command, quoted in zip(parts[1::2], parts[2::2], strict=True):
+            printed = _run(command, folder)
+            for line in filter(None, map(str.strip, quoted.splitlines())):
+                assert any(within(line, other) for other in printed.splitlines()), (
+                    f"{page.name}: {command} does not print\n{line}\nbut\n{printed}"
+                )
+
+
+def within(quoted, printed):
+    """Whether the words of a quoted line stand in a printed one, one behind the other; … stands for any words."""
+    there = printed.split()
+    start = 0
+    for part in quoted.split("…"):
+        words = part.split()
+        places = [at for at in range(start, len(there) - len(words) + 1) if _alike(words, there[at : at + len(words)])]
+        if not places:
+            return False
+        start = places[0] + len(words)
+    return True
+
+
+def _alike(words, others):
+    return all(_same(word, other) for word, other in zip(words, others, strict=True))
+
+
+def _same(word, other):
+    try:
+        a, b = float(word.rstrip(",:;")), float(other.rstrip(",:;"))
+    except ValueError:
+        return word.rstrip(",:;") == other.rstrip(",:;")
+    counted = word.rstrip(",:;").isdigit()
+    return a == b if counted else math.isclose(a, b, rel_tol=TOLERANCE)
+
+
+def _run(command, folder):
+    scripts = Path(sys.executable).parent
+    environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "120", "NO_COLOR": "1"}
+    command = command.replace("REPOSITORY", str(ROOT))
+    done = subprocess.run(command, shell=True, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout + done.stderr
+
+
+def _reference():
+    spec = importlib.util.spec_from_file_location("config_reference", DOCS / "config_reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
