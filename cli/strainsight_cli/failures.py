@@ -8,8 +8,8 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import typer
@@ -18,6 +18,8 @@ INTERNAL, USER, INTERRUPTED = 1, 2, 130
 SHOW_CURSOR = b"\x1b[?25h\n"
 """What a progress bar hides while it is drawn."""
 KEPT = "interrupted; finished stages are kept"
+LAST_WORDS: list[Callable[[str], None]] = []
+"""What else is told of an interrupt, before the process ends; none may wait for anything."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,9 @@ def _interruptible() -> Iterator[None]:
             if stream.isatty():
                 os.write(stream.fileno(), SHOW_CURSOR)
         os.write(2, f"{KEPT}\n".encode())
+        with suppress(Exception):
+            for tell_it in LAST_WORDS:
+                tell_it(KEPT)
         os._exit(INTERRUPTED)
 
     before = signal.signal(signal.SIGINT, end)

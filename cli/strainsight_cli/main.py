@@ -2,44 +2,37 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from strainsight_cli import pipelines, render
+from strainsight_cli import pipelines
+from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import reported
-from strainsight_cli.work import Work, bring_up_to_date, say, show_plan, show_results
-
-if TYPE_CHECKING:
-    from strainsight.config.load import LoadedConfig
+from strainsight_cli.figures import figures
+from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, DoctorJson, DryRun, Force, Json, Results, Set, Verbose
+from strainsight_cli.status import show_plan
+from strainsight_cli.view import view
+from strainsight_cli.work import Work, bring_up_to_date, say, show_results
+from strainsight_cli.works import loaded_config, work_of, work_of_one
 
 # The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate. Numpy reads this
 # when it is first imported, inside the commands. PARDISO has its own threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Where to glue strain gauges on a finite-element model, what they will let you know, and how well.",
 )
-
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="Config file; `strainsight init DECK` writes one.")]
-Force = Annotated[bool, typer.Option("--force", help="Run it even if it is up to date (`run`: every stage).")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would run and why; write nothing.")]
-Results = Annotated[Path, typer.Option("--results", metavar="DIR", help="Results folder.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object a stage.")]
-Set = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override, as in --set place.keep=6.")
-]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say why stages run; show the traceback of a failure.")]
-DEFAULT_RESULTS = Path("results")
 
 
 @app.callback(invoke_without_command=True)
@@ -62,17 +55,17 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        loaded = _loaded(config, overrides)
+        loaded = loaded_config(config, overrides)
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
 
             works = suites.works_of(loaded, results)
             if dry_run:
-                suites.show_suite(works, force, as_json)
+                suites.show_suite(works, force, as_json, verbose)
             else:
                 suites.run_suite(works, loaded.data["jobs"], force, as_json, verbose)
             return
-        work = _work(loaded, results)
+        work = work_of(loaded, results)
         names = [stage.name for stage in work.stages]
         _bring_up_to_date(work, names if force else [], dry_run, as_json, verbose, tables=names)
 
@@ -86,13 +79,13 @@ def status(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        loaded = _loaded(config, overrides)
+        loaded = loaded_config(config, overrides)
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
 
-            suites.show_suite(suites.works_of(loaded, results), False, as_json)
+            suites.show_suite(suites.works_of(loaded, results), False, as_json, verbose)
         else:
-            show_plan(_work(loaded, results), (), as_json)
+            show_plan(work_of(loaded, results), (), as_json, verbose)
 
 
 @app.command(help="Write a commented config for your own deck.")
@@ -120,6 +113,14 @@ def init(
         print(f"wrote {target}: fill in the lines marked ←, then: strainsight run {target}")
 
 
+@app.command(help="Check this machine: packages, solver, rendering, memory.")
+def doctor(results: Results = DEFAULT_RESULTS, as_json: DoctorJson = False, verbose: Verbose = False) -> None:
+    with reported(verbose):
+        from strainsight_cli.doctor import examine, show
+
+        raise typer.Exit(show(examine(results), as_json))
+
+
 @app.command(help="Print the JSON Schema of a config.")
 def schema() -> None:
     with reported():
@@ -144,13 +145,19 @@ def _add_stage(name: str, what: str) -> None:
         verbose: Verbose = False,
     ) -> None:
         with reported(verbose):
-            work = _work_of_one(config, results, overrides, name)
+            work = work_of_one(config, results, overrides, name)
             upto = replace(work, stages=work.stages[: [stage.name for stage in work.stages].index(name) + 1])
             _bring_up_to_date(upto, [name] if force else [], dry_run, as_json, verbose, tables=[name])
 
 
 for _name, _what in pipelines.STAGES.items():
     _add_stage(_name, _what)
+
+
+app.command("view", help="Show what a run has computed, in a window or as a picture.")(view)
+app.command("figures", help="Write the figures of a run's page as SVG and PNG files, with their numbers as CSV.")(
+    figures
+)
 
 
 @app.command(help="Estimate loads, parameters and strains from the measurements of a test.")
@@ -189,7 +196,7 @@ def estimate(
             asked.append(f"estimate.file={json.dumps(Path(relative).as_posix())}")
         if allow_unobservable:
             asked.append("estimate.allow_unobservable=true")
-        work = _work_of_one(config, results, asked, "estimate")
+        work = work_of_one(config, results, asked, "estimate")
         names = [stage.name for stage in work.stages]
         if "estimate" not in names:
             raise ConfigError(
@@ -202,49 +209,14 @@ def estimate(
         _bring_up_to_date(upto, ["estimate"] if force else [], dry_run, as_json, verbose, tables=["estimate"])
 
 
-def _loaded(path: Path, overrides: list[str] | None) -> LoadedConfig:
-    """Check the config before anything else is loaded."""
-    from strainsight.config.load import load_config
-
-    return load_config(path, overrides or ())
-
-
-def _work(config: LoadedConfig, results: Path) -> Work:
-    from strainsight.workflow.plan import Job
-
-    data: dict[str, Any] = config.data
-    return Work(pipelines.stages_of(data), Job(data, config.path.parent, results, config.locate))
-
-
-def _work_of_one(path: Path, results: Path, overrides: list[str] | None, stage: str) -> Work:
-    """The work of a config that has the stage; a suite has none."""
-    from strainsight_cli import suites
-
-    suites.refuse(path, stage)
-    loaded = _loaded(path, overrides)
-    work = _work(loaded, results)
-    names = [own.name for own in work.stages]
-    kind = loaded.data["kind"]
-    if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing
-        from strainsight.errors import UserError
-
-        section = f"give it a section `{stage}`; " if kind == "bench" and stage in ("place", "estimate", "field") else ""
-        raise UserError(
-            f"this config of kind {kind} has no stage '{stage}'",
-            where=str(path),
-            remedy=f"{section}its stages are {', '.join(names)}",
-        )
-    return work
-
-
 def _bring_up_to_date(
     work: Work, forced: list[str], dry_run: bool, as_json: bool, verbose: bool, tables: list[str]
 ) -> None:
     """Run what is not up to date; print a line a stage and, at the end, the tables of the stages named."""
     if dry_run:
-        show_plan(work, forced, as_json)
+        show_plan(work, forced, as_json, verbose)
         return
-    with render.progress_bar(not as_json) as progress:
+    with progress_bar(not as_json) as progress:
         artefacts = bring_up_to_date(work, forced, as_json, verbose, say, progress)
     if not as_json:
         show_results(artefacts, tables)
@@ -252,6 +224,10 @@ def _bring_up_to_date(
 
 def main() -> None:
     """Console script."""
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal without Greek gets question marks, not a failure at the end of a long run.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     app()
 
 

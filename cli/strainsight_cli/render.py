@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -16,7 +15,9 @@ if TYPE_CHECKING:
     from strainsight.workflow.runner import Event
 
 WIDTH_OF_A_FILE = 200
-"""Columns of a table that goes to a file or a pipe."""
+"""Columns of a stage's table that goes to a file or a pipe."""
+WIDTH_OF_A_PIPE = 100_000
+"""The same of status and doctor: a line a row, whatever its reasons."""
 
 
 def stage_line(event: Event, verbose: bool = False) -> str:
@@ -29,9 +30,9 @@ def stage_line(event: Event, verbose: bool = False) -> str:
     return f"{event.stage:<9} done {event.seconds:>6.1f} s   {event.artefact.message}{why}"
 
 
-def status_line(status: Status) -> str:
-    """`place     will run    place.keep 4 → 6 (configs/own.yaml:19)`"""
-    return f"{status.stage:<9} {status.status:<11} {status.reason}".rstrip()
+def printable(text: str) -> str:
+    """Without the control characters that a config or a deck may hold: a terminal would obey them."""
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
 
 
 def event_json(event: Event, run: str = "") -> str:
@@ -70,6 +71,37 @@ def _finite(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in summary.items()}
 
 
+def print_grid(
+    head: Sequence[str],
+    rows: Sequence[Sequence[Any]],
+    least: Sequence[int] = (),
+    right: Collection[int] = (),
+    indent: int = 0,
+) -> None:
+    """A table of rich Texts; nothing is folded and no line ends in spaces where nobody looks (a file, a pipe).
+
+    head: names of the columns, "" for a table without any; least: least widths; right: columns set to the right.
+    Colours are rich's to leave out: where there is no terminal, or NO_COLOR is set.
+    """
+    from rich.console import Console
+    from rich.padding import Padding
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    at_terminal = sys.stdout.isatty()
+    console = Console(width=None if at_terminal else WIDTH_OF_A_PIPE, highlight=False)
+    grid = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(head), header_style="")
+    for i, name in enumerate(head):
+        width = least[i] if least else None
+        grid.add_column(Text(name), min_width=width, justify="right" if i in right else "left", overflow="fold")
+    for row in rows:
+        grid.add_row(*row)
+    with console.capture() as capture:
+        console.print(Padding(grid, (0, 0, 0, indent), expand=False))
+    said = capture.get()
+    print(said if at_terminal else "\n".join(line.rstrip() for line in said.split("\n")), end="")
+
+
 def print_tables(tables: Sequence[Table]) -> None:
     """The stages' tables, columns aligned."""
     if not tables:
@@ -89,35 +121,3 @@ def print_tables(tables: Sequence[Table]) -> None:
         if table.title:
             console.print(Text(table.title))
         console.print(grid)
-
-
-@contextmanager
-def progress_bar(wanted: bool) -> Iterator[Callable[[str, str, str, float], None]]:
-    """A bar for every run at work, on a terminal only; yields the callback that moves it: (run, stage, doing, share)."""
-    if not (wanted and sys.stderr.isatty()):
-        yield lambda run, stage, doing, share: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (
-        TextColumn("{task.fields[run]}", markup=False),
-        TextColumn("{task.fields[stage]:<9}"),
-        BarColumn(),
-        TextColumn("{task.description}"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        tasks: dict[str, tuple[str, Any]] = {}
-
-        def move(run: str, stage: str, doing: str, share: float) -> None:
-            if not stage:
-                bar.remove_task(tasks.pop(run)[1])
-                return
-            if run in tasks and tasks[run][0] != stage:
-                bar.remove_task(tasks[run][1])
-            if tasks.get(run, ("",))[0] != stage:
-                tasks[run] = stage, bar.add_task("", total=1.0, stage=stage, run=run)
-            bar.update(tasks[run][1], completed=min(max(share, 0.0), 1.0), description=doing.replace("[", r"\["))
-
-        yield move

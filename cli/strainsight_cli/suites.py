@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from strainsight.errors import ConfigError, UserError, did_you_mean
 from strainsight_cli import pipelines, render
+from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import tell
+from strainsight_cli.status import print_statuses, sum_of
 from strainsight_cli.timing import peak_memory, timing_table
 from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, refuse_taken, say, show_results
 
@@ -123,30 +125,37 @@ def refuse(path: Path, stage: str) -> None:
         )
 
 
-def show_suite(works: Sequence[Work], force: bool, as_json: bool) -> None:
+def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:
     """What would run and why, run by run; the page follows wherever a run will do anything."""
     from strainsight.workflow.plan import UP_TO_DATE, WILL_RUN, plan
 
     pending = []
     for work in works[:-1]:
         statuses = plan(work.stages, work.job, [stage.name for stage in work.stages] if force else ())
-        if not as_json:
-            print(work.beside)
-        for status in statuses:
-            print(render.status_json(status, work.run) if as_json else f"  {render.status_line(status)}")
-        if any(status.status != UP_TO_DATE for status in statuses):
+        waits = any(status.status != UP_TO_DATE for status in statuses)
+        if waits:
             pending.append(f"{work.run} changed")
+        if as_json:
+            for status in statuses:
+                print(render.status_json(status, work.run))
+            continue
+        print(f"{work.beside}: {sum_of(statuses)}")
+        if waits or verbose:
+            print_statuses(statuses, verbose, indent=2, head=False)
     (own,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
     if pending:
         besides = [reason for reason in own.reasons if not reason.endswith(" is missing")]
         own = replace(own, status=WILL_RUN, reasons=(*besides, *pending))
-    print(render.status_json(own, works[-1].run) if as_json else render.status_line(own))
+    if as_json:
+        print(render.status_json(own, works[-1].run))
+    else:
+        print_statuses([own], verbose, head=False)
 
 
 def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool) -> None:
     """Bring every run up to date, `jobs` at a time, then the page; a run that fails ends it, and the message says which."""
     _look_for_inputs(works[:-1])
-    with render.progress_bar(not as_json) as progress:
+    with progress_bar(not as_json) as progress:
         found = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
         page = works[-1]
         if not as_json:

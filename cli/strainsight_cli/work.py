@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from strainsight_cli import render
+from strainsight_cli.clock import Left, after, ends_at, seconds_of
+from strainsight_cli.runlog import Log, peak, run_log
 
 if TYPE_CHECKING:
     from strainsight.workflow.artefact import Artefact
     from strainsight.workflow.plan import Job
+    from strainsight.workflow.runner import Event
     from strainsight.workflow.stage import Stage
 
 Say = Callable[[str], None]
-Progress = Callable[[str, str, str, float], None]
-"""(run, stage, what is being done, share done); no stage: the run has ended."""
+Progress = Callable[[str, str, str, float, Left], None]
+"""(run, stage, what is being done, share done, time left); no stage: the run has ended."""
 
 
 def note(text: str) -> None:
@@ -57,41 +61,49 @@ def refuse_taken(work: Work) -> None:
         )
 
 
-def show_plan(work: Work, forced: Collection[str], as_json: bool) -> None:
-    """What would run and why."""
-    from strainsight.workflow.plan import plan
-
-    refuse_taken(work)
-    for entry in plan(work.stages, work.job, forced):
-        print(render.status_json(entry, work.run) if as_json else render.status_line(entry))
-
-
 def bring_up_to_date(
     work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress, note: Say = note
 ) -> list[Artefact]:
     """Run what is not up to date, a line a stage; the artefacts of all stages."""
+    refuse_taken(work)
+    with run_log(work.job, " ".join(stage.name for stage in work.stages)) as log:
+        return _logged(work, forced, as_json, verbose, say, progress, note, log)
+
+
+def _logged(
+    work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress, note: Say, log: Log
+) -> list[Artefact]:
     from strainsight.errors import StrainsightError
     from strainsight.workflow.runner import RUNNING
     from strainsight.workflow.runner import run as run_stages
 
-    refuse_taken(work)
     artefacts: list[Artefact] = []
-    at_work = ""
+    at_work, started, following = "", time.time(), None
+    last = seconds_of(work.stages, work.job)
 
     def move(stage: str, doing: str, share: float) -> None:
-        progress(work.beside, stage, doing, share)
+        left = Left(ends_at(started, time.time(), share, last.get(stage)), following)
+        progress(work.beside, stage, doing, share, left)
 
-    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=note)
+    def notice(text: str) -> None:
+        log(f"note: {text}")
+        note(text)
+
+    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice)
     try:
         for event in events:
             if event.status == RUNNING:
-                at_work = event.stage
+                at_work, started, following = event.stage, time.time(), after(work.stages, event.stage, last)
+                log(f"{event.stage} starts: {event.reason}")
                 move(event.stage, event.reason, 0.0)
                 continue
             assert event.artefact is not None
             artefacts.append(event.artefact)
+            log(f"{event.stage} {event.status}{_spent(event)}: {event.artefact.message}")
             say(render.event_json(event, work.run) if as_json else render.stage_line(event, verbose))
     except Exception as error:
+        if at_work and (not artefacts or artefacts[-1].header.stage != at_work):
+            log(f"{at_work} fails after {time.time() - started:.1f} s, {peak()}")
         if as_json and at_work:
             reason = str(error) if isinstance(error, StrainsightError) else f"{type(error).__name__}: {error}"
             say(render.failure_json(at_work, reason, work.run))
@@ -100,6 +112,13 @@ def bring_up_to_date(
         if at_work:
             move("", "", 1.0)
     return artefacts
+
+
+def _spent(event: Event) -> str:
+    """Nothing of a stage that did not run."""
+    if event.status != "done":
+        return ""
+    return f" after {event.seconds:.1f} s, {peak()}"
 
 
 def say(line: str) -> None:

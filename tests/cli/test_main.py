@@ -95,7 +95,7 @@ def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(
     def broken(*_, **__):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(main, "_loaded", broken)
+    monkeypatch.setattr(main, "loaded_config", broken)
     done = call("run", CONFIG)
     assert done.exit_code == 1
     message = done.output + (done.stderr or "")

@@ -73,7 +73,7 @@ def test_every_run_has_its_stages_and_the_suite_its_page(first, folder):
     }
     assert not (results / "placed" / "validate.h5").exists()
     assert not (results / "watched" / "place.h5").exists()
-    assert {path.name for path in (results / "two").iterdir()} == {"suite.h5", "report.html"}
+    assert {path.name for path in (results / "two").iterdir()} == {"suite.h5", "report.html", "run.log"}
     page = (results / "two" / "report.html").read_text(encoding="utf-8")
     assert "<modulus>" not in page
     assert "A note." in page

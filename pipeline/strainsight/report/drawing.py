@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -135,7 +137,24 @@ def svg(drawn: Figure) -> bytes:
     # Only inside attributes: what stands between the tags is the text of tick labels.
     text = re.sub(r'"[^"<>]*"', lambda quoted: re.sub(r"-?\d+\.\d{3,}", _hundredth, quoted[0]), text)
     text = re.sub(r"font: [^;\"']*?(\d+(?:\.\d+)?px)[^;\"]*", r"font: \1 system-ui, sans-serif", text)
-    return re.sub(r"\s*\n\s*", "\n", text).encode()
+    image = re.sub(r"\s*\n\s*", "\n", text).encode()
+    if (figures := _KEPT.get()) is not None:
+        figures[image] = drawn
+    return image
+
+
+_KEPT: ContextVar[dict[bytes, Figure] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def kept() -> Iterator[dict[bytes, Figure]]:
+    """Gather SVG → figure of all that is drawn within, for whoever wants its numbers or another format."""
+    figures: dict[bytes, Figure] = {}
+    token = _KEPT.set(figures)
+    try:
+        yield figures
+    finally:
+        _KEPT.reset(token)
 
 
 def _hundredth(match: re.Match[str]) -> str:

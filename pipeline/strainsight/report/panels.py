@@ -43,6 +43,9 @@ def time_axis(axes: Axes) -> None:
     axes.set_xlabel("time [s]")
 
 
+DOTS = "_dots:"
+
+
 def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
     """Many dots as one path of zero-length round-capped lines: a tenth of the bytes that as many markers take."""
     from matplotlib.patches import PathPatch
@@ -53,7 +56,8 @@ def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
     vertices = np.repeat(shown, 2, axis=0)
     codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(shown))
     style = {"color": MUTED, "lw": 2.4, "capstyle": "round"}
-    axes.add_patch(PathPatch(Path(vertices, codes), fill=False, alpha=0.8, **style))
+    # The label tells these dots from other patches for `figure_data`; with the underscore the legend passes over it.
+    axes.add_patch(PathPatch(Path(vertices, codes), fill=False, alpha=0.8, label=f"{DOTS}{label}", **style))
     if label:
         axes.plot([], [], ".", color=MUTED, ms=4, label=label)
     axes.update_datalim(vertices)

@@ -1,14 +1,7 @@
-"""A picture of the structure with its gauges, rendered off-screen in a child process.
-
-VTK ends the whole process with a segmentation fault where it finds no OpenGL (seen with VTK 9.7 and no EGL, X or OSMesa
-library); in a child process that costs the picture and not the run.
-"""
+"""A picture of the structure with its gauges, rendered off-screen in a child process (`offscreen` says why)."""
 
 from __future__ import annotations
 
-import os
-import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -16,16 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-import strainsight
-from strainsight.errors import StrainsightError
 from strainsight.report.layout import Gauge, Layout, Load
+from strainsight.report.offscreen import draw_apart
 
 WIDTH, HEIGHT = 1200, 700
 TIME_LIMIT = 120.0
 """For the first picture [s]."""
 TIME_A_PICTURE = 20.0
 """For every further one [s]."""
-DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1"
 DOTS = 4000
 
 
@@ -46,23 +37,8 @@ def render_all(layouts: Sequence[Layout]) -> list[bytes]:
         pictures = [Path(folder, f"{i}.png") for i in range(len(layouts))]
         for picture, layout in zip(pictures, layouts, strict=True):
             np.savez(picture.with_suffix(".npz"), **pack(layout))  # type: ignore[arg-type]
-        output = "no output"
-        for environment in _environments():
-            command = [sys.executable, "-m", "strainsight.report.scene", *map(str, pictures)]
-            try:
-                done = subprocess.run(
-                    command, env=environment, capture_output=True, timeout=limit, check=False, cwd=folder
-                )
-            except subprocess.TimeoutExpired:
-                output = f"no picture after {limit:.0f} s"
-                continue
-            if done.returncode == 0 and all(picture.exists() for picture in pictures):
-                return [picture.read_bytes() for picture in pictures]
-            output = f"exit code {done.returncode}" + _last_words(done.stderr.decode(errors="replace"))
-    raise StrainsightError(
-        f"the 3D picture could not be rendered off-screen ({output})",
-        remedy=f"install an off-screen OpenGL; on Debian and Ubuntu: apt-get install {DEBIAN_PACKAGES}",
-    )
+        draw_apart("strainsight.report.scene", [*map(str, pictures)], pictures, Path(folder), limit)
+        return [picture.read_bytes() for picture in pictures]
 
 
 def pack(layout: Layout) -> dict[str, np.ndarray]:
@@ -108,23 +84,6 @@ def unpack(arrays: dict[str, np.ndarray]) -> Layout:
         )
     )
     return Layout(arrays["points"], arrays["faces"], arrays["pool"], gauges, loads, arrays["fixed"], arrays["loose"])
-
-
-def _environments() -> list[dict[str, str]]:
-    """Off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)."""
-    root = str(Path(strainsight.__file__).parents[1])
-    inherited = os.environ.get("PYTHONPATH")
-    base = {**os.environ, "PYTHONPATH": os.pathsep.join(part for part in (root, inherited) if part)}
-    if not sys.platform.startswith("linux"):
-        return [base]
-    egl = {name: value for name, value in base.items() if name != "DISPLAY"}
-    return [{**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}, base]
-
-
-def _last_words(stderr: str) -> str:
-    """The last line that VTK wrote, without its colours, time stamp and place."""
-    lines = re.sub(r"\x1b\[[0-9;]*m", "", stderr).strip().splitlines()
-    return f", {lines[-1].rpartition('|')[2].strip()}" if lines else ""
 
 
 def main(*pictures: str) -> None:

@@ -55,9 +55,9 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
         faces=faces,
         pool=candidates.position[candidates.first[pool[pool >= 0]]],
         gauges=gauges,
-        loads=tuple(Load(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()),
+        loads=loads_of_page(mesh, loads),
         fixed=mesh.position[np.unique(mesh.fixed[:, 0])],
-        loose=_loose(mesh) if is_ready(up["rom"]) else np.empty((0, 3)),
+        loose=loose_nodes(mesh) if is_ready(up["rom"]) else np.empty((0, 3)),
     )
 
 
@@ -71,7 +71,12 @@ def is_ready(rom: Artefact) -> bool:
     return "/matrices/notes" in rom
 
 
-def _loose(mesh: Mesh) -> np.ndarray:
+def loads_of_page(mesh: Mesh, loads: Mapping[str, Any]) -> tuple[Load, ...]:
+    """The loads of a config as arrows."""
+    return tuple(Load(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items())
+
+
+def loose_nodes(mesh: Mesh) -> np.ndarray:
     """Nodes that no solid has (l, 3) [m]: of shells and beams, which only the matrices know."""
     alone = np.ones(len(mesh.position), dtype=bool)
     for block in mesh.blocks:

@@ -1,0 +1,82 @@
+"""How long a stage, and those that follow from it, will still take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from strainsight.workflow.plan import Job
+    from strainsight.workflow.stage import Stage
+
+LEAST_SHARE, LEAST_SECONDS = 0.1, 2.0
+"""Before that, what a stage has done says nothing of what it has still to do."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """until: when the stage will have ended [s since the epoch]; after: what the stages that follow took last time [s].
+
+    None where it is not known.
+    """
+
+    until: float | None = None
+    after: float | None = None
+
+    def text(self, now: float) -> str:
+        """`about 0:12 left, then 1:30`, or nothing."""
+        if self.until is None or self.until <= now:
+            return ""
+        then = f", then {spelt(self.after)}" if self.after is not None and self.after >= 1.0 else ""
+        return f"about {spelt(self.until - now)} left{then}"
+
+
+def ends_at(started: float, now: float, share: float, last: float | None) -> float | None:
+    """When a stage will have ended: by what it took last time, and where that is over or unknown, by its share done.
+
+    started, now and the result in seconds of the same clock; last [s].
+    """
+    spent = now - started
+    if last is not None and spent < last:
+        return started + last
+    if share < LEAST_SHARE or spent < LEAST_SECONDS:
+        return None
+    return started + spent / min(share, 1.0)
+
+
+def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
+    """Stage → how long it took when its file was written [s]; without the stages that have no file."""
+    from strainsight.errors import ArtefactError
+    from strainsight.workflow.artefact import header_of
+
+    found = {}
+    for stage in stages:
+        try:
+            seconds = header_of(job.folder / f"{stage.name}.h5").seconds
+        except (ArtefactError, OSError):
+            continue
+        if seconds is not None:
+            found[stage.name] = seconds
+    return found
+
+
+def after(stages: Sequence[Stage], at: str, last: Mapping[str, float]) -> float | None:
+    """What the stages that follow from `at` took last time [s]; None where one of them has no file yet."""
+    changed = {at}
+    total = 0.0
+    names = [stage.name for stage in stages]
+    for stage in stages[names.index(at) + 1 :]:
+        if stage.name not in last:
+            return None
+        if changed.intersection(stage.upstream):
+            changed.add(stage.name)
+            total += last[stage.name]
+    return total
+
+
+def spelt(seconds: float) -> str:
+    """`0:12`, `1:02:03`"""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

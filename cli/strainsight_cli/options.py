@@ -1,0 +1,20 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="Config file; `strainsight init DECK` writes one.")]
+Force = Annotated[bool, typer.Option("--force", help="Run it even if it is up to date (`run`: every stage).")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would run and why; write nothing.")]
+Results = Annotated[Path, typer.Option("--results", metavar="DIR", help="Results folder.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object a stage.")]
+DoctorJson = Annotated[bool, typer.Option("--json", help="Print one JSON object a finding.")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override, as in --set place.keep=6.")
+]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say why stages run; show the traceback of a failure.")]
+DEFAULT_RESULTS = Path("results")

@@ -1,0 +1,110 @@
+"""results/NAME/run.log: what happened in that folder and when, for whoever asks later."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import platform
+import resource
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from strainsight_cli.failures import LAST_WORDS
+from strainsight_cli.placeless import placeless
+
+if TYPE_CHECKING:
+    from strainsight.workflow.plan import Job
+
+NAME = "run.log"
+MOST, KEPT = 1 << 20, 1 << 19
+"""[bytes] A log that has grown beyond the first is cut to the last lines within the second."""
+
+Log = Callable[[str], None]
+
+
+@contextmanager
+def run_log(job: Job, stages: str) -> Iterator[Log]:
+    """Yields the function that writes a line to the log of the job's folder; warnings and a failure go there by themselves.
+
+    The folder is made by the run; what is said before it is there is said with the first line after. Nothing of this
+    is ever a reason for the run to fail: a log that cannot be written is not written.
+    """
+    import strainsight
+
+    start = time.perf_counter()
+    versions = f"strainsight {strainsight.__version__}, python {platform.python_version()}"
+    waiting = [_line(f"begins: {job.config['name']}, {stages}; {versions}")]
+
+    def log(text: str) -> None:
+        waiting.append(_line(placeless(text, (job.base, job.results))))
+        if job.folder.is_dir():
+            append(job.folder / NAME, "".join(waiting))
+            waiting.clear()
+
+    shown = warnings.showwarning
+
+    def warn(message: Warning | str, *rest: Any, **named: Any) -> None:
+        log(f"warning: {message}")
+        shown(message, *rest, **named)
+
+    def interrupted(text: str) -> None:
+        if job.folder.is_dir():
+            append(job.folder / NAME, "".join([*waiting, _line(text)]), wait=False)
+
+    warnings.showwarning = warn
+    LAST_WORDS.append(interrupted)
+    try:
+        yield log
+    except BaseException as error:
+        log(f"fails after {time.perf_counter() - start:.1f} s\n{''.join(traceback.format_exception(error))}")
+        raise
+    else:
+        log(f"ends after {time.perf_counter() - start:.1f} s, {peak()}")
+    finally:
+        LAST_WORDS.remove(interrupted)
+        warnings.showwarning = shown
+
+
+def peak() -> str:
+    """The most memory that this process has held until now, as in "peak 0.38 GiB"."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return f"peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30:.2f} GiB"
+
+
+def append(path: Path, text: str, wait: bool = True) -> None:
+    """Append whole lines, whatever other processes append at the same time, and keep the file within its bound.
+
+    wait: for the lock; what ends the process may have interrupted the one who holds it.
+    """
+    with suppress(OSError):
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+        try:
+            # On a disk without locks lines are still whole where the system appends at once, as Linux does.
+            with suppress(OSError):
+                fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _write(handle, text.encode(errors="replace"))
+            if (size := os.fstat(handle).st_size) > MOST:
+                last = os.pread(handle, KEPT, size - KEPT)
+                os.ftruncate(handle, 0)
+                _write(handle, last.partition(b"\n")[2])
+        finally:
+            os.close(handle)
+
+
+def _write(handle: int, content: bytes) -> None:
+    while content:
+        content = content[os.write(handle, content) :]
+
+
+def _line(text: str) -> str:
+    """Time, process and text; lines that belong to it are set in below, so that a reader can tell whose they are."""
+    clean = "".join(c if c.isprintable() or c == "\n" else "�" for c in text).rstrip("\n")
+    head = f"{datetime.now(UTC).isoformat(timespec='seconds').removesuffix('+00:00')}Z {os.getpid()}"
+    return "".join(f"{head} {'  | ' if i else ''}{line}\n" for i, line in enumerate(clean.split("\n")))

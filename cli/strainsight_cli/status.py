@@ -1,0 +1,81 @@
+"""Which stages are up to date, and why the others are not: a table, or JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
+
+from strainsight_cli import render
+from strainsight_cli.work import Work, refuse_taken
+
+if TYPE_CHECKING:
+    from strainsight.workflow.plan import Status
+
+HEAD = ("stage", "status", "took", "what came out, or why it runs")
+LEAST = (9, 11, 8, 0)
+"""Least widths of the columns, so that those of a suite's runs stand below each other."""
+COLOURS = {"up to date": "green", "will run": "yellow"}
+
+
+def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool = False) -> None:
+    """What would run and why; verbose: every reason, not only the first three."""
+    from strainsight.workflow.plan import plan
+
+    refuse_taken(work)
+    statuses = plan(work.stages, work.job, forced)
+    if as_json:
+        for status in statuses:
+            print(render.status_json(status, work.run))
+    else:
+        print_statuses(statuses, verbose)
+        print(f"\n{sum_of(statuses)}")
+
+
+def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: int = 0, head: bool = True) -> None:
+    """A row a stage: its status, how long it took when it was last computed, and the reasons or its message."""
+    from rich.text import Text
+
+    rows = []
+    for status in statuses:
+        cells = (status.stage, status.status, _took(status), _why(status, verbose))
+        rows.append([Text(render.printable(cell), style=COLOURS.get(cell, "")) for cell in cells])
+    render.print_grid(HEAD if head else ("",) * len(HEAD), rows, LEAST, (2,), indent)
+
+
+def sum_of(statuses: Sequence[Status]) -> str:
+    """`5 of 9 stages up to date; the other 4 took 12.3 s when last run`"""
+    from strainsight.workflow.plan import UP_TO_DATE
+
+    pending = [status for status in statuses if status.status != UP_TO_DATE]
+    said = f"{len(statuses) - len(pending)} of {len(statuses)} stages up to date"
+    seconds = [_seconds(status) for status in pending]
+    known = [value for value in seconds if value is not None]
+    if not known:
+        return said
+    others = f"the other {len(pending)}" if len(pending) > 1 else "the other"
+    which = others if len(known) == len(pending) else f"{len(known)} of {others}"
+    return f"{said}; {which} took {sum(known):.1f} s when last run"
+
+
+def _seconds(status: Status) -> float | None:
+    """How long the stage took for the file that is there; None without one."""
+    from strainsight.errors import ArtefactError
+    from strainsight.workflow.artefact import header_of
+
+    try:
+        return header_of(status.artefact).seconds
+    except ArtefactError:
+        return None
+
+
+def _took(status: Status) -> str:
+    seconds = _seconds(status)
+    return "" if seconds is None else f"{seconds:.1f} s"
+
+
+def _why(status: Status, verbose: bool) -> str:
+    from strainsight.workflow.artefact import Artefact
+
+    if status.reasons:
+        return ", ".join(status.reasons) if verbose else status.reason
+    return Artefact(status.artefact).message

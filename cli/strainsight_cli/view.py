@@ -1,0 +1,104 @@
+"""`strainsight view`: what a run has computed, in a window or as a picture."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from strainsight_cli import pipelines
+from strainsight_cli.failures import reported
+from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
+from strainsight_cli.work import note
+
+if TYPE_CHECKING:
+    from strainsight.config.load import LoadedConfig
+
+
+class What(StrEnum):
+    """What there is to see."""
+
+    mesh = "mesh"
+    modes = "modes"
+    candidates = "candidates"
+    layout = "layout"
+    field = "field"
+
+
+def view(
+    config: ConfigFile,
+    what: Annotated[
+        What | None, typer.Option("--what", help="Default: the furthest of field, layout and mesh that is there.")
+    ] = None,
+    at: Annotated[
+        float | None,
+        typer.Option("--at", metavar="SECONDS", help="Instant of a field; default: that of the largest stress."),
+    ] = None,
+    body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body of a bench.")] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option("--screenshot", metavar="FILE.png", help="Write a picture, open no window.")
+    ] = None,
+    results: Results = DEFAULT_RESULTS,
+    overrides: Set = None,
+    verbose: Verbose = False,
+) -> None:
+    with reported(verbose):
+        from strainsight.config.load import load_config
+
+        _refuse_name(screenshot)
+        loaded = load_config(config, overrides or ())
+        refuse_kind(loaded, config)
+        stages = pipelines.stages_of(loaded.data)
+        from strainsight.stages.view.views import view_of
+
+        folder = results / str(loaded.data["name"])
+        names = [stage.name for stage in stages]
+        shown, read = view_of(loaded.data, names, folder, str(config), what and what.value, at, body)
+        say_stale(loaded, results, read)
+        from strainsight.report import viewing
+
+        if screenshot is None:
+            viewing.window(shown)
+        else:
+            screenshot.write_bytes(viewing.screenshot(shown))
+            print(f"wrote {screenshot}: {shown.title}")
+
+
+def _refuse_name(screenshot: Path | None) -> None:
+    """Before anything is drawn: a picture that could not be written, or under a name that says it is something else."""
+    from strainsight.errors import UserError
+
+    if screenshot is None:
+        return
+    if screenshot.suffix.lower() != ".png":
+        raise UserError("a screenshot is a PNG file", where=str(screenshot), remedy="give it a name that ends in .png")
+    if not screenshot.parent.is_dir():
+        raise UserError("no such folder", where=str(screenshot.parent), remedy="make it, or give another path")
+
+
+def refuse_kind(loaded: LoadedConfig, config: Path) -> None:
+    """Raise UserError for a config that is neither a placement nor a bench."""
+    from strainsight.errors import UserError
+
+    kind = loaded.data["kind"]
+    if kind == "suite":
+        raise UserError(
+            "a suite has no picture of its own", where=str(config), remedy="view the config of one of its runs"
+        )
+    if kind == "bearing":
+        raise UserError(
+            "a bearing alone has no mesh", where=str(config), remedy="its curves and balls are in bearing.html"
+        )
+
+
+def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...]) -> None:
+    """Say where the picture is not of the config as it stands; what was computed is shown all the same."""
+    from strainsight.workflow.plan import UP_TO_DATE, Job, plan
+
+    job = Job(loaded.data, loaded.path.parent, results, loaded.locate)
+    for status in plan(pipelines.stages_of(loaded.data), job):
+        if status.stage in read and status.status != UP_TO_DATE:
+            note(f"{status.artefact} is older than the config: {status.reason}")
+            return

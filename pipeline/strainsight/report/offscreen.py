@@ -1,0 +1,63 @@
+"""Drawing in a process of its own, which may crash.
+
+VTK ends the whole process with a segmentation fault where it finds no OpenGL (seen with VTK 9.7 and no EGL, X or OSMesa
+library); in a child process that costs the picture and not the run.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import strainsight
+from strainsight.errors import StrainsightError
+
+DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1"
+
+
+def draw_apart(module: str, arguments: Sequence[str], pictures: Sequence[Path], folder: Path, limit: float) -> None:
+    """Run `python -m module arguments` in `folder` until it has written all pictures; limit [s].
+
+    Raises StrainsightError that names the Debian packages where nothing can render.
+    """
+    output = "no output"
+    for environment in _environments():
+        command = [sys.executable, "-m", module, *arguments]
+        try:
+            done = subprocess.run(command, env=environment, capture_output=True, timeout=limit, check=False, cwd=folder)
+        except subprocess.TimeoutExpired:
+            output = f"no picture after {limit:.0f} s"
+            continue
+        if done.returncode == 0 and all(picture.exists() for picture in pictures):
+            return
+        output = f"exit code {done.returncode}" + last_words(done.stderr.decode(errors="replace"))
+    raise StrainsightError(
+        f"the 3D picture could not be rendered off-screen ({output})",
+        remedy=f"install an off-screen OpenGL; on Debian and Ubuntu: apt-get install {DEBIAN_PACKAGES}",
+    )
+
+
+def inherited() -> dict[str, str]:
+    """The environment of this process, in which the child finds this package."""
+    root = str(Path(strainsight.__file__).parents[1])
+    path = os.environ.get("PYTHONPATH")
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(part for part in (root, path) if part)}
+
+
+def _environments() -> list[dict[str, str]]:
+    """Off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)."""
+    base = inherited()
+    if not sys.platform.startswith("linux"):
+        return [base]
+    egl = {name: value for name, value in base.items() if name != "DISPLAY"}
+    return [{**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}, base]
+
+
+def last_words(stderr: str) -> str:
+    """The last line that VTK wrote, without its colours, time stamp and place."""
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", stderr).strip().splitlines()
+    return f", {lines[-1].rpartition('|')[2].strip()}" if lines else ""

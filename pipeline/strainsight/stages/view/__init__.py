@@ -1,0 +1,1 @@
+"""What `strainsight view` shows, read from the artefacts of a run."""

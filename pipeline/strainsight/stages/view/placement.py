@@ -1,0 +1,80 @@
+"""Views of a placement: its mesh, mode shapes, candidates, layout, and what the filter makes of the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from strainsight.gauges.candidates import STRAIN
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.report.layout import Layout
+from strainsight.report.viewed import DOTS, Panel, View
+from strainsight.stages.records.gauges import candidates_from
+from strainsight.stages.records.mesh import mesh_from
+from strainsight.stages.records.page_layout import layout_of_page, loads_of_page, loose_nodes
+from strainsight.stages.view.surface import modes_view, stress_view
+from strainsight.workflow.artefact import Artefact
+
+MICRO = 1e6
+
+
+def placement_view(config: Any, what: str, up: Mapping[str, Artefact], at: float | None) -> View:
+    """What is asked for, from the artefacts that `offers` names; at [s]: the instant of a field in time."""
+    name, mesh = str(config.name), mesh_from(up["import"])
+    if what == "modes":
+        return _modes(name, mesh, up["rom"])
+    if what == "candidates":
+        return _candidates(name, bare(mesh, config.loads), up["train"])
+    if what == "mesh":
+        elements = sum(len(block.nodes) for block in mesh.blocks)
+        title = f"{name}: {elements} elements, {len(mesh.node_ids)} nodes"
+        return View(title, bare(mesh, config.loads))
+    layout = layout_of_page(mesh, up, config.loads)
+    title = f"{name}: {len(layout.gauges)} of {len(layout.pool)} places"
+    if what == "layout":
+        return View(title, layout)
+    if "estimate" in up:
+        return stress_view(f"{name}: estimate of the test", up["estimate"], layout, at)
+    return _strain(f"{name}: estimate of the validation", layout, up)
+
+
+def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
+    """The structure with its loads and clamped nodes, no gauge."""
+    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
+    fixed = mesh.position[np.unique(mesh.fixed[:, 0])]
+    loose = np.empty((0, 3)) if mesh.blocks else loose_nodes(mesh)
+    return Layout(mesh.position, faces, np.empty((0, 3)), (), loads_of_page(mesh, loads), fixed, loose)
+
+
+def _modes(name: str, mesh: Mesh, rom: Artefact) -> View:
+    frequency = rom["/frequency"]
+    shapes = rom["/VTKHDF/PointData/mode"].reshape(-1, len(mesh.position), 3)[: len(frequency)]
+    captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
+    layout = replace(bare(mesh, {}), fixed=np.empty((0, 3)))
+    return modes_view(f"{name}: mode shapes at the guess", layout, shapes, captions, "kg^-1/2")
+
+
+def _candidates(name: str, layout: Layout, train: Artefact) -> View:
+    candidates = candidates_from(train)
+    rms = np.sqrt(np.mean(train["/strain"] ** 2, axis=0))
+    strains = candidates.quantity == STRAIN
+    # Of a gauge with several channels, or several gauges at a place, the strongest: it is drawn last.
+    order = np.flatnonzero(strains)[np.argsort(rms[strains], kind="stable")]
+    others = candidates.position[candidates.first[candidates.quantity[candidates.first] != STRAIN]]
+    title = f"{name}: {candidates.gauges} candidates"
+    view = View(title, replace(layout, pool=others), (Panel(values=rms[order] * MICRO),))
+    return replace(view, quantity="RMS training strain", unit="µm/m", on=DOTS, dots=candidates.position[order])
+
+
+def _strain(title: str, layout: Layout, up: Mapping[str, Artefact]) -> View:
+    validate = up["validate"]
+    strain, position = validate["/field/strain"], candidates_from(up["train"]).position
+    known = np.flatnonzero(np.isfinite(strain) & (candidates_from(up["train"]).quantity == STRAIN))
+    order = known[np.argsort(np.abs(strain[known]), kind="stable")]
+    panel = Panel(f"t = {float(validate['/field/instant']):.4g} s, largest true strain", strain[order] * MICRO)
+    own = replace(layout, pool=np.empty((0, 3)))
+    return View(title, own, (panel,), "estimated strain of every candidate", "µm/m", DOTS, position[order])

@@ -1,0 +1,63 @@
+"""A surface in time as its VTKHDF group holds it: one instant of it, and pictures of mode shapes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.report.layout import Layout
+from strainsight.report.viewed import FACETS, POINTS, Panel, View, exaggerated
+from strainsight.workflow.artefact import Artefact
+
+MODES = 6
+"""So many shapes are shown side by side."""
+MEGA = 1e6
+
+
+def stress_view(title: str, artefact: Artefact, layout: Layout, at: float | None) -> View:
+    """Von Mises stress on the deformed surface of a /VTKHDF group at one instant, its displacement exaggerated.
+
+    layout: what else is drawn. at [s]: the instant nearest to it is taken; None:
+    that of the largest stress. Raises UserError for a time outside the record.
+    """
+    time = artefact["/VTKHDF/Steps/Values"]
+    points, offsets = artefact["/VTKHDF/Points"], artefact["/VTKHDF/Offsets"]
+    nodes = artefact["/VTKHDF/Connectivity"]
+    count = np.diff(offsets)
+    faces = np.full((len(count), 8), -1)
+    column = np.arange(len(nodes)) - np.repeat(offsets[:-1], count)
+    faces[np.repeat(np.arange(len(count)), count), column] = nodes
+    stress = artefact["/VTKHDF/CellData/von_mises"].reshape(len(time), -1)
+    step = int(np.argmax(stress.max(axis=1))) if at is None else nearest(time, at)
+    shift = artefact["/VTKHDF/PointData/displacement"].reshape(len(time), -1, 3)[step].astype(float)
+    factor = exaggerated(points, shift)
+    when = f"t = {time[step]:.4g} s{' (largest stress)' if at is None else ''}"
+    panel = Panel(f"{when}, displacement × {factor:g}", stress[step].astype(float) / MEGA, factor * shift)
+    nothing = np.empty((0, 3))
+    surface = replace(layout, points=points, faces=faces, pool=nothing, fixed=nothing)
+    return View(title, surface, (panel,), "von Mises stress", "MPa", FACETS)
+
+
+def nearest(time: np.ndarray, at: float) -> int:
+    """The instant nearest to `at` [s]. Raises UserError for one outside the record."""
+    slack = 0.5 * float(np.diff(time).max(initial=0.0))
+    if not time[0] - slack <= at <= time[-1] + slack:
+        raise UserError(
+            f"--at {at:g}: the field is written from {time[0]:g} to {time[-1]:g} s",
+            remedy="give a time in that span, or none for the instant of the largest stress",
+        )
+    return int(np.argmin(np.abs(time - at)))
+
+
+def modes_view(title: str, layout: Layout, shapes: np.ndarray, captions: list[str], unit: str) -> View:
+    """The first shapes (modes, n, 3) on the deformed structure, side by side; each with a scale of its own."""
+    size = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    panels = []
+    for shape, caption in zip(shapes[:MODES], captions, strict=False):
+        length = np.linalg.norm(shape, axis=1)
+        # A shape has no size of its own: it is drawn as large as it can be told from the structure.
+        shift = shape * (0.06 * size / max(float(length.max(initial=0.0)), np.finfo(float).tiny))
+        panels.append(Panel(caption, length, shift))
+    return View(title, layout, tuple(panels), "size of the shape", unit, POINTS)

@@ -1,0 +1,157 @@
+"""doctor: what it finds here, and what it says of environments that are broken on purpose."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight_cli import checks, packages, trials
+from strainsight_cli.checks import FAILS, GOOD, WARNING, Finding
+from strainsight_cli.doctor import show
+from strainsight_cli.main import app
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory) -> dict[str, Finding]:
+    done = CliRunner().invoke(app, ["doctor", "--json", "--results", str(tmp_path_factory.mktemp("doctor") / "none")])
+    assert done.exit_code == 0, done.output
+    return {finding["subject"]: Finding(**finding) for finding in map(json.loads, done.output.splitlines())}
+
+
+def test_this_environment_is_sound_and_everything_was_looked_at(found):
+    assert {"python", "numpy", "solver", "rendering", "cores", "memory", "disk", "locale", "terminal"} <= found.keys()
+    assert not [finding for finding in found.values() if finding.verdict == FAILS]
+    assert found["solver"].found.startswith(("PARDISO, 8000 unknowns", "SuperLU, 8000 unknowns"))
+
+
+def test_every_package_of_pyproject_is_compared_with_its_range(found):
+    _, asked = packages.asked_for()
+    assert "numpy>=2.0" in asked
+    names = {line.partition(">=")[0] for line in asked}
+    assert names - found.keys() <= {"pypardiso"}
+
+
+def test_versions_out_of_range_and_missing_packages_have_a_remedy():
+    elsewhere = "none-on-any-machine>=1; platform_machine == 'abacus'"
+    python, numpy, missing = packages.compared(">=99", ["numpy>=99.0", "no-such-package>=1", elsewhere])
+    assert (python.verdict, numpy.verdict, missing.verdict) == (FAILS, FAILS, FAILS)
+    assert numpy.found.endswith(", >=99.0 is needed")
+    assert numpy.remedy == "pip install 'numpy>=99.0'"
+    assert "not installed" in missing.found
+
+
+def test_a_package_that_cannot_be_imported_fails_though_its_version_is_right(tmp_path, monkeypatch):
+    (tmp_path / "rich").mkdir()
+    (tmp_path / "rich" / "__init__.py").write_text("raise ImportError('libnone.so: cannot open')", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (rich,) = [finding for finding in packages.check_packages() if finding.subject == "rich"]
+    assert rich.verdict == FAILS
+    assert "ImportError: libnone.so: cannot open" in rich.found
+
+
+def test_a_crash_is_survived_and_names_what_crashed(tmp_path, monkeypatch):
+    (tmp_path / "crashing_of_a_test.py").write_text("import os; os.abort()", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert trials.tried("imports", ["json", "crashing_of_a_test"]) == (
+        {"at": "crashing_of_a_test"},
+        "crashed with SIGABRT",
+    )
+
+
+def test_a_trial_without_end_is_given_up():
+    assert trials.tried("solver", seconds=0.01) == ({}, "no end after 0.01 s")
+
+
+def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
+    (tmp_path / "pypardiso.py").write_text("raise OSError('no libmkl_rt')", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (solver,) = checks.check_solver()
+    assert solver.verdict == WARNING
+    assert "SuperLU" in solver.found
+    assert "OSError: no libmkl_rt" in solver.found
+    assert "100 000 unknowns" in solver.found
+
+
+def test_a_renderer_that_dies_or_draws_nothing_fails(tmp_path, monkeypatch):
+    (tmp_path / "pyvista.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (died,) = checks.check_rendering()
+    assert (died.verdict, died.found) == (FAILS, "off screen: crashed with SIGSEGV")
+    assert "libegl1" in died.remedy
+    monkeypatch.setattr(checks, "tried", lambda name: ({"middle": [0, 0, 0], "corner": [0, 0, 0], "seconds": 0.1}, ""))
+    (blank,) = checks.check_rendering()
+    assert blank.found == "off screen: the picture is empty"
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "verdict"),
+    [
+        ("OMP_NUM_THREADS", "2", GOOD),
+        ("OMP_NUM_THREADS", "1,2", GOOD),
+        ("OMP_NUM_THREADS", "8", WARNING),
+        ("MKL_NUM_THREADS", "many", WARNING),
+        ("MKL_NUM_THREADS", "0", WARNING),
+        ("OPENBLAS_NUM_THREADS", "1", GOOD),
+        ("OPENBLAS_NUM_THREADS", "2", WARNING),
+    ],
+)
+def test_thread_variables(name, given, verdict):
+    finding = checks.check_threads({name: given}, cores=4 if given != "8" else 2)[1]
+    assert (finding.subject, finding.verdict) == (name, verdict)
+    assert bool(finding.remedy) == (verdict == WARNING)
+
+
+def test_the_memory_model_is_what_was_measured():
+    rows = [
+        line.split("|")[2:9:6]
+        for line in (ROOT / "docs" / "measured.md").read_text("utf-8").splitlines()
+        if "| shell |" in line
+    ]
+    assert [(int(n.replace(" ", "")), float(gib.strip(" *"))) for n, gib in rows] == list(checks.PEAKS)
+    for unknowns, peak in checks.PEAKS:
+        assert checks.largest_model(peak) == pytest.approx(unknowns)
+    sizes = [checks.largest_model(gib) for gib in (0.05, 0.15, 0.2, 1.0, 3.0, 10.0, 17.4, 64.0)]
+    assert sizes == sorted(sizes)
+
+
+@pytest.mark.parametrize(("gib", "verdict"), [(0.1, FAILS), (1.0, WARNING), (8.0, GOOD), (float("inf"), WARNING)])
+def test_memory(gib, verdict, monkeypatch):
+    monkeypatch.setattr("strainsight.fem.memory.available_memory", lambda: gib * checks.GIB)
+    assert checks.check_memory()[0].verdict == verdict
+
+
+def test_a_results_folder_that_is_a_file_fails_and_one_that_is_missing_does_not(tmp_path):
+    (tmp_path / "file").touch()
+    assert checks.check_disk(tmp_path / "file")[0].verdict == FAILS
+    assert checks.check_disk(tmp_path / "none" / "deeper")[0].verdict != FAILS
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_full_disk_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1e6}))
+    (disk,) = checks.check_disk(tmp_path)
+    assert disk.verdict == FAILS
+    assert "--results DIR" in disk.remedy
+
+
+def test_a_failure_is_exit_code_one_and_its_remedy_is_shown(capsys):
+    assert show([Finding("a", GOOD, "b"), Finding("c", WARNING, "d", "e")], False) == 0
+    assert show([Finding("x", FAILS, "y \x1b[2J", "mend it")], False) == 1
+    said = capsys.readouterr().out
+    assert "→ mend it" in said
+    assert "\x1b" not in said
+
+
+def test_it_speaks_where_no_greek_can_be_written():
+    command = [sys.executable, "-m", "strainsight_cli.main", "doctor"]
+    done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert b"ascii has no Greek and no arrows" in done.stdout
