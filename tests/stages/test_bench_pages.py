@@ -175,10 +175,10 @@ def test_every_dataset_of_the_suite_is_listed(suite):
 
 def reported(folder: Path, name: str, stages):
     """The report of a run, from artefacts that lie there already."""
-    stage = report_stage(["import", "reduce", *stages])
+    stage = report_stage(["reduce", *stages])
     upstream = {own: Artefact(folder / name / f"{own}.h5") for own in stage.upstream}
     return stage, stage.run(
-        Context(Slice({"name": name, "seed": 3}, "report"), upstream, {}, lambda doing, share: None)
+        Context(Slice({"name": name, "seed": 3, "bodies": {}, "sensors": {}}, "report"), upstream, {}, lambda doing, share: None)
     )
 
 
@@ -214,3 +214,14 @@ def test_a_bench_without_an_estimate_has_a_page_of_its_motion(results):
 def test_the_same_artefacts_give_the_same_bytes(results):
     first, second = (reported(results, "h0", ("simulate", "estimate"))[1] for _ in range(2))
     assert first.files == second.files
+
+
+def test_a_bench_shows_its_gauges_on_the_body(bench):
+    """Drawn off screen where that is possible; where not, the page says why and stands without."""
+    report = bench["report"]
+    page = (report.path.parent / "report.html").read_text(encoding="utf-8")
+    if report.summary["pictures"]:
+        assert page.count('<figure class="card picture"><img alt="bench-full: hub, 4 gauges"') == 1
+        assert page.count("data:image/png;base64,iVBOR") == 1
+    else:
+        assert report.summary["pictures"] == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -66,8 +67,13 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
     return found
 
 
-def bench_page(run: BenchRun, drawings: dict[str, tuple[Drawing, ...]], provenance: Iterable[tuple[str, str]]) -> str:
-    """The page as HTML text without any resource outside itself; drawings from `bench_figures`."""
+def bench_page(
+    run: BenchRun,
+    drawings: dict[str, tuple[Drawing, ...]],
+    provenance: Iterable[tuple[str, str]],
+    pictures: Sequence[tuple[str, bytes]] = (),
+) -> str:
+    """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG."""
     first: dict[str, int] = {}
     count = 0
     for key, entries in drawings.items():
@@ -86,6 +92,8 @@ def bench_page(run: BenchRun, drawings: dict[str, tuple[Drawing, ...]], provenan
         sections.append(f"<h2>What was estimated</h2>{cards('unknowns')}")
         sensors = mismatch_table(run)
         sections.append(f'<h2>Does it explain the sensors?</h2><div class="card">{sensors}</div>{cards("sensors")}')
+    if pictures:
+        sections.append("<h2>Gauges and stress on the body</h2>" + "".join(_picture(*entry) for entry in pictures))
     if run.placement is not None:
         table = placement_table(run.placement)
         sections.append(f'<h2>Where the gauges go</h2><div class="card">{table}</div>{cards("placement")}')
@@ -97,6 +105,14 @@ def bench_page(run: BenchRun, drawings: dict[str, tuple[Drawing, ...]], provenan
         f'<section class="card"><h3>Provenance</h3>{pairs(provenance)}</section></div>'
     )
     return document("bench", run.name, run.name, _answer(run), sections, FOOTER, STYLES)
+
+
+def _picture(caption: str, png: bytes) -> str:
+    encoded = base64.b64encode(png).decode()
+    return (
+        f'<figure class="card picture"><img alt="{escape(caption)}" width="1400" height="900" '
+        f'src="data:image/png;base64,{encoded}"><figcaption>{escape(caption)}</figcaption></figure>'
+    )
 
 
 def run_answer(run: BenchRun) -> str:

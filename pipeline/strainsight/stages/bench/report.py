@@ -7,13 +7,16 @@ from dataclasses import replace
 from hashlib import sha256
 
 from strainsight import __version__
+from strainsight.errors import StrainsightError
 from strainsight.report.bench_data import BenchRun
 from strainsight.report.bench_page import bench_figures, bench_page
+from strainsight.report.viewing import screenshot
 from strainsight.stages.records.bench_run import estimate_of, motion_of, placement_of, warnings_in
+from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
 
-SHOWN = ("place", "simulate", "estimate")
+SHOWN = ("import", "place", "simulate", "estimate", "field")
 """Stages that the page shows, of those that a bench has."""
 
 
@@ -26,14 +29,37 @@ def run(context: Context) -> Output:
     provenance = {"strainsight": __version__, "seed": str(context.seed)} | {
         f"{stage} artefact": up[stage].digest[:16] for stage in up
     }
-    page = bench_page(report, drawings, provenance.items()).encode()
+    context.progress("pictures", 0.6)
+    pictures, problem = _pictures(context)
+    page = bench_page(report, drawings, provenance.items(), pictures).encode()
     count = sum(len(entries) for entries in drawings.values())
     return Output(
         datasets=_datasets(report),
-        summary={"page_sha256": sha256(page).hexdigest(), "figures": count, "warnings": len(report.warnings)},
-        message=f"report.html, {count} figures, {len(page) / 1024:.0f} KiB",
+        summary={
+            "page_sha256": sha256(page).hexdigest(),
+            "figures": count,
+            "pictures": len(pictures),
+            "warnings": len(report.warnings),
+        },
+        message=f"report.html, {count} figures, {len(page) / 1024:.0f} KiB"
+        + (f"; no 3D pictures: {problem}" if problem else ""),
         files={"report.html": page},
     )
+
+
+def _pictures(context: Context) -> tuple[list[tuple[str, bytes]], str]:
+    """Captions and PNGs of the gauges on a flexible body and of its stress, and why there are none."""
+    config, up = context.config, context.upstream
+    strain = [sensor.body for sensor in config.sensors.values() if sensor.type == "strain"]
+    if "import" not in up or not (strain or "place" in up or "field" in up):
+        return [], ""
+    body = body_of(config, None if "field" in up or "place" in up else strain[0])
+    wanted = [what for what, there in (("layout", strain or "place" in up), ("field", "field" in up)) if there]
+    views = [bench_view(config, what, body, up, None) for what in wanted]
+    try:
+        return [(f"{view.title}; {view.panels[0].title}".rstrip("; "), screenshot(view)) for view in views], ""
+    except StrainsightError as error:
+        return [], f"{error.what}: {error.remedy}"
 
 
 def bench_run(context: Context) -> BenchRun:
@@ -69,4 +95,5 @@ def _datasets(report: BenchRun) -> dict[str, Dataset]:
 def report_stage(stages: Sequence[str]) -> Stage:
     """The stage of a bench that has these stages."""
     upstream = tuple(stage for stage in stages if stage in SHOWN)
-    return Stage("report", version=1, reads=("name", "seed"), upstream=upstream, files=(), run=run)
+    reads = ("name", "seed", "bodies.*.type", "sensors", "field", "place")
+    return Stage("report", version=2, reads=reads, upstream=upstream, files=(), run=run)
