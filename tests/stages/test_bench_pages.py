@@ -186,7 +186,7 @@ def test_the_page_of_one_run_shows_its_estimate_placement_and_motion(results, tm
     for make in (simulated, placed):
         make(tmp_path / "one")
     estimated(tmp_path / "one", there=0.2)
-    stage, output = reported(tmp_path, "one", ("place", "simulate", "estimate", "field"))
+    stage, output = reported(tmp_path, "one", ("place", "simulate", "estimate", "reduce"))
     assert stage.upstream == ("place", "simulate", "estimate")
     page = output.files["report.html"].decode()
     words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
