@@ -2,63 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import eigvalsh
 from scipy.spatial.transform import Rotation
 
-from strainsight.decks.reader import read_mesh
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.fem.affine import Parameter
-from strainsight.fem.assembly import assemble
-from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
-from strainsight.fem.modes import modes as lowest_modes
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_rows
-from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import CellBlock, Material, Mesh, PointMass, Region, RigidElement
+from strainsight.mesh.model import RigidElement
 from strainsight.rom.craig_bampton import craig_bampton, floating_basis, frame_shapes, rigid_motions
-from strainsight.rom.inertia import inertia_invariants
-from strainsight.rom.residual_vectors import inertia_loads, rigid_field
 
-MESHES = Path(__file__).parents[2] / "meshes"
-ROOT, TIP, SIDE = 901, 902, 903
-SIZE = np.array([1.2, 0.3, 0.2])
-START = np.array([0.4, -0.1, 0.25])
-RHO = 7850.0
-
-
-def bar(counts: tuple[int, int, int] = (8, 3, 2), side: bool = False, clamped: bool = False) -> Mesh:
-    """A bar of hexahedra in two materials, its end faces tied to ROOT and TIP, a patch of its top to SIDE if asked."""
-    nx, ny, nz = counts
-    grid = np.stack(np.meshgrid(*[np.arange(c + 1) for c in counts], indexing="ij"), axis=-1).reshape(-1, 3)
-    position = START + grid / np.array(counts) * SIZE
-    number = np.arange(len(grid)).reshape(nx + 1, ny + 1, nz + 1)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = np.stack([number[i : nx + i, j : ny + j, k : nz + k] for i, j, k in corners], axis=-1)
-    region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
-    block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
-    middle = START + 0.5 * SIZE
-    ends = [np.array([START[0], *middle[1:]]), np.array([START[0] + SIZE[0] + 0.05, *middle[1:]])]
-    faces = [number[0].ravel(), number[-1].ravel()]
-    if side:
-        ends.append(np.array([middle[0], middle[1], START[2] + SIZE[2] + 0.1]))
-        faces.append(number[nx // 2 - 1 : nx // 2 + 2, :, -1].ravel())
-    n = len(position)
-    return Mesh(
-        node_ids=np.append(np.arange(1, n + 1), [ROOT, TIP, SIDE][: len(ends)]),
-        position=np.vstack([position, ends]),
-        blocks=(block,),
-        regions={1: Region(1, "root", 1), 2: Region(2, "tip", 2)},
-        materials={1: Material(1, 2.1e11, 0.3, RHO), 2: Material(2, 7.0e10, 0.33, RHO)},
-        fixed=np.array([(n, c) for c in range(6)] if clamped else [], dtype=np.int64).reshape(-1, 2),
-        rigid=tuple(RigidElement(k + 1, n + k, face, (0, 1, 2)) for k, face in enumerate(faces)),
-    )
+from .bars import RHO, ROOT, SIDE, SIZE, START, TIP, bar, dense, frequencies, gauge_rows, inertia_of, pick, rigid
 
 
 @pytest.fixture(scope="module")
@@ -70,29 +27,6 @@ def clamped():
 @pytest.fixture(scope="module")
 def free():
     return build_model(bar(side=True), supported=False)
-
-
-def pick(model, *nodes):
-    """Rows of the transform with six motions of every node (6k, n_free), dense."""
-    rows = []
-    for node in nodes:
-        i = model.mesh.node_index(node)
-        rows += [*range(3 * i, 3 * i + 3), *range(first := model.constraint.reference_rows[i], first + 3)]
-    return model.constraint.transform[rows].toarray()
-
-
-def dense(X):
-    return X.toarray()
-
-
-def rigid(points: np.ndarray) -> np.ndarray:
-    """Displacement of points (k, 3) in three translations and three rotations about the origin (3k, 6)."""
-    spin = np.stack([np.cross(axis, points).ravel() for axis in np.eye(3)], axis=1)
-    return np.hstack([np.tile(np.eye(3), (len(points), 1)), spin])
-
-
-def frequencies(K, M):
-    return np.sqrt(np.maximum(eigvalsh(K, M), 0)) / (2 * np.pi)
 
 
 # statics
@@ -122,93 +56,6 @@ def test_stiffness_of_the_interface_is_the_schur_complement_and_the_modes_are_ap
     scale = np.sqrt(np.diag(reduced))
     assert np.all(np.abs(reduced[:12, 12:]) <= 1e-10 * np.outer(scale[:12], scale[12:]))
     assert np.allclose(body.mass[12:16, 12:16], np.eye(4), rtol=0, atol=1e-12)
-
-
-# the body's own inertia
-
-
-def inertia_of(model, motion):
-    """TᵀMr of a motion of every node (3n, k), by the mass matrix of all nodes."""
-    T = model.constraint.transform[: len(motion)]
-    return T.T @ (assemble(model.mesh, ())[1].constant @ motion)
-
-
-def gauge_rows(model, shapes):
-    glued = candidates(model.mesh, exterior_facets(model.mesh), (1.0, 0.0, 0.0), (0.0, 45.0))
-    return channel_rows(model.mesh.position, glued, nodal(model, shapes))
-
-
-@pytest.mark.parametrize("count", [0, 1, 4, 12, 40])
-def test_weight_deforms_it_as_the_full_model_with_any_number_of_modes(clamped, count):
-    body = craig_bampton(clamped, [TIP, SIDE], modes=count)
-    f = inertia_of(clamped, rigid(clamped.mesh.position)[:, :3])
-    exact = factorise(clamped.stiffness.constant).solve(f)
-    found = np.linalg.solve(body.stiffness.constant, body.basis.T @ f)
-    assert body.size == 12 + count + 3
-    assert np.allclose(body.basis @ found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
-    strain = gauge_rows(clamped, exact)
-    assert np.allclose(gauge_rows(clamped, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
-
-
-@pytest.mark.parametrize("count", [0, 5, 40])
-def test_a_body_that_moves_deforms_as_the_full_one_under_any_acceleration_of_its_frame(free, clamped, count):
-    """Three of its origin, three of its axes; the full one is held where the frame is."""
-    body = floating_basis(craig_bampton(free, [ROOT, TIP], modes=count), ROOT)
-    motion = rigid(free.mesh.position)
-    exact = factorise(clamped.stiffness.constant).solve(inertia_of(clamped, motion))
-    found = np.linalg.solve(body.stiffness.constant, body.basis.T @ inertia_of(free, motion))
-    assert body.size == 6 + count + 6
-    field = nodal(clamped, exact)
-    assert np.allclose(nodal(free, body.basis) @ found, field, rtol=0, atol=1e-9 * np.abs(field).max(axis=0))
-    strain = gauge_rows(clamped, exact)
-    assert np.allclose(gauge_rows(free, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
-
-
-@pytest.mark.parametrize("count", [0, 4, 40])
-def test_residual_vectors_are_apart_from_the_modes_and_from_each_other(clamped, free, count):
-    for model, vectors in ((clamped, 3), (free, 6)):
-        body = craig_bampton(model, [TIP, SIDE] if vectors == 3 else [ROOT, TIP], modes=count)
-        K, M = body.stiffness.constant[12:, 12:], body.mass[12:, 12:]
-        lam = np.diag(K)
-        assert len(lam) == count + vectors
-        assert len(body.frequency) == count
-        assert np.allclose(M, np.eye(len(M)), rtol=0, atol=1e-12)
-        assert np.all(np.abs(K - np.diag(lam)) <= 1e-10 * np.sqrt(np.outer(lam, lam)))
-        # made of modes that were left out
-        assert np.all(lam[count:] >= (2 * np.pi * body.cut) ** 2 * (1 - 1e-9))
-        assert np.all(np.diff(lam[count:]) > 0)
-
-
-def test_loads_of_inertia_count_held_nodes_and_point_masses(free):
-    """MR of a free body; of a held one what its multibody weight is."""
-    points = (
-        PointMass(1, free.mesh.node_index(TIP), 40.0, (0.1, 0.2, -0.3), np.diag([3.0, 4.0, 5.0])),
-        PointMass(2, 20, 25.0, (0.0, 0.0, 0.0), np.zeros((3, 3))),
-    )
-    loose = build_model(replace(free.mesh, point_masses=points), supported=False)
-    R = np.linalg.lstsq(loose.constraint.transform.toarray(), rigid_field(loose), rcond=None)[0]
-    exact = loose.mass.constant @ R
-    assert np.allclose(inertia_loads(loose), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
-    held = build_model(replace(bar(side=True, clamped=True), point_masses=points))
-    body = craig_bampton(held, [TIP, SIDE], modes=2)
-    weight = inertia_invariants(held, body.basis).first_modal.T
-    assert np.allclose(body.basis.T @ inertia_loads(held)[:, :3], weight, rtol=0, atol=1e-12 * np.abs(weight).max())
-
-
-def test_an_interior_of_one_node_or_none_has_no_more_shapes_than_motions():
-    mesh = bar((1, 1, 1))
-    root, tip = mesh.rigid
-    one = build_model(replace(mesh, rigid=(root, replace(tip, nodes=tip.nodes[:3]))), supported=False)
-    for count in range(4):
-        body = craig_bampton(one, [ROOT, TIP], modes=count)
-        assert body.size == one.size == 15
-        assert len(body.frequency) == count
-        assert np.linalg.matrix_rank(body.basis) == 15
-    none = craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=0)
-    assert none.size == 12
-    assert none.cut == np.inf
-    with pytest.raises(InfeasibleError, match="0 unknowns between"):
-        craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=1)
 
 
 # modes
@@ -459,33 +306,3 @@ def test_counts_cut_offs_and_parameters_that_do_not_go_are_refused(clamped, free
         frame_shapes(body, SIDE)
     with pytest.raises(UserError, match="901 already"):
         floating_basis(floating_basis(body, ROOT), TIP)
-
-
-# the hub of the bench
-
-
-def test_the_deck_is_the_one_in_the_list_of_checksums():
-    digest, name = (MESHES / "hub-bench.sha256").read_text().split()
-    assert hashlib.sha256((MESHES / name).read_bytes()).hexdigest() == digest
-
-
-@pytest.mark.slow
-def test_the_hub_is_the_full_one_in_statics_and_in_its_modes_below_half_the_cut_off():
-    model = build_model(read_mesh(MESHES / "hub-bench.bdf.gz"))
-    body = craig_bampton(model, [2], cutoff=550.0)
-    K, M = model.stiffness.constant, model.mass.constant
-    factor = factorise(K)
-    B = pick(model, 2)
-    exact = factor.solve(B.T)
-    reduced = np.linalg.solve(body.stiffness.constant, np.eye(body.size)[:, :6])
-    assert np.allclose(body.basis @ reduced, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
-    flexibility = B @ exact
-    assert np.allclose(reduced[:6], flexibility, rtol=0, atol=1e-10 * np.abs(flexibility).max())
-    f = inertia_of(model, rigid(model.mesh.position)[:, :3])
-    exact = factor.solve(f)
-    found = body.basis @ np.linalg.solve(body.stiffness.constant, body.basis.T @ f)
-    assert np.allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
-    frequency, _ = lowest_modes(K, M, 9, factor=factor)
-    assert frequency[-1] < 0.5 * body.cut
-    ratio = frequencies(body.stiffness.constant, body.mass)[:9] / frequency
-    assert np.all((ratio > 1 - 1e-9) & (ratio < 1.005))

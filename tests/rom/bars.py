@@ -1,0 +1,82 @@
+"""Bars of hexahedra for reductions, and what a test picks from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import eigvalsh
+
+from strainsight.fem.model import nodal
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.rows import channel_rows
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region, RigidElement
+
+MESHES = Path(__file__).parents[2] / "meshes"
+ROOT, TIP, SIDE = 901, 902, 903
+SIZE = np.array([1.2, 0.3, 0.2])
+START = np.array([0.4, -0.1, 0.25])
+RHO = 7850.0
+
+
+def bar(counts: tuple[int, int, int] = (8, 3, 2), side: bool = False, clamped: bool = False) -> Mesh:
+    """A bar of hexahedra in two materials, its end faces tied to ROOT and TIP, a patch of its top to SIDE if asked."""
+    nx, ny, nz = counts
+    grid = np.stack(np.meshgrid(*[np.arange(c + 1) for c in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    position = START + grid / np.array(counts) * SIZE
+    number = np.arange(len(grid)).reshape(nx + 1, ny + 1, nz + 1)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    cells = np.stack([number[i : nx + i, j : ny + j, k : nz + k] for i, j, k in corners], axis=-1)
+    region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
+    block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
+    middle = START + 0.5 * SIZE
+    ends = [np.array([START[0], *middle[1:]]), np.array([START[0] + SIZE[0] + 0.05, *middle[1:]])]
+    faces = [number[0].ravel(), number[-1].ravel()]
+    if side:
+        ends.append(np.array([middle[0], middle[1], START[2] + SIZE[2] + 0.1]))
+        faces.append(number[nx // 2 - 1 : nx // 2 + 2, :, -1].ravel())
+    n = len(position)
+    return Mesh(
+        node_ids=np.append(np.arange(1, n + 1), [ROOT, TIP, SIDE][: len(ends)]),
+        position=np.vstack([position, ends]),
+        blocks=(block,),
+        regions={1: Region(1, "root", 1), 2: Region(2, "tip", 2)},
+        materials={1: Material(1, 2.1e11, 0.3, RHO), 2: Material(2, 7.0e10, 0.33, RHO)},
+        fixed=np.array([(n, c) for c in range(6)] if clamped else [], dtype=np.int64).reshape(-1, 2),
+        rigid=tuple(RigidElement(k + 1, n + k, face, (0, 1, 2)) for k, face in enumerate(faces)),
+    )
+
+
+def pick(model, *nodes):
+    """Rows of the transform with six motions of every node (6k, n_free), dense."""
+    rows = []
+    for node in nodes:
+        i = model.mesh.node_index(node)
+        rows += [*range(3 * i, 3 * i + 3), *range(first := model.constraint.reference_rows[i], first + 3)]
+    return model.constraint.transform[rows].toarray()
+
+
+def dense(X):
+    return X.toarray()
+
+
+def rigid(points: np.ndarray) -> np.ndarray:
+    """Displacement of points (k, 3) in three translations and three rotations about the origin (3k, 6)."""
+    spin = np.stack([np.cross(axis, points).ravel() for axis in np.eye(3)], axis=1)
+    return np.hstack([np.tile(np.eye(3), (len(points), 1)), spin])
+
+
+def frequencies(K, M):
+    return np.sqrt(np.maximum(eigvalsh(K, M), 0)) / (2 * np.pi)
+
+
+def inertia_of(model, motion):
+    """TᵀMr of a motion of every node (3n, k), by the mass matrix of all nodes."""
+    T = model.constraint.transform[: len(motion)]
+    return T.T @ (assemble(model.mesh, ())[1].constant @ motion)
+
+
+def gauge_rows(model, shapes):
+    glued = candidates(model.mesh, exterior_facets(model.mesh), (1.0, 0.0, 0.0), (0.0, 45.0))
+    return channel_rows(model.mesh.position, glued, nodal(model, shapes))
