@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import eigvalsh
 
+from strainsight.fem.assembly import assemble
 from strainsight.fem.model import nodal
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows
