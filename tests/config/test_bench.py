@@ -116,3 +116,24 @@ def test_a_mass_out_of_all_proportion_is_refused(overrides, key, says):
 def test_a_heavy_body_with_moments_to_match_is_accepted():
     """Proportion decides, not size."""
     load_config(FULL, ["bodies.blade.mass=1.0e+30", "bodies.blade.inertia={xx: 1.0e+30, yy: 1.0e+30, zz: 1.0e+30}"])
+
+
+@pytest.mark.parametrize(
+    ("entry", "key", "says"),
+    [
+        ("E: {guess: 187, std: 20}", "E.guess", "187 Pa beside 1.7e+11 Pa in the bench"),
+        ("E: {guess: 1.87e11, std: 1.7e10, starts: [153]}", "E.starts", "153 Pa beside 1.7e+11 Pa in the bench"),
+        (
+            "r: {bearing: pitch-bearing, property: radius_inner_left, guess: 31.8}",
+            "r.guess",
+            "31.8 m beside 0.0318 m in the bench",
+        ),
+    ],
+)
+def test_a_guess_in_another_unit_is_refused_where_it_stands(entry, key, says):
+    with pytest.raises(ConfigError) as caught:
+        load_config(FULL.parent / "bench" / "modulus.yaml", [f"estimate.parameters={{{entry}}}"])
+    assert not caught.value.others
+    assert caught.value.key == f"estimate.parameters.{key}"
+    assert says in caught.value.what
+    assert "within a factor of 100" in caught.value.remedy

@@ -55,6 +55,7 @@ def test_every_example_is_valid_and_named_like_its_file(path):
         ("seed: 1", "seed: 99999999999999999999", "seed"),
         ("aggregate: mean", "aggregate: median", "place.aggregate"),
         ("parameters: {E: 2.1e+11}", "parameters: {G: 2.1e+11}", "validate.truth.parameters.G"),
+        ("parameters: {E: 2.1e+11}", "parameters: {E: 9.0e+11}", "validate.truth.parameters.E"),
         ("name: cantilever-youngs-modulus", "name: ../elsewhere", "name"),
         ("initial_std: {E: 0.1}", "initial_std: {}", "validate.initial_std"),
     ],

@@ -173,6 +173,12 @@ def test_a_key_of_the_runs_behind_set_is_placed_there(write, given, remedy):
     assert error.remedy == remedy
 
 
+def test_a_misspelt_name_in_a_set_of_the_command_line_is_placed_there(write):
+    for error in refused(write(), "set.loads.tipp.signal.amplitude=3"):
+        assert error.where == "--set set.loads.tipp.signal.amplitude"
+        assert error.remedy == "did you mean tip?"
+
+
 def test_a_section_that_was_replaced_whole_is_said(write):
     text = SUITE.replace("{place.instants: 3}", "{train: {duration: 0.2}}")
     errors = [error for error in refused(write(text)) if error.what == "missing"]

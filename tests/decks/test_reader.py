@@ -146,6 +146,8 @@ def test_elements_that_do_not_fit_together_show_on_reading(tmp_path):
         ("1.", "2.1e5", "7850.", ("m", "kg"), "2.1e+05 looks like MPa"),
         ("1000.", "2.1e8", "7.85e-6", ("m", "kg"), "length_unit mm and mesh.mass_unit kg it is 2.1e+11 Pa"),
         ("1.", "2.1e11", "7850.", ("mm", "t"), "length_unit m and mesh.mass_unit kg it is 2.1e+11 Pa"),
+        ("1000.", "2.1e5", "7.85e-9", ("mm", "kg"), "density is 7.85 kg/m³, outside 10 to 100000"),
+        ("1.", "3.0e7", "15.", ("m", "kg"), None),
         ("1.", "2.1e9", "78500.", ("m", "kg"), None),
         ("1.", "1.e7", "99000.", ("m", "kg"), None),
         ("1.", "2.e6", "90000.", ("m", "kg"), "speed of sound √(E/ρ) is 4.71 m/s"),
@@ -165,7 +167,7 @@ def test_what_is_not_used_or_not_taken_is_said(tmp_path):
     assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
     assert empty_regions(mesh) == (2,)
     assert suspicions(mesh) == (
-        "1 nodes belong to nothing and are left out of the model: 9",
+        "1 node belongs to nothing and is left out of the model: 9",
         "region 2 (PSOLID 2) has no elements",
         "1 × CQUAD4 not taken over: the stiffness, mass or tie it may add is missing",
         "1 × MPC not taken over: the stiffness, mass or tie it may add is missing",

@@ -71,3 +71,27 @@ def test_the_config_made_of_it_is_valid(tmp_path, more):
     data = load_config(path).data
     assert bool(data["mesh"]["supports"]) == (not more)
     assert data["parameters"]["E"]["guess"] == pytest.approx(2.1e11, rel=1e-3)
+
+
+FORCES = "FORCE,7,4,,4.,0.,0.,1.\nFORCE,7,9,,3.,0.,1.,0."
+
+
+@pytest.mark.parametrize(
+    ("forces", "name", "force"),
+    [
+        (FORCES, "FORCE-7", 5.0),
+        (f"FORCE,5,1,,1.,0.,0.,1.\n{FORCES}", "FORCE-7", 5.0),  # 1 is held
+        (f"FORCE,5,4,,1.,0.,0.,1.\nFORCE,5,9,,1.,0.,0.,-1.\n{FORCES}", "FORCE-7", 5.0),  # 5 is in balance
+        ("FORCE,5,1,,1.,0.,0.,1.", None, 1e4),
+    ],
+)
+def test_the_load_is_that_of_the_deck_where_it_has_one_that_acts(tmp_path, forces, name, force):
+    path = deck(tmp_path / "a.bdf", "1000.", "2.1+5", "7.85-9", f"SPC1,1,123,1,2,3\n{forces}")
+    found = suggestion(path)
+    assert (found.deck_load, found.force) == (name, pytest.approx(force))
+    own = tmp_path / "own.yaml"
+    own.write_text(template("a.bdf", found), encoding="utf-8")
+    tip = load_config(own).model.loads["tip"]
+    assert tip.deck_load == name
+    assert (tip.node, tip.direction) == ((None, None) if name else (found.node, (0, 0, 1)))
+    assert tip.signal.amplitude == pytest.approx(force)

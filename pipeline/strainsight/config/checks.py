@@ -135,7 +135,7 @@ def _fast(config: PlacementConfig) -> Iterator[Problem]:
 
 def _validation(config: PlacementConfig) -> Iterator[Problem]:
     parameters, known = list(config.parameters), [*config.parameters, *config.loads]
-    for name in config.validation.truth.parameters:
+    for name, value in config.validation.truth.parameters.items():
         if name not in parameters:
             otherwise = f"there are {', '.join(parameters)}" if parameters else "the config has no parameters"
             yield Problem(
@@ -143,6 +143,14 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
                 f"no parameter is named '{name}'",
                 did_you_mean(name, parameters, otherwise),
                 True,
+            )
+            continue
+        low, high = config.parameters[name].range
+        if low <= high and not low <= value <= high:
+            yield Problem(
+                f"validate.truth.parameters.{name}",
+                f"{value:g} lies outside parameters.{name}.range, {low:g} to {high:g}: no reduced model is made for it",
+                "correct the value, or widen the range",
             )
     for name in config.validation.initial_std:
         if name not in known:

@@ -102,7 +102,9 @@ class Estimate(Section):
     time_step: Positive | None = Field(
         None, description="Time step of the filter [s], a whole part of the sampling interval; null: that interval."
     )
-    channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(description="Channels of gauges.")
+    channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(
+        description="Channels of gauges, an entry each: {gauge: G1, channel: NAME, unit: um/m}, as in docs/estimation.md."
+    )
     inputs: dict[Name, Channel] = Field({}, description="Channels of the known loads, by the names of these.")
     start: Literal["rest", "moving"] = Field(
         "moving", description="rest: the structure stands still when the record begins; moving: nothing is known of it."

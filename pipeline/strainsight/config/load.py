@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,11 @@ from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
-from strainsight.config.messages import UNKNOWN, problems_of
+from strainsight.config.messages import problems_of
+from strainsight.config.overrides import Override, meant_for_runs, parsed, put, told_of_made
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
-from strainsight.config.suite import DOTTED, SuiteConfig, suite_problems
+from strainsight.config.suite import SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
 
@@ -31,17 +31,6 @@ KINDS: dict[str, tuple[type[Config], Callable[[Any], Iterator[Problem]]]] = {
     "suite": (SuiteConfig, suite_problems),
 }
 """Kind → its model, and what finds the contradictions between its fields."""
-SET_OF_A_SUITE = re.compile(r"(set|runs\.\d+\.set)\.(.+)")
-"""A key of a suite below which one dotted key follows as a whole: `--set set.place.keep=6`."""
-
-
-@dataclass(frozen=True)
-class Override:
-    """A value from outside the file: dotted key, value, and where it was given ("--set KEY", "file:line:column")."""
-
-    key: str
-    value: Any
-    where: str
 
 
 @dataclass(frozen=True)
@@ -74,18 +63,23 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
     Raises ConfigError that lists every problem with file:line:column, key and remedy.
     """
     path = Path(path)
-    given = tuple(_parse_override(text) if isinstance(text, str) else text for text in overrides)
+    given = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
     data, places, key_places = _read(path)
+    made: list[str] = []
     for override in given:
-        _set(data, override)
-        key = override.key
+        sections, key = put(data, override), override.key
+        made += sections
         for stale in [old for old in places if old == key or old.startswith(f"{key}.")]:
             del places[stale], key_places[stale]
-        places[key] = key_places[key] = override.where
+        for new in (*sections, key):
+            places[new] = key_places[new] = override.where
     model, found = _validated(data)
     if model is None:
-        problems = [_meant_for_runs(p, given) if data.get("kind") == "suite" else p for p in found]
-        raise _error([(_place_of(p, key_places if p.at_key else places, given), p) for p in problems])
+        if data.get("kind") == "suite":
+            found = [meant_for_runs(problem, given) for problem in found]
+        elif data.get("kind") in KINDS:
+            found = [told_of_made(problem, made, KINDS[data["kind"]][0], data) for problem in found]
+        raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in found])
     return LoadedConfig(path, model, given, places)
 
 
@@ -160,71 +154,6 @@ def _locate(places: Mapping[str, str], key: str) -> str:
         if (prefix := ".".join(parts[:length])) in places:
             return places[prefix]
     return places[""]
-
-
-def _place_of(problem: Problem, places: Mapping[str, str], given: Sequence[Override]) -> str:
-    """Where the key stands; where an override made it on the way to its own, that one."""
-    made = [override.where for override in given if override.key.startswith(f"{problem.key}.")]
-    return made[-1] if made and problem.what == UNKNOWN and problem.key not in places else _locate(places, problem.key)
-
-
-def _meant_for_runs(problem: Problem, given: Sequence[Override]) -> Problem:
-    """Say how a suite sets a key of its runs."""
-    if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
-        return problem
-    made = [o for o in given if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
-    written = (
-        f"set.{made[-1].key}={_written(made[-1].value)}"
-        if made
-        else f"the keys below it as set: {{{problem.key}.KEY: …}}"
-    )
-    return replace(problem, remedy=f"write {written}")
-
-
-def _written(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _parse_override(override: str) -> Override:
-    key, equals, text = override.partition("=")
-    key = key.strip()
-    if not equals or not DOTTED.fullmatch(key):
-        raise ConfigError(f"'{override}' is not KEY=VALUE", where="--set", remedy="write --set place.keep=6")
-    try:
-        return Override(key, parse(text).data, f"--set {key}")
-    except YamlProblem as problem:
-        raise ConfigError(
-            problem.what, where=f"--set {key}", remedy=problem.remedy or "quote what the shell must not see"
-        ) from None
-
-
-def _set(data: dict[str, Any], override: Override) -> None:
-    """Put the value at its key; a mapping on the way that is not there, or is a plain value so far, is made."""
-    *parents, last = override.key.split(".")
-    if data.get("kind") == "suite" and (found := SET_OF_A_SUITE.fullmatch(override.key)):
-        parents, last = found[1].split("."), found[2]
-    spot: Any = data
-    for part in parents:
-        if isinstance(spot, list):
-            place: Any = _index(spot, part, override)
-            below = spot[place]
-        else:
-            place, below = part, spot.get(part)
-        if not isinstance(below, dict | list):
-            spot[place] = below = {}
-        spot = below
-    # a copy: a later override may change a part of it, and a suite gives the same one to every run
-    spot[_index(spot, last, override) if isinstance(spot, list) else last] = deepcopy(override.value)
-
-
-def _index(entries: Sequence[Any], part: str, override: Override) -> int:
-    if not part.isdigit() or int(part) >= len(entries):
-        raise ConfigError(
-            f"a list of {len(entries)} entries has no entry '{part}'",
-            where=override.where,
-            remedy=f"count from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
-        )
-    return int(part)
 
 
 def _error(found: Sequence[tuple[str, Problem]]) -> ConfigError:

@@ -43,9 +43,16 @@ class Recorded(Section):
     """A measured history, with straight lines between its samples."""
 
     type: Literal["csv"] = Field(description="Kind of signal.")
-    file: Text = Field(description="CSV file with one line of column names; the path starts from the config's folder.")
-    time_column: Text = Field(description="Name of the column with the time [s].")
-    value_column: Text = Field(description="Name of the column with the load [N].")
+    file: Text = Field(
+        description="CSV file: a line of column names, then numbers; columns separated by commas, semicolons or tabs, decimals "
+        "by points or, where no commas separate the columns, by commas. The path starts from the config's folder."
+    )
+    time_column: Text = Field(
+        description="Name of the column with the time [s, or the unit behind the name: `t [ms]`]."
+    )
+    value_column: Text = Field(
+        description="Name of the column with the load [N, for a moment N m, or the unit behind the name: `F [kN]`]."
+    )
 
 
 class InputNoise(Section):

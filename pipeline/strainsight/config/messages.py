@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from strainsight.config.keys import fields_of, keys_at, path_in, sections_at, types_of
 from strainsight.config.problem import Problem
 from strainsight.errors import did_you_mean
 
@@ -35,7 +34,9 @@ BOUNDS = {
 
 def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
     """Every problem of a ValidationError, in the terms of the config file; one for each key."""
-    found = [(path_in(data, entry["loc"]), entry) for entry in error.errors(include_url=False) if not _emptied(entry)]
+    found = [
+        (path_in(model, data, entry["loc"]), entry) for entry in error.errors(include_url=False) if not _emptied(entry)
+    ]
     # The members of a union complain one after the other about the same value.
     problems = [
         _problem(path, [entry for _, entry in group], model, data)
@@ -53,34 +54,6 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
 def _emptied(entry: Any) -> bool:
     """Whether a list only counts as too short because its entries were refused, each with a problem of its own."""
     return entry["type"] == "too_short" and len(entry["input"]) >= entry["ctx"]["min_length"]
-
-
-def path_in(data: Any, loc: Sequence[int | str]) -> tuple[str, ...]:
-    """The keys of `loc` without the names of union members that pydantic puts in between."""
-    path: list[str] = []
-    for i, part in enumerate(loc):
-        if part == "[key]":
-            continue
-        if isinstance(data, Mapping) and part in data:
-            data = data[part]
-        elif isinstance(data, list) and isinstance(part, int):
-            data = data[part] if part < len(data) else None
-        elif i < len(loc) - 1 or not isinstance(data, Mapping):
-            continue
-        path.append(str(part))
-    return tuple(path)
-
-
-def keys_at(model: Any, path: Sequence[str], data: Any) -> list[str]:
-    """Keys that the mapping at `path` may have; of a union's members, those of the type that the data names."""
-    sections = [model]
-    for part in path:
-        below = [item for section in sections for item in _below(section, part)]
-        data = data.get(part) if isinstance(data, Mapping) else data[int(part)] if isinstance(data, list) else None
-        sections = [member for annotation in below for member in _members(annotation)]
-    models = [section for section in sections if isinstance(section, type) and issubclass(section, BaseModel)]
-    named = [m for m in models if isinstance(data, Mapping) and data.get("type") in get_args(_annotation(m, "type"))]
-    return list(dict.fromkeys(_key(field, name) for m in named or models for name, field in m.model_fields.items()))
 
 
 def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], data: Any) -> Problem:
@@ -110,7 +83,9 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
                 did_you_mean(str(tag), known, "choose one of them"),
             )
         case "one_key":
-            return Problem(key, first["msg"], _description(model, path, data))
+            given, known = first["input"], keys_at(model, path, data)
+            meant = did_you_mean(str(*given), known) if isinstance(given, dict) and len(given) == 1 else ""
+            return Problem(key, first["msg"], meant or _description(model, path, data))
     problem = _wrong_value(key, entries)
     return problem if problem.remedy else replace(problem, remedy=_description(model, path, data))
 
@@ -160,51 +135,15 @@ def _number(value: float) -> str:
 def _choices(tags: str, model: type[BaseModel], path: tuple[str, ...], data: Any) -> list[str]:
     if tags:
         return [tag.strip().strip("'") for tag in tags.split(", ")]
-    found = [get_args(_annotation(section, "type")) for section in _sections_at(model, path, data)]
-    return [str(tag) for group in found for tag in group]
-
-
-def _sections_at(model: type[BaseModel], path: Sequence[str], data: Any) -> list[Any]:
-    sections: list[Any] = [model]
-    for part in path:
-        sections = [member for section in sections for item in _below(section, part) for member in _members(item)]
-    return sections
+    return [tag for section in sections_at(model, path, data) for tag in types_of(section)]
 
 
 def _description(model: type[BaseModel], path: tuple[str, ...], data: Any) -> str:
     """What the models say about a key: "noise_std: Noise standard deviation of every gauge."."""
     while path and path[-1].isdigit():
         path = path[:-1]
-    for section in _sections_at(model, path[:-1], data) if path else ():
-        if isinstance(section, type) and issubclass(section, BaseModel):
-            for name, field in section.model_fields.items():
-                if _key(field, name) == path[-1] and field.description:
-                    return f"{path[-1]}: {field.description}"
+    for section in sections_at(model, path[:-1], data) if path else ():
+        field = fields_of(section).get(path[-1])
+        if field is not None and field.description:
+            return f"{path[-1]}: {field.description}"
     return ""
-
-
-def _key(field: Any, name: str) -> str:
-    return field.alias or name
-
-
-def _annotation(model: Any, name: str) -> Any:
-    field = model.model_fields.get(name) if isinstance(model, type) and issubclass(model, BaseModel) else None
-    return field.annotation if field else None
-
-
-def _below(annotation: Any, part: str) -> Iterator[Any]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield from (f.annotation for name, f in annotation.model_fields.items() if _key(f, name) == part)
-    elif get_origin(annotation) is dict:
-        yield get_args(annotation)[1]
-    elif get_origin(annotation) is tuple:
-        yield get_args(annotation)[0]
-
-
-def _members(annotation: Any) -> list[Any]:
-    origin = get_origin(annotation)
-    if origin is Annotated:
-        return _members(get_args(annotation)[0])
-    if origin in (Union, UnionType):
-        return [member for part in get_args(annotation) for member in _members(part)]
-    return [] if origin is Literal else [annotation]

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from strainsight.config.load import LoadedConfig, Override, kind_of, load_config
+from strainsight.config.load import LoadedConfig, kind_of, load_config
 from strainsight.config.messages import MISSING
+from strainsight.config.overrides import Override
 from strainsight.config.suite import SuiteConfig, SuiteRun
 from strainsight.config.suite_benches import refused
 from strainsight.errors import ConfigError, StrainsightError

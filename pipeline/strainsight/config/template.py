@@ -12,7 +12,8 @@ class Suggestion:
     """What a deck itself says about its config.
 
     length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa];
-    node: id of one that a load may act on; materials, supports: whether the deck states them; node_set: the name of one.
+    node: id of one that a load may act on; deck_load: name of a load of the deck that may, and force, its resultant [N];
+    materials, supports: whether the deck states them; node_set: the name of one.
     """
 
     length_unit: str = "m"
@@ -20,6 +21,8 @@ class Suggestion:
     region: int = 1
     youngs_modulus: float = 2.0e11
     node: int = 2
+    deck_load: str | None = None
+    force: float = 1.0e4
     materials: bool = True
     supports: bool = True
     node_set: str = "root"
@@ -50,10 +53,8 @@ parameters:
 # Forces. What is known: false has to stand under place.estimate.
 loads:
   tip:
-    node: {node:<8}                # ← node id (an RBE2 or RBE3 reference node will do), or `set: NAME` of nodes
-    direction: [0, 0, 1]          # ← in global coordinates; its length does not matter
-    known: true                   # true: measured by a load cell; false: to be estimated
-    signal: {{type: sine, frequency: 20.0, amplitude: 1.0e4}}     # ← [Hz], [N]; other types: sweep, multisine, csv
+{load}    known: true                   # true: measured by a load cell; false: to be estimated
+    signal: {{type: sine, frequency: 20.0, amplitude: {force}}}     # ← [Hz], [N]; other types: sweep, multisine, csv
 
 damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}
 
@@ -99,6 +100,14 @@ report: {{format: html}}
 """
 
 
+AT_NODE = """\
+    node: {node:<8}                # ← node id (an RBE2 or RBE3 reference node will do), or `set: NAME` of nodes
+    direction: [0, 0, 1]          # ← in global coordinates; its length does not matter
+"""
+OF_DECK = """\
+    deck_load: {name:<18} # ← the deck's, at its nodes and in its direction; amplitude: its {force} N
+                                  # or `node: {node}`, or `set: NAME` of nodes, and `direction: [0, 0, 1]`
+"""
 MATERIALS = """\
   materials:            # the file states none
     steel: {regions: all, youngs_modulus: 2.0e11, poisson_ratio: 0.3, density: 7850}   # ← [Pa], [-], [kg/m³]
@@ -120,6 +129,8 @@ def template(deck: str, found: Suggestion | None = None) -> str:
     lacking = MATERIALS * (not found.materials)
     if not found.supports:
         lacking += SUPPORTS.format(set=_quoted(found.node_set))
+    force = _plain(found.force)
+    of_deck = found.deck_load and OF_DECK.format(name=_quoted(found.deck_load), force=force, node=found.node)
     return TEMPLATE.format(
         deck=json.dumps(deck, ensure_ascii=False)[1:-1],
         name=name,
@@ -128,7 +139,8 @@ def template(deck: str, found: Suggestion | None = None) -> str:
         mass_unit=found.mass_unit,
         lacking=lacking,
         region=found.region,
-        node=found.node,
+        load=AT_NODE.format(node=found.node) if of_deck is None else of_deck,
+        force=force,
         guess=_number(E),
         low=_number(0.8 * E),
         high=_number(1.2 * E),
@@ -140,6 +152,11 @@ def _quoted(text: str) -> str:
     """Text as YAML: a JSON string is a YAML string, whatever is in it."""
     plain = re.fullmatch(r"[A-Za-z0-9_./-]*[A-Za-z_/][A-Za-z0-9_./-]*", text)
     return text if plain and not text.startswith("-") else json.dumps(text, ensure_ascii=False)
+
+
+def _plain(value: float) -> str:
+    """To four digits, as YAML reads a number: 1250.0, 1e-05."""
+    return repr(float(f"{value:.4g}"))
 
 
 def _number(value: float) -> str:

@@ -16,6 +16,20 @@ LARGEST = 1 << 20
 
 PREFIX = "tag:yaml.org,2002:"
 INTEGER = re.compile(r"[-+]?[0-9]+$")
+REMEDIES = (
+    (r"'\\t' that cannot start", "indent and separate with spaces, not with tabs"),
+    ("that cannot start any token|undefined alias", "put the value in quotes"),
+    ("expected <block end>, but found '(<block|\\?|-)", "indent it exactly as its neighbours above"),
+    (
+        "mapping values are not allowed",
+        "indent it exactly as its neighbours above; put a value that holds ': ' in quotes",
+    ),
+    ("could not find expected ':'", "write KEY: VALUE in the line above, with a space behind the colon"),
+    (r"expected ',' or '[\]}]'", "close the bracket that was opened above, or put a comma between its entries"),
+    ("unexpected end of stream", "close the quotes that were opened above"),
+    ("escape character", "write the text in single quotes, where a backslash is only itself"),
+)
+"""What the parser says (a pattern) → what to do about it; the first that fits."""
 BOOLEANS = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
 
 
@@ -52,8 +66,10 @@ def parse(text: str) -> Document:
         root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        what = f"not valid YAML: {error.problem or error.context or 'cannot be read'}"
-        raise YamlProblem(what, mark.line + 1 if mark else 1, mark.column + 1 if mark else 1) from error
+        said = str(error.problem or error.context or "cannot be read")
+        remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, said)), "")
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        raise YamlProblem(f"not valid YAML: {said}", line, column, remedy=remedy) from error
     except YAMLError as error:
         raise YamlProblem(f"not valid YAML: {' '.join(str(error).split())}", 1, 1) from error
     except RecursionError as error:

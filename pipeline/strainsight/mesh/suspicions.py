@@ -11,8 +11,9 @@ from strainsight.mesh.units import length_factor, mass_factor
 
 MODULUS = (1e6, 1e13)
 """[Pa], from soft rubber to ten times diamond."""
-DENSITY = (1.0, 1e5)
-"""[kg/m³], from light foam to four times osmium."""
+DENSITY = (10.0, 1e5)
+"""[kg/m³], from light foam to four times osmium. Steel in t/mm³ that is read as kg/mm³ has 7.85: its modulus is off as much,
+so that the speed of sound does not show it."""
 EXTENT = (1e-3, 100.0)
 """[m], from a crystal to a rotor blade: what is tested with strain gauges."""
 WAVE_SPEED = (10.0, 2.5e4)
@@ -65,7 +66,8 @@ def suspicions(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -> tup
     found += _far_references(mesh)
     if (unused := unused_nodes(mesh)).size:
         shown = ", ".join(str(mesh.node_ids[i]) for i in unused[:5]) + (", …" if unused.size > 5 else "")
-        found.append(f"{unused.size} nodes belong to nothing and are left out of the model: {shown}")
+        words = "nodes belong to nothing and are" if unused.size > 1 else "node belongs to nothing and is"
+        found.append(f"{unused.size} {words} left out of the model: {shown}")
     found += [f"region {i} ({mesh.regions[i].name}) has no elements" for i in empty_regions(mesh)]
     if len(mesh.fixed) == 0:
         found.append("nothing is fixed")

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
 FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
+FARTHEST = 100.0
+"""Ratio of a guess to the bench's own value beyond which it is in another unit: GPa for Pa, mm for m."""
 COMPONENTS = {"relative": 5, "motion": 3}
 
 
@@ -104,6 +106,8 @@ def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             yield Problem(
                 key, "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True
             )
+        own = moduli.get(name) if entry.bearing is None else _of_bearing(config, entry)
+        yield from _units(key, entry, own)
     for bearing in config.bearings:
         yield from _grooves(config, bearing, estimate.parameters)
         for name, entry in estimate.parameters.items():
@@ -111,6 +115,22 @@ def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
                 moved = {**estimate.parameters, name: entry.model_copy(update={"guess": start})}
                 for problem in _grooves(config, bearing, moved):
                     yield replace(problem, key=f"estimate.parameters.{name}.starts")
+
+
+def _of_bearing(config: BenchConfig, entry: EstimatedParameter) -> float | None:
+    """The bench's own value of a bearing's property; None for a preload, which may be of any sign and size."""
+    if entry.bearing not in config.bearings or entry.property == "preload":
+        return None
+    return float(getattr(config.bearings[entry.bearing], str(entry.property)))
+
+
+def _units(key: str, entry: EstimatedParameter, own: float | None) -> Iterator[Problem]:
+    """A guess far from the bench's own value is in another unit."""
+    unit = "Pa" if entry.bearing is None else "m"
+    for field, value in (("guess", entry.guess), *(("starts", start) for start in entry.starts)):
+        if own and value is not None and value > 0 and not 1 / FARTHEST <= value / own <= FARTHEST:
+            what = f"{value:g} {unit} beside {own:g} {unit} in the bench"
+            yield Problem(f"{key}.{field}", what, f"give it in {unit}, within a factor of {FARTHEST:g}")
 
 
 def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, EstimatedParameter]) -> Iterator[Problem]:

@@ -10,13 +10,14 @@ import numpy as np
 
 from strainsight.augmentation.input_models import InputModel, IntegratedRandomWalk, Matern, Oscillator, RandomWalk
 from strainsight.augmentation.unknowns import Unknowns
-from strainsight.errors import ArtefactError, ConfigError, blame, did_you_mean
+from strainsight.errors import ArtefactError, ConfigError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.rom.model import Damping
-from strainsight.signals.histories import Constant, FromSamples, MultiSine, Signal, Sine, Sweep, evaluate
+from strainsight.signals.histories import Constant, MultiSine, Signal, Sine, Sweep, evaluate
+from strainsight.stages.case.recorded import recorded
 from strainsight.workflow.artefact import Artefact
 
 
@@ -134,38 +135,7 @@ def signal_of(name: str, config: Mapping[str, Any], files: Mapping[str, Path], s
         case "multisine":
             return MultiSine(config["lowest"], config["highest"], config["count"], config["amplitude"], config["seed"])
     key = f"{section}.{name}.signal"
-    return _recorded(key, config, files[f"{key}.file"])
-
-
-def _recorded(key: str, config: Mapping[str, Any], path: Path) -> FromSamples:
-    with path.open(encoding="utf-8") as lines:
-        header = [column.strip() for column in lines.readline().split(",")]
-        columns = []
-        for wanted in (config["time_column"], config["value_column"]):
-            if wanted not in header:
-                raise ConfigError(
-                    f"{path.name} has no column {wanted!r}",
-                    key=key,
-                    where=f"{path}:1",
-                    remedy=did_you_mean(wanted, header, f"it has {', '.join(header)}"),
-                )
-            columns.append(header.index(wanted))
-        rows = []
-        for number, line in enumerate(lines, start=2):
-            cells = line.split(",")
-            try:
-                rows.append([float(cells[column]) for column in columns])
-            except (ValueError, IndexError):
-                wanted = f"{config['time_column']!r} and {config['value_column']!r}"
-                raise ConfigError(
-                    f"'{line.strip()[:60]}' holds no number where {wanted} stand",
-                    key=key,
-                    where=f"{path}:{number}",
-                    remedy="one number a column, separated by commas, points as decimal marks",
-                ) from None
-    with blame(key):
-        samples = np.array(rows).reshape(-1, 2)
-        return FromSamples(samples[:, 0], samples[:, 1])
+    return recorded(key, config, files[f"{key}.file"])
 
 
 def characteristic(entry: Mapping[str, Any], signal: Signal, duration: float) -> tuple[float, float]:

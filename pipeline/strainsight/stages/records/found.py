@@ -33,13 +33,19 @@ def found_tables(
     if weight is not None:
         rows.append(("mass", f"{weight[0]:.6g} kg", "centre ({:.4g}, {:.4g}, {:.4g}) m".format(*weight[1])))
     rows += [("not taken over", card, _times(card, count)) for card, count in mesh.ignored.items()]
-    rows += [("note", text, "") for text in mesh.notes]
-    rows += [("warning", text, "") for text in (*doubts, *_poor(quality))]
+    # Sentences stand in the last column: in another they would push those behind it out of sight.
+    rows += [("note", "", text) for text in mesh.notes]
+    rows += [("warning", "", text) for text in (*doubts, *_poor(quality))]
     return (Table("the mesh", ("what", "how many", "detail"), tuple(rows)),)
 
 
 def _times(card: str, count: int) -> str:
-    return f"{count} time{'s' * (count != 1)}" + ", of no effect here" * only_control(card)
+    return _number(count, "time") + ", of no effect here" * only_control(card)
+
+
+def _number(count: int, what: str) -> str:
+    """ "1 node", "2 nodes"."""
+    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def _geometry(mesh: Mesh) -> list[Row]:
@@ -70,12 +76,13 @@ def _regions(mesh: Mesh) -> list[Row]:
 
 
 def _constraints(mesh: Mesh) -> list[Row]:
-    rows = [("fixed", f"{len(mesh.fixed)} components", f"{len(np.unique(mesh.fixed[:, 0]))} nodes")]
+    held = len(np.unique(mesh.fixed[:, 0]))
+    rows = [("fixed", _number(len(mesh.fixed), "component"), _number(held, "node"))]
     if mesh.axes:
-        rows.append(("own displacement systems", f"{len(mesh.axes)} nodes", ""))
+        rows.append(("own displacement systems", _number(len(mesh.axes), "node"), ""))
     for kind, elements in (("rigid element", mesh.rigid), ("averaging element", mesh.averaging)):
         ties = [
-            (e.name or f"{kind} {e.id}", f"{len(e.nodes)} nodes", f"reference node {mesh.node_ids[e.reference]}")
+            (e.name or f"{kind} {e.id}", _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}")
             for e in elements
         ]
         rows += _shortened(ties, f"{kind}s")
@@ -87,7 +94,7 @@ def _constraints(mesh: Mesh) -> list[Row]:
     loads = [
         (
             f"load {name}",
-            f"{len(load.nodes)} nodes",
+            _number(len(load.nodes), "node"),
             "resultant ({:.4g}, {:.4g}, {:.4g}) N".format(*load.force.sum(axis=0)),
         )
         for name, load in mesh.loads.items()
@@ -105,8 +112,8 @@ def _lever(offset: np.ndarray, inertia: np.ndarray) -> str:
 
 
 def _sets(mesh: Mesh) -> list[Row]:
-    nodes = [(f"node set {name}", f"{len(ids)} nodes", "") for name, ids in mesh.node_sets.items()]
-    elements = [(f"element set {name}", f"{len(ids)} elements", "") for name, ids in mesh.element_sets.items()]
+    nodes = [(f"node set {name}", _number(len(ids), "node"), "") for name, ids in mesh.node_sets.items()]
+    elements = [(f"element set {name}", _number(len(ids), "element"), "") for name, ids in mesh.element_sets.items()]
     return _shortened(nodes, "node sets") + _shortened(elements, "element sets")
 
 
@@ -131,5 +138,6 @@ def _poor(quality: Sequence[Quality]) -> list[str]:
             listed = ", ".join(f"{entry.ids[i]} ({entry.shape[i]:.2g})" for i in named) + (
                 ", …" if poor.size > 5 else ""
             )
-            found.append(f"{poor.size} {entry.kind} elements have a shape below {POOR:g} (1 is regular): {listed}")
+            have = f"{entry.kind} element{'s have' if poor.size > 1 else ' has'}"
+            found.append(f"{poor.size} {have} a shape below {POOR:g} (1 is regular): {listed}")
     return found

@@ -1,0 +1,71 @@
+"""A load history from a file of the config: `signal: {type: csv}`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.errors import ConfigError, UserError, blame
+from strainsight.measurements.csv_file import read_csv
+from strainsight.measurements.csv_layout import TextFormat
+from strainsight.measurements.records import Recording
+from strainsight.measurements.units import known_unit
+from strainsight.signals.histories import FromSamples
+
+LOADS = ("force", "moment")
+
+
+def recorded(key: str, config: Mapping[str, Any], path: Path) -> FromSamples:
+    """The history that the text table at `path` holds in the columns that the config names; key: of the signal.
+
+    Time in s, values in N or N m, or in the unit that stands behind the name of the column, as in "F [kN]".
+    Raises UserError with file:line for what is no table, a sample that is missing, and a time that does not increase.
+    """
+    column = str(config["value_column"])
+    with blame(key):
+        found = _read(path, str(config["time_column"]), column)
+        values = found.channels[column]
+        missing = np.flatnonzero(np.isnan(values))
+        if missing.size:
+            raise UserError(
+                f"no sample under {column!r}",
+                where=found.place(int(missing[0])),
+                remedy="a load history has no gaps: give the value, or drop the line",
+            )
+        back = np.flatnonzero(np.diff(found.time) <= 0)
+        if back.size:
+            i = int(back[0])
+            raise UserError(
+                f"the time does not increase from {found.time[i]:.9g} s to {found.time[i + 1]:.9g} s",
+                where=found.place(i + 1),
+                remedy="sort the record and drop repeated times",
+            )
+        return FromSamples(found.time, values * _factor(column, found, path))
+
+
+def _read(path: Path, time: str, column: str) -> Recording:
+    """The two columns: with decimal points or else commas, the time in s or else in the unit that the file states."""
+    first: UserError | None = None
+    for form, unit in product((TextFormat(), TextFormat(decimal=",")), ("s", None)):
+        try:
+            return read_csv(path, [column], time=time, time_unit=unit, form=form)
+        except UserError as error:
+            first = first or error
+    assert first is not None
+    raise first
+
+
+def _factor(column: str, found: Recording, path: Path) -> float:
+    """N or N m in one of the unit that the file states, 1 where it states none."""
+    if (unit := known_unit(found.units[column])) is None:
+        return 1.0
+    if unit.quantity not in LOADS:
+        raise ConfigError(
+            f"{column!r} is in {found.units[column]}, {path.name} says: no force and no moment",
+            remedy="name the column of the load",
+        )
+    return unit.factor
