@@ -15,7 +15,7 @@ from strainsight.config.schema import config_schema
 KINDS = {"placement": "PlacementConfig", "bench": "BenchConfig", "bearing": "BearingConfig", "suite": "SuiteConfig"}
 WHAT = {
     "placement": "From a deck to a validated layout: [the stages](../stages/index.md).",
-    "bench": "Bodies, joints and bearings in time: [the stages](../stages/bench.md).",
+    "bench": "Bodies, joints and bearings in time: [the stages](../stages/bench/index.md).",
     "bearing": "A bearing alone.",
     "suite": "Several configs and one page about them: [suites](../stages/suites.md).",
 }

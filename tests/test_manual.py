@@ -10,8 +10,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+import typer
 
 from strainsight.config.schema import config_schema
+from strainsight_cli.main import app
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -133,6 +135,17 @@ def test_the_tutorial_does_what_it_says(tmp_path):
     run_page(DOCS / "tutorial.md", tmp_path)
 
 
+@pytest.mark.slow
+def test_the_pages_of_a_bench_do_what_they_say(tmp_path):
+    """In the order in which the first one lists them: they go on in one folder."""
+    folder = DOCS / "stages" / "bench"
+    listed = re.search(r"```{toctree}\n(.*?)```", (folder / "index.md").read_text(encoding="utf-8"), re.DOTALL)
+    names = ["index", *listed[1].split()]
+    assert set(names) == {page.stem for page in folder.glob("*.md")}
+    for name in names:
+        run_page(folder / f"{name}.md", tmp_path)
+
+
 def test_paths_of_the_manual_exist():
     """Files of the repository that a page names with their folder."""
     folders = "config|fem|mesh|decks|gauges|rom|augmentation|placement|estimation|multibody|measurements|stages|report|workflow"
@@ -144,6 +157,39 @@ def test_paths_of_the_manual_exist():
             assert (ROOT / "pipeline" / "strainsight" / path).is_file(), f"{page.name}: {path}"
         for path in re.findall(r"`((?:tests|benchmarks|configs|meshes|pipeline|cli)/[\w./-]*\w+\.\w+)`", text):
             assert (ROOT / path).is_file(), f"{page.name}: {path}"
+
+
+def test_commands_and_targets_of_the_manual_exist():
+    commands = set(typer.main.get_command(app).commands)
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([\w -]+):", makefile, re.MULTILINE)) | commands  # a stage is a target, too
+    targets = {word for target in targets for word in target.split()}
+    for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md"))):
+        text = page.read_text(encoding="utf-8")
+        parts = re.findall(r"^```\w*\n(.*?)^```|`([^`\n]+)`", text, re.DOTALL | re.MULTILINE)
+        code = "\n".join(block or words for block, words in parts)
+        for command in re.findall(r"^(?:\$ )?strainsight ([a-z]+)", code, re.MULTILINE):
+            assert command in commands, f"{page.name}: strainsight {command}"
+        for target in re.findall(r"^make ([\w-]+)", code, re.MULTILINE):
+            assert target in targets, f"{page.name}: make {target}"
+
+
+def test_names_that_are_to_be_touched_are_in_their_files():
+    """Of the tables of `extending.md`."""
+    found = 0
+    for files, what in re.findall(
+        r"^\| (`[^|]+) \| (.+) \|$", (DOCS / "extending.md").read_text(encoding="utf-8"), re.MULTILINE
+    ):
+        places = [
+            ROOT / folder / name
+            for name in re.findall(r"`([\w/]+\.py)`", files)
+            for folder in (".", "pipeline/strainsight")
+        ]
+        text = "".join(place.read_text(encoding="utf-8") for place in places if place.is_file())
+        for name in re.findall(r"`([A-Za-z_]\w+)`", what) if text else ():
+            assert re.search(rf"\b{name}\b", text), f"{files}: {name}"
+            found += 1
+    assert found > 10
 
 
 @pytest.mark.parametrize(
@@ -162,8 +208,12 @@ def test_quoted_lines_are_compared_by_words_and_numbers(quoted, printed, same):
 
 
 def run_page(page, folder):
-    """Run the commands of a page's `<!-- run -->` blocks in `folder`; every other line of a block has to be printed."""
+    """Run the commands of a page's `<!-- run -->` blocks in `folder`; every other line of a block has to be printed.
+
+    `<!-- file: NAME -->` before a block of YAML writes it there first."""
     text = page.read_text(encoding="utf-8")
+    for name, content in re.findall(r"<!-- file: (\S+) -->\n```yaml\n(.*?)```", text, re.DOTALL):
+        (folder / name).write_text(content, encoding="utf-8")
     blocks = re.findall(r"<!-- run -->\n```console\n(.*?)```", text, re.DOTALL)
     assert blocks
     for block in blocks:

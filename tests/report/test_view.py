@@ -16,6 +16,7 @@ from strainsight.report.drawing import gauge_colour
 from strainsight.report.geometry import triangles
 from strainsight.report.view_parts import carried, facet_of_triangle, gauge_arrows, plain
 from strainsight.report.viewed import DOTS, FACETS, POINTS, Panel, View, exaggerated, pack_view, unpack_view
+from strainsight.report.viewer import fitting
 
 
 def pixels(png):
@@ -127,6 +128,24 @@ def test_a_crash_of_the_child_is_an_error_with_a_remedy(beam, monkeypatch, tmp_p
     with pytest.raises(StrainsightError, match="the window broke off") as caught:
         viewing.window(View("a beam", beam))
     assert "--screenshot" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("screen", "size"),
+    [((1920, 1080), (1400, 900)), ((1280, 720), (1008, 648)), ((1000, 2000), (900, 578)), ((0, 0), (1400, 900))],
+)
+def test_a_window_is_no_larger_than_its_screen(screen, size):
+    assert fitting(screen) == size
+
+
+def test_a_display_that_does_not_answer_is_said_with_exit_code_2_and_leaves_nothing_behind(beam, monkeypatch, tmp_path):
+    monkeypatch.setenv("DISPLAY", ":7777")
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(UserError, match="does not answer") as caught:
+        viewing.window(View("a beam", beam))
+    assert "--screenshot" in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")

@@ -150,21 +150,20 @@ def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:
     return arrows or [pv.Sphere(radius=0.15 * length, center=base)]
 
 
-def add_names(plotter: Any, layout: Layout, seen: NDArray[np.bool_]) -> None:
-    """Ids of the gauges that are seen, and names of loads."""
+def add_names(plotter: Any, layout: Layout, seen: NDArray[np.bool_], through: bool = True) -> None:
+    """Ids of the gauges that are seen, and names of loads; through: ids are drawn over what stands before them."""
     size = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
     position, normal = places(layout)
     for i in map(int, np.flatnonzero(seen)):
         gauge = layout.gauges[i]
         mark = f"{short(gauge.label)}{' (glued)' if gauge.glued else ''}"
-        _name(
-            plotter, position[i] + size * (0.6 * LENGTH * gauge.channels[0] + 0.02 * normal[i]), mark, gauge_colour(i)
-        )
+        at = position[i] + size * (0.6 * LENGTH * gauge.channels[0] + 0.02 * normal[i])
+        _name(plotter, at, mark, gauge_colour(i), through)
     for load in layout.loads:
         _name(plotter, free_end(load, layout), short(load.name), VERMILION)
 
 
-def _name(plotter: Any, point: FloatArray, text: str, colour: str) -> None:
+def _name(plotter: Any, point: FloatArray, text: str, colour: str, through: bool = True) -> None:
     plotter.add_point_labels(
         np.asarray(point, dtype=float)[None],
         [plain(text)],
@@ -176,7 +175,7 @@ def _name(plotter: Any, point: FloatArray, text: str, colour: str) -> None:
         shape_opacity=1.0,
         margin=4,
         show_points=False,
-        always_visible=True,
+        always_visible=through,
         font_file=font(),
     )
 

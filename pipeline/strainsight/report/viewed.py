@@ -11,6 +11,8 @@ from strainsight.report.scene import pack, unpack
 
 POINTS, FACETS, DOTS = "points", "facets", "dots"
 """Where the values of a panel stand."""
+NO_DISPLAY = 3
+"""Exit code of the process that draws, where the display did not give it a window."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+from io import BytesIO
 from textwrap import shorten
 from typing import Any
 
@@ -11,10 +14,17 @@ import numpy as np
 from strainsight.report.geometry import seen_from, triangles, views
 from strainsight.report.layout import FloatArray, Layout
 from strainsight.report.markers import free_end
+from strainsight.report.offscreen import OFF_SCREEN, answer, from_npz
 from strainsight.report.view_parts import INK, add_names, add_panel, carried, font, places, plain
-from strainsight.report.viewed import View, unpack_view
+from strainsight.report.viewed import NO_DISPLAY, View, unpack_view
 
 WIDTH, HEIGHT = 1400, 900
+OF_A_SCREEN = 0.9
+"""What a window may take of it, which leaves its frame and a task bar."""
+WINDOWLESS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+"""What VTK falls back on where the display does not answer: it would draw, nobody would see it, and all would seem well."""
+LOOK = 500
+"""Between two looks for the process that asked for the window [ms]."""
 
 
 def draw(view: View, off_screen: bool) -> Any:
@@ -35,6 +45,10 @@ def draw(view: View, off_screen: bool) -> Any:
     plotter: Any = pv.Plotter(
         off_screen=off_screen, window_size=[WIDTH, HEIGHT], shape=(rows, columns), border=False, lighting="none"
     )
+    width, height = WIDTH, HEIGHT
+    if not off_screen:
+        width, height = fitting(plotter.render_window.GetScreenSize())
+        plotter.window_size = [width, height]
     plotter.set_background("white")
     plotter.add_light(pv.Light(light_type="headlight", intensity=1.0))  # this adds it to every panel
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
@@ -44,14 +58,21 @@ def draw(view: View, off_screen: bool) -> Any:
         seen = seen_from(layout.points, triangle, position, normal, corner) if off_screen else np.ones(len(position))
         moved = carried(layout, panel)
         add_panel(plotter, view, moved, panel, triangle, place if first else None)
-        add_names(plotter, moved, seen.astype(bool))
-        size = WIDTH // columns, HEIGHT // rows
+        add_names(plotter, moved, seen.astype(bool), through=off_screen)
+        size = width // columns, height // rows
         _add_title(plotter, view.title if place == 0 else "", panel.title if first else "", size)
-        plotter.add_axes(color=INK, line_width=2, viewport=(0, 0, 0.14, 0.14 * WIDTH / HEIGHT * rows / columns))
+        plotter.add_axes(color=INK, line_width=2, viewport=(0, 0, 0.14, 0.14 * width / height * rows / columns))
         _aim(plotter, moved, corner, size)
     if not off_screen and len(cells) > 1:
         plotter.link_views()
     return plotter
+
+
+def fitting(screen: tuple[int, int]) -> tuple[int, int]:
+    """Width and height of a window of which all is on the screen (width, height) in pixels; zero: not known."""
+    shares = [OF_A_SCREEN * there / wanted for there, wanted in zip(screen, (WIDTH, HEIGHT), strict=True) if there > 0]
+    share = min(1.0, *shares) if shares else 1.0
+    return int(share * WIDTH), int(share * HEIGHT)
 
 
 def _add_title(plotter: Any, title: str, below: str, size: tuple[int, int]) -> None:
@@ -96,16 +117,40 @@ def _aim(plotter: Any, layout: Layout, corner: FloatArray, size: tuple[int, int]
     plotter.reset_camera_clipping_range()
 
 
-def main(arrays: str, picture: str = "") -> None:
-    """Draw the view of an .npz file into the picture, or show it until its window is closed."""
-    with np.load(arrays, allow_pickle=False) as file:
-        view = unpack_view(dict(file))
-    plotter = draw(view, off_screen=bool(picture))
-    if picture:
-        plotter.screenshot(picture)
-        plotter.close()
-    else:
-        plotter.show(title=f"strainsight: {view.title}")
+def show(plotter: Any, title: str, parent: int) -> None:
+    """Show it until its window is closed, Ctrl-C is pressed or the process that asked for it (its number) is gone."""
+    # VTK waits for events in C: Python's own handler would have its turn after the window is closed.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if plotter.render_window.GetClassName() in WINDOWLESS:
+        sys.exit(NO_DISPLAY)
+
+    def look(*_: object) -> None:
+        if os.getppid() != parent:
+            os._exit(0)
+
+    plotter.iren.initialize()
+    plotter.iren.add_observer("TimerEvent", look)
+    plotter.iren.create_timer(LOOK, repeating=True)
+    plotter.show(title=title)
+
+
+def drawn(arrays: dict[str, np.ndarray]) -> list[bytes]:
+    """A picture of the view."""
+    plotter = draw(unpack_view(arrays), off_screen=True)
+    content = BytesIO()
+    plotter.screenshot(content)
+    plotter.close()
+    return [content.getvalue()]
+
+
+def main(asked: str = "") -> None:
+    """Show the view that comes by stdin until its window is closed, or draw it off-screen."""
+    if asked == OFF_SCREEN:
+        answer(drawn)
+        return
+    parent = os.getppid()
+    view = unpack_view(from_npz(sys.stdin.buffer.read()))
+    show(draw(view, off_screen=False), f"strainsight: {view.title}", parent)
 
 
 if __name__ == "__main__":
