@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -28,29 +27,10 @@ from strainsight.report.bench_suite_page import bench_suite_page
 from strainsight.report.bench_tables import placement_table, ratio, runs_table
 from strainsight.report.data import History
 
+from .outline import names_of_regions, nothing_comes_from_outside, steps_in_order, words
+
 TIME = np.linspace(0.0, 2.0, 41)
 TRUE = 1e4 * np.sin(3 * TIME)
-VOID = {"meta", "img", "br"}
-
-
-class Outline(HTMLParser):
-    """Ids and links of a page whose tags are all closed."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.ids, self.links = [], [], []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        found = dict(attrs)
-        self.ids += [found["id"]] if "id" in found else []
-        self.links += [found["href"]] if "href" in found else []
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
 
 
 def load(error=0.01, name="F$z", there=None, truth=True, lost_from=None):
@@ -116,8 +96,16 @@ def test_what_is_asked_and_measured_in_words():
 
 def test_the_runs_that_contradict_a_statement_are_named():
     page = claims_table(suite([run("one"), run("two")], (BenchClaim("t", ((0, "n", 1.0), (1, "n", 9.0)), below=2.0),)))
-    assert "not in two: n 9" in page
+    assert "not in two: n 9" in words(page)
     assert 'href="#run-1"' in page
+
+
+def test_every_number_of_a_statement_keeps_its_exact_value_and_its_unit_is_text():
+    found = BenchClaim("t", tuple((0, "n", value) for value in (1.0, 2.5, 1 / 3, 4.0)), above=0.25, unit="<b>")
+    page = claims_table(suite([run("one")], (found,)))
+    assert {float(value) for value in re.findall(r'<data value="([^"]+)"', page)} >= {1 / 3, 4.0, 0.25}
+    assert "0.3333 to 4 <b> ( 4 numbers)" in words(page.replace("&lt;b&gt;", "⟨b⟩")).replace("⟨", "<").replace("⟩", ">")
+    assert "<b>" not in page
 
 
 def test_errors_span_decades_below_an_estimate_and_a_perfect_first_guess_is_left_out():
@@ -222,12 +210,14 @@ def test_small_ratios_are_numbers_and_large_ones_per_cent():
 
 
 def test_the_table_has_columns_only_for_what_there_is():
-    plain = runs_table([("one", run(nis=-1.0))])
+    plain = runs_table("runs", [("one", run(nis=-1.0))])
     assert "load ratio" not in plain
     assert "lost" not in plain
     assert "NIS" not in plain
+    empty = runs_table("runs", [("one", run(**{"ratio_slope.F$z": math.nan, "ratio_mean.F$z": math.nan}))])
+    assert "ratio" not in empty
     more = runs_table(
-        [("one", run(lost=2, runs=20, iterations=3.2, **{"ratio_slope.F$z": 0.25, "identified.F$z": False}))]
+        "runs", [("one", run(lost=2, runs=20, iterations=3.2, **{"ratio_slope.F$z": 0.25, "identified.F$z": False}))]
     )
     for text in ("load ratio: slope", ">0.25<", "2 of 20", "iterations", ">no<", "0.9</data> ("):
         assert text in more
@@ -249,8 +239,11 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
         bench_page(runs[1], bench_figures(runs[1]), {"k": "<v>"}.items()),
     ]
     for page in pages:
-        outline = Outline(page)
+        outline = nothing_comes_from_outside(page)
         assert len(outline.ids) == len(set(outline.ids))
-        assert {link[1:] for link in outline.links if link.startswith("#")} <= set(outline.ids)
-        assert not re.search(r"https?:|<script|<a>|<v>|<statement>", page)
+        assert outline.targets <= set(outline.ids)
+        assert steps_in_order(outline)
+        regions = names_of_regions(outline)
+        assert len(regions) == len(set(regions)) > 2
+        assert not re.search(r"<a>|<v>|<statement>", page)
         assert "F$z is not identified." in page

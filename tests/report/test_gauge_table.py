@@ -38,7 +38,7 @@ def test_peaks_stand_against_ranges_in_the_units_of_the_instruments(mixed):
         "91 of 3000 µm/m|3.0\u00a0%", "240 of 200 µm/m|✕ beyond its range", "91 of 3000 µm/m|3.0\u00a0%", "41.2 m/s²",
         "– of 50 m/s²", "0.43 of 2 mm|22\u00a0%",
     ]  # fmt: skip
-    assert '<data value="0.00024">' in gauge_table(mixed())
+    assert '<data value="0.00024" data-unit="strain">' in gauge_table(mixed())
 
 
 def test_every_direction_of_a_rosette_stands_on_its_own_line(mixed):
@@ -47,6 +47,14 @@ def test_every_direction_of_a_rosette_stands_on_its_own_line(mixed):
     assert found[0]["direction"] == "1 0 0"
     assert found[1]["angle"] == "0°|45°|90°"
     assert found[3]["angle"] == "–"
+
+
+def test_places_directions_and_angles_keep_their_exact_values(mixed):
+    exact = {float(value) for value in re.findall(r'<data value="([^"]+)"', gauge_table(mixed()))}
+    for gauge in mixed().layout.gauges:
+        assert {*gauge.position.tolist(), *np.ravel(gauge.channels).tolist()} <= exact
+    assert {0.0, 45.0, 90.0} <= exact
+    assert [rows(mixed())[0][f"{axis} [m]"] for axis in "xyz"] == ["0.1000", "0.0200", "0.1200"]
 
 
 def test_columns_that_would_be_empty_are_left_out(full, bare):

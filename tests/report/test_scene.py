@@ -25,7 +25,7 @@ def colours(png):
 
 def test_a_beam_with_four_gauges_is_pictured(beam):
     pixels = colours(scene.render(beam))
-    assert pixels.shape == (700, 1200, 4)
+    assert pixels.shape == (840, 1280, 4)
     assert np.mean(pixels[..., 3] == 0) > 0.3
     for i in range(len(beam.gauges)):
         wanted = [int(gauge_colour(i)[k : k + 2], 16) for k in (1, 3, 5)]
@@ -93,13 +93,13 @@ def test_a_crash_of_the_renderer_becomes_an_error_that_names_the_packages(beam, 
 
 
 def test_labels_of_a_cluster_do_not_overlap():
-    anchors = np.array([[600.0, 300.0]] * 6) + np.arange(6)[:, None] * [3.0, 1.0]
+    anchors = np.array([[320.0, 200.0]] * 6) + np.arange(6)[:, None] * [3.0, 1.0]
     names = [f"G{i}" for i in range(6)]
-    places = spread_labels(anchors, np.tile([0.0, -1.0], (6, 1)), names, (1200, 700))
+    places = spread_labels(anchors, np.tile([0.0, -1.0], (6, 1)), names, (640, 420))
     gap = np.abs(places[:, None] - places[None])
-    apart = (gap[..., 0] > 24) | (gap[..., 1] > 34)
+    apart = (gap[..., 0] > 24) | (gap[..., 1] > 25)
     assert np.all(apart | np.eye(6, dtype=bool))
-    assert np.all((places > 0) & (places < [1200, 700]))
+    assert np.all((places > 0) & (places < [640, 420]))
 
 
 def test_loads_are_drawn_outside_the_body(beam):

@@ -61,7 +61,9 @@ def bearing_page(
     polar = [drawn for case in cases for drawn in ball_figures(case)]
     sections = [
         "<h2>Bearings</h2>"
-        + table(("bearing", "what it is"), [[escape(key), escape(text)] for key, text in facts.items()]),
+        '<div class="card">'
+        + table("bearings", ("bearing", "what it is"), [[escape(key), escape(text)] for key, text in facts.items()])
+        + "</div>",
         _cases(cases),
         _figures("Loads of the balls", polar, 0),
         _figures("Load over displacement", drawings, len(polar)),
@@ -131,6 +133,7 @@ def curve_figure(curve: BearingCurve) -> Drawing:
                 axes.plot(1e3 * curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
             axes.set_ylabel(what)
             legend_above(axes)
+        moments.locator_params(axis="x", nbins=5)
         moments.set_xlabel(f"{DISPLACEMENTS[a]} [{unit}]")
         image = svg(drawn)
     largest = float(np.abs(curve.load[:, a]).max())
@@ -178,8 +181,8 @@ def _cases(cases: Sequence[BearingCase]) -> str:
     text = ""
     for case in cases:
         rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
-        title = f"<h2>{escape(case.bearing)} under {escape(case.case)}</h2>"
-        text += title + table(
-            CASE_HEAD, rows, numeric=range(1, 8), caption="Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
-        )
+        title = f"{case.bearing} under {case.case}"
+        caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
+        said = table(title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
+        text += f'<h2>{escape(title)}</h2><div class="card">{said}</div>'
     return text

@@ -21,6 +21,7 @@ from strainsight.report.bench_tables import facts, mismatch_table, placement_tab
 from strainsight.report.document import document
 from strainsight.report.drawing import Drawing
 from strainsight.report.markup import bullets, figure, measure, pairs, plain
+from strainsight.report.space.section import STYLE, script
 from strainsight.report.text import number
 
 STYLES = ("bench.css",)
@@ -72,8 +73,10 @@ def bench_page(
     drawings: dict[str, tuple[Drawing, ...]],
     provenance: Iterable[tuple[str, str]],
     pictures: Sequence[tuple[str, bytes]] = (),
+    turned: str = "",
 ) -> str:
-    """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG."""
+    """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG;
+    turned: the section of `space_section`, or nothing."""
     first: dict[str, int] = {}
     count = 0
     for key, entries in drawings.items():
@@ -85,26 +88,38 @@ def bench_page(
         return f'<div class="figures">{shown}</div>' if shown else ""
 
     sections = [
-        f'<section class="card warnings"><h3>Warnings</h3>{bullets(run.warnings)}</section>' if run.warnings else ""
+        f'<section class="card warnings"><h2>Warnings</h2>{bullets(run.warnings)}</section>' if run.warnings else ""
     ]
     if run.estimate is not None:
-        sections.append(f'<div class="card">{runs_table([(escape(run.name), run)])}</div>')
+        told = runs_table("unknowns", [(escape(run.name), run)])
+        sections.append(f'<section id="answer" aria-label="answer" class="card">{told}</section>')
         sections.append(f"<h2>What was estimated</h2>{cards('unknowns')}")
         sensors = mismatch_table(run)
         sections.append(f'<h2>Does it explain the sensors?</h2><div class="card">{sensors}</div>{cards("sensors")}')
     if pictures:
         sections.append("<h2>Gauges and stress on the body</h2>" + "".join(_picture(*entry) for entry in pictures))
+    sections.append(turned)
     if run.placement is not None:
         table = placement_table(run.placement)
         sections.append(f'<h2>Where the gauges go</h2><div class="card">{table}</div>{cards("placement")}')
     if run.motion is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
         sections.append(f"<h2>How the bench moves</h2>{lead}{cards('motion')}")
+    numbers = facts("numbers", _facts(run))
     sections.append(
-        f'<h2>What it rests on</h2><div class="panels"><section class="card"><h3>Numbers</h3>{facts(_facts(run))}</section>'
-        f'<section class="card"><h3>Provenance</h3>{pairs(provenance)}</section></div>'
+        f'<h2>What it rests on</h2><div class="panels"><section class="card"><h3>Numbers</h3>{numbers}</section>'
+        f'<section class="card"><h3>Provenance</h3>{pairs("provenance", provenance)}</section></div>'
     )
-    return document("bench", run.name, run.name, _answer(run), sections, FOOTER, STYLES)
+    return document(
+        "bench",
+        run.name,
+        run.name,
+        _answer(run),
+        sections,
+        FOOTER,
+        (*STYLES, STYLE) if turned else STYLES,
+        (script(),) * bool(turned),
+    )
 
 
 def _picture(caption: str, png: bytes) -> str:

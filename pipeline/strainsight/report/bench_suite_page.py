@@ -27,7 +27,7 @@ def bench_suite_page(suite: BenchSuite, drawings: Mapping[str, tuple[Drawing, ..
         count += len(shown)
         entries = [(_heading(i, suite.runs[i]), suite.runs[i]) for i in study.runs]
         note = f'<p class="lead">{escape(study.note)}</p>' if study.note else ""
-        numbers = f'<div class="card">{runs_table(entries, explained=False)}</div>'
+        numbers = f'<div class="card">{runs_table(f"runs of study {place}", entries, explained=False)}</div>'
         parts.append(
             f'<section id="study-{place}"><h2>{place}. {escape(study.name)}</h2>{note}{numbers}'
             f'<div class="figures">{cards}</div>{_remarks(suite, study.runs)}</section>'
@@ -36,9 +36,8 @@ def bench_suite_page(suite: BenchSuite, drawings: Mapping[str, tuple[Drawing, ..
     if alone:
         entries = [(_heading(i, suite.runs[i]), suite.runs[i]) for i in alone]
         title = "Other runs" if suite.studies else "Runs"
-        parts.append(
-            f'<h2>{title}</h2><div class="card">{runs_table(entries, explained=False)}</div>{_remarks(suite, alone)}'
-        )
+        numbers = runs_table("other runs", entries, explained=False)
+        parts.append(f'<h2>{title}</h2><div class="card">{numbers}</div>{_remarks(suite, alone)}')
     parts.append(
         f'<details class="card below"><summary>What the columns mean</summary>{bullets(MEANINGS.values())}</details>'
     )
@@ -60,7 +59,7 @@ def _contents(suite: BenchSuite) -> str:
         f'<li><a href="#study-{i}">{escape(study.name)}</a> <small>({_many(len(study.runs))})</small></li>'
         for i, study in enumerate(suite.studies, start=1)
     )
-    return f'<nav class="card" aria-label="studies"><h3>Studies</h3><ol class="contents">{items}</ol></nav>'
+    return f'<nav class="card" aria-label="studies"><h2>Studies</h2><ol class="contents">{items}</ol></nav>'
 
 
 def _many(runs: int) -> str:
@@ -68,7 +67,7 @@ def _many(runs: int) -> str:
 
 
 def _heading(index: int, run: BenchRun) -> str:
-    page = f"<br><small>{link(run.page, 'its page')}</small>" if run.page else ""
+    page = f'<small class="aside"><br>{link(run.page, "its page")}</small>' if run.page else ""
     return f'<span id="run-{index + 1}">{index + 1}. {escape(run.label)}</span>{page}'
 
 
@@ -98,6 +97,6 @@ def _facts(suite: BenchSuite) -> str:
         method = run.told.get("method")
         rows.append([f"{i}. {escape(run.name)}", escape(run.reached), *shown, escape(str(method)) if method else "–"])
     head = ("config", "reached", "coordinates", "constraints", "first frequency [Hz]", "correction")
-    cards = f'<section class="card"><h3>Benches</h3>{table(head, rows, numeric=(2, 3, 4))}</section>'
-    said = pairs(suite.provenance.items())
+    cards = f'<section class="card"><h3>Benches</h3>{table("benches", head, rows, numeric=(2, 3, 4))}</section>'
+    said = pairs("provenance", suite.provenance.items())
     return f'<h2>What it rests on</h2>{cards}<details class="card"><summary>Provenance</summary>{said}</details>'

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 
 from strainsight.report import text
 from strainsight.report.bench_data import BenchPlacement, BenchRun, BenchUnknown
-from strainsight.report.gauge_table import coordinates, decimals
-from strainsight.report.markup import data, measure, plain, table
+from strainsight.report.gauge_table import AXES, axes, decimals
+from strainsight.report.markup import data, grouped_table, measure, plain, table
 from strainsight.report.text import number
 
 Cell = Callable[[BenchRun, BenchUnknown], str]
@@ -52,20 +53,20 @@ def _yes(run: BenchRun, unknown: BenchUnknown) -> str:
     return '<strong class="good">yes</strong>' if value else '<strong class="bad">no</strong>'
 
 
-COLUMNS: tuple[tuple[str, str, Cell], ...] = (
-    ("error", "error", _share("error")),
-    ("largest error", "largest_error", _share("largest_error")),
-    ("σ claimed", "std", _share("std")),
-    ("error / σ, all runs", "ratio", _plain("ratio", 3)),
-    ("identified", "identified", _yes),
-    ("slope", "slope", _plain("slope", 5)),
-    ("offset", "offset", _quantity("offset")),
-    ("load ratio: slope", "ratio_slope", _plain("ratio_slope", 5)),
-    ("its offset", "ratio_offset", _quantity("ratio_offset")),
-    ("mean ratio", "ratio_mean", _plain("ratio_mean", 5)),
-    ("its range", "ratio_low", _range),
+COLUMNS: tuple[tuple[str, Cell], ...] = (
+    ("error", _share("error")),
+    ("largest error", _share("largest_error")),
+    ("σ claimed", _share("std")),
+    ("error / σ, all runs", _plain("ratio", 3)),
+    ("identified", _yes),
+    ("slope", _plain("slope", 5)),
+    ("offset", _quantity("offset")),
+    ("load ratio: slope", _plain("ratio_slope", 5)),
+    ("its offset", _quantity("ratio_offset")),
+    ("mean ratio", _plain("ratio_mean", 5)),
+    ("its range", _range),
 )
-"""Heading, key of the summary that it needs, what stands in the cell."""
+"""Heading, what stands in the cell."""
 MEANINGS = {
     "error": "Errors of loads: RMS over the second half of the run, over the largest true load; of parameters: at the end, "
     "relative.",
@@ -121,31 +122,30 @@ SHARED: tuple[tuple[str, Callable[[BenchRun], str]], ...] = (
 """What stands once for a run; empty where it is not there."""
 
 
-def runs_table(entries: Sequence[tuple[str, BenchRun]], *, explained: bool = True) -> str:
-    """A block a run, a row an unknown, columns that any of the runs has; entries: heading as HTML, run.
+def runs_table(name: str, entries: Sequence[tuple[str, BenchRun]], *, explained: bool = True) -> str:
+    """A block a run, a row an unknown, columns that say something of any of the runs; entries: heading as HTML, run.
 
-    explained: whether a sentence before the table says what its columns mean.
+    name: as of `markup.table`; explained: whether a sentence before the table says what its columns mean.
     """
     told = [run for _, run in entries if run.estimate is not None]
     columns = [
-        (name, cell)
-        for name, key, cell in COLUMNS
-        if any(f"{key}.{unknown.name}" in run.told for run in told for unknown in _unknowns(run))
+        (heading, cell)
+        for heading, cell in COLUMNS
+        if any(_says(cell(run, unknown)) for run in told for unknown in _unknowns(run))
     ]
-    shared = [(name, cell) for name, cell in SHARED if any(cell(run) for run in told)]
-    names = [name for name, _ in columns] + [name for name, _ in shared]
-    head = "".join(
-        f'<th scope="col"{"" if i < 2 else " class=n"}>{name}</th>' for i, name in enumerate(("run", "unknown", *names))
-    )
-    bodies = "".join(
+    shared = [(heading, cell) for heading, cell in SHARED if any(_says(cell(run)) for run in told)]
+    names = [heading for heading, _ in columns] + [heading for heading, _ in shared]
+    bodies = [
         _block(heading, run, [cell for _, cell in columns], [cell for _, cell in shared]) for heading, run in entries
-    )
-    note = " ".join(said for key, said in MEANINGS.items() if any(name.startswith(key) for name in names))
-    before = f'<p class="note">{note}</p>' if explained else ""
-    return (
-        f'{before}<div class="scroll" tabindex="0" role="region" aria-label="table: runs">'
-        f'<table class="runs"><thead><tr>{head}</tr></thead>{bodies}</table></div>'
-    )
+    ]
+    note = " ".join(said for key, said in MEANINGS.items() if any(heading.startswith(key) for heading in names))
+    head = ("run", "unknown", *names)
+    return grouped_table(name, head, bodies, caption=note * explained, numeric=range(2, len(head)))
+
+
+def _says(cell: str) -> bool:
+    """Whether there is anything in a cell but a dash."""
+    return re.sub("<[^>]*>", "", cell) not in ("", "–")
 
 
 def _unknowns(run: BenchRun) -> tuple[BenchUnknown, ...]:
@@ -181,7 +181,8 @@ def mismatch_table(run: BenchRun) -> str:
         given = "given to the filter" if sensor.used else "only compared"
         rows.append([escape(sensor.name), given, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
     caption = "RMS of measured − estimated over RMS of measured."
-    return table(("sensor", "", "worst", "by component"), rows, caption=caption, numeric=(2,)) if rows else ""
+    head = ("sensor", "use", "worst", "by component")
+    return table("sensors", head, rows, caption=caption, numeric=(2,)) if rows else ""
 
 
 def placement_table(placement: BenchPlacement) -> str:
@@ -192,19 +193,16 @@ def placement_table(placement: BenchPlacement) -> str:
         drawn = [float(value) for value in placement.random.get(name, ()) if not math.isnan(value)]
         cells = [measure(min(drawn), unit, 3), measure(max(drawn), unit, 3)] if drawn else ["–", "–"]
         rows.append([escape(name), measure(std, unit, 3), *cells])
-    loads = table(("load", "expected σ", "best random layout", "worst"), rows, numeric=(1, 2, 3)) if rows else ""
+    head = ("load", "expected σ", "best random layout", "worst")
+    loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
     places = decimals(placement.position)
     gauges = [
-        [
-            str(i),
-            f'<span class="whole">{coordinates(at, places)}</span>',
-            f'<span class="whole">{coordinates(along, 3)}</span>',
-        ]
+        [str(i), *axes(at, places), f'<span class="whole">{" ".join(axes(along, 3))}</span>']
         for i, (at, along) in enumerate(zip(placement.position, placement.direction, strict=True), start=1)
     ]
-    return loads + table(("gauge", "x y z [m]", "direction"), gauges)
+    return loads + table("gauges", ("gauge", *AXES, "direction"), gauges, numeric=(1, 2, 3))
 
 
-def facts(rows: Iterable[tuple[str, str]]) -> str:
-    """Names and values as HTML."""
-    return table((), [[escape(name), value] for name, value in rows])
+def facts(name: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Names and values as HTML; name as of `markup.table`."""
+    return table(name, (), [[escape(key), value] for key, value in rows])

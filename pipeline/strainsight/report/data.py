@@ -175,7 +175,8 @@ class PlacementReport:
     criteria: layouts by every rule, ours first; cases: what could be told apart; observability: name → number;
     advice: sentences, what to do with the layout (how many gauges are worth it, which stand in for each other, limits);
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
-    facts: mesh, mass, pool sizes, timing; provenance: versions, seed, keys.
+    facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
+    provenance: versions, seed, keys.
     """
 
     name: str
@@ -198,4 +199,5 @@ class PlacementReport:
     warnings: tuple[str, ...] = ()
     not_tested: tuple[str, ...] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)

@@ -14,13 +14,14 @@ from strainsight.report.text import number, percent, reading_unit
 
 SINGLE = frozenset({"strain gauge", "rosette"})
 """Kinds that people call gauges; with others among them they are sensors."""
+AXES = ("x [m]", "y [m]", "z [m]")
 
 
 def gauge_table(report: PlacementReport) -> str:
     """All gauges, one a row; columns that would be empty are left out."""
     gauges = report.layout.gauges
     places = decimals(report.layout.points)
-    names = [unknown.name for unknown in report.unknowns if any(unknown.name in gauge.without for gauge in gauges)]
+    names = names_without(report)
     sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
     read = any(gauge.peak is not None for gauge in gauges)
 
@@ -28,14 +29,14 @@ def gauge_table(report: PlacementReport) -> str:
         nodes = " ".join(str(node) for node in gauge.nodes) or "–"
         cells = [
             badge(gauge.label, index, hollow=gauge.glued), _kind(gauge), str(gauge.element), str(gauge.facet or "–"),
-            nodes, _whole(coordinates(gauge.position, places)),
+            nodes, *axes(gauge.position, places),
             "<br>".join(_whole(_direction(vector)) for vector in gauge.channels),
-            "<br>".join(f"{number(angle, 3)}°" for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
+            "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
         ]  # fmt: skip
         cells += [_reading(gauge)] * read
         return cells + [share(gauge.without.get(name, math.nan)) for name in names]
 
-    head = ["gauge", "kind", "element", "facet", "nodes", "x y z [m]", "direction", "angle"]
+    head = ["gauge", "kind", "element", "facet", "nodes", *AXES, "direction", "angle"]
     head += ["training peak"] * read
     first = len(head)
     head += [f"σ({escape(name)}) without it" for name in names]
@@ -44,8 +45,14 @@ def gauge_table(report: PlacementReport) -> str:
         if any(sigma[name] is not None for name in names)
         else []
     )
-    numeric = [2, 3, 7, *range(first - read, len(head))]
-    return table(head, map(row, range(len(gauges)), gauges), caption=_caption(gauges), numeric=numeric, foot=foot)
+    numeric = [2, 3, 5, 6, 7, 9, *range(first - read, len(head))]
+    rows = map(row, range(len(gauges)), gauges)
+    return table("gauges", head, rows, caption=_caption(gauges), numeric=numeric, foot=foot)
+
+
+def names_without(report: PlacementReport) -> list[str]:
+    """The unknowns of which it is known what they would be without a gauge."""
+    return [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in report.layout.gauges)]
 
 
 def _caption(gauges: tuple[Gauge, ...]) -> str:
@@ -88,11 +95,11 @@ def _reading(gauge: Gauge) -> str:
         return "–"
     finite = [size for size in (gauge.peak, gauge.range or 0.0) if math.isfinite(size)]
     factor, unit = reading_unit(max(finite, default=0.0), gauge.unit)
-    shown = data(gauge.peak, number(gauge.peak / factor, 3))
+    shown = number(gauge.peak / factor, 3)
     if gauge.range is None:
-        return f"{shown} {escape(unit)}"
-    most = data(gauge.range, number(gauge.range / factor, 3))
-    text = f"{shown} of {most} {escape(unit)}"
+        return data(gauge.peak, f"{shown} {unit}", gauge.unit)
+    most = data(gauge.range, f"{number(gauge.range / factor, 3)} {unit}", gauge.unit)
+    text = f"{data(gauge.peak, shown, gauge.unit)} of {most}"
     if gauge.peak > gauge.range:
         return f'{text}<br><strong class="mark bad">✕ beyond its range</strong>'
     used = gauge.peak / gauge.range if gauge.range > 0 else math.nan
@@ -110,9 +117,14 @@ def coordinates(position: FloatArray, places: int) -> str:
     return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
 
 
+def axes(position: FloatArray, places: int) -> list[str]:
+    """x, y and z (3,) [m] as cells, with that many decimals."""
+    return [data(float(value), coordinates(position[i : i + 1], places)) for i, value in enumerate(position)]
+
+
 def _whole(text: str) -> str:
     return f'<span class="whole">{text}</span>'
 
 
 def _direction(vector: FloatArray) -> str:
-    return " ".join(number(round(float(value), 4), 4) for value in vector)
+    return " ".join(data(float(value), number(round(float(value), 4), 4)) for value in vector)

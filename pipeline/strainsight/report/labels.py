@@ -14,9 +14,13 @@ from strainsight.report.markers import EMPTY, free_end
 from strainsight.report.text import short
 
 CAPTION = "#7b8794"
+FONT = 10.0
+"""Size of a name [pt], 100 pixels of the page an inch."""
+WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
+"""Half the width of a name is MARGIN + WIDE a letter, half its height HIGH [px]."""
 
 
-def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: tuple[int, int]) -> bytes:
+def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: tuple[int, int], finer: int) -> bytes:
     """The views side by side or one above the other, with names, axes and a word on where one looks from."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -59,7 +63,7 @@ def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: t
                 xytext=spot,
                 ha="center",
                 va="center",
-                fontsize=14,
+                fontsize=FONT,
                 fontweight="bold",
                 color=ink_on(ground),
                 parse_math=False,
@@ -73,11 +77,11 @@ def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: t
             )
         _triad(axes, pixels, middle, diagonal, size)
         side = "above" if corner[2] > 0 else "below"
-        axes.text(14, 22, f"seen from {side}", color=CAPTION, fontsize=13.5, va="center")
+        axes.text(8, 13, f"seen from {side}", color=CAPTION, fontsize=FONT, va="center")
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        figure.savefig(buffer, format="png", dpi=100, transparent=True, metadata={"Software": None})
+        figure.savefig(buffer, format="png", dpi=100 * finer, transparent=True, metadata={"Software": None})
     return buffer.getvalue()
 
 
@@ -87,7 +91,7 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
     anchors (k, 2) [pixel], away (k, 2) the direction each would go by itself; returns (k, 2). Labels are taken in turn;
     each tries rings of growing distance, turning from its own direction, and takes the first place that is free.
     """
-    half = np.array([[10.0 + 6.2 * len(name), 17.0] for name in names]).reshape(-1, 2)
+    half = np.array([[MARGIN + WIDE * len(name), HIGH] for name in names]).reshape(-1, 2)
     places: list[FloatArray] = []
     for i, (anchor, ahead) in enumerate(zip(anchors, away, strict=True)):
         aside = np.array([-ahead[1], ahead[0]])
@@ -97,7 +101,7 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
                 half[i] + 4,
                 np.array(size) - half[i] - 4,
             )
-            for radius in (40, 54, 70, 90, 115, 145, 180)
+            for radius in (28, 38, 50, 64, 82, 104, 130)
             for turn in np.radians([0, 25, -25, 50, -50, 75, -75, 105, -105, 130, -130, 180])
         ]
         free = (option for option in options if _is_free(option, half[i], places, half, anchors, i))
@@ -112,15 +116,15 @@ def _is_free(
         if np.all(np.abs(option - place) < half + halves[other] + 4):
             return False
     others = np.delete(anchors, own, axis=0)
-    return not np.any(np.all(np.abs(others - option) < half + 10, axis=1))
+    return not np.any(np.all(np.abs(others - option) < half + 7, axis=1))
 
 
 def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tuple[int, int]) -> None:
     """The global axes in the lower left corner."""
-    base = np.array([58.0, size[1] - 56.0])
+    base = np.array([40.0, size[1] - 38.0])
     step = 1e-3 * diagonal
     shift = pixels(middle + step * np.eye(3)) - pixels(middle[None])
-    shift *= 40 / np.linalg.norm(shift, axis=1).max()
+    shift *= 26 / np.linalg.norm(shift, axis=1).max()
     for name, arrow in zip("xyz", shift, strict=True):
         axes.annotate(
             "",
@@ -130,5 +134,5 @@ def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tu
         )
         reach = float(np.linalg.norm(arrow))
         axes.text(
-            *(base + arrow * (1 + 13 / max(reach, 8.0))), name, color=CAPTION, fontsize=13.5, ha="center", va="center"
+            *(base + arrow * (1 + 9 / max(reach, 6.0))), name, color=CAPTION, fontsize=FONT, ha="center", va="center"
         )

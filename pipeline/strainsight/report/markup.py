@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -25,10 +24,16 @@ THEME = {
 }
 
 
-def data(value: float, shown: str) -> str:
-    """A number as people read it that keeps the exact value for machines."""
-    exact = repr(float(value)) if math.isfinite(value) else str(float(value))
-    return f'<data value="{exact}">{escape(shown)}</data>'
+def data(value: float, shown: str, unit: str = "") -> str:
+    """A number as people read it that keeps the exact value for machines; unit: that of the exact value."""
+    exact = str(value) if isinstance(value, int) else repr(float(value))
+    stated = f' data-unit="{escape(unit)}"' if unit else ""
+    return f'<data value="{exact}"{stated}>{escape(shown)}</data>'
+
+
+def count(value: int) -> str:
+    """How many."""
+    return data(int(value), number(value))
 
 
 def share(value: float | None, digits: int = 2) -> str:
@@ -38,7 +43,7 @@ def share(value: float | None, digits: int = 2) -> str:
 
 def measure(value: float | None, unit: str = "", digits: int = 4) -> str:
     """A number with its unit, or a dash."""
-    return "–" if value is None else data(value, quantity(value, unit, digits))
+    return "–" if value is None else data(value, quantity(value, unit, digits), unit)
 
 
 def plain(value: float, digits: int = 4) -> str:
@@ -52,40 +57,74 @@ def bullets(sentences: Iterable[str]) -> str:
 
 
 def table(
+    name: str,
     head: Sequence[str],
     rows: Iterable[Sequence[str]],
     *,
+    title: str = "",
     caption: str = "",
     numeric: Iterable[int] = (),
     foot: Sequence[str] = (),
 ) -> str:
-    """A table of cells that are HTML already; the first cell of a row heads it, `numeric` columns are flush right."""
-    right = set(numeric)
+    """A table of cells that are HTML already; the first cell of a row heads it, `numeric` columns are flush right.
 
-    def mark(column: int) -> str:
-        return ' class="n"' if column in right else ""
+    name: what it is of, in plain words and unlike any other table's of the page; title, caption: HTML above it.
+    """
+    right = frozenset(numeric)
 
     def line(cells: Sequence[str]) -> str:
-        rest = "".join(f"<td{mark(i)}>{cell}</td>" for i, cell in enumerate(cells) if i)
+        rest = "".join(f"<td{_right(i, right)}>{cell}</td>" for i, cell in enumerate(cells) if i)
         return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
 
-    subject = head[0] if head else "names and values"
-    top = "".join(f'<th scope="col"{mark(i)}>{cell}</th>' for i, cell in enumerate(head))
-    return (
-        (f'<p class="note">{caption}</p>' if caption else "")
-        + f'<div class="scroll" tabindex="0" role="region" aria-label="table: {subject}"><table>'
-        + (f"<thead><tr>{top}</tr></thead>" if head else "")
+    text = (
+        "<table>"
+        + (_head(head, right) if head else "")
         + "<tbody>"
         + "".join(line(row) for row in rows)
         + "</tbody>"
         + (f"<tfoot>{line(foot)}</tfoot>" if foot else "")
-        + "</table></div>"
+        + "</table>"
+    )
+    return sheet(name, text, title, caption)
+
+
+def grouped_table(
+    name: str,
+    head: Sequence[str],
+    bodies: Iterable[str],
+    *,
+    caption: str = "",
+    numeric: Iterable[int] = (),
+) -> str:
+    """A table of blocks of rows (`<tbody>…</tbody>`), which stay together when it is sorted; the rest as of `table`."""
+    return sheet(
+        name, f'<table class="runs">{_head(head, frozenset(numeric))}{"".join(bodies)}</table>', caption=caption
     )
 
 
-def pairs(entries: Iterable[tuple[str, str]]) -> str:
-    """A table of escaped names and values."""
-    return table((), [(escape(name), f"<span>{escape(value)}</span>") for name, value in entries])
+def _head(names: Sequence[str], right: frozenset[int]) -> str:
+    cells = "".join(f'<th scope="col"{_right(i, right)}>{name}</th>' for i, name in enumerate(names))
+    return f"<thead><tr>{cells}</tr></thead>"
+
+
+def _right(column: int, numeric: frozenset[int]) -> str:
+    return ' class="n"' if column in numeric else ""
+
+
+def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:
+    """A table's HTML in a region of its own, which scrolls where it is wider than the page; tables.js knows it by its name
+    and puts its buttons beside title and caption."""
+    note = f'<p class="note">{caption}</p>' if caption else ""
+    label = escape(name)
+    return (
+        f'<div class="sheet"><div class="over">{title}{note}</div>'
+        f'<div class="scroll" data-table="{label}" tabindex="0" role="region" aria-label="table: {label}">{text}</div></div>'
+    )
+
+
+def pairs(name: str, entries: Iterable[tuple[str, str]]) -> str:
+    """A table of escaped names and values; name as of `table`."""
+    return table(name, (), [(escape(key), f"<span>{escape(value)}</span>") for key, value in entries])
 
 
 def badge(label: str, index: int, *, hollow: bool = False) -> str:

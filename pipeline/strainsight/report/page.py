@@ -10,35 +10,61 @@ from strainsight.report.document import document
 from strainsight.report.drawing import Drawing
 from strainsight.report.first import answer, first_screen
 from strainsight.report.gauge_table import gauge_table
-from strainsight.report.markup import figure, measure, pairs, plain, share, table
+from strainsight.report.markup import bullets, figure, measure, pairs, plain, share, table
+from strainsight.report.space.model import Shape
+from strainsight.report.space.section import STYLE, script, space_section
 from strainsight.report.tables import cases_table, criteria_meaning, criteria_table
-from strainsight.report.text import number
+
+FOOTER = (
+    "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
+    "loads, after the first tenth of the run."
+)
 
 
 def placement_page(
-    report: PlacementReport, drawings: tuple[Drawing, ...], scene: bytes | None, scene_problem: str = ""
+    report: PlacementReport,
+    drawings: tuple[Drawing, ...],
+    scene: bytes | None,
+    scene_problem: str = "",
+    shapes: tuple[Shape, ...] = (),
 ) -> str:
     """The report as HTML text without any resource outside itself.
 
-    drawings from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the sentence on why.
+    drawings from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the sentence on why;
+    shapes: deformed states that the view in space offers.
     """
     sections = (
-        _estimates(report, drawings),
+        first_screen(report, scene, scene_problem),
+        space_section([("", report.layout)], shapes),
+        _advice(report),
+        _gauges(report),
         _trend(report, drawings),
+        _estimates(report, drawings),
         _random(drawings),
         _noise(report, drawings),
         _observability(report),
         _facts(report),
+        _warnings(report),
     )
     return document(
-        "gauge placement",
-        report.name,
-        report.title,
-        answer(report),
-        (first_screen(report, scene, scene_problem), f'<div class="card">{gauge_table(report)}</div>', *sections),
-        "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
-        "loads, after the first tenth of the run.",
+        "gauge placement", report.name, report.title, answer(report), sections, FOOTER, (STYLE,), (script(),)
     )
+
+
+def _advice(report: PlacementReport) -> str:
+    if not report.advice:
+        return ""
+    return f'<section class="card notes advice"><h2>What to do with this layout</h2>{bullets(report.advice)}</section>'
+
+
+def _gauges(report: PlacementReport) -> str:
+    return f'<h2>Gauge by gauge</h2><div class="card">{gauge_table(report)}</div>'
+
+
+def _warnings(report: PlacementReport) -> str:
+    if not report.warnings:
+        return ""
+    return f'<h2 id="warnings">Warnings</h2><div class="card warnings">{bullets(report.warnings)}</div>'
 
 
 def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfolded: int | None = None) -> str:
@@ -47,7 +73,7 @@ def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfold
     shown, folded = cards[:unfolded], cards[len(cards[:unfolded]) :]
     text = f'<div class="figures">{"".join(shown)}</div>' if shown else ""
     if folded:
-        summary = f'<summary style="padding:12px 0;cursor:pointer">{len(folded)} more</summary>'
+        summary = f"<summary>{len(folded)} more</summary>"
         text += f'<details>{summary}<div class="figures">{"".join(folded)}</div></details>'
     return text
 
@@ -70,7 +96,7 @@ def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     cards = "".join(figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "trend")
     if report.criteria:
         cards += f'<div class="card">{criteria_meaning()}</div>'
-    below = f'<div class="card" style="margin-top:16px">{criteria_table(report)}</div>'
+    below = f'<div class="card below">{criteria_table(report)}</div>'
     return f'<h2>How good the set is</h2><div class="figures">{cards}</div>{below}'
 
 
@@ -96,7 +122,8 @@ def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
             for row in report.noise
         ]
         caption = "Noise as a share of the strongest candidate's RMS reading; error beside the claimed σ."
-        cards.append(f'<div class="card">{table(head, rows, caption=caption, numeric=range(1, len(head)))}</div>')
+        said = table("noise", head, rows, caption=caption, numeric=range(1, len(head)))
+        cards.append(f'<div class="card">{said}</div>')
     return f'<h2>How sure one can be</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
 
 
@@ -108,13 +135,13 @@ def _observability(report: PlacementReport) -> str:
             "Popov-Belevitch-Hautus matrix at λ = 0 of the augmented system: "
             "the larger its condition number, the harder the estimate."
         )
-        cards.append(table(("observability", ""), rows, caption=caption, numeric=(1,)))
+        cards.append(table("observability", ("observability", "number"), rows, caption=caption, numeric=(1,)))
     check = report.consistency
     rows = [
         [
             name,
             plain(value, 3),
-            "–" if band is None else f"{number(band[0], 2)} to {number(band[1], 3)}",
+            "–" if band is None else f"{plain(band[0], 2)} to {plain(band[1], 3)}",
             _inside(value, band),
         ]
         for name, value, band in (
@@ -127,11 +154,13 @@ def _observability(report: PlacementReport) -> str:
         caption = (
             "Squared errors over claimed variances, per dimension: 1 is ideal, more overconfident, less too cautious."
         )
-        cards.append(table(("consistency", "value", "95 % band", ""), rows, caption=caption, numeric=(1, 2)))
+        head = ("consistency", "number", "95 % band", "verdict")
+        cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
     if report.frequencies:
         rows = [[str(i + 1), measure(value, "Hz")] for i, value in enumerate(report.frequencies)]
         cards.append(
             table(
+                "modes",
                 ("mode", "frequency"),
                 rows,
                 caption="Natural frequencies of the model at the first guess.",
@@ -152,9 +181,27 @@ def _inside(value: float, band: tuple[float, float] | None) -> str:
 
 
 def _facts(report: PlacementReport) -> str:
-    cards = "".join(
-        f'<section class="card"><h3>{title}</h3>{pairs(entries.items())}</section>'
-        for title, entries in (("Model and run", report.facts), ("Provenance", report.provenance))
-        if entries
-    )
+    cards = ""
+    if report.facts:
+        said = pairs("model and run", report.facts.items())
+        cards += f'<section class="card"><h3>Model and run</h3>{said}</section>'
+    cards += _time(report)
+    if report.provenance:
+        said = pairs("provenance", report.provenance.items())
+        cards += f'<section class="card"><h3>Provenance</h3>{said}</section>'
     return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""
+
+
+def _time(report: PlacementReport) -> str:
+    """Seconds a stage took when it was computed, and its share of all."""
+    if not report.seconds:
+        return ""
+    whole = sum(report.seconds.values())
+    rows = [
+        [escape(stage), measure(time, "s", 3), share(time / whole) if whole > 0 else "–"]
+        for stage, time in report.seconds.items()
+    ]
+    foot = ("all stages", measure(whole, "s", 3), "")
+    caption = "When each was computed last; one that was taken over from another run took its time there."
+    said = table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)
+    return f'<section class="card"><h3>Where the time went</h3>{said}</section>'

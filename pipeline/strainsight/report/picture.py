@@ -14,12 +14,14 @@ from strainsight.report.markers import EMPTY, arrow, free_end, marker
 
 STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
 POOL, CLAMP = "#33475c", "#8a4fb5"
+FINER = 2
+"""Pixels of the picture for one of the page, so that it stays sharp on fine screens and on paper."""
 # More lines than this would turn the surface black.
 DRAWN_FACETS = 20_000
 
 
 def draw(layout: Layout, width: int, height: int) -> bytes:
-    """PNG bytes (width × height) of the layout, seen from one corner or, where that hides a gauge, from two."""
+    """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
     triangle = triangles(layout.faces)
     position = np.array([gauge.position for gauge in layout.gauges]).reshape(-1, 3)
     normal = np.array([gauge.normal for gauge in layout.gauges]).reshape(-1, 3)
@@ -36,15 +38,15 @@ def draw(layout: Layout, width: int, height: int) -> bytes:
     for corner, named in zip(corners, facing.astype(bool), strict=True):
         seen = seen_from(layout.points, triangle, position, normal, corner).astype(bool)
         panels.append((*_geometry(layout, triangle, corner, size), seen, named, corner))
-    return labelled(layout, panels, rows, columns, size)
+    return labelled(layout, panels, rows, columns, size, FINER)
 
 
 def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
-    """RGBA image (height, width, 4) of one view, and the function points (k, 3) → pixels (k, 2) from the upper left."""
+    """RGBA image of one view, FINER times as fine as the page, and the function points (k, 3) → pixels of the page (k, 2)."""
     import pyvista as pv
 
     diagonal = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
-    plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
+    plotter = pv.Plotter(off_screen=True, window_size=[FINER * length for length in size], lighting="none")
     for direction, strength in (((0.3, 0.5, 1.0), 0.75), ((-0.6, 0.1, 0.5), 0.3), ((0.2, -0.9, 0.2), 0.2)):
         light = pv.Light(light_type="camera light", intensity=strength)
         light.position = direction

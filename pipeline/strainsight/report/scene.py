@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from strainsight.report.layout import Gauge, Layout, Load
-from strainsight.report.offscreen import draw_apart
+from strainsight.report.offscreen import answer, draw_apart
 
-WIDTH, HEIGHT = 1200, 700
+WIDTH, HEIGHT = 640, 420
+"""As the page shows it [px]; the PNG has `picture.FINER` times as many pixels each way."""
 TIME_LIMIT = 120.0
 """For the first picture [s]."""
 TIME_A_PICTURE = 20.0
@@ -21,7 +19,7 @@ DOTS = 4000
 
 
 def render(layout: Layout) -> bytes:
-    """PNG of 1200 × 700 pixels on a transparent ground, for light and dark pages alike.
+    """PNG of 1280 × 840 pixels on a transparent ground, for light and dark pages alike.
 
     Shows the facets with their edges, the candidate pool as dots, sensors as labelled marks by their kind
     (`markers.marker`), loads as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
@@ -33,12 +31,8 @@ def render(layout: Layout) -> bytes:
 def render_all(layouts: Sequence[Layout]) -> list[bytes]:
     """A picture of each, as `render` makes it, in one child process: to start it takes longer than to draw."""
     limit = TIME_LIMIT + TIME_A_PICTURE * (len(layouts) - 1)
-    with tempfile.TemporaryDirectory(prefix="strainsight-scene-") as folder:
-        pictures = [Path(folder, f"{i}.png") for i in range(len(layouts))]
-        for picture, layout in zip(pictures, layouts, strict=True):
-            np.savez(picture.with_suffix(".npz"), **pack(layout))  # type: ignore[arg-type]
-        draw_apart("strainsight.report.scene", [*map(str, pictures)], pictures, Path(folder), limit)
-        return [picture.read_bytes() for picture in pictures]
+    arrays = {f"{i}/{name}": array for i, layout in enumerate(layouts) for name, array in pack(layout).items()}
+    return draw_apart("strainsight.report.scene", {"layouts": np.array(len(layouts)), **arrays}, limit)
 
 
 def pack(layout: Layout) -> dict[str, np.ndarray]:
@@ -86,15 +80,17 @@ def unpack(arrays: dict[str, np.ndarray]) -> Layout:
     return Layout(arrays["points"], arrays["faces"], arrays["pool"], gauges, loads, arrays["fixed"], arrays["loose"])
 
 
-def main(*pictures: str) -> None:
-    """The child process: draws every picture from the .npz beside it."""
+def drawn(arrays: dict[str, np.ndarray]) -> list[bytes]:
+    """In the child process: a picture of every layout of `render_all`."""
     from strainsight.report.picture import draw
 
-    for picture in map(Path, pictures):
-        with np.load(picture.with_suffix(".npz"), allow_pickle=False) as arrays:
-            layout = unpack(dict(arrays))
-        picture.write_bytes(draw(layout, WIDTH, HEIGHT))
+    found: list[dict[str, np.ndarray]] = [{} for _ in range(int(arrays["layouts"]))]
+    for key, array in arrays.items():
+        place, slash, name = key.partition("/")
+        if slash:
+            found[int(place)][name] = array
+    return [draw(unpack(layout), WIDTH, HEIGHT) for layout in found]
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    answer(drawn)

@@ -8,10 +8,12 @@ from html import escape
 
 from strainsight.report.document import document
 from strainsight.report.drawing import Drawing
-from strainsight.report.gauge_table import coordinates, decimals
-from strainsight.report.markup import badge, bullets, figure, measure, pairs, plain, table
+from strainsight.report.gauge_table import AXES, axes, decimals
+from strainsight.report.markup import badge, bullets, figure, grouped_table, measure, pairs, plain, table
+from strainsight.report.space.section import STYLE, script
 from strainsight.report.suite_cases import groups_of, numbered, series_of
 from strainsight.report.suite_data import SuiteReport, SuiteRun
+from strainsight.report.suite_space import suite_space
 from strainsight.report.suite_summary import answer, link, run_answer, runs_table
 from strainsight.report.text import number
 
@@ -22,7 +24,10 @@ def suite_page(report: SuiteReport, drawings: tuple[Drawing, ...], scenes: Mappi
     drawings from `suite_figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
     """
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
+    turned = suite_space(report)
     sections = (
+        f'<section id="answer" aria-label="answer" class="card">{runs_table(report)}</section>',
+        turned,
         _overview(cards),
         _observability(report, cards),
         _gauges(report, scenes),
@@ -34,9 +39,11 @@ def suite_page(report: SuiteReport, drawings: tuple[Drawing, ...], scenes: Mappi
         report.name,
         report.title,
         answer(report),
-        (f'<div class="card">{runs_table(report)}</div>', *sections),
+        sections,
         "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
         "loads, after the first tenth of the run.",
+        (STYLE,) * bool(turned),
+        (script(),) * bool(turned),
     )
 
 
@@ -56,12 +63,11 @@ def _observability(report: SuiteReport, cards: Mapping[str, str]) -> str:
         group: list(dict.fromkeys(entry.cases[group].lost for entry in series if group in entry.cases))
         for group in groups
     }
-    said = table(("excitation of", "label of the first"), motions)
+    said = table("excitations", ("excitation of", "label of the first"), motions)
     missing = [[escape(group), "<br>".join(escape(text) for text in texts if text)] for group, texts in lost.items()]
     if missing := [row for row in missing if row[1]]:
-        said += (
-            f'<h3 class="run">Nearly lost at one of them at least</h3>{table(("unknown together", "what"), missing)}'
-        )
+        said += '<h3 class="run">Nearly lost at one of them at least</h3>'
+        said += table("nearly lost", ("unknown together", "what"), missing)
     rows = [
         [escape(group)]
         + ["–" if group not in entry.cases else plain(entry.cases[group].condition, 3) for entry in series]
@@ -69,10 +75,10 @@ def _observability(report: SuiteReport, cards: Mapping[str, str]) -> str:
     ]
     head = ["unknown together", *(escape(entry.heading) for entry in series)]
     caption = "Condition number of the scaled Popov-Belevitch-Hautus matrix at λ = 0: whole pool, median over instants."
-    numbers = table(head, rows, caption=caption, numeric=range(1, len(head)))
+    numbers = table("conditions", head, rows, caption=caption, numeric=range(1, len(head)))
     return (
         f'<h2>What can be told apart</h2><div class="figures">{cards.get("pbh", "")}<div class="card">{said}</div></div>'
-        f'<details class="card" style="margin-top:16px"><summary>The same in numbers</summary>{numbers}</details>'
+        f'<details class="card below"><summary>The same in numbers</summary>{numbers}</details>'
     )
 
 
@@ -87,17 +93,13 @@ def _gauges(report: SuiteReport, scenes: Mapping[str, bytes]) -> str:
     placed = [(index, run) for index, run in enumerate(report.runs, start=1) if run.layout is not None]
     if not placed:
         return f"<h2>Where the gauges go</h2>{shown}" if shown else ""
-    bodies = "".join(_gauge_rows(index, run) for index, run in placed)
-    head = "".join(
-        f'<th scope="col"{" class=n" if name in ("element", "distance") else ""}>{name}</th>'
-        for name in ("run", "gauge", "element", "x y z [m]", "nearest", "distance")
-    )
+    bodies = [_gauge_rows(index, run) for index, run in placed]
     caption = "Gauges that stand together read alike: they average noise, and one can stand in for the other."
+    head = ("run", "gauge", "element", *AXES, "nearest", "distance")
+    numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
     return (
-        f'<h2>Where the gauges go</h2>{shown}<details class="card" style="margin-top:16px"><summary>All gauges of all runs, '
-        f'and how near they stand to each other</summary><p class="note">{caption}</p>'
-        '<div class="scroll" tabindex="0" role="region" aria-label="table: gauges">'
-        f'<table class="runs"><thead><tr>{head}</tr></thead>{bodies}</table></div></details>'
+        f'<h2>Where the gauges go</h2>{shown}<details class="card below"><summary>All gauges of all runs, '
+        f"and how near they stand to each other</summary>{numbers}</details>"
     )
 
 
@@ -111,9 +113,10 @@ def _picture(report: SuiteReport, png: bytes, numbers: list[int]) -> str:
         f"; nearest to each other: {near}." if near else "."
     )
     said = f"Nearest to each other: {near}." if near else ""
+    label = f"picture of the gauges of {numbered(tuple(numbers))}"
     return (
-        f'<figure class="card"><h3>{title}</h3><div class="scene" tabindex="0" role="region" aria-label="picture of the gauges">'
-        f'<img alt="{escape(alt)}" width="1200" height="700" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+        f'<figure class="card"><h3>{title}</h3><div class="scene" tabindex="0" role="region" aria-label="{label}">'
+        f'<img alt="{escape(alt)}" width="1280" height="840" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
         f"</div><figcaption>{escape(said)}</figcaption></figure>"
     )
 
@@ -136,7 +139,7 @@ def _gauge_rows(index: int, run: SuiteRun) -> str:
         cells = [
             f"<td>{badge(gauge.label, i, hollow=gauge.glued)}</td>",
             f'<td class="n">{gauge.element}</td>',
-            f'<td><span class="whole">{coordinates(gauge.position, places)}</span></td>',
+            *(f'<td class="n">{cell}</td>' for cell in axes(gauge.position, places)),
             f"<td>{escape(other) or '–'}</td>",
             f'<td class="n">{"–" if size is None else measure(1000 * size, "mm", 3)}</td>',
         ]
@@ -177,7 +180,9 @@ def _facts(report: SuiteReport) -> str:
         ]
         for index, run in enumerate(report.runs, start=1)
     ]
-    cards = f'<section class="card"><h3>Models</h3>{table(("config", "reached", "first modes"), rows)}</section>'
+    cards = (
+        f'<section class="card"><h3>Models</h3>{table("models", ("config", "reached", "first modes"), rows)}</section>'
+    )
     if report.provenance:
-        cards += f'<section class="card"><h3>Provenance</h3>{pairs(report.provenance.items())}</section>'
+        cards += f'<section class="card"><h3>Provenance</h3>{pairs("provenance", report.provenance.items())}</section>'
     return f'<h2>What it rests on</h2><div class="panels">{cards}</div>'

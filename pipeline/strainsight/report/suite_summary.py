@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from urllib.parse import quote
 
-from strainsight.report.markup import plain, share
+from strainsight.report.markup import count, grouped_table, plain, share
 from strainsight.report.suite_cases import numbered
 from strainsight.report.suite_data import SuiteReport, SuiteRun
 from strainsight.report.suite_results import (
@@ -35,7 +35,7 @@ def answer(report: SuiteReport) -> str:
     many = len(report.runs)
     parts = []
     for word, text in (
-        (CLAIMED, "with errors within 3 claimed σ"),
+        (CLAIMED, f"with errors within {plain(BEYOND)} claimed σ"),
         (WRONG, "<strong>sure and wrong</strong>"),
         (LOST, "<strong>not identified</strong>"),
         (DIVERGED, "<strong>diverged</strong>"),
@@ -43,25 +43,22 @@ def answer(report: SuiteReport) -> str:
     ):
         if word in found:
             links = ", ".join(f'<a href="#run-{index}">{index}</a>' for index in found[word])
-            parts.append(f"{len(found[word])} {text} (run{'s' * (len(found[word]) > 1)} {links})")
+            parts.append(f"{count(len(found[word]))} {text} (run{'s' * (len(found[word]) > 1)} {links})")
     both = [index for index in found.get(WRONG, ()) if index in found.get(LOST, ())]
     ending = f"; {numbered(tuple(both))} both" if both else ""
-    return f"<strong>{many} run{'s' * (many != 1)}</strong>: {', '.join(parts)}{ending}."
+    return f"<strong>{count(many)} run{'s' * (many != 1)}</strong>: {', '.join(parts)}{ending}."
 
 
 def runs_table(report: SuiteReport) -> str:
     """A block a run, a row an unknown."""
-    head = "".join(f'<th scope="col"{_right(name)}>{name}</th>' for name in COLUMNS)
     caption = (
         "tr(W P): sum of the scaled error variances with the whole pool → with the chosen gauges, and their ratio. "
         "Parameters: the filtered estimate, mean over the last half; loads: the smoothed one. "
         "The repeats have other noise and other starting values and are filtered."
     )
-    bodies = "".join(_block(index, run) for index, run in enumerate(report.runs, start=1))
-    return (
-        f'<p class="note">{caption}</p><div class="scroll" tabindex="0" role="region" aria-label="table: runs">'
-        f'<table class="runs"><thead><tr>{head}</tr></thead>{bodies}</table></div>'
-    )
+    bodies = [_block(index, run) for index, run in enumerate(report.runs, start=1)]
+    numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
+    return grouped_table("runs", COLUMNS, bodies, caption=caption, numeric=numeric)
 
 
 def run_answer(run: SuiteRun) -> str:
@@ -94,11 +91,14 @@ def _block(index: int, run: SuiteRun) -> str:
     span = f' rowspan="{many}"' if many > 1 else ""
     heading = (
         f'<th scope="rowgroup"{span}><a href="#run-{index}">{index}. {escape(run.label)}</a>'
-        + (f"<br><small>{link(run.page, 'its page')}</small>" if run.page else "")
+        + (f'<small class="aside"><br>{link(run.page, "its page")}</small>' if run.page else "")
         + "</th>"
     )
     shared = (
-        ("gauges", f"{run.gauges} of {run.pool}" if run.gauges is not None else "–"),
+        (
+            "gauges",
+            f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
+        ),
         ("tr(W P)", _metric(run)),
         ("gap", "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0))),
     )
@@ -112,10 +112,6 @@ def _block(index: int, run: SuiteRun) -> str:
         first = (heading, once) if i == 0 else ("", "")
         rows.append(f"<tr>{first[0]}<td>{_unknown(result)}</td>{first[1]}{_numbers(result)}</tr>")
     return f"<tbody>{''.join(rows)}</tbody>"
-
-
-def _right(name: str) -> str:
-    return ' class="n"' if name in NUMERIC else ""
 
 
 def _absent(run: SuiteRun) -> str:
@@ -179,4 +175,4 @@ def _why(verdict: str, result: Result) -> str:
 
 
 def _lost(result: Result) -> str:
-    return f"{result.lost} of {result.repeats} repeats"
+    return f"{count(result.lost)} of {count(result.repeats)} repeats"

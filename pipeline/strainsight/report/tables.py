@@ -51,7 +51,7 @@ def criteria_table(report: PlacementReport) -> str:
     )
     if any(math.isinf(value) for entry in report.criteria for value in (entry.trace, *entry.std.values())):
         caption += " ∞: that layout cannot observe all unknowns."
-    return table(head, rows, caption=caption, numeric=range(1, len(head)))
+    return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
 def criteria_meaning() -> str:
@@ -83,7 +83,7 @@ def cases_table(cases: Sequence[Case]) -> str:
         "the raw one is the thesis's number, which orders the rows by the units of their unknowns."
     )
     rows = [row(unknowns, found) for unknowns, found in grid.items()]
-    return table([*head, "what is lost"], rows, caption=caption, numeric=range(1, len(head)))
+    return table("sets of unknowns", [*head, "what is lost"], rows, caption=caption, numeric=range(1, len(head)))
 
 
 def _sigma(value: float | None, unit: str) -> str:

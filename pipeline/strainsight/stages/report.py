@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from hashlib import sha256
-
 import numpy as np
 
 from strainsight.errors import StrainsightError
 from strainsight.report.figures import placement_figures
 from strainsight.report.page import placement_page
 from strainsight.report.scene import render
+from strainsight.report.space.model import Shape
 from strainsight.stages.records.page import placement_report
+from strainsight.stages.view.placement import placement_view
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -24,8 +24,10 @@ def run(context: Context) -> Output:
         scene = render(report.layout)
     except StrainsightError as error:
         problem = f"{error.what}: {error.remedy}"
+    modes = placement_view(context.config, "modes", context.upstream, None)
+    shapes = tuple(Shape(panel.title, panel.shift) for panel in modes.panels)
     context.progress("figures", 0.5)
-    page = placement_page(report, placement_figures(report), scene, problem).encode()
+    page = placement_page(report, placement_figures(report), scene, problem, shapes).encode()
     datasets = {
         "/trend/count": Dataset(report.trend.count, "1", "gauges left"),
         "/trend/trace": Dataset(report.trend.trace, "1", "metric tr(W P) with that many gauges", ("/trend/count",)),
@@ -43,7 +45,6 @@ def run(context: Context) -> Output:
             )
     said = f"report.html, {len(page) / 1024:.0f} KiB" + (f"; no 3D picture: {problem}" if problem else "")
     summary: dict[str, Scalar] = {
-        "page_sha256": sha256(page).hexdigest(),
         "picture": scene is not None,
         "warnings": len(report.warnings),
     }
@@ -58,7 +59,7 @@ def run(context: Context) -> Output:
 
 REPORT = Stage(
     "report",
-    version=2,
+    version=3,
     reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),

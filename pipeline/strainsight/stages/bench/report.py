@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from hashlib import sha256
 
 from strainsight import __version__
 from strainsight.errors import StrainsightError
 from strainsight.report.bench_data import BenchRun
 from strainsight.report.bench_page import bench_figures, bench_page
+from strainsight.report.space.model import Shape
+from strainsight.report.space.section import space_section
 from strainsight.report.viewing import screenshot
 from strainsight.stages.records.bench_run import estimate_of, motion_of, placement_of, warnings_in
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
 
-SHOWN = ("import", "place", "simulate", "estimate", "field")
+SHOWN = ("import", "reduce", "place", "simulate", "estimate", "field")
 """Stages that the page shows, of those that a bench has."""
 
 
@@ -30,13 +31,14 @@ def run(context: Context) -> Output:
         f"{stage} artefact": up[stage].digest[:16] for stage in up
     }
     context.progress("pictures", 0.6)
-    pictures, problem = _pictures(context)
-    page = bench_page(report, drawings, provenance.items(), pictures).encode()
+    body = _body(context)
+    pictures, problem = ([], "") if body is None else _pictures(context, body)
+    turned = "" if body is None else _in_space(context, body)
+    page = bench_page(report, drawings, provenance.items(), pictures, turned).encode()
     count = sum(len(entries) for entries in drawings.values())
     return Output(
         datasets=_datasets(report),
         summary={
-            "page_sha256": sha256(page).hexdigest(),
             "figures": count,
             "pictures": len(pictures),
             "warnings": len(report.warnings),
@@ -47,15 +49,30 @@ def run(context: Context) -> Output:
     )
 
 
-def _pictures(context: Context) -> tuple[list[tuple[str, bytes]], str]:
-    """Captions and PNGs of the gauges on a flexible body and of its stress, and why there are none."""
+def _body(context: Context) -> str | None:
+    """The flexible body to show: that of the field or of the placement, else the first with gauges, else the first."""
     config, up = context.config, context.upstream
-    strain = [sensor.body for sensor in config.sensors.values() if sensor.type == "strain"]
-    if "import" not in up or not (strain or "place" in up or "field" in up):
+    if "import" not in up or all(body.type != "flexible" for body in config.bodies.values()):
+        return None
+    strain = [str(sensor.body) for sensor in config.sensors.values() if sensor.type == "strain"]
+    return body_of(config, None if "field" in up or "place" in up else next(iter(strain), None))
+
+
+def _in_space(context: Context, body: str) -> str:
+    """The body with its gauges and modes to turn round."""
+    config, up = context.config, context.upstream
+    modes = bench_view(config, "modes", body, up, None)
+    shapes = [Shape(panel.title, panel.shift) for panel in modes.panels]
+    return space_section([("", bench_view(config, "layout", body, up, None).layout)], shapes, body)
+
+
+def _pictures(context: Context, body: str) -> tuple[list[tuple[str, bytes]], str]:
+    """Captions and PNGs of the gauges on the body and of its stress, and why there are none."""
+    config, up = context.config, context.upstream
+    views = [bench_view(config, what, body, up, None) for what in ("layout", "field") if what == "layout" or what in up]
+    views = [view for view in views if view.layout.gauges or len(view.panels[0].values)]
+    if not views:
         return [], ""
-    body = body_of(config, None if "field" in up or "place" in up else strain[0])
-    wanted = [what for what, there in (("layout", strain or "place" in up), ("field", "field" in up)) if there]
-    views = [bench_view(config, what, body, up, None) for what in wanted]
     try:
         return [(f"{view.title}; {view.panels[0].title}".rstrip("; "), screenshot(view)) for view in views], ""
     except StrainsightError as error:
@@ -96,4 +113,4 @@ def report_stage(stages: Sequence[str]) -> Stage:
     """The stage of a bench that has these stages."""
     upstream = tuple(stage for stage in stages if stage in SHOWN)
     reads = ("name", "seed", "bodies.*.type", "sensors", "field", "place")
-    return Stage("report", version=2, reads=reads, upstream=upstream, files=(), run=run)
+    return Stage("report", version=3, reads=reads, upstream=upstream, files=(), run=run)

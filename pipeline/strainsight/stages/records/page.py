@@ -75,6 +75,9 @@ def placement_report(context: Context) -> PlacementReport:
         warnings=warnings_of(up, names, mesh),
         not_tested=_not_tested(up["train"], config),
         facts=_facts(up),
+        seconds={
+            stage: artefact.header.seconds for stage, artefact in up.items() if artefact.header.seconds is not None
+        },
         provenance={"strainsight": __version__, "seed": str(context.seed)}
         | {f"{stage} artefact": up[stage].key[:16] for stage in up},
     )

@@ -1,0 +1,141 @@
+"""What can be turned round on a page: one list of vertices, and triangles, lines and dots between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strainsight.report.drawing import VERMILION, gauge_colour
+from strainsight.report.geometry import triangles, views
+from strainsight.report.layout import FloatArray, IntArray, Layout
+from strainsight.report.markers import arrow, marker
+from strainsight.report.space.surface import CREASE, surface
+
+STEEL, LINES, CREASES, POOL, CLAMP = "#c3ccd6", "#8693a3", "#3f4b59", "#33475c", "#8a4fb5"
+DOTS = 4000
+"""More of a kind cannot be told apart."""
+LENGTH = 0.034
+"""Of a gauge's bar, over the size of the structure."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A deformed state of the structure: caption; shift (n, 3) [m] of the layout's points, as large as it is to be seen."""
+
+    caption: str
+    shift: FloatArray
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One kind of primitive: index (k, 3), (k, 2) or (k,) into the vertices; colour "#rrggbb", "" for the vertices' own;
+    size of a dot [px]; group: number of the layout it belongs to, −1: to all."""
+
+    primitive: Literal["triangles", "lines", "points"]
+    index: IntArray
+    colour: str = ""
+    size: float = 1.0
+    group: int = -1
+
+
+@dataclass(frozen=True)
+class Space:
+    """position (v, 3) [m]; normal (v, 3), zero where a vertex is not shaded; colour (v, 3) 0 to 255; source (v,): the point of
+    the structure that a vertex moves with; parts in the order they are drawn; anchor: of every gauge of every layout, a
+    vertex that moves with it; eye (3,): unit vector towards the first view; thinned: as in `Surface`."""
+
+    position: FloatArray
+    normal: FloatArray
+    colour: NDArray[np.uint8]
+    source: IntArray
+    parts: tuple[Drawn, ...]
+    anchor: tuple[int, ...]
+    eye: FloatArray
+    thinned: bool
+
+
+def space(layouts: Sequence[Layout]) -> Space:
+    """A structure with its loads and clamps, and the gauges and candidates of one or more layouts on it.
+
+    What the layouts share is taken from the first.
+    """
+    shared = layouts[0]
+    body = surface(shared.points, shared.faces)
+    size = float(np.linalg.norm(np.ptp(shared.points, axis=0))) or 1.0
+    gathered = _Gathered(shared.points)
+
+    def solid(mesh: Any, colour: str, anchor: FloatArray) -> IntArray:
+        drawn = mesh.triangulate().compute_normals(cell_normals=False, split_vertices=True, feature_angle=CREASE)
+        first = gathered.add(drawn.points, drawn.point_data["Normals"], colour, gathered.nearest(anchor))
+        return np.asarray(drawn.faces.reshape(-1, 4)[:, 1:] + first, dtype=np.int64)
+
+    def dots(points: FloatArray, colour: str, width: float, group: int = -1) -> list[Drawn]:
+        if not len(points):
+            return []
+        shown = points[:: -(-len(points) // DOTS)]
+        first = gathered.add(shown, np.zeros_like(shown), colour, gathered.nearest(shown))
+        return [Drawn("points", np.arange(first, first + len(shown)), colour, width, group)]
+
+    first = gathered.add(body.position, body.normal, STEEL, body.source)
+    loads = [solid(_arrow(*arrow(load, shared)), VERMILION, load.point) for load in shared.loads]
+    solids = np.concatenate([body.triangle + first, *loads])
+    parts = [Drawn("triangles", solids)] * bool(len(solids))
+    parts += [Drawn("lines", body.line, LINES)] * bool(len(body.line))
+    parts += [Drawn("lines", body.crease, CREASES)] * bool(len(body.crease))
+    parts += dots(shared.loose, LINES, 9.0) + dots(shared.fixed, CLAMP, 7.0)
+    anchor: list[int] = []
+    for group, layout in enumerate(layouts):
+        marks = []
+        for i, gauge in enumerate(layout.gauges):
+            anchor.append(gathered.count)
+            marks += [solid(mesh, gauge_colour(i), gauge.position) for mesh in marker(gauge, LENGTH * size)]
+        parts += [Drawn("triangles", np.concatenate(marks), group=group)] if marks else []
+        parts += dots(layout.pool, POOL, 5.0, group)
+    gauges = [gauge for layout in layouts for gauge in layout.gauges]
+    position = np.array([gauge.position for gauge in gauges]).reshape(-1, 3)
+    normal = np.array([gauge.normal for gauge in gauges]).reshape(-1, 3)
+    eye = views(shared.points, triangles(shared.faces), position, normal)[0]
+    return Space(*gathered.arrays(), tuple(parts), tuple(anchor), eye, body.thinned)
+
+
+def vertex_shift(space: Space, shape: Shape) -> FloatArray:
+    """The shift (v, 3) [m] of every vertex: that of the layout's point it stands for."""
+    return np.asarray(shape.shift[space.source])
+
+
+class _Gathered:
+    """Vertices of all parts, one after the other."""
+
+    def __init__(self, points: FloatArray) -> None:
+        from scipy.spatial import cKDTree
+
+        self._tree = cKDTree(points)
+        self._parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+        self.count = 0
+
+    def nearest(self, wanted: FloatArray) -> Any:
+        """The layout's points nearest to these."""
+        return self._tree.query(wanted)[1]
+
+    def add(self, position: Any, normal: Any, colour: str, source: Any) -> int:
+        """Take vertices of one colour; returns the number of the first."""
+        first, many = self.count, len(position)
+        rgb = np.tile(np.frombuffer(bytes.fromhex(colour[1:]), np.uint8), (many, 1))
+        self._parts.append((np.asarray(position, float), np.asarray(normal, float), rgb, np.broadcast_to(source, many)))
+        self.count += many
+        return first
+
+    def arrays(self) -> tuple[FloatArray, FloatArray, NDArray[np.uint8], IntArray]:
+        position, normal, colour, source = (np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))
+        return position, normal, colour, source.astype(np.int64)
+
+
+def _arrow(start: FloatArray, step: FloatArray) -> Any:
+    import pyvista as pv
+
+    scale = float(np.linalg.norm(step))
+    return pv.Arrow(start=start, direction=step, scale=scale, shaft_radius=0.022, tip_radius=0.065, tip_length=0.28)

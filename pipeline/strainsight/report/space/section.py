@@ -1,0 +1,169 @@
+"""The section of a page in which the structure can be turned round, and its data."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import zlib
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from strainsight.report.document import own
+from strainsight.report.drawing import gauge_colour, ink_on
+from strainsight.report.gauge_table import coordinates, decimals
+from strainsight.report.layout import Gauge, Layout
+from strainsight.report.space.model import Shape, Space, space, vertex_shift
+from strainsight.report.text import number, percent
+
+STYLE = "space/space.css"
+SCRIPTS = ("space/draw.js", "space/view.js")
+"""Files of the page that go with the section; the scripts run as one (`script`)."""
+AXES = (
+    '<svg id="space-axes" viewBox="-44 -44 88 88" aria-hidden="true">'
+    + "".join(f'<g><line/><text dy=".35em">{name}</text></g>' for name in "xyz")
+    + "</svg>"
+)
+
+MANNERS = (
+    "Drag to turn, with Shift or the right button to move; two fingers or, after a click, the wheel to zoom. "
+    "Click a gauge to read where it is."
+)
+VIEWS = (
+    '<span class="views"><button type="button" data-eye="home">Reset</button>'
+    + "".join(f'<button type="button" data-eye="{axis}" aria-label="from {axis}">{axis}</button>' for axis in "xyz")
+    + '<button type="button" data-zoom="1.25" aria-label="zoom in">+</button>'
+    '<button type="button" data-zoom="0.8" aria-label="zoom out">−</button></span>'
+)
+
+
+def script() -> str:
+    """What runs the section, as one text."""
+    return "\n".join(map(own, SCRIPTS))
+
+
+def space_section(layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape] = (), name: str = "") -> str:
+    """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
+
+    layouts: caption and gauges on one and the same structure; shapes that it can take; name: of the body, where there are
+    others. What there are several of can be chosen.
+    It is hidden until its script runs: without scripts, or on paper, the picture of the first screen stands for it.
+    """
+    if not layouts or not len(layouts[0][1].points):
+        return ""
+    model = space([layout for _, layout in layouts])
+    gauges = [
+        _gauge(gauge, i, group, decimals(layout.points))
+        for group, (_, layout) in enumerate(layouts)
+        for i, gauge in enumerate(layout.gauges)
+    ]
+    many = str(len(gauges)) if len(layouts) == 1 else ""
+    what = f"The structure with its {many} gauge{'s' * (len(gauges) != 1)}" if gauges else "The structure"
+    return (
+        f'<section id="space" class="card" hidden><h2>{escape(name or "The structure")} in space</h2>'
+        f'<p class="note">{MANNERS}{" The surface is thinned out for this view." * model.thinned}</p>'
+        f'<div class="space-frame"><div><div id="space-view" tabindex="0" role="application" aria-label="{what}: '
+        f'arrow keys turn it, plus and minus zoom, 0 goes back"><canvas></canvas>{AXES}</div>'
+        f'<div class="space-controls">{VIEWS}{_choices([caption for caption, _ in layouts], shapes)}</div></div>'
+        f'<div class="space-side">{_side(gauges)}</div></div></section>'
+        f'<script type="application/json" id="space-data">{_data(model, gauges, shapes)}</script>'
+    )
+
+
+def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
+    """A chip for every gauge, and the place for what is said of the picked one."""
+    if not gauges:
+        return ""
+    chips = "".join(
+        f'<button type="button" class="chip" data-gauge="{escape(gauge["label"])}" data-index="{i}" aria-pressed="false" '
+        f'style="background:{gauge["colour"]};color:{gauge["ink"]}"{" hidden" * (gauge["group"] > 0)}>'
+        f"{escape(gauge['label'])}</button>"
+        for i, gauge in enumerate(gauges)
+    )
+    return (
+        f'<div class="chips" role="group" aria-label="gauges">{chips}</div><div id="space-picked" aria-live="polite">'
+        '<p class="note">Pick a gauge to read its place.</p></div>'
+    )
+
+
+def _choices(captions: Sequence[str], shapes: Sequence[Shape]) -> str:
+    """Which layout and which shape is shown."""
+
+    def options(names: Sequence[str]) -> str:
+        return "".join(f'<option value="{i}">{escape(name)}</option>' for i, name in enumerate(names))
+
+    text = ""
+    if len(captions) > 1:
+        text += f'<label>Gauges of <select id="space-layout">{options(captions)}</select></label>'
+    if shapes:
+        rest = '<option value="-1">at rest</option>'
+        text += (
+            f'<label>Shape <select id="space-shape">{rest}{options([shape.caption for shape in shapes])}</select></label>'
+            '<button type="button" id="space-play" hidden>Hold</button>'
+        )
+    return text
+
+
+def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Shape]) -> str:
+    """What the script draws, as JSON: numbers and texts, and all arrays in one deflated, base64-coded run of bytes.
+
+    Positions are 16-bit parts of the bounding box, normals and shifts 8-bit: a pixel's worth.
+    """
+    low, span = model.position.min(axis=0), np.ptp(model.position, axis=0)
+    span = np.where(span > 0, span, 1.0)
+    arrays = [
+        np.round((model.position - low) / span * 65535).astype("<u2"),
+        np.round(127 * model.normal).astype("i1"),
+        model.colour,
+        *(part.index.astype("<u4") for part in model.parts),
+    ]
+    states = []
+    for shape in shapes:
+        shift = vertex_shift(model, shape)
+        largest = float(np.abs(shift).max(initial=0.0)) or 1.0
+        arrays.append(np.round(127 * shift / largest).astype("i1"))
+        states.append({"largest": largest})
+    content = {
+        "low": low.tolist(),
+        "span": span.tolist(),
+        "vertices": len(model.position),
+        "eye": model.eye.tolist(),
+        "parts": [
+            {"count": int(part.index.size)}
+            | {key: getattr(part, key) for key in ("primitive", "colour", "size", "group")}
+            for part in model.parts
+        ],
+        "states": states,
+        "gauges": [{**gauge, "anchor": anchor} for gauge, anchor in zip(gauges, model.anchor, strict=True)],
+        "arrays": base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), 9)).decode(),
+    }
+    return json.dumps(content, allow_nan=False).replace("<", "\\u003c")
+
+
+def _gauge(gauge: Gauge, index: int, group: int, places: int) -> dict[str, Any]:
+    """A gauge's mark and what its panel says."""
+    said = [("kind", gauge.kind)]
+    said += [("element", str(gauge.element))] * bool(gauge.element)
+    said += [("facet", str(gauge.facet))] * bool(gauge.facet)
+    said += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
+    said.append(("position", f"{coordinates(gauge.position, places)} m"))
+    for direction in gauge.channels:
+        said.append(("direction", " ".join(number(round(float(value), 4), 4) for value in direction)))
+    said += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
+    said += [
+        (f"σ({name}) without it", "cannot be observed" if math.isinf(value) else percent(value))
+        for name, value in gauge.without.items()
+        if not math.isnan(value)
+    ]
+    return {
+        "label": gauge.label,
+        "group": group,
+        "colour": gauge_colour(index),
+        "ink": ink_on(gauge_colour(index)),
+        "position": np.asarray(gauge.position, dtype=float).tolist(),
+        "normal": np.asarray(gauge.normal, dtype=float).tolist(),
+        "said": said,
+    }
