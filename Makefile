@@ -14,7 +14,7 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: help run status test lint all-configs hub hub-fine bench manual setup lock $(STAGES)
+.PHONY: help run status test lint all-configs hub hub-fine bench manual pages setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -26,6 +26,7 @@ help:
 	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html (a quarter of an hour)'
 	@echo 'make bench          chapters 2 to 4 of the thesis: 100 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make test           set up, then all tests'
+	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
 	@echo 'make lint           ruff, mypy, import-linter'
 	@echo 'make manual         the manual as a site: site/index.html'
 	@echo 'make lock           renew requirements-dev.lock from pyproject.toml'
@@ -53,6 +54,10 @@ bench: $(READY)
 
 test: $(READY)
 	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q $(ARGS)
+
+pages: $(READY)
+	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)
+	@echo 'pictures of the pages: build/pages'
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -20,7 +20,7 @@ from strainsight.report.bench_sensors import components_figure, consistency_figu
 from strainsight.report.bench_tables import facts, mismatch_table, placement_table, ratio, runs_table
 from strainsight.report.document import document
 from strainsight.report.drawing import Drawing
-from strainsight.report.markup import bullets, figure, measure, pairs, plain
+from strainsight.report.markup import bullets, count, figure, measure, pairs, plain
 from strainsight.report.space.section import STYLE, script
 from strainsight.report.text import number
 
@@ -138,7 +138,7 @@ def run_answer(run: BenchRun) -> str:
     parts = [_told(run, unknown) for unknown in estimate.unknowns]
     channels = run.number("channels")
     given = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
-    text = f"{given} channels tell {', '.join(parts) or 'nothing'}."
+    text = f"{count(given)} channels tell {', '.join(parts) or 'nothing'}."
     elsewhere = [unknown.name for unknown in estimate.unknowns if unknown.there is not None]
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}

@@ -1,0 +1,132 @@
+"""The first screen of a placement beside its artefacts, which are read here with h5py alone: no number is left unexplained."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from .numbers import Number, in_words, rounded
+from .opened import Opened
+
+WHERE = """() => [...document.querySelectorAll('#in-short data, #answer data')].map(data => {
+  const tile = data.closest('.tile'), cell = data.closest('td'), term = data.closest('dd')?.previousElementSibling;
+  const words = element => element.textContent.trim().replace(/\\s+/g, ' ');
+  const place = data.closest('#in-short') ? ['sentence']
+    : tile ? [words(tile.querySelector('.name')), term ? words(term) : data.closest('.value') ? 'value' : 'verdict']
+    : cell ? [words(cell.parentNode.cells[0]), words(cell.closest('table').tHead.rows[0].cells[cell.cellIndex])]
+    : data.closest('.key') ? ['key'] : data.closest('.warnings') ? ['warnings'] : [data.parentNode.outerHTML];
+  return [place, data.value, data.textContent];
+})"""
+
+
+def shown(found: Opened) -> dict[tuple[str, ...], list[float]]:
+    """Place on the first screen → the exact numbers there; each shows the exact one rounded."""
+    numbers: dict[tuple[str, ...], list[float]] = {}
+    for place, value, text in found.page.evaluate(WHERE):
+        assert rounded(Number(float(value), text, str(place))), (place, value, text)
+        place[-1] = re.sub(r"^best other rule \(.*\)$", "best other rule", place[-1])
+        numbers.setdefault(tuple(place), []).append(float(value))
+    return numbers
+
+
+def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
+    """The same from place.h5 and validate.h5, by the definitions of docs/artefacts.md."""
+    with h5py.File(folder / "place.h5") as place, h5py.File(folder / "validate.h5") as validate:
+        config = json.loads(validate.attrs["config"])
+        chosen, told = place["summary"].attrs, validate["summary"].attrs
+        names = [name.decode() for name in place["elimination/unknowns"][()]]
+        gauges = len(place["selected/final/gauge"])
+        found: dict[tuple[str, ...], list[Any]] = {
+            ("sentence",): [gauges, chosen["pool"], *(told[f"std.{name}"] for name in names)],
+            ("key",): [gauges, chosen["pool"]],
+        }
+        for name in names:
+            truth = validate[f"truth/{name}"][()]
+            size = np.sqrt(np.mean(truth**2))
+            scale = place[f"expected_std/{name}"].attrs["scale"]
+            expected = place[f"expected_std/{name}"][()] / size
+            error, std = told[f"error.{name}"], told[f"std.{name}"]
+            load = name in config["loads"]
+            tile = f"{name}, {'load' if load else 'parameter'}"
+            found[tile, "value"] = [std] if load else [told[f"estimate.{name}"], std]
+            found[tile, "error in the test"] = [error]
+            found[tile, "σ expected when placed"] = [expected]
+            if load:
+                found[tile, "true RMS"] = [size]
+                found[tile, "estimated RMS"] = [told[f"estimate.{name}"]]
+                found[tile, "error after smoothing"] = [told[f"smoothed.{name}"]]
+            else:
+                found[tile, "true value"] = [truth[-1]]
+            if told.get(f"identified.{name}", True):
+                found[tile, "verdict"] = [error / std]
+            for i, value in enumerate(place[f"without/{name}"][()]):
+                found[f"G{i + 1}", f"σ({name})"] = [value * scale / size]
+            found["with all", f"σ({name})"] = [expected]
+        for i, position in enumerate(place["selected/final/position"][()]):
+            for axis, value in zip("xyz", position, strict=True):
+                found[f"G{i + 1}", f"{axis} [m]"] = [value]
+        bound = "distance from the best possible set"
+        found[bound, "value"] = [max(chosen["gap"], 0.0)]
+        found[bound, "metric tr(W P)"] = [chosen["trace_final"]]
+        found[bound, "no set can go below"] = [chosen["lower_bound"]]
+        found[bound, "best other rule"] = [_best_other(place)]
+    return {where: [float(value) for value in values] for where, values in found.items()}
+
+
+def _best_other(place: h5py.File) -> float:
+    """The least metric of the other rules; of the random sets the one in the middle counts."""
+    rules = [rule.decode() for rule in place["criteria/rule"][()]]
+    traces = place["criteria/trace"][()]
+    drawn = sorted(trace for rule, trace in zip(rules, traces, strict=True) if rule.startswith("random_"))
+    others = [t for rule, t in zip(rules, traces, strict=True) if not rule.startswith("random_")][1:]
+    middle = drawn[(len(drawn) - 1) // 2 : (len(drawn) - 1) // 2 + 1]
+    return min(value for value in [*others, *middle] if np.isfinite(value))
+
+
+def warnings_of(folder: Path) -> int:
+    """How many warnings report.h5 counts."""
+    with h5py.File(folder / "report.h5") as report:
+        return int(report["summary"].attrs["warnings"])
+
+
+def opens_with_the_numbers_of_the_artefacts(found: Opened) -> None:
+    """Every number of the first screen is that of the artefact in its place, and there is no other."""
+    expected = of_artefacts(found.file.parent)
+    if warnings := warnings_of(found.file.parent):
+        expected["warnings",] = [warnings]
+    on_page = shown(found)
+    assert set(on_page) == set(expected)
+    for place, values in expected.items():
+        assert on_page[place] == pytest.approx(values, rel=1e-12, abs=0), place
+
+
+def has_no_other_digit(found: Opened, *names: str) -> None:
+    """Beside the numbers no digit stands on the first screen but in labels of gauges and in these names."""
+    for selector in ("#in-short", "#answer"):
+        text, _ = in_words(found.page, selector)
+        for name in (*names, *re.findall(r"\bG\d+\b", text)):
+            text = text.replace(name, "")
+        assert not re.search(r"\d", text), text
+
+
+def sentence(found: Opened) -> list[Number]:
+    """The numbers of the sentence under the title, in order; each shows the exact one rounded, and no digit stands beside."""
+    text, numbers = in_words(found.page, "#in-short")
+    assert not re.search(r"\d", text), text
+    for number in numbers:
+        assert rounded(number), number
+    return numbers
+
+
+def rows(found: Opened, selector: str) -> list[tuple[str, list[float]]]:
+    """Text and exact numbers of the rows of the tables in that element."""
+    told = found.page.locator(f"{selector} tbody tr").evaluate_all(
+        "all => all.map(e => [e.innerText, [...e.querySelectorAll('data')].map(data => data.value)])"
+    )
+    return [(text, [float(value) for value in values]) for text, values in told]

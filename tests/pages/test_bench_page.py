@@ -1,0 +1,40 @@
+"""The page of a bench: gauges placed on its hub, the loads estimated, stress on the body."""
+
+from __future__ import annotations
+
+import h5py
+import pytest
+
+from . import answers, tables
+from .every import (  # noqa: F401  every page has to pass these
+    test_every_picture_has_words,
+    test_it_fits_a_phone,
+    test_it_is_photographed_and_printed,
+    test_it_opens_without_a_word_and_asks_for_nothing,
+    test_its_markup_and_styles_are_valid,
+    test_there_is_no_barrier_in_light_or_in_dark,
+)
+from .runs import ROOT, page_of
+
+pytestmark = pytest.mark.slow
+SHORT = ("simulate.duration=2.0", "estimate.time_step=0.1", "field.instants=5")
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    return page_of(ROOT / "configs" / "bench" / "gauges.yaml", tmp_path_factory.mktemp("bench"), *SHORT)
+
+
+def test_its_answer_has_the_numbers_of_the_estimate(look, report):
+    """How many channels tell which load, with which error, at which claimed σ, in this order."""
+    with h5py.File(report.parent / "estimate.h5") as artefact:
+        told = artefact["summary"].attrs
+        expected = [told["channels"]]
+        for name in ("Fx", "Fy", "Fz"):
+            expected += [told[f"error.{name}"], told[f"std.{name}"]]
+    numbers = answers.sentence(look(report))
+    assert [number.value for number in numbers] == pytest.approx([float(value) for value in expected], rel=1e-12)
+
+
+def test_its_tables_sort_copy_and_save_with_all_digits(look, report):
+    assert tables.all_work(look(report).page, "bench-gauges")

@@ -1,0 +1,89 @@
+"""The page of a placement: the cantilever's four gauges for its modulus, as people open and use it."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+from . import answers, space, tables
+from .every import (  # noqa: F401  every page has to pass these
+    test_every_picture_has_words,
+    test_it_fits_a_phone,
+    test_it_is_photographed_and_printed,
+    test_it_opens_without_a_word_and_asks_for_nothing,
+    test_its_markup_and_styles_are_valid,
+    test_there_is_no_barrier_in_light_or_in_dark,
+)
+from .runs import ROOT, SHORT, page_of
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    return page_of(ROOT / "configs" / "cantilever-youngs-modulus.yaml", tmp_path_factory.mktemp("results"), *SHORT)
+
+
+@pytest.fixture(scope="module")
+def gauges(report):
+    return space.gauges_of(report.parent)
+
+
+def test_its_numbers_are_those_of_the_artefacts(look, report):
+    found = look(report)
+    answers.opens_with_the_numbers_of_the_artefacts(found)
+    answers.has_no_other_digit(found)
+
+
+def test_its_tables_sort_copy_and_save_with_all_digits(look, report):
+    found = look(report)
+    names = tables.all_work(found.page, "cantilever-youngs-modulus")
+    assert {"gauges", "with and without"} <= set(names)
+
+
+def test_the_gauges_are_sorted_by_their_exact_numbers(look, report):
+    """By σ without each gauge, whose shown digits are the same where the exact numbers are not."""
+    page = look(report).page
+    table = tables.table_named(page, "with and without")
+    head = table.locator("thead th", has_text="σ(E)")
+    head.locator("button.sort").click()
+    assert head.get_attribute("aria-sort") == "ascending"
+    with h5py.File(report.parent / "place.h5") as place:
+        without = place["without/E"][()]
+    shown = [int(group[0][0].text.removeprefix("G")) - 1 for group in tables.groups(table)]
+    assert sorted(shown) == list(range(len(without)))
+    assert np.all(np.diff(without[shown]) >= -1e-12 * without[0])
+    assert np.ptp(without) > 1e-6 * without[0]
+
+
+def test_the_structure_turns_zooms_and_obeys_the_keyboard(look, report):
+    found = look(report)
+    space.shows_a_structure(found)
+    space.turns_under_the_mouse(found)
+    space.zooms_by_the_wheel(found)
+    space.obeys_the_keyboard(found)
+
+
+def test_a_picked_gauge_tells_its_id_position_and_direction(look, report, gauges):
+    found = look(report)
+    space.picks_gauges(found, gauges)
+    space.comes_into_view(found, "G1", "G4")
+
+
+def test_a_phone_picks_by_touch(look, report, gauges):
+    found = look(report, 390, 844, touch=True)
+    label = gauges[-1][0]
+    found.page.locator(f'button.chip[data-gauge="{label}"]').tap()
+    space.tells_of(found.page, *gauges[-1])
+
+
+def test_without_scripts_it_still_answers(look, report):
+    """All that decides is there: the answer, the tables, the picture; only the view in space is not offered."""
+    found = look(report, scripts=False)
+    page = found.page
+    assert page.locator("#answer .tile").count() == 2
+    assert page.locator('.scroll[data-table="gauges"] tbody tr').count() == 4
+    assert page.locator("#answer img").is_visible()
+    assert not page.locator("#space").is_visible()
+    assert not page.locator("button.sort, .tools").count()
