@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import gc
 import os
 import signal
 import sys
 import threading
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -14,10 +17,19 @@ from dataclasses import dataclass
 
 import typer
 
+from strainsight.processes import end_children
+
 INTERNAL, USER, INTERRUPTED = 1, 2, 130
 SHOW_CURSOR = b"\x1b[?25h\n"
 """What a progress bar hides while it is drawn."""
 KEPT = "interrupted; finished stages are kept"
+ENDED = "ended from outside; finished stages are kept"
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""What ends the process with exit code 128 + its number: Ctrl-C, a polite kill, a terminal that was closed."""
+PATIENCE = 1.0
+"""[s] for the last words."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What Python says of a full disk without the name of the file."""
 LAST_WORDS: list[Callable[[str], None]] = []
 """What else is told of an interrupt, before the process ends; none may wait for anything."""
 
@@ -39,8 +51,10 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, StrainsightError):
         return Failure(error.exit_code, str(error), details if error.exit_code == INTERNAL else "")
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
-        remedy = "make the path readable and writable, or give another one"
+        remedy = "make the path readable and writable, or give another one (for results: --results FOLDER)"
         return Failure(USER, f"{error.filename}  {error.strerror}\n    {remedy}", details)
+    if isinstance(error, OSError) and error.errno in FULL:
+        return Failure(USER, f"{os.strerror(error.errno)}\n    make room on the disk, or write to another one", details)
     said = f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
     return Failure(INTERNAL, said, details)
 
@@ -78,32 +92,63 @@ def plain_warnings(verbose: bool) -> None:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Make Ctrl-C end the process, at once and in any case.
+    """Make Ctrl-C, and what else asks a process to end, end it: at once, in any case, and with what it has started.
 
-    Python raises KeyboardInterrupt wherever it happens to be: in a callback of a C library it is printed and forgotten, and
-    elsewhere it may end the process by the signal instead of the exit code. Nothing is lost by ending hard: an artefact is
-    whole or absent, the kernel drops the lock, and the next run clears up.
+    Python raises KeyboardInterrupt wherever its main thread happens to be: in a callback of a C library it is printed and
+    forgotten, and a factorisation is ended first, which may take a minute. Another thread waits for the signal here, and runs
+    as soon as the C library lets it. Nothing is lost by ending hard: an artefact is whole or absent, the kernel drops the
+    lock, and the next run clears up.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    waiting = threading.Thread(target=_wait_for_the_end, args=(reading,), daemon=True)
+    # nohup's child goes on without its terminal.
+    numbers = [number for number in ENDINGS if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, _stay) for number in numbers}
+    woken = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    waiting.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(woken)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        os.close(writing)
+        waiting.join()
+        os.close(reading)
 
-    def end(*_: object) -> None:
+
+def _stay(number: int, _: object) -> None:
+    """The main thread, where Python has a turn: it starts nothing more, and ends all where the other thread cannot."""
+    time.sleep(PATIENCE)
+    os._exit(128 + number)
+
+
+def _wait_for_the_end(reading: int) -> None:
+    """Python writes the number of every signal to the other end of this pipe, which is closed when nothing is left to end."""
+    while came := os.read(reading, 1):
+        if came[0] in ENDINGS:
+            _end(came[0])
+
+
+def _end(number: int) -> None:
+    gc.disable()  # a collection may wait for a lock that the interrupted code holds, as that of h5py
+    said = KEPT if number == signal.SIGINT else ENDED
+    with suppress(Exception):  # a terminal that is gone
         # Not print: the interrupted code may hold the stream's buffer.
         for stream in (sys.stdout, sys.stderr):
             if stream.isatty():
                 os.write(stream.fileno(), SHOW_CURSOR)
-        os.write(2, f"{KEPT}\n".encode())
-        with suppress(Exception):
-            for tell_it in LAST_WORDS:
-                tell_it(KEPT)
-        os._exit(INTERRUPTED)
-
-    before = signal.signal(signal.SIGINT, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+        os.write(2, f"{said}\n".encode())
+    with suppress(Exception):
+        for tell_it in LAST_WORDS:
+            tell_it(said)
+    with suppress(Exception):
+        end_children()
+    os._exit(128 + number)
 
 
 def _warn(message: Warning | str, *_: object, **__: object) -> None:

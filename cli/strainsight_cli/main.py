@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-import json
 import os
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +12,24 @@ from typing import Annotated
 
 import typer
 
+from strainsight.sweep.sweep import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import reported
 from strainsight_cli.figures import figures
-from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, DoctorJson, DryRun, Force, Json, Results, Set, Verbose
+from strainsight_cli.options import (
+    DEFAULT_RESULTS,
+    ConfigFile,
+    Dask,
+    DoctorJson,
+    DryRun,
+    Force,
+    Jobs,
+    Json,
+    Results,
+    Set,
+    Verbose,
+)
 from strainsight_cli.status import show_plan
 from strainsight_cli.view import view
 from strainsight_cli.work import Work, bring_up_to_date, say, show_results
@@ -52,6 +65,8 @@ def run(
     results: Results = DEFAULT_RESULTS,
     as_json: Json = False,
     overrides: Set = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
@@ -59,13 +74,14 @@ def run(
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
 
-            works = suites.works_of(loaded, results)
+            at_once, where = suites.shared_out(loaded, jobs, dask)
+            works = suites.works_of(loaded, results, where)
             if dry_run:
                 suites.show_suite(works, force, as_json, verbose)
             else:
-                suites.run_suite(works, loaded.data["jobs"], force, as_json, verbose)
+                suites.run_suite(works, at_once, force, as_json, verbose)
             return
-        work = work_of(loaded, results)
+        work = replace(work_of(loaded, results), where=Where(jobs, dask))
         names = [stage.name for stage in work.stages]
         _bring_up_to_date(work, names if force else [], dry_run, as_json, verbose, tables=names)
 
@@ -101,6 +117,12 @@ def init(
 
         if not deck.is_file():
             raise UserError("no such deck", where=str(deck), remedy="give the path of a finite-element deck")
+        if deck.suffix.lower() in (".yaml", ".yml"):
+            raise UserError(
+                "a config, not a deck",
+                where=str(deck),
+                remedy=f"to compute it: strainsight run {shlex.quote(str(deck))}; for a new one give the deck",
+            )
         target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
         if target.exists() and not force:
             raise UserError("the file exists", where=str(target), remedy="give another one with -o FILE, or --force")
@@ -110,7 +132,7 @@ def init(
         text = template(relative, suggestion(deck))
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding="utf-8")
-        print(f"wrote {target}: fill in the lines marked ←, then: strainsight run {target}")
+        print(f"wrote {target}: fill in the lines marked ←, then: strainsight run {shlex.quote(str(target))}")
 
 
 @app.command(help="Check this machine: packages, solver, rendering, memory.")
@@ -142,11 +164,14 @@ def _add_stage(name: str, what: str) -> None:
         results: Results = DEFAULT_RESULTS,
         as_json: Json = False,
         overrides: Set = None,
+        jobs: Jobs = None,
+        dask: Dask = None,
         verbose: Verbose = False,
     ) -> None:
         with reported(verbose):
             work = work_of_one(config, results, overrides, name)
-            upto = replace(work, stages=work.stages[: [stage.name for stage in work.stages].index(name) + 1])
+            last = [stage.name for stage in work.stages].index(name)
+            upto = replace(work, stages=work.stages[: last + 1], where=Where(jobs, dask))
             _bring_up_to_date(upto, [name] if force else [], dry_run, as_json, verbose, tables=[name])
 
 
@@ -175,13 +200,16 @@ def estimate(
     results: Results = DEFAULT_RESULTS,
     as_json: Json = False,
     overrides: Set = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
+        from strainsight.config.load import kind_of
+        from strainsight.config.overrides import Override
         from strainsight.errors import ConfigError
 
-        asked = list(overrides or ())
-        from strainsight.config.load import kind_of
+        asked: list[str | Override] = [*(overrides or ())]
 
         if measurements is not None and kind_of(config) == "bench":
             raise ConfigError(
@@ -193,7 +221,7 @@ def estimate(
         if measurements is not None:
             # From the config's folder, as all paths of a config: no absolute path gets into the results.
             relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
-            asked.append(f"estimate.file={json.dumps(Path(relative).as_posix())}")
+            asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
         if allow_unobservable:
             asked.append("estimate.allow_unobservable=true")
         work = work_of_one(config, results, asked, "estimate")
@@ -203,9 +231,10 @@ def estimate(
                 "no measurements to estimate from",
                 key="estimate",
                 where=str(config),
-                remedy="give `estimate: {channels: …}` in the config and --measurements FILE",
+                remedy="add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}` to the config "
+                "(docs/estimation.md), and give --measurements FILE",
             )
-        upto = replace(work, stages=work.stages[: names.index("estimate") + 1])
+        upto = replace(work, stages=work.stages[: names.index("estimate") + 1], where=Where(jobs, dask))
         _bring_up_to_date(upto, ["estimate"] if force else [], dry_run, as_json, verbose, tables=["estimate"])
 
 
@@ -228,6 +257,8 @@ def main() -> None:
         # A terminal without Greek gets question marks, not a failure at the end of a long run.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    # Handed on to the processes that clear up after others when Ctrl-C has ended those: they need not speak of it.
+    sys.warnoptions.append("ignore:resource_tracker")
     app()
 
 

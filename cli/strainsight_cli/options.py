@@ -17,4 +17,19 @@ Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override, as in --set place.keep=6.")
 ]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say why stages run; show the traceback of a failure.")]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        min=1,
+        metavar="N",
+        help="Processes at a time, for sweeps or the runs of a suite; default: one a core.",
+    ),
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        "--dask", metavar="ADDRESS", help="Run sweeps on the Dask cluster of this scheduler, which is trusted."
+    ),
+]
 DEFAULT_RESULTS = Path("results")

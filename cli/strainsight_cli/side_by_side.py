@@ -7,11 +7,12 @@ import sys
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context, resource_tracker
 from typing import TYPE_CHECKING, Any
 
+from strainsight.processes import end_with_parent
 from strainsight_cli.failures import Failure, failure_of, plain_warnings
 from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, note
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 LOOK = 0.2
 """[s] between two looks at what the processes say."""
-PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,7 @@ def _start(moves: Any, verbose: bool) -> None:
     global _moves
     _moves = moves
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if sys.platform == "linux":
-        import ctypes
-
-        with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    end_with_parent()
     plain_warnings(verbose)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from strainsight.errors import ConfigError, UserError, did_you_mean
+from strainsight.sweep.sweep import Where
 from strainsight_cli import pipelines, render
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import tell
@@ -24,8 +25,9 @@ if TYPE_CHECKING:
     from strainsight.workflow.stage import Stage
 
 
-def works_of(suite: LoadedConfig, results: Path) -> list[Work]:
-    """The runs of a suite, in order, and last the suite itself. Raises ConfigError for whatever is wrong with any of them."""
+def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> list[Work]:
+    """The runs of a suite, in order, and last the suite itself; where: the sweeps of a run run. Raises ConfigError for whatever
+    is wrong with any of them."""
     from strainsight.config.suite_runs import all_of, runs_of
     from strainsight.workflow.plan import Job
 
@@ -39,12 +41,22 @@ def works_of(suite: LoadedConfig, results: Path) -> list[Work]:
                 Job(data, run.config.path.parent, results, run.config.locate),
                 data["name"],
                 f"run {run.place + 1} of {len(runs)} {data['name']}",
+                where,
             )
         )
     page = _page(suite, runs, works, results)
     all_of([*works, page], refuse_taken)
     all_of(range(len(works)), lambda i: _refuse_inputs(suite, works, i))
     return [*works, page]
+
+
+def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple[int, Where]:
+    """How many runs go on at a time, and where the sweeps of each run: `--jobs` are the runs; else the suite says how many,
+    and they share the cores."""
+    from strainsight.sweep.processes import cores
+
+    at_once = jobs or int(suite.data["jobs"])
+    return at_once, Where(1 if jobs else max(1, cores() // at_once), dask)
 
 
 def _page(suite: LoadedConfig, runs: Sequence[PlannedRun], works: Sequence[Work], results: Path) -> Work:

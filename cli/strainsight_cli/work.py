@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from strainsight.sweep.sweep import Sweep, Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
 from strainsight_cli.runlog import Log, peak, run_log
@@ -30,12 +31,14 @@ def note(text: str) -> None:
 
 @dataclass(frozen=True)
 class Work:
-    """The stages of one config and what they run on; run: its name within a suite, beside: what the progress bar says of it."""
+    """The stages of one config and what they run on; run: its name within a suite, beside: what the progress bar says of it;
+    where: its sweeps run."""
 
     stages: tuple[Stage, ...]
     job: Job
     run: str = ""
     beside: str = ""
+    where: Where = field(default_factory=Where)
 
 
 def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
@@ -66,12 +69,23 @@ def bring_up_to_date(
 ) -> list[Artefact]:
     """Run what is not up to date, a line a stage; the artefacts of all stages."""
     refuse_taken(work)
-    with run_log(work.job, " ".join(stage.name for stage in work.stages)) as log:
-        return _logged(work, forced, as_json, verbose, say, progress, note, log)
+    from strainsight.fem.memory import available_memory
+
+    asked = " ".join(stage.name for stage in work.stages)
+    with run_log(work.job, asked) as log, opened(work.where, available_memory) as sweep:
+        return _logged(work, forced, as_json, verbose, say, progress, note, log, sweep)
 
 
 def _logged(
-    work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress, note: Say, log: Log
+    work: Work,
+    forced: Collection[str],
+    as_json: bool,
+    verbose: bool,
+    say: Say,
+    progress: Progress,
+    note: Say,
+    log: Log,
+    sweep: Sweep,
 ) -> list[Artefact]:
     from strainsight.errors import StrainsightError
     from strainsight.workflow.runner import RUNNING
@@ -89,7 +103,7 @@ def _logged(
         log(f"note: {text}")
         note(text)
 
-    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice)
+    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice, sweep=sweep)
     try:
         for event in events:
             if event.status == RUNNING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +11,10 @@ from strainsight_cli.work import Work
 
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
+    from strainsight.config.overrides import Override
 
 
-def loaded_config(path: Path, overrides: list[str] | None) -> LoadedConfig:
+def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> LoadedConfig:
     """Check the config before anything else is loaded."""
     from strainsight.config.load import load_config
 
@@ -27,7 +29,7 @@ def work_of(config: LoadedConfig, results: Path) -> Work:
     return Work(pipelines.stages_of(data), Job(data, config.path.parent, results, config.locate))
 
 
-def work_of_one(path: Path, results: Path, overrides: list[str] | None, stage: str) -> Work:
+def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] | None, stage: str) -> Work:
     """The work of a config that has the stage; a suite has none."""
     from strainsight_cli import suites
 

@@ -28,11 +28,22 @@ class StrainsightError(Exception):
         self.others: tuple[StrainsightError, ...] = ()
 
     def __str__(self) -> str:
-        head = "  ".join(part for part in (self.where, self.key and f"{self.key}: {self.what}") if part)
-        if not self.key:
-            head = f"{self.where}  {self.what}" if self.where else self.what
-        own = f"{head}\n    {self.remedy}" if self.remedy else head
+        where, key, what, remedy = (text and printable(text) for text in (self.where, self.key, self.what, self.remedy))
+        head = "  ".join(part for part in (where, key and f"{key}: {what}") if part)
+        if not key:
+            head = f"{where}  {what}" if where else what or ""
+        own = f"{head}\n    {remedy}" if remedy else head
         return "\n".join([own, *map(str, self.others)])
+
+
+LONGEST = 1500
+"""Signs of a part of a message: of a number of five thousand digits the middle is left out."""
+
+
+def printable(text: str) -> str:
+    """What a message shows of a text that may come from any file: no more than LONGEST signs, none that a terminal obeys."""
+    cut = text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
+    return "".join(sign if sign.isprintable() or sign == "\n" else ascii(sign)[1:-1] for sign in cut)
 
 
 class UserError(StrainsightError):

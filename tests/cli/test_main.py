@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
 from strainsight_cli import main, pipelines
+from strainsight_cli.failures import failure_of
 from strainsight_cli.main import app
 
 ROOT = Path(__file__).parents[2]
@@ -52,6 +54,40 @@ def test_a_dry_run_and_status_write_nothing(call, tmp_path):
         assert done.exit_code == 0
         assert done.output.count("never run") == len(stages_of_example("cantilever-youngs-modulus"))
     assert not (tmp_path / "results").exists()
+
+
+def test_init_takes_a_deck_not_a_config(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text("kind: placement\n", encoding="utf-8")
+    for words in (("own.yaml",), ("own.yaml", "--force"), ("own.yaml", "-o", "new.yaml")):
+        done = CliRunner().invoke(app, ["init", *words])
+        assert done.exit_code == 2
+        assert done.stderr.startswith("own.yaml  a config, not a deck\n    to compute it: strainsight run own.yaml;")
+    assert [path.name for path in tmp_path.iterdir()] == ["own.yaml"]
+    assert (tmp_path / "own.yaml").read_text(encoding="utf-8") == "kind: placement\n"
+
+
+def test_a_folder_that_cannot_be_written_is_told_with_the_option_for_another():
+    found = failure_of(PermissionError(13, "Permission denied", "results"))
+    assert found.code == 2
+    assert found.message.startswith("results  Permission denied\n")
+    assert "--results FOLDER" in found.message
+
+
+def test_what_init_says_to_run_next_can_be_copied(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "Träger 1.bdf").write_bytes((ROOT / "meshes" / "cantilever.bdf").read_bytes())
+    done = CliRunner().invoke(app, ["init", "Träger 1.bdf"])
+    assert shlex.split(done.output.rpartition("then: ")[2]) == ["strainsight", "run", "Träger 1.yaml"]
+
+
+def test_an_estimate_without_its_section_says_what_to_add(call, tmp_path):
+    (tmp_path / "m.csv").write_text("time,G1\n0,1\n1,2\n", encoding="utf-8")
+    plain, given = call("estimate", CONFIG), call("estimate", CONFIG, "--measurements", str(tmp_path / "m.csv"))
+    assert (plain.exit_code, given.exit_code) == (2, 2)
+    assert "add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}`" in plain.stderr
+    assert given.stderr.startswith("--measurements  estimate.channels: missing\n")
+    assert "no section `estimate` yet" in given.stderr
 
 
 def test_init_writes_a_config_that_status_accepts_and_does_not_overwrite(tmp_path, monkeypatch):

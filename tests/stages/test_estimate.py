@@ -46,7 +46,6 @@ validate:
   initial_std: {side: 0.1, E: 0.1}
   random_sets: 12
   repeats: 2
-  workers: 1
   sweeps: {time_steps: [1.0e-3], process_noise: [10]}
 estimate:
   time: {channel: time}

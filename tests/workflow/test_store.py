@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
-from strainsight.errors import ArtefactError
+from strainsight.errors import ArtefactError, UserError
 from strainsight.workflow import store
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Dataset, Output, Table
@@ -246,3 +248,28 @@ def test_an_output_that_breaks_the_rules_writes_nothing(tmp_path, changes):
     with pytest.raises(ValueError):
         write_artefact(tmp_path / "a.h5", output(**changes), HEADER)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_room_is_reserved_for_more_than_the_file_takes(tmp_path):
+    """The HDF5 library takes the process down where the disk is full: it must never have to ask for more."""
+    many = {f"/many/{i}": Dataset(np.ones(i), "m", "x" * i) for i in range(1, 300)}
+    words = {"/words": Dataset(np.array(["w" * i for i in range(90)], dtype=object), "1", "words")}
+    for i, content in enumerate([output(), output(datasets=many), output(datasets=words), output(datasets={})]):
+        content = content if i == 0 else replace(content, attributes={})
+        path = write_artefact(tmp_path / f"{i}.h5", content, HEADER).path
+        assert path.stat().st_size < store._most_bytes(content, HEADER)
+
+
+def test_a_full_disk_is_said_before_hdf5_meets_it(tmp_path, monkeypatch):
+    good = write_artefact(tmp_path / "a.h5", output(), HEADER)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    monkeypatch.setattr(h5py, "File", None)
+    with pytest.raises(UserError, match=r"a\.h5  cannot be written: No space left on device\n .*--results DIR"):
+        write_artefact(tmp_path / "a.h5", output(scale=2.0), HEADER)
+    monkeypatch.undo()
+    assert Artefact(tmp_path / "a.h5").digest == good.digest
+    assert {path.name for path in tmp_path.iterdir()} == {"a.h5", "report.html"}

@@ -53,4 +53,3 @@ class Validate(Section):
     )
     repeats: int = Field(20, ge=1, description="Seeds and starting values to repeat with [-].")
     sweeps: Sweeps = with_defaults(Sweeps, "Changes of the filter, one at a time.")
-    workers: int = Field(0, ge=0, description="Processes for the sweeps [-]; 0: one a core.")

@@ -16,7 +16,17 @@ from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun, Keep, Record
 from strainsight.estimation.update import Form, apply, output_std, predict, update, whiten
 
-__all__ = ["FilterRun", "apply", "covariance_recursion", "filter_runs", "output_std", "predict", "run_filter", "update"]
+__all__ = [
+    "FilterRun",
+    "all_lost",
+    "apply",
+    "covariance_recursion",
+    "filter_runs",
+    "output_std",
+    "predict",
+    "run_filter",
+    "update",
+]
 
 UNMOVED, CALM = 2e-15, 20
 """A shared covariance is at rest after CALM steps in which no entry moved by more than UNMOVED of its standard deviations."""
@@ -33,6 +43,7 @@ def run_filter(
     form: Form = "joseph",
     iterations: int = 1,
     through_step: bool = False,
+    refuse: bool = True,
 ) -> FilterRun:
     """`filter_runs` of the reduced model under known loads.
 
@@ -48,7 +59,15 @@ def run_filter(
         raise ValueError(f"known loads for {len(known)} steps, samples for {len(samples)}")
     driven = Driven(model, known)
     return filter_runs(
-        driven, mean, covariance, samples, keep, form=form, iterations=iterations, through_step=through_step
+        driven,
+        mean,
+        covariance,
+        samples,
+        keep,
+        form=form,
+        iterations=iterations,
+        through_step=through_step,
+        refuse=refuse,
     )
 
 
@@ -143,7 +162,7 @@ def filter_runs(
         if astray.any():
             record.lost[astray & (record.lost < 0)] = k + 1
             if refuse and np.all(record.lost >= 0):
-                raise _all_lost(model, record.lost)
+                raise all_lost(model, record.lost)
             x = np.where(astray[:, None], start[0], x)
             belief = belief if b == 1 else belief.reset(astray, start[1])
         if calm < CALM:
@@ -170,7 +189,8 @@ def _unmoved(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
     return bool(np.all(np.abs(P[0] - last[0]) <= UNMOVED * size[:, None] * size))
 
 
-def _all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
+def all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
+    """What to say where every run is lost; lost (B,): the steps that lost them."""
     return NumericalError(
         f"the filter diverged: {model.loss} in all of {len(lost)} runs, first at {lost.min() * model.h:g} s",
         remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",

@@ -125,7 +125,8 @@ def lowest(
     reduced, taken = np.full(len(free), np.inf), np.zeros(len(free), dtype=bool)
     reduced[places], taken[places] = rise, chosen
     weights = inside.astype(float)
-    weights[places] = np.clip(programme.x[: len(places)], 0, 1) if programme.status == 0 else chosen
+    solved = programme.x if programme.status == 0 else None
+    weights[places] = chosen if solved is None else np.clip(solved[: len(places)], 0, 1)
     value = float((mu * offset).sum() - penalty @ b) + least
     return Bound(value, weights, taken, reduced, mu.sum(axis=1) > 1e-12)
 

@@ -20,11 +20,12 @@ from strainsight.placement.scenario import (
     aggregated,
     fewest_gauges,
     refined,
-    solve_pool,
+    solved,
     weighted_trace,
     whole_pool_weight,
 )
 from strainsight.placement.witness import Guard
+from strainsight.sweep.sweep import Sweep, serial
 
 __all__ = ["Elimination", "Scenario", "eliminate", "whole_pool_weight"]
 
@@ -58,6 +59,7 @@ def eliminate(
     *,
     fixed: Collection[int] = (),
     names: Sequence[str] = (),
+    sweep: Sweep = serial,
 ) -> Elimination:
     """Remove, again and again, the gauge that raises the aggregate of tr(W P) least, until the limits are kept.
 
@@ -73,13 +75,13 @@ def eliminate(
     exactly; those whose bound does not exceed its value get a sharper one (`sharper_bound`), and are evaluated exactly
     in that order until the next bound exceeds the best value: the same answer as evaluating all of them. A removal
     after which an unknown is undetectable costs infinity, by test. All scenarios have the same gauges; fixed: gauges
-    that stay; names: of the unknowns.
+    that stay; names: of the unknowns; sweep: solves the scenarios with the whole pool.
     Raises InfeasibleError where no layout within the limits was found that detects the unknowns, ConfigError for an
     impossible `keep`.
     Source of the ratio: Senju and Toyoda, Management Science 15 (1968).
     """
     limits = as_limits(len(scenarios[0].H), keep, fixed)
-    pools = tuple(solve_pool(s, names) for s in scenarios)
+    pools = tuple(sweep(solved, scenarios, names))
     unknowns, least = fewest_gauges(pools)
     if limits.keep < least:
         raise InfeasibleError(

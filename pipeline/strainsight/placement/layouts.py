@@ -70,7 +70,7 @@ def best_layout(
         above[0] = most * unit - spare * priced
         done = milp(
             -value / scale,
-            integrality=np.ones(count),
+            integrality=np.ones(count, dtype=int),
             bounds=Bounds(np.minimum(lower, upper), upper),
             constraints=LinearConstraint(vstack(below, format="csr"), np.concatenate(low), np.concatenate(above)),
             options={"node_limit": nodes, "mip_rel_gap": gap},
@@ -125,10 +125,18 @@ class Detection:
                 return undetectable_in_words(found, names)
         return "nothing"
 
-    def layout(self, limits: Limits, value: np.ndarray, **more: object) -> Found:
+    def layout(
+        self,
+        limits: Limits,
+        value: np.ndarray,
+        *,
+        names: Collection[str] | None = None,
+        floor: int = 0,
+        nodes: int = NODES,
+    ) -> Found:
         """`best_layout` of those that detect every unknown."""
         while True:
-            found = best_layout(limits, value, hits=self.hits, **more)  # type: ignore[arg-type]
+            found = best_layout(limits, value, names=names, floor=floor, hits=self.hits, nodes=nodes)
             if found.gauges is None or not self.loses(found.gauges):
                 return found
 

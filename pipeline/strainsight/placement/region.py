@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.optimize import linprog, minimize
 from scipy.sparse import csr_array, vstack
@@ -66,7 +68,8 @@ class Region:
         price, offset = free, 0.0
         if not self.limits.plain:
             scale = max(float(np.abs(free).max(initial=0.0)), np.finfo(float).tiny)
-            programme = linprog(free / scale, A_ub=self._rows, b_ub=self._most, bounds=(0, 1), method="highs")
+            rows: Any = self._rows  # HiGHS takes sparse rows; the stubs of linprog know dense ones only
+            programme = linprog(free / scale, A_ub=rows, b_ub=self._most, bounds=(0, 1), method="highs")
             if programme.status == 0:
                 multiplier = scale * np.maximum(-programme.ineqlin.marginals, 0.0)
                 # count and floor are left to the sorting

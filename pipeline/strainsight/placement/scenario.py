@@ -18,6 +18,7 @@ from strainsight.augmentation.observability import (
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.information import Information, information
 from strainsight.placement.riccati import ACCEPTED, Loop, balance, close_loop, polish, relative_residual, solve_anew
+from strainsight.sweep.sweep import Sweep, serial
 
 Aggregate = Literal["mean", "worst"]
 
@@ -106,6 +107,11 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 
 
+def solved(names: Sequence[str], scenario: Scenario) -> Pool:
+    """`solve_pool` as a task of a sweep."""
+    return solve_pool(scenario, names)
+
+
 def _noise_rows(Q: np.ndarray) -> np.ndarray:
     """Q (n, n) with its rows at unit variance, so that no unit of a state hides the noise of another; same null space."""
     std = np.sqrt(np.diag(Q))
@@ -184,17 +190,19 @@ def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
     return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
 
 
-def whole_pool_weight(scenarios: Sequence[Scenario], unknown: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
+def whole_pool_weight(
+    scenarios: Sequence[Scenario], unknown: np.ndarray, names: Sequence[str] = (), sweep: Sweep = serial
+) -> np.ndarray:
     """Weights (n*,) that let the aggregate (mean) start at the number of unknowns with the whole pool:
 
     Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the states i of `unknown`, 0 for the others.
 
-    unknown (count,): their indices in x*; names: of the last states, for the messages of `solve_pool`.
+    unknown (count,): their indices in x*; names: of the last states, for the messages of `solve_pool`; sweep:
+    solves the scenarios.
     """
     at = np.asarray(unknown, dtype=int)
     weight, variance = np.zeros(len(scenarios[0].F)), np.zeros(len(at))
-    for scenario in scenarios:
-        pool = solve_pool(scenario, names)
+    for pool in sweep(solved, scenarios, names):
         variance += (np.diag(pool.P) * pool.scale**2)[at] / len(scenarios)
     weight[at] = 1 / variance
     return weight

@@ -14,7 +14,8 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.fem.model import FiniteElementModel
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
 from strainsight.rom.samples import Theta, parameter_samples
-from strainsight.rom.snapshots import Snapshots, only_scales, scaled, snapshots
+from strainsight.rom.snapshots import Snapshots, only_scales, scaled, snapshots, snapshots_at
+from strainsight.sweep.sweep import Sweep, serial
 
 DEPENDENT = 1e-10
 """A vector of unit energy whose part outside a basis is below this lies in it: the rest is rounding of the solver."""
@@ -59,6 +60,7 @@ def reduce_model(
     tolerance: float,
     damping: Damping,
     known: tuple[np.ndarray, np.ndarray] | None = None,
+    sweep: Sweep = serial,
 ) -> Reduction:
     """Modes and static responses over the parameter box, compressed in the energy inner product ⟨a, b⟩ = aᵀK(θ₀)b:
 
@@ -68,8 +70,9 @@ def reduce_model(
     S (n_free, n_u) [-] input shapes; inputs their names; reference θ₀ and ranges name → (low, high) [SI]; modes per
     sample; samples of the box, the reference among them; tolerance [-] beside snapshots of unit energy: every
     snapshot is then held to tolerance·√(number dropped) in the energy norm; known: frequencies [Hz] and shapes of the
-    reference, where they have been found. The reference is never truncated, so its reduced frequencies are the full
-    ones. Where one material is scaled as a whole the snapshots do not change with θ and the reference is sampled alone.
+    reference, where they have been found; sweep: runs the samples beside the reference. The reference is never
+    truncated, so its reduced frequencies are the full ones. Where one material is scaled as a whole the snapshots do not
+    change with θ and the reference is sampled alone.
     Raises InfeasibleError for a range that is missing or not positive, and the errors of `modes` and `factorise`.
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
     """
@@ -79,7 +82,7 @@ def reduce_model(
     K = full.stiffness.at(reference)
     first = snapshots(full, S, points[0], modes, known)
     V, _ = energy_orthonormal(K, first.vectors)
-    rest = [snapshots(full, S, theta, modes).vectors for theta in points[1:]]
+    rest = [found.vectors for found in sweep(snapshots_at, points[1:], (full.stiffness, full.mass, S, modes))]
     sigma = np.zeros(0)
     if rest:
         V, sigma = _compress(K, V, np.hstack(rest), tolerance)
@@ -114,21 +117,21 @@ def modal_model(
 
 
 def held_out_errors(
-    full: FiniteElementModel, S: np.ndarray, reduction: Reduction, thetas: Sequence[Theta]
+    full: FiniteElementModel, S: np.ndarray, reduction: Reduction, thetas: Sequence[Theta], sweep: Sweep = serial
 ) -> HeldOutErrors:
     """What the reduced model misses at `thetas`: relative frequencies, and static responses in the energy norm of K(θ).
 
     S as given to `reduce_model`. A static error ε is a relative error ε of the strain in the mean over the structure. Where
-    K and M only scale, the full model's answer there is that of the reference, scaled; else it is solved for.
+    K and M only scale, the full model's answer there is that of the reference, scaled; else it is solved for by `sweep`.
     """
     model, Psi, count = reduction.model, reduction.basis, len(reduction.frequency)
-    at_reference = Snapshots(reduction.frequency, Psi[:, :0], reduction.static)
+    if only_scales(full):
+        at_reference = Snapshots(reduction.frequency, Psi[:, :0], reduction.static)
+        answers = [scaled(full, at_reference, model.reference, theta) for theta in thetas]
+    else:
+        answers = sweep(snapshots_at, thetas, (full.stiffness, full.mass, S, count))
     frequency, static = np.zeros((len(thetas), count)), np.zeros((len(thetas), S.shape[1]))
-    for i, theta in enumerate(thetas):
-        if only_scales(full):
-            exact = scaled(full, at_reference, model.reference, theta)
-        else:
-            exact = snapshots(full, S, theta, count)
+    for i, (theta, exact) in enumerate(zip(thetas, answers, strict=True)):
         lam, _ = modal_basis(model, theta)
         frequency[i] = np.sqrt(lam[:count]) / (2 * np.pi) / exact.frequency - 1
         K = full.stiffness.at(theta)

@@ -43,10 +43,20 @@ def snapshots(
     S (n_free, n_u) [-] input shapes; theta [SI]; known: frequency and shapes at this θ where they have been found already, at
     least `modes` of them. Raises the errors of `modes` and `factorise`.
     """
-    K = full.stiffness.at(theta)
+    return snapshots_at((full.stiffness, full.mass, S, modes), theta, known)
+
+
+def snapshots_at(
+    shared: tuple[AffineOperator, AffineOperator, np.ndarray, int],
+    theta: Mapping[str, float],
+    known: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Snapshots:
+    """The same as a task of a sweep: shared are stiffness, mass, S and the number of modes."""
+    stiffness, mass, S, modes = shared
+    K = stiffness.at(theta)
     factor = factorise(K)
     if known is None:
-        known = lowest_modes(K, full.mass.at(theta), modes, factor=factor)
+        known = lowest_modes(K, mass.at(theta), modes, factor=factor)
     frequency, shapes = known
     return Snapshots(frequency[:modes], shapes[:, :modes], factor.solve(S))
 

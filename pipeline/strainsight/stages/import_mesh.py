@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, blame
 from strainsight.fem.assembly import mass_properties
@@ -97,6 +98,9 @@ def with_additions(mesh: Mesh, config: Any, key: str = "mesh") -> Mesh:
     for i, tie in enumerate(config.ties):
         with blame(f"{key}.ties.{i}"):
             nodes = node_indices(mesh, tie.set)
+            if tie.reference >= LARGEST_ID:
+                what = f"{tie.reference} is too large for the number of a node"
+                raise DeckError(what, key=f"{key}.ties.{i}.reference", remedy="give one below 10^12")
             if tie.at is not None:
                 mesh = with_node(mesh, tie.reference, tie.at)
             reference = node_index(mesh, tie.reference)

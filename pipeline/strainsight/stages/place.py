@@ -75,10 +75,10 @@ def _find(context: Context, problem: Problem, candidates: Candidates) -> _Found:
         limits = limits_of_config(config, pool, mesh, channels, candidates)
     ranges = {name: entry.range for name, entry in config.parameters.items()}
     with blame("place.estimate"):
-        scenarios = scenarios_of(problem, pool.channels, settings, ranges, context.seed)
+        scenarios = scenarios_of(problem, pool.channels, settings, ranges, context.seed, sweep=context.sweep)
     context.progress("elimination", 0.0)
     with blame("place.keep"):
-        result = eliminate(scenarios, limits, settings.aggregate, names=unknowns.state_names)
+        result = eliminate(scenarios, limits, settings.aggregate, names=unknowns.state_names, sweep=context.sweep)
         layout = layout_of(result.pools, result.kept, limits, settings, context.progress)
     gauges = pool.gauges_of(layout.gauges)
     expected = expectation(problem, gauges)

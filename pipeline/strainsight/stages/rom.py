@@ -14,6 +14,7 @@ from strainsight.stages.case.settings import damping_of, load_shapes, parameters
 from strainsight.stages.records.grids import vtkhdf_datasets
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.records.model import model_datasets
+from strainsight.sweep.sweep import watched
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -46,9 +47,11 @@ def run(context: Context) -> Output:
             config.rom.tolerance,
             damping_of(config.damping),
             (modes["/frequency"], modes["/shape"]),
+            watched(context.sweep, lambda share: context.progress("parameter samples", 0.2 + 0.5 * share)),
         )
     context.progress("held-out errors", 0.7)
-    held_out = held_out_errors(model, S, reduction, held_out_samples(reference, ranges, HELD_OUT))
+    watch = watched(context.sweep, lambda share: context.progress("held-out errors", 0.7 + 0.3 * share))
+    held_out = held_out_errors(model, S, reduction, held_out_samples(reference, ranges, HELD_OUT), watch)
     basis = nodal(model, reduction.basis)
     shapes = basis[:, : config.rom.modes].reshape(len(mesh.node_ids), 3, -1)
     grid, grid_attributes = vtkhdf_datasets(

@@ -18,6 +18,7 @@ from strainsight.stages.case.sweeps import sweep_datasets, sweep_table, sweeps_o
 from strainsight.stages.case.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.stages.records.grids import gauge_grid
 from strainsight.stages.records.measured import measured_csv
+from strainsight.sweep.sweep import watched
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -42,9 +43,14 @@ def run(context: Context) -> Output:
     )
     smoothed = smooth(model, main)
     context.progress("noise levels, repeats, random sets", 0.4)
-    studies = studies_of(trial, context.config.validate, context.upstream["screen"]["/kept"], context.seed)
+    settings, kept = context.config.validate, context.upstream["screen"]["/kept"]
+    watch = watched(
+        context.sweep, lambda share: context.progress("noise levels, repeats, random sets", 0.4 + 0.4 * share)
+    )
+    studies = studies_of(trial, settings, kept, context.seed, watch)
     context.progress("sweeps", 0.8)
-    swept = sweeps_of(trial, context.config.validate, context.seed)
+    watch = watched(context.sweep, lambda share: context.progress("sweeps", 0.8 + 0.2 * share))
+    swept = sweeps_of(trial, settings, context.seed, watch)
     estimate = physical(model, main.mean[:, 0], main.std[:, 0])
     later = physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
     filtered_error = real_and_claimed(trial, model, main.mean, main.std)

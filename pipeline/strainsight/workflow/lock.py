@@ -25,8 +25,9 @@ def locked(folder: Path) -> Iterator[int | None]:
     handle = _acquire(folder / NAME)
     try:
         left_by = _pid(handle)
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+        with suppress(OSError):  # a full disk: the lock holds without the name of who holds it
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
         yield left_by
     finally:
         (folder / NAME).unlink(missing_ok=True)

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from strainsight.errors import StrainsightError
+from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact, Header, file_digest
 from strainsight.workflow.borrow import borrowed
 from strainsight.workflow.lock import computing, locked
@@ -50,6 +51,7 @@ def run(
     forced: Collection[str] = (),
     progress: Progress = no_progress,
     notice: Callable[[str], None] = lambda text: None,
+    sweep: Sweep = serial,
 ) -> Iterator[Event]:
     """Bring `stages` (in order, upstream first) up to date, yielding events.
 
@@ -85,12 +87,18 @@ def run(
                     reason += f", taken over from {taken.lender}"
                 else:
                     with _placed(job):
-                        finished[stage.name] = _execute(stage, job, inputs[stage.name], key, finished, progress)
+                        finished[stage.name] = _execute(stage, job, inputs[stage.name], key, finished, progress, sweep)
             yield Event(stage.name, DONE, reason, time.perf_counter() - start, finished[stage.name])
 
 
 def _execute(
-    stage: Stage, job: Job, inputs: Inputs, key: str, finished: Mapping[str, Artefact], progress: Progress
+    stage: Stage,
+    job: Job,
+    inputs: Inputs,
+    key: str,
+    finished: Mapping[str, Artefact],
+    progress: Progress,
+    sweep: Sweep,
 ) -> Artefact:
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(
@@ -98,6 +106,7 @@ def _execute(
         upstream=upstream,
         files=inputs.files,
         progress=lambda doing, share: progress(stage.name, doing, share),
+        sweep=sweep,
     )
     start = time.perf_counter()
     output = stage.run(context)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Output
 from strainsight.workflow.slices import Slice
@@ -19,12 +20,14 @@ class Context:
     upstream  stage name → Artefact, opened when asked for
     files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file
     progress  progress("elimination", 0.4): what is being done and the share that is done
+    sweep     runs one function at many points, wherever the user wants that: the results are the same
     """
 
     config: Slice
     upstream: Mapping[str, Artefact]
     files: Mapping[str, Path]
     progress: Callable[[str, float], None]
+    sweep: Sweep = serial
 
     @property
     def name(self) -> str:

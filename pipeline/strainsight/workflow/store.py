@@ -7,7 +7,8 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -18,31 +19,38 @@ import h5py
 import numpy as np
 
 import strainsight
+from strainsight.errors import UserError
 from strainsight.workflow.artefact import FORMAT, FORMAT_VERSION, Artefact, Header, content_digest
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.seal import BLOCK, seal
 from strainsight.workflow.slices import canonical
 
+ROOM, ROOM_EACH = 1 << 14, 1 << 11
+"""[bytes] What HDF5 takes for a file beside its arrays, and for each of them: headers, attributes, heaps, scales."""
 TEMPORARY = ".part-"  # prefix of unfinished files; a kill may leave one, the next run removes it
 RAW = "/VTKHDF"
 
 
 def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
-    """Write `output` to `path` and read it back verified.
+    """Write `output` to `path`, read back and verified before it gets that name.
 
     A temporary file in the same folder, fsync, os.replace: `path` holds the old content or the new, never a part. Files
     beside it are replaced first, so that an artefact that exists vouches for them by their sha256.
 
-    Raises ValueError for an Output that breaks the rules: object arrays, a dataset without unit, a scale that is not
-    there.
+    Raises UserError for a disk that is full, or does not let itself be written to; ValueError for an Output that breaks the
+    rules: object arrays, a dataset without unit, a scale that is not there.
     """
     _check(output)
     beside = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
     header = replace(header, beside=beside, found=header.found or {})
-    path.parent.mkdir(parents=True, exist_ok=True)
+    size = _most_bytes(output, header)
 
     def write(temporary: Path) -> None:
-        with h5py.File(temporary, "w", track_order=False, userblock_size=BLOCK) as file:
+        _reserve(temporary, size)
+        with h5py.File(temporary, "w", track_order=False, userblock_size=BLOCK):
+            pass  # this gives back what was reserved
+        _reserve(temporary, size)
+        with h5py.File(temporary, "r+", track_order=False) as file:
             _write_content(file, output)
             _write_header(file, header, output.message)
             file.attrs["digest"] = content_digest(file)
@@ -50,15 +58,50 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
 
     parts: list[tuple[Path, Path]] = []
     try:
-        parts.append((_temporary(path, write), path))
-        for name, content in output.files.items():
-            parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
-        for part, target in reversed(parts):
-            _replace(part, target)
+        with kept_on_disk(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            parts.append((_temporary(path, write), path))
+            written = Artefact(parts[0][0])
+            for name, content in output.files.items():
+                parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
+            for part, target in reversed(parts):
+                _replace(part, target)
     finally:
         for part, _ in parts:
             part.unlink(missing_ok=True)
-    return Artefact(path)
+    written.path = path
+    return written
+
+
+@contextmanager
+def kept_on_disk(path: Path) -> Iterator[None]:
+    """Raise UserError, with the file and the remedy, for what the disk or its owner refuses."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise UserError(
+            f"cannot be written: {os.strerror(error.errno)}",
+            where=str(path),
+            remedy="make room, or give a folder that can be written to with --results DIR; what was there before is untouched",
+        ) from error
+
+
+def _most_bytes(output: Output, header: Header) -> int:
+    """More bytes than the file will have."""
+    arrays = sum(_text(np.asarray(d.array)).nbytes for d in output.datasets.values())
+    attributes = sum(len(repr(dict(entries))) for entries in output.attributes.values())
+    names = sum(len(name) + len(d.description) for name, d in output.datasets.items())
+    told = len(repr((output.summary, output.tables, output.message, header)).encode())
+    return ROOM + arrays + ROOM_EACH * len(output.datasets) + 2 * (attributes + names + told)
+
+
+def _reserve(path: Path, size: int) -> None:
+    """Have the disk hold the room that the file will take. The HDF5 library ends the process where it finds no room itself."""
+    if hasattr(os, "posix_fallocate"):
+        with path.open("r+b") as stream:
+            os.posix_fallocate(stream.fileno(), 0, size)
 
 
 def _temporary(path: Path, write: Callable[[Path], Any]) -> Path:
@@ -146,10 +189,15 @@ def _write_content(file: h5py.File, output: Output) -> None:
     file.create_dataset("tables", data=np.frombuffer(json.dumps(tables, ensure_ascii=False).encode(), dtype=np.uint8))
 
 
+def _text(array: np.ndarray) -> np.ndarray:
+    """Objects as text, four bytes a letter; other arrays as they are."""
+    return array.astype(str) if array.dtype.kind == "O" else array
+
+
 def _as_utf8(path: str, array: np.ndarray) -> np.ndarray:
     if array.dtype.kind == "O" and not all(isinstance(item, str) for item in array.ravel()):
         raise ValueError(f"{path} is an array of objects; only numbers, booleans and text can be stored")
-    encoded = np.char.encode(array.astype(str), "utf-8")
+    encoded = np.char.encode(_text(array), "utf-8")
     return encoded.astype(h5py.string_dtype("utf-8", max(1, encoded.dtype.itemsize)))
 
 

@@ -14,6 +14,7 @@ from strainsight.placement.scenario import Scenario, thesis_weight, whole_pool_w
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import instant_values
 from strainsight.stages.case.problem import Problem
+from strainsight.sweep.sweep import Sweep, serial
 
 
 def scenarios_of(
@@ -23,11 +24,12 @@ def scenarios_of(
     ranges: Mapping[str, Sequence[float]],
     seed: int,
     weight: np.ndarray | None = None,
+    sweep: Sweep = serial,
 ) -> tuple[Scenario, ...]:
     """One frozen linearisation an instant and parameter sample, all with one weight, by default as `place.weights` asks for.
 
     channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
-    (lowest, highest) [SI].
+    (lowest, highest) [SI]; sweep: solves them with the whole pool, where the weights ask for that.
     """
     p = problem
     u = instant_values(p.u)
@@ -40,15 +42,15 @@ def scenarios_of(
         for F in linearise(p.model, p.unknowns, theta, x[chosen], u[chosen]):
             H, r = _measured(p, channels, F)
             plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
-    own = _weight(p, plain, str(settings["weights"])) if weight is None else weight
+    own = _weight(p, plain, str(settings["weights"]), sweep) if weight is None else weight
     return tuple(Scenario(s.F, s.Q, s.H, s.r, own) for s in plain)
 
 
-def _weight(problem: Problem, scenarios: Sequence[Scenario], rule: str) -> np.ndarray:
+def _weight(problem: Problem, scenarios: Sequence[Scenario], rule: str, sweep: Sweep) -> np.ndarray:
     unknowns, position = problem.unknowns, problem.unknowns.position(problem.model)
     if rule == "thesis":
         return thesis_weight(len(scenarios[0].F), position, unknowns.scale)
-    return whole_pool_weight(scenarios, position, unknowns.state_names)
+    return whole_pool_weight(scenarios, position, unknowns.state_names, sweep)
 
 
 def parameter_samples(

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from strainsight.estimation.consistency import not_identified
-from strainsight.estimation.filter import run_filter
+from strainsight.estimation.filter import all_lost, run_filter
 from strainsight.estimation.model import physical
+from strainsight.estimation.reduced import Driven
 from strainsight.stages.case.problem import filter_model, filter_options, sample_std
-from strainsight.stages.case.trial import Trial, real_and_claimed
+from strainsight.stages.case.trial import Trial, real_and_claimed, without_truth
+from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.output import Dataset
 
 
@@ -41,8 +43,10 @@ CHOICES = 1 << 31
 """Stream of the random numbers that choose starts and sets, apart from those of the noise."""
 
 
-def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed: int) -> dict[str, Study]:
-    """All studies of a validation, filtered as one batch.
+def studies_of(
+    trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed: int, sweep: Sweep = serial
+) -> dict[str, Study]:
+    """All studies of a validation, filtered in batches of at most BATCH runs.
 
         noise      other noise levels
         repeats    other noise and other starting values
@@ -70,7 +74,7 @@ def studies_of(trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed
         sets = [rng.choice(pool, size, replace=False) for _ in range(count)]
         channels = every.of(np.array(sets, dtype=int).reshape(count, size))
         parts[key] = _runs(channels.reshape(count, size * channels.shape[-1]), 1.0, home, own[:count])
-    return _filtered(trial, parts, seed)
+    return _filtered(trial, parts, seed, sweep)
 
 
 def identified(trial: Trial, starts: Study) -> dict[str, bool]:
@@ -175,33 +179,67 @@ def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndar
     )
 
 
-def _filtered(trial: Trial, parts: Mapping[str, Runs], seed: int) -> dict[str, Study]:
+BATCH = 64
+"""Runs that are filtered at once: a run more in a batch costs a fourteenth of what a batch costs by itself, so that many
+share that cost well. Never the number of processes: a batch's size may change the last bit of its results."""
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Runs and what their channels read without noise, true (T, B, k); seed of the config."""
+
+    runs: Runs
+    true: np.ndarray
+    seed: int
+
+
+def _filtered(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, Study]:
     width = max(part.channels.shape[1] for part in parts.values())
     channels = np.concatenate([_widened(part.channels, width) for part in parts.values()])
     factor, start, stream = (
         np.concatenate([getattr(part, name) for part in parts.values()]) for name in ("noise_factor", "start", "seed")
     )
-    model = filter_model(trial.problem, channels, trial.h, factor)
-    shape = (len(trial.time) - 1, width)
-    noise = np.stack([sample_noise(seed, int(realisation), *shape) for realisation in stream], axis=1)
-    mean = np.zeros((len(stream), model.size))
-    mean[:, model.position] = start
-    measured = trial.reading(channels)[1:] + noise * sample_std(trial.problem, channels, trial.h, factor)
-    run = run_filter(model, mean, trial.covariance, trial.known, measured, **filter_options(trial.problem))
-    real, claimed = real_and_claimed(trial, model, run.mean, run.std)
-    values = physical(model, run.mean, run.std)
-    found, first = {}, 0
+    batches = []
+    for own in np.array_split(np.arange(len(stream)), -(-len(stream) // BATCH)):
+        runs = Runs(channels[own], factor[own], start[own], stream[own])
+        batches.append(_Batch(runs, trial.reading(runs.channels)[1:], seed))
+    found = sweep(_batch, batches, without_truth(trial))
+    lost = np.concatenate([answer[-1] for answer in found])
+    if np.all(lost >= 0):
+        raise all_lost(Driven(filter_model(trial.problem, channels[:1], trial.h), trial.known), lost)
+    real, claimed, estimate, std = (
+        {name: np.concatenate([answer[i][name] for answer in found], axis=-1) for name in trial.names} for i in range(4)
+    )
+    studies, first = {}, 0
     for key, part in parts.items():
         span = slice(first, first + len(part.seed))
         first = span.stop
-        found[key] = Study(
+        studies[key] = Study(
             part,
-            {name: real[name][span] for name in trial.names},
-            {name: claimed[name][span] for name in trial.names},
-            {name: values[name][0][:, span] for name in trial.names},
-            {name: values[name][1][:, span] for name in trial.names},
+            *({name: values[name][..., span] for name in trial.names} for values in (real, claimed, estimate, std)),
         )
-    return found
+    return studies
+
+
+Answer = tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]
+"""By name: real and claimed error (B,), estimate and its σ (T + 1, B); then the steps that lost the runs (B,)."""
+
+
+def _batch(trial: Trial, batch: _Batch) -> Answer:
+    """Measure with noise and filter: a task of a sweep."""
+    runs = batch.runs
+    model = filter_model(trial.problem, runs.channels, trial.h, runs.noise_factor)
+    shape = (len(batch.true), runs.channels.shape[1])
+    noise = np.stack([sample_noise(batch.seed, int(realisation), *shape) for realisation in runs.seed], axis=1)
+    measured = batch.true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
+    mean = np.zeros((len(runs.seed), model.size))
+    mean[:, model.position] = runs.start
+    options = filter_options(trial.problem)
+    found = run_filter(model, mean, trial.covariance, trial.known, measured, refuse=False, **options)
+    real, claimed = real_and_claimed(trial, model, found.mean, found.std)
+    values = physical(model, found.mean, found.std)
+    estimate, std = ({name: values[name][i] for name in trial.names} for i in (0, 1))
+    return real, claimed, estimate, std, found.lost
 
 
 def _widened(channels: np.ndarray, width: int) -> np.ndarray:

@@ -12,7 +12,8 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.filter import run_filter
 from strainsight.stages.case.problem import filter_model, filter_options, sample_std
 from strainsight.stages.case.studies import sample_noise
-from strainsight.stages.case.trial import Trial, at_step, real_and_claimed
+from strainsight.stages.case.trial import Trial, at_step, real_and_claimed, without_truth
+from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.output import Dataset, Table
 
 
@@ -33,8 +34,8 @@ class Swept:
     claimed: dict[str, float]
 
 
-def sweeps_of(trial: Trial, settings: Any, seed: int) -> tuple[Swept, ...]:
-    """Every point of `validate.sweeps`, in as many processes as `validate.workers` says.
+def sweeps_of(trial: Trial, settings: Any, seed: int, sweep: Sweep = serial) -> tuple[Swept, ...]:
+    """Every point of `validate.sweeps`.
 
     Other time steps have measurements of their own; the noise of a sample then is what its intensity makes of it.
     Raises ConfigError for a wrong parameter that is estimated or is none.
@@ -44,18 +45,17 @@ def sweeps_of(trial: Trial, settings: Any, seed: int) -> tuple[Swept, ...]:
         return ()
     duration = float(settings.duration)
     at = {p.value: at_step(trial, p.value, round(duration / p.value) * p.value) for p in points if p.key == "time_step"}
-    # Only what a filter needs goes to another process: a truth may hold the whole model.
+    own = _Task(None, _measured(trial, seed))
     tasks = [
-        (point, _task(at.get(point.value, trial) if point.key == "time_step" else trial, point, seed))
+        (
+            point,
+            _Task(without_truth(at[point.value]), _measured(at[point.value], seed))
+            if point.key == "time_step"
+            else own,
+        )
         for point in points
     ]
-    if len(points) == 1 or settings.workers == 1:
-        found = [_swept(point, task) for point, task in tasks]
-    else:
-        from joblib import Parallel, delayed
-
-        found = Parallel(n_jobs=int(settings.workers) or -1)(delayed(_swept)(point, task) for point, task in tasks)
-    return tuple(found)
+    return tuple(sweep(_swept, tasks, without_truth(trial)))
 
 
 def _points(trial: Trial, sweeps: Any) -> list[Point]:
@@ -76,22 +76,26 @@ def _points(trial: Trial, sweeps: Any) -> list[Point]:
     return points
 
 
-def _task(trial: Trial, point: Point, seed: int) -> tuple[Trial, np.ndarray, float]:
-    """The trial without its truth, the layout's measurement, and the factor on process noise."""
+@dataclass(frozen=True)
+class _Task:
+    """The trial at another time step, None: the layout's own; measured (T, k) by the layout."""
+
+    trial: Trial | None
+    measured: np.ndarray
+
+
+def _measured(trial: Trial, seed: int) -> np.ndarray:
+    """By the layout, with noise (T, k)."""
     noise = sample_noise(seed, 0, len(trial.time) - 1, len(trial.chosen))
-    measured = trial.reading(trial.chosen)[1:] + noise * sample_std(trial.problem, trial.chosen, trial.h)
-    bare = replace(trial, truth=replace(trial.truth, motion=_gone), motion=None)  # type: ignore[arg-type]
-    return bare, measured, point.value if point.key == "process_noise" else 1.0
+    return np.asarray(trial.reading(trial.chosen)[1:] + noise * sample_std(trial.problem, trial.chosen, trial.h))
 
 
-def _gone(_u: np.ndarray, _h: float) -> Any:
-    raise AssertionError("the truth stays in the process that simulated it")
-
-
-def _swept(point: Point, task: tuple[Trial, np.ndarray, float]) -> Swept:
-    trial, measured, factor = task
+def _swept(own: Trial, changed: tuple[Point, _Task]) -> Swept:
+    point, task = changed
+    trial, measured = task.trial or own, task.measured
     model = filter_model(trial.problem, trial.chosen, trial.h)
-    model = replace(model, Q=factor * model.Q)
+    if point.key == "process_noise":
+        model = replace(model, Q=point.value * model.Q)
     if point.key in model.fixed:
         truth = trial.truth.theta[point.key]
         model = replace(model, fixed={**model.fixed, point.key: point.value * truth})

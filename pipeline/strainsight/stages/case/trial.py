@@ -48,6 +48,16 @@ class Trial:
         return np.where(channels >= 0, read, np.nan)
 
 
+def without_truth(trial: Trial) -> Trial:
+    """What a filter needs, and its errors: a truth may hold the whole model, which is not sent to other processes."""
+    gone = ReadMotion(np.zeros((0, 0)))
+    return replace(trial, truth=replace(trial.truth, motion=_gone), motion=gone)
+
+
+def _gone(_u: np.ndarray, _h: float) -> Motion:
+    raise AssertionError("the truth stays in the process that simulated it")
+
+
 def trial_of(context: Context) -> Trial:
     """Simulate the truth of the config at the time step of `validate`."""
     config, problem = context.config, problem_of(context)

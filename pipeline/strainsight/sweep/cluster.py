@@ -1,0 +1,202 @@
+"""A sweep on a Dask cluster: whoever connects to a scheduler trusts it, and it trusts them."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+import uuid
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache, partial
+from typing import Any
+
+from strainsight.errors import StrainsightError, UserError
+from strainsight.sweep.heard import Heard, heard, repeated
+from strainsight.sweep.sweep import P, R, S, Sweep, Told
+
+PATIENCE = 5.0
+"""[s] that a scheduler has to answer in, and a first worker to be there."""
+LOOK = 0.2
+"""[s] between two looks at what is done."""
+DESERTED = 60.0
+"""[s] without any worker after which a sweep is given up: where workers die, others often follow."""
+SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudpickle")
+"""Packages that must have one version everywhere: the results come from the first four, the rest carries them."""
+
+
+@contextmanager
+def on_cluster(address: str) -> Iterator[Sweep]:
+    """Sweeps on the workers of a scheduler, as in "tcp://127.0.0.1:8786".
+
+    Raises UserError where `distributed` is missing, nothing or something else answers, no worker is there, or versions differ.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UserError(
+            "the package distributed is not installed", key="--dask", remedy="pip install 'strainsight[dask]'"
+        ) from None
+    # What it has to say of broken connections is said by the errors below.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _require_scheduler(address)
+    client = Client(address, timeout=PATIENCE, set_as_default=False)
+    try:
+        _require_workers(client, address)
+        yield partial(_sweep, client)
+    finally:
+        client.close(timeout=PATIENCE)
+
+
+def _require_scheduler(address: str) -> None:
+    """Ask who is there before a client is made: one that fails to connect goes on trying as it is thrown away."""
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async def who() -> str:
+        async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
+            return str((await there.identity())["type"])
+
+    try:
+        kind = asyncio.run(asyncio.wait_for(who(), PATIENCE))
+    # of a socket, an address, a name, a certificate, or of reading what another program sent
+    except Exception as error:
+        why = str(error).splitlines()[0] if isinstance(error, ValueError | TypeError) else "no answer"
+        raise UserError(
+            f"no Dask scheduler at {address}: {why or type(error).__name__}",
+            key="--dask",
+            remedy=f"start one (`dask scheduler`) and give the address that it prints; it has {PATIENCE:g} s to answer",
+        ) from None
+    if kind != "Scheduler":
+        raise UserError(
+            f"{address} is a Dask {kind.lower()}, not a scheduler", key="--dask", remedy="give the scheduler's"
+        )
+
+
+def _require_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        raise UserError(
+            f"the Dask scheduler at {address} has no workers", key="--dask", remedy=f"dask worker {address}"
+        ) from None
+    there = client.get_versions(packages=SAME)
+    _refuse_others(there["scheduler"]["packages"], "scheduler")
+    for worker, own in there["workers"].items():
+        _refuse_others(own["packages"], f"worker {worker}")
+
+
+def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
+    """Raise UserError where a package has another version there."""
+    other = [
+        f"{name} {_shown(theirs.get(name))} there, {_shown(own)} here"
+        for name, own in (ours or versions()).items()
+        if theirs.get(name) != own
+    ]
+    if other:
+        raise UserError(
+            f"the Dask {who} is another installation: {', '.join(other)}",
+            key="--dask",
+            remedy="install the same versions on all machines: results must not depend on where they are computed",
+        )
+
+
+@cache
+def versions() -> dict[str, str | None]:
+    """Python and the packages that must agree."""
+    from distributed.versions import get_package_info
+
+    found: dict[str, str | None] = get_package_info(SAME)
+    return {name: found[name] for name in ("python", *SAME)}
+
+
+def _shown(version: str | None) -> str:
+    return "missing" if version is None else version.removesuffix(".final.0")
+
+
+def _sweep(client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, told: Told | None = None) -> list[R]:
+    import dask
+
+    if not points:
+        return []
+    # Not scattered: scattered data die with the workers that hold them. The scheduler keeps how this came about, the data
+    # themselves, and gives them to another worker; so it does with the tasks. Workers fetch them from each other.
+    run = f"{task.__name__}-{uuid.uuid4().hex}"
+    # Pairs of name and place: the scheduler sees that they are alike, and spreads them over all workers.
+    keys = [(run, place) for place in range(len(points))]
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
+        kept = client.submit(_kept, shared, key=f"shared-{run}")
+        futures = client.map(_one, list(points), key=keys, task=task, shared=kept, ours=versions(), pure=False)
+    try:
+        return _collected(client, futures, told)
+    except BaseException as error:
+        if client.status != "running":
+            raise _gone() from error
+        client.cancel(futures, force=True)
+        raise
+
+
+def _kept(shared: Any) -> Any:
+    return shared
+
+
+def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Heard:
+    """A task on a worker, which may have come after the first ones were asked for their versions."""
+    from distributed import get_worker
+
+    _refuse_others(versions(), f"worker {get_worker().address}", ours)
+    return heard(task, shared, point)
+
+
+def _collected(client: Any, futures: Sequence[Any], told: Told | None) -> list[Any]:
+    """The results in order; the error of a task ends them all."""
+    from distributed import wait
+
+    found: dict[Any, Heard] = {}
+    waiting, last_seen = set(futures), time.monotonic()
+    while waiting:
+        try:
+            with client.as_current():
+                done = wait(waiting, timeout=LOOK, return_when="FIRST_COMPLETED").done
+        except TimeoutError:
+            last_seen = _look_for_workers(client, last_seen)
+            continue
+        found |= _results(client, done)
+        waiting -= done
+        if told is not None:
+            told(len(found) / len(futures))
+    return [repeated(found[future.key]) for future in futures]
+
+
+def _results(client: Any, done: Collection[Any]) -> dict[Any, Heard]:
+    from distributed import KilledWorker
+
+    try:
+        return dict(zip((future.key for future in done), client.gather(list(done)), strict=True))
+    except KilledWorker:
+        raise StrainsightError(
+            "several workers of the cluster were killed at the same task of a sweep, probably for lack of memory",
+            remedy="start workers with more memory (dask worker --memory-limit) or fewer threads (--nthreads 1)",
+        ) from None
+
+
+def _look_for_workers(client: Any, last_seen: float) -> float:
+    """When a worker was last there; raises UserError where that is too long ago."""
+    now = time.monotonic()
+    if client.scheduler_info(n_workers=1)["workers"]:
+        return now
+    if now - last_seen > DESERTED:
+        raise UserError(
+            f"the Dask cluster has had no worker for {DESERTED:g} s",
+            key="--dask",
+            remedy="start workers, then run again: finished stages are kept",
+        )
+    return last_seen
+
+
+def _gone() -> UserError:
+    return UserError(
+        "the Dask scheduler has gone",
+        key="--dask",
+        remedy="start it and its workers again, then run again: finished stages are kept",
+    )

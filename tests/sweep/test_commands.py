@@ -1,0 +1,144 @@
+"""`--jobs` and `--dask` on the command line: the same artefacts under the same keys, and an end at once when interrupted."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.sweep import processes
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .beam import write_project
+
+STAGES = ("import", "modes", "rom", "train", "screen", "observe", "place", "spectrum", "validate")
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory) -> Path:
+    return write_project(tmp_path_factory.mktemp("beam"))
+
+
+def run(config: Path, results: str, *options: str):
+    folder = config.parent / results
+    return CliRunner().invoke(app, ["validate", str(config), "--results", str(folder), *options])
+
+
+def artefacts(config: Path, results: str) -> dict[str, tuple[str, str]]:
+    found = {stage: Artefact(config.parent / results / "beam" / f"{stage}.h5") for stage in STAGES}
+    return {stage: (artefact.header.key, artefact.digest) for stage, artefact in found.items()}
+
+
+@pytest.fixture(scope="module")
+def alone(config) -> dict[str, tuple[str, str]]:
+    done = run(config, "alone", "--jobs", "1")
+    assert done.exit_code == 0, done.output
+    return artefacts(config, "alone")
+
+
+def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatch):
+    spread, sent = processes._spread, []
+
+    def seen(task, points, shared, count, keep):
+        sent.append(task.__name__)
+        spread(task, points, shared, count, keep)
+
+    monkeypatch.setattr(processes, "_spread", seen)
+    done = run(config, "two", "--jobs", "2")
+    assert done.exit_code == 0, done.output
+    assert artefacts(config, "two") == alone
+    # else nothing would have been compared
+    assert sent == ["snapshots_at", "snapshots_at", "solved", "solved", "_batch", "_swept"]
+
+
+def test_a_cluster_writes_the_same_artefacts_and_is_no_reason_to_run_again(config, alone, cluster):
+    done = run(config, "dask", "--dask", cluster.address)
+    assert done.exit_code == 0, done.output
+    assert artefacts(config, "dask") == alone
+    again = run(config, "dask", "--jobs", "1")
+    assert again.output.count("up to date") == len(STAGES), again.output
+
+
+def test_a_wrong_address_ends_with_two_before_anything_is_computed(config):
+    done = run(config, "nowhere", "--dask", "127.0.0.1:port")
+    assert done.exit_code == 2
+    assert "--dask: no Dask scheduler at 127.0.0.1:port" in done.output
+    assert "Traceback" not in done.output
+    assert not list((config.parent / "nowhere").glob("**/*.h5"))
+
+
+@pytest.mark.parametrize("jobs", ["0", "-1", "two"])
+def test_a_number_of_processes_is_one(config, jobs):
+    assert run(config, "none", "--jobs", jobs).exit_code == 2
+
+
+CODE = """
+import sys
+from strainsight.sweep.sweep import Where, opened
+from strainsight_cli.failures import reported
+import sweep_tasks
+with reported(), opened(Where(dask=sys.argv[1])) as sweep:
+    sweep(sweep_tasks.slow, list(range(40)), None, lambda share: print(share, flush=True))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
+def test_interrupted_it_ends_at_once_and_the_cluster_forgets_it(cluster):
+    here = Path(__file__).parent
+    process = subprocess.Popen(
+        [sys.executable, "-c", CODE, cluster.address],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(here)},
+        start_new_session=True,
+    )
+    try:
+        for _ in range(2):
+            assert float(process.stdout.readline()) < 0.5
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
+        start = time.monotonic()
+        _, said = process.communicate(timeout=20)
+        assert time.monotonic() - start < 2
+        assert process.returncode == 130
+        assert said.strip() == "interrupted; finished stages are kept"
+        assert _until(lambda: not _of_session(process.pid))
+        assert _until(lambda: _tasks(cluster.address) == 0)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _until(true) -> bool:
+    end = time.monotonic() + 10
+    while time.monotonic() < end:
+        if true():
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def _of_session(leader: int) -> list[str]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
+            if int(session) == leader and state not in "ZX":
+                found.append((stat.parent / "cmdline").read_text())
+    return found
+
+
+def _tasks(address: str) -> int:
+    """What the scheduler still has to do."""
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        return int(client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
