@@ -131,3 +131,45 @@ def test_an_override_counts_and_is_named_as_the_place(write):
 
 def test_paths_stay_as_written(write):
     assert load_config(write(EXAMPLE)).data["mesh"]["file"] == "../meshes/cantilever.bdf"
+
+
+@pytest.mark.parametrize("kind", ["[placement]", "{placement: 1}", "[[]]", "null", "1"])
+@pytest.mark.parametrize("override", [(), ("place.keep=4",)])
+def test_a_kind_that_is_no_text_is_refused(write, kind, override):
+    (error,) = refused(write(EXAMPLE.replace("kind: placement", f"kind: {kind}")), *override)
+    assert error.key == "kind"
+
+
+def test_what_a_terminal_obeys_is_not_shown_as_it_stands(write):
+    (error,) = refused(write(f"{EXAMPLE}\n'a\\u202e\\x1b]0;b\\x07': 1\n".replace("'", '"')))
+    assert "a\\u202e\\x1b]0;b\\x07" in str(error)
+    assert str(error).replace("\n", "").isprintable()
+
+
+def test_a_number_of_five_thousand_digits_is_cut_in_the_message(write):
+    (error,) = refused(write(EXAMPLE.replace("seed: 1", f"seed: {'9' * 5000}")))
+    assert "is not a decimal number" in error.what
+    assert len(str(error)) < 2000
+
+
+def test_half_of_a_sign_is_no_text(write):
+    r"""\ud83d\ude00 is how JSON writes one sign; half of it cannot be written into any file."""
+    good = load_config(write(EXAMPLE.replace("parameters:", r'"parameters":')), [r'name="a\u005fb"'])
+    assert good.model.name == "a_b"
+    (error,) = refused(write(EXAMPLE.replace("name: cantilever", r'name: "\ud83d" # ')))
+    assert "half of a sign" in error.what
+    (error,) = refused(write(EXAMPLE.replace("seed: 1", r'seed: "\ud83d\ude00"')))
+    assert "'😀'" in error.what
+
+
+@pytest.mark.parametrize("place", ["²", "9" * 5000, "٣", "-1", "3"])
+def test_a_place_in_a_list_that_is_none(write, place):
+    (error,) = refused(write(EXAMPLE), f"loads.tip.direction.{place}=1")
+    assert "has no entry" in error.what or "is not KEY=VALUE" in error.what
+
+
+def test_a_file_that_is_too_long_is_no_config(write):
+    """A mebibyte of commas took a minute; the limit may fall within a sign of two bytes."""
+    for sign in ("[" + "1," * (1 << 19), "é" * (1 << 17), "x" * ((1 << 17) - 8) + "é" * 99):
+        (error,) = refused(write(f"name: {sign}"))
+        assert "larger than 128 KiB" in error.what

@@ -186,3 +186,10 @@ def test_a_section_that_was_replaced_whole_is_said(write):
     for error in errors:
         assert error.remedy == "`set` replaced all of train: write train.duration: 0.2"
         assert place(text, "{train") in error.where
+
+
+@pytest.mark.parametrize("name", ["x" * 300, r'"a\0b"', "../" * 2000])
+def test_a_name_that_no_file_can_have_is_no_file(write, name):
+    (error,) = refused(write(SUITE.replace("cantilever-input.yaml", name, 1)))
+    assert error.key == "runs[2].config"
+    assert "no such file" in error.what

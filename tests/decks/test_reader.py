@@ -234,3 +234,15 @@ def test_a_reference_node_given_in_millimetres_is_suspicious(tmp_path):
     far = with_node(mesh, 900, (50.0, 0, 0))
     far = with_rigid_element(far, node_index(far, 900), np.array([1]), (0, 1, 2), "mesh.ties.0")
     assert any("node 900 of mesh.ties.0 lies 49 m from its nodes" in text for text in suspicions(far, "mm", "t"))
+
+
+@pytest.mark.parametrize("name", ["part.bdf.gz", "part.inp.gz"])
+def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path, name):
+    """80 kB of zeros, or of one comment again and again, took 80 MB, and 4 MB took the memory of the machine."""
+    for line in (b"\0" * 1024, b"$ a comment\n" * 85):
+        with gzip.open(tmp_path / name, "wb") as file:
+            for _ in range(90):
+                file.write(line * 1024)
+        with pytest.raises(DeckError, match="more than 100 times its size") as caught:
+            read_mesh(tmp_path / name)
+        assert caught.value.where.startswith(str(tmp_path / name))

@@ -212,3 +212,9 @@ def test_settings_that_cannot_be():
     for wrong in ({"decimal": ";"}, {"delimiter": ",", "decimal": ","}, {"delimiter": "ab"}, {"header_line": 0}):
         with pytest.raises(UserError):
             TextFormat(**wrong)
+
+
+@pytest.mark.parametrize("text", ["time,a,b\n,,\n", "time,a,b\n,,\n# nothing\n , , \n"])
+def test_rows_of_empty_cells_are_no_numbers(read, text):
+    with pytest.raises(UserError, match="no line of numbers"):
+        read(text, time_unit="s")

@@ -129,6 +129,10 @@ FAULTS = {
         lambda file: file.create_dataset("a", (100,), float, chunks=(2**29 - 8,), maxshape=(None,)),
         "stored in chunks",
     ),
+    "gaps for a whole disk": (
+        lambda file: file.create_dataset("a", (10**8,), float, chunks=(10**6,), fillvalue=np.nan),
+        "claims 800000000 bytes in a file of|has 100000000 samples",
+    ),
     "never written": (lambda file: file.create_dataset("a", (100,), float), "0 of 1 blocks"),
     "half written": (hole, "5 of 10 blocks"),
     "infinite": (
@@ -193,3 +197,11 @@ def test_apart_and_here_give_the_same(make):
             read_hdf5(path, ["mu"], time="time", apart=choice)
         said.append(str(caught.value))
     assert said[0] == said[1]
+
+
+def test_a_clock_of_gaps_alone_does_not_fill_the_memory(tmp_path):
+    """1.5 GB of NaN that were never written, from a file of 2 kB."""
+    with h5py.File(tmp_path / "gaps.h5", "w") as file:
+        file.create_dataset("time", (190_000_000,), "f8", chunks=(10**6,), fillvalue=np.nan).attrs["units"] = "s"
+    with pytest.raises(UserError, match="claims 1520000000 bytes in a file of"):
+        read_hdf5(tmp_path / "gaps.h5", [], time="time", apart=False)

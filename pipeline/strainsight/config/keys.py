@@ -44,7 +44,7 @@ def sections_at(model: type[BaseModel], path: Sequence[str], data: Any) -> list[
     for part in path:
         below = [item for section in sections for item in _below(section, part)]
         if isinstance(data, list):
-            data = data[int(part)] if part.isdigit() and int(part) < len(data) else None
+            data = data[place] if (place := place_in(part, len(data))) is not None else None
         else:
             data = data.get(part) if isinstance(data, Mapping) else None
         told = data.get("type", tuple(data)) if isinstance(data, Mapping) else ()
@@ -52,6 +52,13 @@ def sections_at(model: type[BaseModel], path: Sequence[str], data: Any) -> list[
         named = [member for item in below for tag, member in _tagged(item) if tag in names]
         sections = named or [member for item in below for member in _members(item)]
     return sections
+
+
+def place_in(part: str, count: int) -> int | None:
+    """The place, from 0, that a part of a dotted key names in a list of so many entries."""
+    # isdigit alone is true of "²", and int refuses numbers of 5000 digits
+    place = int(part) if part.isascii() and part.isdigit() and len(part) < 10 else count
+    return place if place < count else None
 
 
 def fields_of(annotation: Any) -> dict[str, Any]:

@@ -77,7 +77,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
     if model is None:
         if data.get("kind") == "suite":
             found = [meant_for_runs(problem, given) for problem in found]
-        elif data.get("kind") in KINDS:
+        elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
             found = [told_of_made(problem, made, KINDS[data["kind"]][0], data) for problem in found]
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in found])
     return LoadedConfig(path, model, given, places)
@@ -112,6 +112,8 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST + 1)
+        if len(raw) > LARGEST:
+            raise ConfigError(f"larger than {LARGEST // 1024} KiB", where=str(path), remedy="give a config, not a deck")
         text = raw.decode("utf-8-sig")
     except FileNotFoundError:
         raise ConfigError("no such config file", where=str(path), remedy="strainsight init DECK writes one") from None
@@ -120,8 +122,6 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
         raise ConfigError("not UTF-8 text", where=f"{path}:{line}", remedy="save the file as UTF-8") from None
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", where=str(path), remedy="give a config file") from None
-    if len(raw) > LARGEST:
-        raise ConfigError(f"larger than {LARGEST // 1024} KiB", where=str(path), remedy="give a config, not a deck")
     try:
         document = parse(text)
     except YamlProblem as problem:

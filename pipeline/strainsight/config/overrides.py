@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.keys import keys_at
+from strainsight.config.keys import keys_at, place_in
 from strainsight.config.messages import MISSING, UNKNOWN
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
@@ -73,13 +73,13 @@ def put(data: dict[str, Any], override: Override) -> list[str]:
 
 
 def _index(entries: Sequence[Any], part: str, override: Override) -> int:
-    if not part.isdigit() or int(part) >= len(entries):
+    if (place := place_in(part, len(entries))) is None:
         raise ConfigError(
             f"a list of {len(entries)} entries has no entry '{part}'",
             where=override.where,
             remedy=f"count from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
         )
-    return int(part)
+    return place
 
 
 def told_of_made(problem: Problem, made: Sequence[str], model: type[BaseModel], data: Any) -> Problem:

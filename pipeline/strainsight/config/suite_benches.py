@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from strainsight.config.keys import place_in
 from strainsight.config.suite import SuiteConfig
 from strainsight.config.suite_studies import Study, as_texts
 from strainsight.errors import ConfigError, did_you_mean
@@ -71,8 +72,8 @@ def value_over(config: Mapping[str, Any], key: str) -> float | None:
     for part in key.split("."):
         if isinstance(value, Mapping):
             value = value.get(part)
-        elif isinstance(value, list) and part.isdigit() and int(part) < len(value):
-            value = value[int(part)]
+        elif isinstance(value, list) and (place := place_in(part, len(value))) is not None:
+            value = value[place]
         else:
             return None
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 from strainsight.config.load import LoadedConfig, kind_of, load_config
@@ -71,7 +72,7 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
     entry = model.runs[i]
     path = suite.path.parent / entry.config
     key, where = f"runs[{i}].config", suite.locate(f"runs.{i}.config")
-    if not path.is_file():
+    if not _is_file(path):
         raise ConfigError(f"no such file: {path}", key=key, where=where, remedy="paths start from the suite's folder")
     kind = kind_of(path)
     if kind == "suite":
@@ -92,6 +93,14 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
         for problem in (error, *error.others):
             _say_replaced(problem, overrides)
         raise
+
+
+def _is_file(path: Path) -> bool:
+    """Whether it is one; a name that no file can have is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _say_replaced(problem: StrainsightError, overrides: Sequence[Override]) -> None:

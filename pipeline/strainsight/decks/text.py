@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
+from collections import Counter
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
@@ -11,6 +12,10 @@ from strainsight.errors import DeckError
 
 LARGEST = 4 * 1024**3
 """[bytes] of a file, unpacked."""
+PACKING, SMALL = 100, 1 << 26
+"""No deck of more than SMALL bytes packs to a hundredth (one of numbers: to a fifth); what does was made to fill memory."""
+DEEPEST, OFTENEST = 16, 100
+"""Files that may be taken in by one another, and times that one may be."""
 _WINDOWS = {i: bytes([i]).decode("cp1252", "ignore") or chr(i) for i in range(0x80, 0xA0)}
 """Where the code page of Windows differs from Latin-1; its five holes stay."""
 UNPACKING = (gzip.BadGzipFile, EOFError, zlib.error)
@@ -82,6 +87,12 @@ def _unpacked(path: Path) -> bytes:
             size += len(part)
             if size > LARGEST:
                 raise DeckError("more than 4 GiB", where=str(path), remedy="check that this is the deck")
+            if size > max(SMALL, PACKING * path.stat().st_size):
+                raise DeckError(
+                    f"it unpacks to more than {PACKING} times its size",
+                    where=str(path),
+                    remedy="check that this is the deck; if it is, unpack it and give what comes out",
+                )
     return b"".join(parts)
 
 
@@ -90,15 +101,22 @@ def opened(path: Path) -> BinaryIO:
     return cast(BinaryIO, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
 
 
-def included_file(name: str, word: str, path: Path, number: int, folder: Path, parents: tuple[Path, ...]) -> Path:
+def included_file(
+    name: str, word: str, path: Path, number: int, folder: Path, parents: tuple[Path, ...], taken: Counter[Path]
+) -> Path:
     """The file that line `number` of `path` takes in by `word` (INCLUDE, *INCLUDE).
 
-    It must lie in or below `folder`, that of the whole deck, and not be one of `parents`, which are being read.
-    Raises DeckError where it does not, or is not there.
+    It must lie in or below `folder`, that of the whole deck, and not be one of `parents`, which are being read; taken: how
+    often each file has been taken in so far, this time is added. Raises DeckError where it does not, is not there, or the
+    files multiply (thirty that each take in the next one twice are a thousand million).
     """
     where = f"{path}:{number}"
     target = path.parent / name
-    resolved = target.resolve()
+    try:
+        resolved = target.resolve()
+        there = resolved.is_file()
+    except (OSError, RuntimeError, ValueError):  # too long a name, a zero in it, links in a circle
+        resolved, there = folder, False
     if not resolved.is_relative_to(folder):
         raise DeckError(
             f"{word} {name!r} leaves the folder of the deck",
@@ -107,6 +125,10 @@ def included_file(name: str, word: str, path: Path, number: int, folder: Path, p
         )
     if resolved in parents:
         raise DeckError(f"{word} {name!r} includes itself", where=where, remedy="remove the circle")
-    if not resolved.is_file():
+    if not there:
         raise DeckError(f"{word} {name!r}: no such file", where=where, remedy="give the file, or remove the line")
+    taken[resolved] += 1
+    if len(parents) > DEEPEST or taken[resolved] > OFTENEST:
+        what = f"{len(parents)} deep" if len(parents) > DEEPEST else f"{taken[resolved]} times"
+        raise DeckError(f"{word} {name!r}: taken in {what}", where=where, remedy="write the deck into fewer files")
     return target

@@ -81,7 +81,7 @@ def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, pat
             )
         found.extend(row)
         lines.append(number)
-    return Rows(np.frombuffer(found, float).reshape(len(lines), -1), np.frombuffer(lines, np.int64))
+    return Rows(np.frombuffer(found, float).reshape(len(lines), len(layout.columns)), np.frombuffer(lines, np.int64))
 
 
 def _cells(line: bytes, layout: Layout, where: str) -> list[str]:

@@ -14,8 +14,10 @@ from strainsight.measurements.records import plain
 
 MOST_SAMPLES = 200_000_000
 """Of one channel: five and a half hours at 10 kHz."""
-LARGEST_CHUNK = 1 << 30
+LARGEST_CHUNK = 1 << 28
 """[bytes] that the library holds at once."""
+PACKING = 1100
+"""Bytes that one of the file may stand for: the most that deflate makes of it."""
 _HOPS = 16
 _COLUMN = re.compile(r"(.*)\[(\d{1,9})\]")
 _UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
@@ -59,7 +61,7 @@ def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.n
             where=str(path),
             remedy=did_you_mean(name, known, f"it has {', '.join(map(plain, known[:20]))}" if known else "it has none"),
         )
-    _check(item, column, samples, where)
+    _check(item, column, samples, path, where)
     raw = item[...] if column is None else item[:, column]
     with np.errstate(over="ignore"):
         values = np.asarray(raw).reshape(-1).astype(float)
@@ -96,7 +98,7 @@ def _resolved(file: Any, name: str, where: str) -> Any:
     return group if isinstance(group, h5py.Dataset) else None
 
 
-def _check(item: Any, column: int | None, samples: int | None, where: str) -> None:
+def _check(item: Any, column: int | None, samples: int | None, path: Path, where: str) -> None:
     """Raise UserError unless the dataset holds numbers of its own, of a bearable size, in one column of `samples`."""
     shape, dtype = item.shape, item.dtype
     if item.is_virtual or item.external:
@@ -125,7 +127,7 @@ def _check(item: Any, column: int | None, samples: int | None, where: str) -> No
             where=where,
             remedy="give channels of one clock, or cut both",
         )
-    _check_stored(item, where)
+    _check_stored(item, where, path.stat().st_size)
     for name, harmless in _PACKING.items():
         if name in item.attrs and np.any(item.attrs[name] != harmless):
             raise UserError(
@@ -133,8 +135,14 @@ def _check(item: Any, column: int | None, samples: int | None, where: str) -> No
             )
 
 
-def _check_stored(item: Any, where: str) -> None:
+def _check_stored(item: Any, where: str, file_size: int) -> None:
     """Samples that were never written read as the fill value, mostly zero: they are no measurement."""
+    if item.nbytes > PACKING * file_size:
+        raise UserError(
+            f"claims {item.nbytes} bytes in a file of {file_size}",
+            where=where,
+            remedy="cut the record where the writing stopped",
+        )
     if item.chunks is not None:
         if np.prod([float(n) for n in item.chunks]) * item.dtype.itemsize > LARGEST_CHUNK:
             raise UserError(f"is stored in chunks of {item.chunks}", where=where, remedy="write it in smaller chunks")

@@ -23,10 +23,15 @@ from strainsight.errors import UserError
 from strainsight.measurements.hdf5_datasets import DAMAGED, place_of, signals
 from strainsight.measurements.records import Recording, opened
 from strainsight.measurements.units import time_factor
+from strainsight.processes import end_with_parent
 
-TIME_LIMIT = 60.0
-"""[s] for the start and every channel, and one more for every 10 MB of the file."""
-COMMAND = [sys.executable, "-m", "strainsight.measurements.hdf5_file"]
+START_LIMIT = 120.0
+"""[s] until the child process is there, on a machine that is busy."""
+TIME_LIMIT = 7.0
+"""[s] for every channel, and one more for every 10 MB of the file."""
+# -P: no module of the folder that this process happens to run in.
+COMMAND = [sys.executable, "-P", "-m", "strainsight.measurements.hdf5_file"]
+READY = b"ready\n"
 
 
 def read_hdf5(
@@ -70,15 +75,25 @@ def _apart(path: Path, names: Sequence[str], limit: float) -> Iterator[tuple[np.
         try:
             with contextlib.suppress(BrokenPipeError), process.stdin:
                 process.stdin.write(json.dumps([str(path), *names]).encode())
+            with _ended_after(START_LIMIT, process):
+                ready = process.stdout.readline() == READY
             for name in names:
-                timer = Timer(limit, process.kill)
-                timer.start()
-                try:
-                    yield _received(process.stdout, place_of(path, name))
-                finally:
-                    timer.cancel()
+                with _ended_after(limit if ready else 0.0, process):
+                    received = _received(process.stdout, place_of(path, name))
+                yield received
         finally:
             process.kill()
+
+
+@contextlib.contextmanager
+def _ended_after(limit: float, process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Whatever waits for the process waits so long [s] at the most."""
+    timer = Timer(limit, process.kill)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _received(stream: IO[bytes], where: str) -> tuple[np.ndarray, str | None]:
@@ -99,8 +114,13 @@ def _received(stream: IO[bytes], where: str) -> tuple[np.ndarray, str | None]:
 
 
 def _child() -> None:
+    end_with_parent()
     path, *names = json.loads(sys.stdin.read())
+    import h5py  # noqa: F401  # not within the limit of the first channel
+
     out = sys.stdout.buffer
+    out.write(READY)
+    out.flush()
     try:
         for values, unit in signals(Path(path), names):
             out.write(json.dumps({"samples": values.size, "unit": unit}).encode() + b"\n")

@@ -350,3 +350,15 @@ def test_names_in_the_code_page_of_windows_are_kept(read):
     assert list(read(text.encode()).element_sets) == ["Größe „5€“"]
     hole = TETRAHEDRON.replace("EALL", "N\x81\xfc").encode("latin-1")
     assert list(read(hole).element_sets) == ["N\x81ü"]
+
+
+def test_includes_that_multiply_are_refused(read, tmp_path):
+    for i in range(60):
+        (tmp_path / f"twice{i}.inp").write_text(f"*INCLUDE, INPUT=twice{i + 1}.inp\n" * 2)
+    with pytest.raises(DeckError, match="17 deep"):
+        read("*INCLUDE, INPUT=twice0.inp\n")
+    (tmp_path / "nodes.txt").write_text("1, 0., 0., 0.\n")
+    with pytest.raises(DeckError, match="taken in 101 times"):
+        read("*NODE, INPUT=nodes.txt\n" * 101)
+    with pytest.raises(DeckError, match="no such file"):
+        read(f"*NODE, INPUT={'(' * 300}\n")

@@ -284,6 +284,8 @@ def test_a_pin_of_coincident_nodes_is_taken_over(read):
         ("*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC", "surface 'S' is not in the deck", 1),
         ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
         ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
+        ("*SURFACE, NAME=S\nE, S²", "'S²' is no facet of a hex8", 2),
+        ("*SURFACE, NAME=S\nE, S" + "9" * 5000, "is no facet of a hex8", 2),
         ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
         ("*SURFACE, NAME=S\nF, S1", "element set 'F' is not", 2),
         ("*MPC\nBEAM, 77, 100", "node 77", 2),

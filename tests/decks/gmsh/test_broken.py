@@ -41,6 +41,8 @@ BROKEN = {
     "format 1": (OLD, OLD, "$NOD\n0\n$ENDNOD\n", 1, "format 1 of gmsh"),
     "format 5": (OLD, "2.2 0 8", "5.0 0 8", 2, "format 5.0 of gmsh"),
     "partitions": (NEW, "$Nodes", "$PartitionedEntities\n2\n$EndPartitionedEntities\n$Nodes", None, "is partitioned"),
+    "a dimension of many digits": (OLD, '3 9 "', "9" * 5000 + ' 9 "', None, "should read like"),
+    "a tag of many digits": (OLD, '3 9 "', "3 " + "9" * 5000 + ' "', None, "should read like"),
     "bad name": (OLD, '"foot"', "foot", 6, "should read like"),
 }
 
@@ -93,3 +95,13 @@ def test_binary_counts_beyond_the_file_are_refused(read):
     for claimed in (2**40, 2**62, 2**64 - 1):
         with pytest.raises(DeckError, match=r"\$Nodes: .*(claimed|beyond)"):
             read(content[:at] + struct.pack("<Q", claimed) + content[at + 8 :])
+
+
+@pytest.mark.parametrize("name", ["pin-2.2-binary.msh", "pin-4.1-binary.msh"])
+@pytest.mark.parametrize("section", [b"$Nodes\n", b"$Elements\n"])
+def test_a_binary_file_that_ends_at_a_count_is_refused(read, name, section):
+    content = (DATA / name).read_bytes()
+    at = content.index(section) + len(section)
+    for end in range(at - 2, at + 12):
+        with pytest.raises(DeckError):
+            read(content[:end])

@@ -71,6 +71,7 @@ def text(tmp_path, content, name="k.mtx"):
 
 
 HEAD = b"%%MatrixMarket matrix coordinate real general\n"
+SYMMETRIC = b"%%%%MatrixMarket matrix %s real symmetric\n"
 HOSTILE = {
     "column beyond the matrix": lambda p: compressed(p, np.ones(1), np.array([10**6]), np.array([0, 1, 1]), (2, 2)),
     "negative column": lambda p: compressed(p, np.ones(1), np.array([-1]), np.array([0, 1, 1]), (2, 2)),
@@ -100,6 +101,15 @@ HOSTILE = {
     "pattern": lambda p: text(p, HEAD.replace(b"real", b"pattern") + b"1 1 1\n1 1\n"),
     "skew": lambda p: text(p, HEAD.replace(b"general", b"skew-symmetric") + b"2 2 1\n2 1 1.0\n"),
     "infinite": lambda p: text(p, HEAD + b"1 1 1\n1 1 inf\n"),
+    # SciPy's reader ends the process on these two.
+    "a line of one number": lambda p: text(p, SYMMETRIC % b"coordinate" + b"9 9 4\n1 1 1.5\n2 1\n3 1 2\n3 3 1\n"),
+    "a cut array": lambda p: text(p, SYMMETRIC % b"array" + b"9 9\n" + b"1.5\n" * 9 + b"x\n"),
+    "too many": lambda p: text(p, HEAD + b"3 3 1\n1 1 1.0\n2 2 2.0\n"),
+    "a fraction": lambda p: text(p, HEAD + b"3 3 1\n1.5 1 1.0\n"),
+    "a symmetric one that is not square": lambda p: text(p, SYMMETRIC % b"coordinate" + b"3 2 1\n1 1 1.0\n"),
+    "no sizes": lambda p: text(p, HEAD + b"% and nothing else\n"),
+    "a size of many digits": lambda p: text(p, HEAD + b"9" * 5000 + b" 1 1\n1 1 1\n"),
+    "a bomb": lambda p: text(p, gzip.compress(HEAD + b"3 3 50000000\n" + b"1 1 1\n" * 10), "k.mtx.gz"),
     "binary": lambda p: text(p, bytes(range(256)) * 9),
     "empty": lambda p: text(p, b""),
     "no gzip": lambda p: text(p, HEAD + b"1 1 1\n1 1 1.0\n", "k.mtx.gz"),

@@ -217,3 +217,39 @@ def test_a_packed_deck_beyond_the_limit_is_refused(tmp_path, monkeypatch):
     path.write_bytes(gzip.compress(b"GRID,1\n" + b"$" * 993))
     with pytest.raises(DeckError, match="more than 4 GiB"):
         read_bytes(path)
+
+
+def test_a_name_that_no_file_can_have_is_no_file(cards, tmp_path):
+    (tmp_path / "circle").symlink_to("circle")
+    for name in ("x" * 300, "circle", "a" * 250 + "/b"):
+        with pytest.raises(DeckError, match="no such file") as caught:
+            cards(f"GRID,1\nINCLUDE '{name}'\n")
+        assert caught.value.where.endswith("deck.bdf:2")
+
+
+def test_a_link_to_a_file_elsewhere_is_not_followed(cards, tmp_path):
+    (tmp_path / "deck").mkdir()
+    (tmp_path / "secret.bdf").write_text("GRID,1\n")
+    (tmp_path / "deck" / "link.bdf").symlink_to(tmp_path / "secret.bdf")
+    (tmp_path / "deck" / "own.bdf").write_text("INCLUDE 'link.bdf'\n")
+    with pytest.raises(DeckError, match="leaves the folder"):
+        read_deck(tmp_path / "deck" / "own.bdf")
+
+
+def test_includes_that_multiply_are_refused(cards, tmp_path):
+    """Sixteen files that each take in the next one twice are 65 000; a hundred in a row were too deep for Python."""
+    for i in range(120):
+        (tmp_path / f"twice{i}.bdf").write_text(f"INCLUDE 'twice{i + 1}.bdf'\n" * 2)
+        (tmp_path / f"row{i}.bdf").write_text(f"INCLUDE 'row{i + 1}.bdf'\n")
+    for name in ("twice", "row"):
+        with pytest.raises(DeckError, match="17 deep"):
+            cards(f"GRID,1\nINCLUDE '{name}0.bdf'\n")
+    (tmp_path / "twice10.bdf").write_text("GRID,2\n")
+    with pytest.raises(DeckError, match="taken in 101 times"):
+        cards("GRID,1\nINCLUDE 'twice0.bdf'\n")
+
+
+def test_the_number_of_a_set_may_be_too_large(read, tetrahedron):
+    with pytest.raises(DeckError, match="too large") as caught:
+        read(f"SET {'9' * 5000} = 1, 2\nBEGIN BULK\n{tetrahedron}ENDDATA\n")
+    assert caught.value.where.endswith("deck.bdf:1")

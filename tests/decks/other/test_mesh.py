@@ -299,3 +299,13 @@ def test_voxels_are_hexahedra(tmp_path, name):
     edges = np.stack([corners[:, i] - corners[:, 0] for i in (1, 3, 4)], axis=1)
     np.testing.assert_allclose(np.linalg.det(edges), 0.1 * 0.2 * 0.3, rtol=1e-6)
     np.testing.assert_allclose(corners[:, 6] - corners[:, 0], [[0.1, 0.2, 0.3]] * 6, atol=1e-6)
+
+
+def test_the_other_file_of_a_tetgen_mesh_may_not_lie_elsewhere(write, tmp_path):
+    path = write("part.node", CELLS[:1])
+    assert read_meshio(path).included == (str(tmp_path / "part.ele"),)
+    (tmp_path / "mesh").mkdir()
+    path.rename(tmp_path / "mesh" / "part.node")
+    (tmp_path / "mesh" / "part.ele").symlink_to(tmp_path / "part.ele")
+    with pytest.raises(DeckError, match=r"'part\.ele' leaves the folder"):
+        read_meshio(tmp_path / "mesh" / "part.node")

@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.numbers import parse_integer
 from strainsight.mesh.facets import CORNERS, FACET_KINDS, FACETS, Facets, exterior_facets
 from strainsight.mesh.model import ELEMENT_KINDS, CellBlock, FloatArray, IntArray, Mesh
 
@@ -86,11 +87,12 @@ def _facets(builder: _Builder, keyword: Keyword, row: Row, scope: Scope) -> list
     found = []
     for i in np.unique(assembly.kind[rows]):
         facets = FACETS[ELEMENT_KINDS[i]]
-        if not label.startswith("S") or not label[1:].isdigit() or not 1 <= int(label[1:]) <= len(facets):
+        number = parse_integer(label[1:]) if label.startswith("S") else None
+        if number is None or not 1 <= number <= len(facets):
             raise row.error(
                 f"{row.text(1)!r} is no facet of a {ELEMENT_KINDS[i]}", f"write S1 to S{len(facets)}, or nothing"
             )
-        kind, local = facets[int(label[1:]) - 1]
+        kind, local = facets[number - 1]
         own = rows[assembly.kind[rows] == i]
         found.append(_shares(assembly, kind, assembly.nodes[assembly.first[own][:, None] + np.array(local)]))
     return found

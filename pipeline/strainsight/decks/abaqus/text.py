@@ -6,6 +6,7 @@ Own, because meshio merges the instances of an assembly, loses materials and end
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -136,7 +137,8 @@ def read_keywords(path: Path) -> tuple[list[Keyword], tuple[str, ...]]:
     folder = path.resolve().parent
     keywords: list[Keyword] = []
     files: dict[str, None] = {}
-    for line in _lines(path, folder, ()):
+    taken: Counter[Path] = Counter()
+    for line in _lines(path, folder, (), taken):
         files.setdefault(line.file)
         if line.text[0] != "*":
             if not keywords:
@@ -152,8 +154,9 @@ def read_keywords(path: Path) -> tuple[list[Keyword], tuple[str, ...]]:
         if "INPUT" in keyword.parameters and keyword.name in WITH_INPUT:
             parent = Path(line.file)
             name = keyword.needs("INPUT")
-            target = included_file(name, "INPUT", parent, line.number, folder, (path.resolve(), parent.resolve()))
-            for own in _lines(target, folder, (path.resolve(), parent.resolve(), target.resolve())):
+            above = (path.resolve(), parent.resolve())
+            target = included_file(name, "INPUT", parent, line.number, folder, above, taken)
+            for own in _lines(target, folder, (*above, target.resolve()), taken):
                 files.setdefault(own.file)
                 if own.text[0] == "*":
                     raise DeckError(
@@ -173,7 +176,7 @@ def _append(keyword: Keyword, line: Line) -> None:
     keyword.numbers.append(line.number)
 
 
-def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:
+def _lines(path: Path, folder: Path, parents: tuple[Path, ...], taken: Counter[Path]) -> Iterator[Line]:
     """Keyword lines, joined with their continuations, and data lines; neither comments nor blank lines."""
     file = str(path)
     pending: Line | None = None
@@ -184,7 +187,7 @@ def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line
         line = Line(text, file, number)
         if pending is not None:
             if text[0] == "*":
-                yield from _taken_in(pending, path, folder, parents)
+                yield from _taken_in(pending, path, folder, parents, taken)
             else:
                 line = Line(f"{pending.text} {text}", file, pending.number)
             pending = None
@@ -193,19 +196,20 @@ def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line
         elif line.text[-1] == ",":
             pending = line
         else:
-            yield from _taken_in(line, path, folder, parents)
+            yield from _taken_in(line, path, folder, parents, taken)
     if pending is not None:
-        yield from _taken_in(pending, path, folder, parents)
+        yield from _taken_in(pending, path, folder, parents, taken)
 
 
-def _taken_in(line: Line, path: Path, folder: Path, parents: tuple[Path, ...]) -> Iterator[Line]:
+def _taken_in(line: Line, path: Path, folder: Path, parents: tuple[Path, ...], taken: Counter[Path]) -> Iterator[Line]:
     """The line itself, or, for *INCLUDE, the lines of the file."""
     if not line.text[1:].lstrip().upper().startswith("INCLUDE"):
         yield line
         return
     above = (*parents, path.resolve())
     name = _keyword(line).needs("INPUT")
-    yield from _lines(included_file(name, "*INCLUDE", path, line.number, folder, above), folder, above)
+    target = included_file(name, "*INCLUDE", path, line.number, folder, above, taken)
+    yield from _lines(target, folder, above, taken)
 
 
 def _keyword(line: Line) -> Keyword:

@@ -93,7 +93,8 @@ class Binary:
     """
 
     def __init__(self, content: bytes, at: int, path: str, name: str, order: str, size: int):
-        self.content, self.at, self.path, self.name = content, at, path, name
+        # a file that ends within its count has no byte behind it
+        self.content, self.at, self.path, self.name = content, min(at, len(content)), path, name
         self.types = {
             "int": np.dtype(f"{order}i4"),
             "size": np.dtype(f"{order}u{size}"),

@@ -18,6 +18,7 @@ from strainsight.decks.gmsh.records import (
     nodes_2,
     nodes_4,
 )
+from strainsight.decks.numbers import parse_integer
 from strainsight.decks.text import UNPACKING, opened, read_bytes
 from strainsight.errors import DeckError
 
@@ -126,13 +127,14 @@ class _Reader:
         for number, row in rows[1:]:
             text = row.decode("utf-8", "replace")
             match = _NAME.fullmatch(text)
-            if not match or int(match[1]) > 3:
+            dimension, tag = (parse_integer(match[i]) for i in (1, 2)) if match else (None, None)
+            if not match or dimension not in (0, 1, 2, 3) or tag is None:
                 raise DeckError(
                     f"$PhysicalNames: {text.strip()[:60]!r} should read like '3 1 \"hub\"'",
                     where=f"{self.path}:{number}",
                     remedy="correct the line",
                 )
-            self.file.names[int(match[1]), int(match[2])] = match[3]
+            self.file.names[dimension, tag] = match[3]
         claimed = rows[0][1].strip() if rows else b""
         if claimed != str(len(rows) - 1).encode():
             text = claimed[:20].decode("latin-1")

@@ -11,8 +11,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 from scipy import sparse
-from scipy.io import mminfo, mmread
 
+from strainsight.decks.matrices.market import read_market
 from strainsight.decks.matrices.op4 import read_op4
 from strainsight.decks.matrices.op4_parts import LARGEST
 from strainsight.decks.numbers import no_integer, parse_integer
@@ -24,8 +24,6 @@ SYMMETRIC = 1e-8
 """Largest |X − Xᵀ| over the largest |X| that is rounding of the file."""
 NOTED = 1e-12
 """An asymmetry below this is rounding of the sums in memory: nobody need read of it."""
-PACKING = 1100
-"""The most that deflate can make of one byte."""
 DAMAGE = (
     *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, NotImplementedError),
     *(BadZipFile, zlib.error, struct.error),
@@ -176,18 +174,7 @@ def _from_op4(path: Path, name: str | None) -> sparse.csr_array:
 def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
     if name is not None:
         raise DeckError(f"a Matrix Market file has no matrix names, such as {name!r}", remedy="remove the name")
-    rows, columns, entries, layout, field, kind = mminfo(path)
-    if field not in ("real", "integer", "double", "unsigned-integer") or kind not in ("general", "symmetric"):
-        raise DeckError(f"a {kind} {field} matrix", where=f"{path}:1", remedy="write it real, and general or symmetric")
-    bytes_there = path.stat().st_size * (PACKING if path.suffix.lower() == ".gz" else 1)
-    # a line of one entry has two bytes at least; of a symmetric array one half is there
-    if max(rows, columns) > LARGEST or (entries if layout == "array" else 4 * entries) > bytes_there:
-        raise DeckError(
-            f"it claims {rows} × {columns} with {entries} entries, more than it can hold",
-            where=str(path),
-            remedy="write the matrix again",
-        )
-    return _csr(mmread(path))
+    return _csr(read_market(path))
 
 
 def _from_archive(path: Path, name: str | None) -> sparse.csr_array:

@@ -7,6 +7,7 @@ format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of th
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,7 +99,7 @@ def read_deck(path: Path) -> Deck:
     deck. Raises DeckError for a file that is missing, empty, binary or cut off, and for lines that are no card.
     """
     path = Path(path)
-    everything = list(_lines(path, path.resolve().parent, ()))
+    everything = list(_lines(path, path.resolve().parent, (), Counter()))
     included = tuple(dict.fromkeys(line.file for line in everything if line.file != str(path)))
     lines = [line for line in everything if line.text.strip()]
     begins = [i for i, line in enumerate(lines) if _BEGIN.match(line.text)]
@@ -133,14 +134,15 @@ def read_deck(path: Path) -> Deck:
     return Deck(cards, case_control, max(len(lines) - end - 1, 0), included, ended)
 
 
-def _lines(path: Path, folder: Path, parents: tuple[Path, ...]) -> Generator[Line, None, bool]:
+def _lines(path: Path, folder: Path, parents: tuple[Path, ...], taken: Counter[Path]) -> Generator[Line, None, bool]:
     """Lines of a file and, up to ENDDATA, of those it includes; returns whether ENDDATA was among them."""
     ended = False
     for number, raw in enumerate(text_lines(path), start=1):
         if not ended and "INCLUDE" in raw[:40].upper() and (match := _INCLUDE.match(raw)):
             above = (*parents, path.resolve())
             name = _file_name(match[1], f"{path}:{number}")
-            ended = yield from _lines(included_file(name, "INCLUDE", path, number, folder, above), folder, above)
+            target = included_file(name, "INCLUDE", path, number, folder, above, taken)
+            ended = yield from _lines(target, folder, above, taken)
             continue
         ended = ended or _ENDDATA.match(raw) is not None
         yield Line(raw.partition("$")[0].expandtabs().rstrip(), str(path), number)

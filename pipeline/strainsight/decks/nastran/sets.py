@@ -140,7 +140,7 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
     for line in deck.case_control:
         match = _SET.match(line.text)
         if match:
-            found.append((int(match[1]), [], line.where))
+            found.append((_id(match[1], line.where), [], line.where))
         if match or continued:
             text = match[2] if match else line.text
             found[-1][1].extend(text.replace(",", " ").upper().split())

@@ -7,7 +7,7 @@ import io
 import re
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -45,15 +45,20 @@ class Loaded(NamedTuple):
     included: tuple[str, ...]
 
 
-def load(path: Path) -> Loaded:
-    """Read a mesh with meshio. Raises DeckError for whatever it cannot read or would drop."""
+def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded:
+    """Read a mesh with meshio. Raises DeckError for whatever it cannot read or would drop.
+
+    weigh: is told, before it is read, how many bytes the file and those that it takes in have.
+    """
     formats = _formats(path)
     if not path.is_file():
         raise DeckError("no such file", where=str(path), remedy="check the name and the folder")
     if path.stat().st_size == 0:
         raise DeckError("the file is empty", where=str(path), remedy="write the mesh again")
     name = formats[0]
+    weigh(path.stat().st_size)
     included = _checked(path, name)
+    weigh(path.stat().st_size + sum(Path(file).stat().st_size for file in included))
     out, err = io.StringIO(), io.StringIO()
     try:
         with warnings.catch_warnings(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -110,6 +115,10 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
         return DeckError(
             f"reading {name} needs the package {error.name}", where=str(path), remedy=f"install it, or {INSTEAD}"
         )
+    if isinstance(error, MemoryError):
+        return DeckError(
+            f"{path.stat().st_size} bytes claim a mesh that takes over a GiB to read", where=str(path), remedy=INSTEAD
+        )
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
     reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "its content is not that format's, or damaged"
     return DeckError(f"cannot be read as {name}: {reason[:300]}", where=str(path), remedy=INSTEAD)
@@ -131,7 +140,11 @@ def _checked(path: Path, name: str) -> tuple[str, ...]:
             return _check_xdmf(path)
         elif name == "tetgen":
             pair = path.with_suffix(".node" if path.suffix.lower() == ".ele" else ".ele")
-            return (str(pair),) if pair.is_file() else ()
+            if not pair.is_file():
+                return ()
+            if not pair.resolve().is_relative_to(path.resolve().parent):
+                raise _elsewhere(pair.name, path)
+            return (str(pair),)
         elif name in HDF5:
             check_hdf5(path)
     except (OSError, ElementTree.ParseError, ValueError) as error:
@@ -171,15 +184,19 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):
-                raise DeckError(
-                    f"the data file {text!r} leaves the folder of the mesh",
-                    where=str(path),
-                    remedy="move the data file beside or below the mesh",
-                )
+                raise _elsewhere(text, path)
             found[str(target)] = None
     for name in found:
         check_hdf5(Path(name))
     return tuple(found)
+
+
+def _elsewhere(name: str, path: Path) -> DeckError:
+    return DeckError(
+        f"the data file {name!r} leaves the folder of the mesh",
+        where=str(path),
+        remedy="move the data file beside or below the mesh",
+    )
 
 
 def check_hdf5(path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
+from strainsight.decks.other.apart import load_apart
 from strainsight.decks.other.arrays import Labels, labels, numbers_of, switches
 from strainsight.decks.other.load import Loaded, load
 from strainsight.decks.other.orders import MIRRORED, in_our_order
@@ -28,16 +29,17 @@ NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPoint
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 
 
-def read_meshio(path: Path, region_data: str | None = None, *, required: bool = True) -> Mesh:
+def read_meshio(path: Path, region_data: str | None = None, *, required: bool = True, apart: bool = True) -> Mesh:
     """A mesh of a format that meshio reads, in its own units; such files know no materials and no supports.
 
     Node and element numbers come from point and cell data (node_id, GlobalNodeId, … element_id, …) where they are
     positive and unique, else they count from 1. Regions are the cell data `region_data`, or the first usual one there is
     (region, gmsh:physical, MaterialIds, …). Sets are those of the file, and data that are 0 or 1 everywhere.
-    required: there have to be solids. Raises DeckError for what cannot be read or taken over as it stands.
+    required: there have to be solids; apart: meshio runs in a child process. Raises DeckError for what cannot be read or
+    taken over as it stands.
     """
     path = Path(path)
-    loaded = load(path)
+    loaded = load_apart(path) if apart else load(path)
     raw = loaded.mesh
     ignored: Counter[str] = Counter()
     notes = [f"meshio says: {loaded.said[:500]}"] if loaded.said else []
@@ -143,9 +145,7 @@ def _blocks(
     for kind in ELEMENT_KINDS:
         own = [b for b in solids if KINDS[raw.cells[b].type] == kind]
         if own:
-            nodes = [
-                in_our_order(kind, _corners_in_rings(raw.cells[b]), loaded.format, position, notes) for b in own
-            ]
+            nodes = [in_our_order(kind, _corners_in_rings(raw.cells[b]), loaded.format, position, notes) for b in own]
             rows = [cells.rows[b] for b in own]
             blocks.append(
                 CellBlock(

@@ -1,0 +1,164 @@
+"""`load` in a child process, which may crash, hang, or want more memory than there is.
+
+meshio makes room for what a file claims (192 GiB were seen for a TetGen file of 300 bytes) and does not return from some
+damaged ones; the HDF5 library below it ends the whole process on others. In a child process with limits that costs the file
+and not the run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from threading import Timer
+from types import SimpleNamespace
+from typing import Any, BinaryIO
+
+import numpy as np
+
+import strainsight
+from strainsight.decks.other.load import INSTEAD, Loaded, load
+from strainsight.errors import DeckError
+from strainsight.processes import end_with_parent
+
+START_LIMIT = 120.0
+"""[s] until the child process is there, on a machine that is busy."""
+TIME_LIMIT = 7.0
+"""[s] to read, and one more for every 100 kB of the file."""
+MEMORY_LIMIT = 1 << 30
+"""[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file and of those that it takes in."""
+MEMORY_A_BYTE = 200
+# -P: no module of the folder that this process happens to run in.
+COMMAND = [sys.executable, "-P", "-m", "strainsight.decks.other.apart"]
+READY = b"ready\n"
+
+
+def load_apart(path: Path) -> Loaded:
+    """`load`, in a child process. Raises DeckError as that does, and where the process fails."""
+    root = str(Path(strainsight.__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))}
+    limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
+    process = subprocess.Popen(
+        COMMAND, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with process:
+        try:
+            with suppress(BrokenPipeError), process.stdin:
+                process.stdin.write(json.dumps(str(path)).encode())
+            ready = _within(START_LIMIT, process, process.stdout.readline) == READY
+            answer = _within(limit, process, process.stdout.read) if ready else b""
+        finally:
+            process.kill()
+    if not answer:
+        raise DeckError(
+            "reading it crashed, or did not come to an end", where=str(path), remedy=f"the file is damaged: {INSTEAD}"
+        )
+    return _unpacked(answer)
+
+
+def _within(limit: float, process: subprocess.Popen[bytes], read: Any) -> bytes:
+    """What is read, up to the death of the process, which comes after `limit` [s] at the latest."""
+    timer = Timer(limit, process.kill)
+    timer.start()
+    try:
+        found: bytes = read()
+        return found
+    finally:
+        timer.cancel()
+
+
+def _packed(loaded: Loaded) -> bytes:
+    """All that `read_meshio` asks of a mesh, as the content of an .npz file: "told" is JSON, with numbers for arrays."""
+    arrays: dict[str, np.ndarray] = {}
+
+    def put(values: Any) -> str | None:
+        if values is None:
+            return None
+        try:
+            array = np.asarray(values)
+        except ValueError:  # cells with different numbers of nodes: only their count is asked for
+            array = np.zeros((len(values), 0))
+        arrays[str(len(arrays))] = array.astype(str) if array.dtype.hasobject else array
+        return str(len(arrays) - 1)
+
+    mesh = loaded.mesh
+    told = {
+        "format": loaded.format,
+        "said": loaded.said,
+        "included": loaded.included,
+        "points": put(mesh.points),
+        "cells": [(block.type, block.dim, put(block.data)) for block in mesh.cells],
+        "arrays": {
+            key: {str(name): put(values) for name, values in (getattr(mesh, key) or {}).items()}
+            for key in ("point_data", "field_data", "point_sets")
+        },
+        "lists": {
+            key: {str(name): [put(block) for block in blocks] for name, blocks in (getattr(mesh, key) or {}).items()}
+            for key in ("cell_data", "cell_sets")
+        },
+        "tags": {
+            key: [(int(tag), [str(name) for name in names]) for tag, names in (getattr(mesh, key, None) or {}).items()]
+            for key in ("point_tags", "cell_tags")
+        },
+    }
+    file = BytesIO()
+    np.savez(file, told=np.frombuffer(json.dumps(told).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+    return file.getvalue()
+
+
+def _unpacked(answer: bytes) -> Loaded:
+    """The mesh, with the names that meshio's has. Raises DeckError where the answer is one."""
+    with np.load(BytesIO(answer), allow_pickle=False) as arrays:
+        told = json.loads(arrays["told"].tobytes())
+        if "what" in told:
+            raise DeckError(told["what"], where=told["where"], remedy=told["remedy"])
+
+        def get(number: str | None) -> Any:
+            return None if number is None else arrays[number]
+
+        mesh = SimpleNamespace(
+            points=get(told["points"]),
+            cells=[SimpleNamespace(type=kind, dim=dim, data=get(data)) for kind, dim, data in told["cells"]],
+            **{key: {name: get(n) for name, n in found.items()} for key, found in told["arrays"].items()},
+            **{key: {name: [*map(get, ns)] for name, ns in found.items()} for key, found in told["lists"].items()},
+            **{key: dict(found) for key, found in told["tags"].items()},
+        )
+    return Loaded(mesh, told["format"], told["said"], tuple(told["included"]))
+
+
+def _limit_memory(size: int) -> None:
+    """From now on no more than is there, MEMORY_LIMIT and the share of a file of so many bytes, where the system can."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        there = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        most = there + MEMORY_LIMIT + MEMORY_A_BYTE * size
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def _answer(out: BinaryIO) -> None:
+    end_with_parent()
+    path = Path(json.loads(sys.stdin.read()))
+    import h5py  # noqa: F401  # not within the limits of time and memory
+    import meshio  # noqa: F401
+
+    out.write(READY)
+    out.flush()
+    try:
+        out.write(_packed(load(path, _limit_memory)))
+    except DeckError as error:
+        told = {"what": error.what, "where": error.where, "remedy": error.remedy}
+        file = BytesIO()
+        np.savez(file, told=np.frombuffer(json.dumps(told).encode(), np.uint8))
+        out.write(file.getvalue())
+
+
+if __name__ == "__main__":
+    _answer(sys.stdout.buffer)

@@ -1,0 +1,96 @@
+"""meshio in a child process gives what it gives here, and costs the file where it crashes, hangs or wants all memory."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from strainsight.decks.other import apart
+from strainsight.decks.other.apart import load_apart
+from strainsight.decks.other.load import load
+from strainsight.decks.other.mesh import read_meshio
+from strainsight.errors import DeckError
+
+POINTS = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
+MESH = meshio.Mesh(
+    POINTS,
+    [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]]), ("triangle", [[0, 1, 2]])],
+    point_data={"node_id": np.arange(1, 6), "foot": np.array([1, 1, 1, 0, 0]), "T": np.arange(15.0).reshape(5, 3)},
+    cell_data={"region": [np.array([1, 2]), np.array([0])]},
+)
+
+
+@pytest.mark.parametrize("name", ["part.vtu", "part.med", "part.xdmf"])
+def test_apart_and_here_give_the_same(tmp_path, name):
+    MESH.write(tmp_path / name)
+    there, here = (read_meshio(tmp_path / name, apart=choice) for choice in (True, False))
+    np.testing.assert_array_equal(there.position, here.position)
+    np.testing.assert_array_equal(there.node_ids, here.node_ids)
+    assert [block.kind for block in there.blocks] == [block.kind for block in here.blocks]
+    for a, b in zip(there.blocks, here.blocks, strict=True):
+        np.testing.assert_array_equal(a.nodes, b.nodes)
+        np.testing.assert_array_equal(a.region, b.region)
+    assert there.regions == here.regions
+    for a, b in ((there.node_sets, here.node_sets), (there.element_sets, here.element_sets)):
+        assert {key: ids.tolist() for key, ids in a.items()} == {key: ids.tolist() for key, ids in b.items()}
+    assert (there.notes, there.ignored, there.included) == (here.notes, here.ignored, here.included)
+
+
+def test_families_of_med_arrive(tmp_path):
+    mesh = meshio.Mesh(POINTS, [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]])], cell_data={"cell_tags": [np.array([-6, -7])]})
+    mesh.cell_tags, mesh.point_tags = {-6: ["steel", "top"], -7: ["rubber"]}, {}
+    meshio.med.write(tmp_path / "part.med", mesh)
+    there, here = load_apart(tmp_path / "part.med").mesh, load(tmp_path / "part.med").mesh
+    assert there.cell_tags == here.cell_tags == {-6: ["steel", "top"], -7: ["rubber"]}
+
+
+def test_what_is_refused_says_the_same(tmp_path):
+    (tmp_path / "part.vtu").write_text("no mesh")
+    said = []
+    for read in (load_apart, load):
+        with pytest.raises(DeckError) as caught:
+            read(tmp_path / "part.vtu")
+        said.append(str(caught.value))
+    assert said[0] == said[1]
+
+
+CLAIMS = {
+    # the count of attributes of a point, and of the corners of a tetrahedron
+    "part.node": ("part.ele", "1 4 0\n1 1 1 1 1\n", "1 3 1000000000000 0\n1 0 0 0\n"),
+    "part.ele": ("part.node", "1 3 0 0\n1 0 0 0\n", "2 1000000000000 1\n1 1 2 3 4 1\n"),
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there a process can be kept from its memory")
+@pytest.mark.parametrize("name", CLAIMS)
+def test_a_file_that_claims_more_than_there_is_memory(tmp_path, name):
+    """Seen: 192 GiB asked for."""
+    other, sound, claims = CLAIMS[name]
+    (tmp_path / other).write_text(sound)
+    (tmp_path / name).write_text(claims)
+    with pytest.raises(DeckError) as caught:
+        read_meshio(tmp_path / name)
+    assert caught.value.where == str(tmp_path / name)
+
+
+@pytest.mark.parametrize("does", ["import os; os.abort()", "import time; time.sleep(60)", "print('ready')", ""])
+def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
+    MESH.write(tmp_path / "part.vtu")
+    monkeypatch.setattr(apart, "COMMAND", [sys.executable, "-c", does])
+    monkeypatch.setattr(apart, "START_LIMIT", 0.5)
+    with pytest.raises(DeckError, match="crashed, or did not come to an end"):
+        read_meshio(tmp_path / "part.vtu")
+
+
+def test_no_module_of_the_folder_one_is_in_is_imported(tmp_path, monkeypatch):
+    MESH.write(tmp_path / "part.vtu")
+    (tmp_path / "meshio.py").write_text(f"open({str(tmp_path / 'taken')!r}, 'w')")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    assert len(read_meshio(Path("part.vtu")).node_ids) == 5
+    assert "taken" not in os.listdir(tmp_path)

@@ -1,0 +1,232 @@
+"""Sound files to begin with: made by the writers of the other tests, and those that lie in the project."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+
+ROOT = Path(__file__).parents[2]
+NASTRAN = """\
+SOL 101
+CEND
+SPC = 3
+SET 9 = 1, 2, 3 THRU 4
+BEGIN BULK
+CORD2R,7,,1.,2.,3.,2.,2.,3.
++,1.,3.,3.
+CORD2C  6               1.      2.      3.      1.      2.      4.
+        2.      2.      3.
+GRID,1,,0.,0.,0.
+GRID,2,7,1.,0.,0.,6
+GRID    3               0.      1.      0.
+GRID*   4                               0.              0.
+*       1.
+GRID,50,,1.,4.,5.
+GRID,51,,1.,4.,6.
+CTETRA,10,1,1,2,3,4
+PSOLID,1,1,7
+MAT1,1,2.1+11,,.3,7850.
+SPC1,1,123,1,THRU,3
+SPC,2,1,123,0.
+SPCADD,3,1,2
+RBE2,99,50,123456,4
+RBE3,98,,51,123456,1.,123,1,2,+
++,3
+RBAR,97,50,51,123456
+MPC,3,1,1,1.,2,1,-1.
+CONM2,60,50,,2.5,0.,0.,0.
++,1.,0.,1.,0.,0.,1.
+FORCE,4,50,7,10.,0.,0.,1.
+MOMENT,4,50,,10.,0.,0.,1.
+SET1,5,1,2,THRU,4,EXCEPT,3
+SET3,6,ELEM,10
+CQUAD4,70,1,1,2,3,4
+INCLUDE 'beside.inc'
+ENDDATA
+"""
+ABAQUS = """\
+*HEADING
+ two parts
+*PART, NAME=P
+*NODE, NSET=NALL
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 0., 1., 0.
+4, 0., 0., 1.
+*ELEMENT, TYPE=C3D4, ELSET=EALL
+10, 1, 2, 3, 4
+*NSET, NSET=FOOT, GENERATE
+1, 3, 1
+*NSET, NSET=TOP
+4,
+*ELSET, ELSET=E, GENERATE
+10, 10, 1
+*SURFACE, NAME=S, TYPE=ELEMENT
+EALL, S1
+*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL
+*END PART
+*ASSEMBLY, NAME=A
+*INSTANCE, NAME=I, PART=P
+1., 2., 3.
+0., 0., 0., 0., 0., 1., 30.
+*END INSTANCE
+*INSTANCE, NAME=J, PART=P
+5., 2., 3.
+*END INSTANCE
+*NODE
+100, 1., 1., 9.
+101, 1., 1., 8.
+*NSET, NSET=REF
+100
+*NSET, NSET=F, INSTANCE=I
+FOOT,
+*TIE, NAME=T
+I.S, J.S
+*RIGID BODY, REF NODE=101, PIN NSET=I.TOP
+*COUPLING, CONSTRAINT NAME=C, REF NODE=100, SURFACE=J.S
+*KINEMATIC
+1, 3
+*EQUATION
+2
+I.1, 1, 1., I.2, 1, -1.
+*END ASSEMBLY
+*MATERIAL, NAME=Steel
+*ELASTIC, TYPE=ISOTROPIC
+2.1e11, .3
+*DENSITY
+7850.,
+*BOUNDARY
+F, 1, 3
+*INCLUDE, INPUT=beside.inp
+*STEP
+*CLOAD
+100, 3, 10.
+*END STEP
+"""
+SUITE = """\
+kind: suite
+name: own
+title: Two runs
+suffix: -s
+set: {seed: 3}
+runs:
+  - {config: placement.yaml, label: first, name: one, until: observe}
+  - config: placement.yaml
+    label: second
+    set: {damping.ratio: 0.02, place: {keep: 3, estimate: [E], instants: 20}}
+"""
+TABLES = {
+    "plain.csv": "time [s],a [um/m],F [N]\n" + "".join(f"{k * 1e-3:.3f},{k},{k * k}\n" for k in range(40)),
+    "excel.csv": "sep=;\r\n# rig 3\r\ntime;a;F\r\nms;um/m;kN\r\n"
+    + "".join(f"{k},5;{k},25;-1,5\r\n" for k in range(40)),
+    "tabs.tsv": 'time\t"a"\t"F"\n' + "".join(f"{k / 64}\t{'' if k == 3 else k}\t{k}e3\n" for k in range(40)),
+}
+TETRAHEDRA = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
+MESHIO = ("part.vtu", "text.vtu", "raw.vtu", "part.vtk", "text.vtk", "part.xdmf", "part.med", "part.h5m", "part.mesh")
+MESHIO += ("part.vol", "part.su2", "part.avs", "part.cgns", "part.node", "part.f3grid")
+
+
+def write_seeds(folder: Path) -> None:
+    """One folder a group: config, deck, measurement; beside the files stand those that they take in (`beside*`)."""
+    for group, write in {"config": _configs, "deck": _decks, "measurement": _measurements}.items():
+        (folder / group).mkdir(parents=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            write(folder / group)
+
+
+def _configs(folder: Path) -> None:
+    paths = [*ROOT.glob("configs/*.yaml"), *ROOT.glob("configs/hub/*-density.yaml"), *ROOT.glob("configs/bench/*.yaml")]
+    for path in sorted(paths):
+        if path.name != "suite.yaml":
+            (folder / path.name).write_text(path.read_text("utf-8"), "utf-8")
+    (folder / "placement.yaml").write_text(
+        (ROOT / "configs/cantilever-youngs-modulus.yaml").read_text("utf-8"), "utf-8"
+    )
+    (folder / "own-suite.yaml").write_text(SUITE, "utf-8")
+    from ..robustness.small import BENCH, PLACEMENT
+
+    (folder / "beam.yaml").write_text(PLACEMENT, "utf-8")
+    (folder / "beam-bench.yaml").write_text(BENCH, "utf-8")
+
+
+def _decks(folder: Path) -> None:
+    import meshio
+
+    from ..decks import test_same_model as same
+
+    (folder / "own.bdf").write_text(NASTRAN)
+    (folder / "beside.inc").write_text("GRID,60,,5.,5.,5.\n")
+    (folder / "own.inp").write_text(ABAQUS)
+    (folder / "beside.inp").write_text("*NSET, NSET=MORE\n100\n")
+    same.nastran(folder / "many.bdf")
+    same.abaqus(folder / "many.inp")
+    for name, write, binary in (
+        *(("old.msh", same.gmsh_2, False), ("oldb.msh", same.gmsh_2, True)),
+        *(("new.msh", same.gmsh_4, False), ("newb.msh", same.gmsh_4, True)),
+    ):
+        write(folder / name, binary)
+    same.grid(folder / "many.vtu")
+    same.grid(folder / "many.vtk", False)
+    for path in sorted((ROOT / "tests/decks/data").glob("pin-*-text.msh")):
+        (folder / path.name).write_bytes(path.read_bytes())
+    mesh = meshio.Mesh(
+        TETRAHEDRA,
+        [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]]), ("triangle", [[0, 1, 2]])],
+        point_data={"node_id": np.arange(1, 6), "foot": np.array([1, 1, 1, 0, 0])},
+        cell_data={"region": [np.array([1, 2]), np.array([0])]},
+    )
+    options = {"text.vtu": {"binary": False}, "raw.vtu": {"compression": None}, "text.vtk": {"binary": False}}
+    bare = meshio.Mesh(TETRAHEDRA, [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]])])
+    for name in MESHIO:
+        for one in (mesh, bare):
+            try:
+                meshio.write(folder / name, one, **options.get(name, {}))
+                break
+            except (Exception, SystemExit):  # a format that cannot hold the data
+                (folder / name).unlink(missing_ok=True)
+    _matrices(folder)
+
+
+def _matrices(folder: Path) -> None:
+    from scipy.io import mmwrite
+
+    from ..decks.matrices.test_op4 import write
+
+    A = sparse.random_array((9, 9), density=0.3, rng=np.random.default_rng(0), format="csr")
+    A = sparse.csr_array(A + A.T)
+    for layout in ("dense", "bigmat", "nonbigmat"):
+        for binary in (False, True):
+            write(folder / f"{layout}{'b' * binary}.op4", {"k": A.toarray()}, binary=binary, sparse=layout, digits=16)
+    mmwrite(folder / "k.mtx", sparse.coo_array(A), symmetry="symmetric")
+    mmwrite(folder / "full.mtx", A.toarray())
+    sparse.save_npz(folder / "k.npz", A, compressed=False)
+    np.savez_compressed(folder / "full.npz", k=A.toarray())
+    (folder / "rows.csv").write_text("node,component\n" + "".join(f"{n},{c}\n" for n in range(1, 4) for c in (1, 2, 3)))
+
+
+def _measurements(folder: Path) -> None:
+    import h5py
+
+    from ..measurements import test_uff58 as uff
+
+    for name, text in TABLES.items():
+        (folder / name).write_text(text, newline="")
+    values, uneven = uff.A[:24], np.arange(24) + 0.01 * uff.A[:24]
+    universal = {
+        "text.uff": uff.UNITS_SI + uff.NODES + uff.text(values) + uff.text(values, node=13, data=4, unit="um/m"),
+        "uneven.uff": uff.text(values, even=0, time=uneven, step=0.0, time_label="ms"),
+        "binary.uff": uff.binary(values, data=4) + uff.binary(values, order=">", node=13),
+        "binary-uneven.uff": uff.binary(values, time=uneven, data=4),
+    }
+    for name, content in universal.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode("cp1252"))
+    for name, more in {"plain.h5": {}, "packed.h5": {"chunks": (8,), "compression": "gzip", "shuffle": True}}.items():
+        with h5py.File(folder / name, "w") as file:
+            file.create_dataset("time", data=np.arange(24) * 1e-3, **more).attrs["units"] = "s"
+            file.create_dataset("a", data=np.arange(24.0), **more).attrs["units"] = "um/m"
+            file.create_dataset("group/table", data=np.arange(48.0, dtype="f4").reshape(24, 2))
+            file["link"] = h5py.SoftLink("/group/table")

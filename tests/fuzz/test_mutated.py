@@ -1,0 +1,103 @@
+"""Damaged files of every format end in a message of the product, soon, in little memory, and touch nothing else.
+
+A small share of `make fuzz`, which reads 20 000 of each group.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+
+from .campaign import faults
+from .cases import Group, companions
+from .guard import Hung, Watch, soon
+from .mutation import mutated
+from .readers import READERS, fault_of
+from .seeds import write_seeds
+
+SHARE = {"config": 250, "deck": 900, "measurement": 900}
+"""Group → damaged files that are read here."""
+SEED = 10
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the limits of a process are those of Linux")
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz") / "seeds"
+    write_seeds(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_the_sound_files_are_read(seeds, tmp_path, name):
+    """What is damaged is worth damaging: some choice of what is asked of it reads every one of them."""
+    companions(name, seeds / name, tmp_path / "work")
+    here = {} if name == "config" else {"apart": False}
+    for path in Group(name, seeds / name).files:
+        said = []
+        for choice in range(1, 13):
+            try:
+                READERS[name](tmp_path / "work" / path, choice, **here)
+                break
+            except UserError as error:
+                said.append(str(error))
+        else:
+            pytest.fail(f"{path}: {said[0]}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", READERS)
+def test_damaged_files_are_refused_or_read(seeds, tmp_path, name):
+    assert faults(name, seeds, tmp_path / "work", SEED, 0, SHARE[name]) == []
+
+
+def test_a_damaged_file_follows_from_its_number(seeds):
+    group, again = Group("deck", seeds / "deck"), Group("deck", seeds / "deck")
+    assert [group.case(3, i) for i in range(50)] == [again.case(3, i) for i in reversed(range(50))][::-1]
+    content = group.files["own.bdf"]
+    changed = [mutated(content, Random(i), group.words) != content for i in range(200)]
+    assert np.mean(changed) > 0.9
+
+
+def test_what_a_reader_may_not_do_is_seen(tmp_path):
+    """The measure itself: another exception, a hang, much memory, and files elsewhere."""
+
+    def raises(error):
+        def read(path: Path, choice: int) -> None:
+            raise error
+
+        return fault_of(read, tmp_path, 0)
+
+    assert raises(UserError("a fault", where="a.bdf:3")) is None
+    assert "ValueError left the reader" in (raises(ValueError("x")) or "")
+
+    def hidden(path: Path, choice: int) -> None:
+        try:
+            raise MemoryError("192 GiB")
+        except MemoryError:
+            raise UserError("cannot be read") from None
+
+    assert "MemoryError was met" in (fault_of(hidden, tmp_path, 0) or "")
+    with pytest.raises(Hung), soon(0.02):
+        time.sleep(5)
+    (tmp_path / "own").mkdir()
+    watch = Watch(tmp_path / "own", ())
+    watch.on = True
+    try:
+        (tmp_path / "own" / "a").write_text("x")
+        own = list(watch.found)
+        (tmp_path / "b").write_text("x")
+        Path("/etc/passwd").read_bytes()
+        os.rename(tmp_path / "b", tmp_path / "c")
+    finally:
+        watch.on = False
+    assert own == []
+    assert [said.split()[0] for said in watch.found] == ["writes", "reads", "os.rename", "os.rename"]
