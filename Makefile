@@ -5,6 +5,8 @@ PYTHON ?= $(shell python3.11 -c '' 2>/dev/null && echo python3.11 || echo python
 CONFIG ?= configs/cantilever-youngs-modulus.yaml
 ARGS ?=
 VENV := .venv
+LOWEST := build/lowest
+KERNELS := mesh fem rom gauges signals augmentation placement estimation multibody
 READY := $(VENV)/.ready
 STAGES := import modes rom train screen observe place spectrum validate report
 # A config that takes a guess from another run comes after those that do not.
@@ -14,7 +16,7 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: help run status test lint all-configs hub hub-fine bench manual pages setup lock $(STAGES)
+.PHONY: help run status test lint all-configs hub hub-fine bench manual pages lowest coverage fuzz setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -27,9 +29,12 @@ help:
 	@echo 'make bench          chapters 2 to 4 of the thesis: 100 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make test           set up, then all tests'
 	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
-	@echo 'make lint           ruff, mypy, import-linter'
+	@echo 'make lint           ruff, mypy, import-linter; licences and known vulnerabilities of the packages'
+	@echo 'make lowest         fast tests and the cantilever with the oldest packages that pyproject.toml allows'
+	@echo 'make coverage       branches of the kernels that their fast tests reach; takes long'
+	@echo 'make fuzz           20 000 damaged configs, decks and measurements each, and more; what fails is put into build/fuzz'
 	@echo 'make manual         the manual as a site: site/index.html'
-	@echo 'make lock           renew requirements-dev.lock from pyproject.toml'
+	@echo 'make lock           renew requirements-dev.lock and .ci/lowest.lock from pyproject.toml'
 	@echo
 	@echo 'CONFIG=$(CONFIG)'
 	@echo 'ARGS="--set place.keep=6" is passed on to strainsight'
@@ -59,10 +64,38 @@ pages: $(READY)
 	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)
 	@echo 'pictures of the pages: build/pages'
 
+# Compiled code is invisible to the measurement: the multibody tests run without the compiler, which takes long.
+coverage: $(READY)
+	@mkdir -p build
+	@$(ONE_THREAD) $(VENV)/bin/coverage run -m pytest -q -p no:cov -m 'not slow' $(filter-out tests/multibody,$(KERNELS:%=tests/%))
+	@NUMBA_DISABLE_JIT=1 $(ONE_THREAD) $(VENV)/bin/coverage run --append -m pytest -q -p no:cov -m 'not slow' tests/multibody
+	@$(VENV)/bin/coverage report
+
+# A page, a drawing or a written-out schema may differ by the versions of what draws and writes them.
+lowest:
+	@$(PYTHON) .ci/system.py
+	@$(PYTHON) -m venv $(LOWEST)
+	@$(LOWEST)/bin/pip install --quiet --disable-pip-version-check -r .ci/lowest.lock
+	@$(LOWEST)/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(ONE_THREAD) NUMBA_CACHE_DIR=$(LOWEST)/numba $(LOWEST)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m 'not slow' \
+		--deselect tests/config/test_schema.py::test_the_committed_schema_is_that_of_the_models $(KERNELS:%=tests/%) \
+		tests/config tests/decks tests/measurements tests/report tests/cli tests/workflow tests/sweep $(ARGS)
+	@$(LOWEST)/bin/strainsight run configs/cantilever-youngs-modulus.yaml --results $(LOWEST)/results
+
+# atheris has wheels for some systems only; without one that part is left out.
+fuzz: $(READY)
+	@$(VENV)/bin/pip install --quiet --disable-pip-version-check --only-binary :all: 'atheris>=3.0' || true
+	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.campaign $(ARGS)
+	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.commands
+	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.guided
+
 lint: $(READY)
 	@$(VENV)/bin/ruff check .
 	@$(VENV)/bin/mypy
 	@$(VENV)/bin/lint-imports
+	@$(VENV)/bin/python .ci/licences.py
+	@$(VENV)/bin/pip check --quiet --disable-pip-version-check
+	@$(VENV)/bin/python .ci/audit.py
 
 manual: $(READY)
 	@$(VENV)/bin/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir .sphinx docs site
@@ -80,4 +113,6 @@ $(READY): requirements-dev.lock pyproject.toml
 
 lock:
 	@$(PYTHON) .ci/lock.py > requirements-dev.lock.new
+	@$(PYTHON) .ci/lock.py --lowest > .ci/lowest.lock.new
 	@mv requirements-dev.lock.new requirements-dev.lock
+	@mv .ci/lowest.lock.new .ci/lowest.lock

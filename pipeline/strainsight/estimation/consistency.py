@@ -55,7 +55,7 @@ def chi_square_band(dimension: int, samples: int = 1, level: float = 0.95) -> tu
     from scipy.stats import chi2  # a third of a second to import, which an up-to-date run need not spend
 
     freedom = dimension * samples
-    low, high = chi2.ppf([0.5 * (1 - level), 0.5 * (1 + level)], freedom) / freedom
+    low, high = chi2.ppf(np.array([0.5 * (1 - level), 0.5 * (1 + level)]), freedom) / freedom
     return float(low), float(high)
 
 

@@ -221,7 +221,7 @@ def _scalar_csr(nodes: int, pattern: Pattern, values: np.ndarray) -> sparse.csr_
 def expand(m: sparse.csr_array) -> sparse.csr_array:
     """m ⊗ I₃, rows 3·node + component: m (n, n) → (3n, 3n)."""
     size = 3 * m.shape[0]
-    index = np.int32 if max(size, 3 * m.nnz) < 2**31 else np.int64
+    index: type[np.signedinteger] = np.int32 if max(size, 3 * m.nnz) < 2**31 else np.int64
     per_row = np.repeat(np.diff(m.indptr), 3)
     indptr = np.concatenate([[0], np.cumsum(per_row)]).astype(index)
     entry = np.arange(indptr[-1], dtype=index)

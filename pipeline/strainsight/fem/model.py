@@ -122,7 +122,7 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
 def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, force: np.ndarray) -> None:
     """Raise UserError where none of a deck's forces (n, 3) acts on a free motion, warn where some do not."""
     loaded = np.flatnonzero(force.any(axis=1))
-    idle = [int(i) for i in loaded if not np.any(T[3 * i : 3 * i + 3].T @ force[i])]
+    idle = [i for i in loaded.tolist() if not np.any(T[3 * i : 3 * i + 3].T @ force[i])]
     if len(idle) == len(loaded):
         raise UserError(
             f"load {load.name} ({load.deck_load}) acts on nodes which cannot move in its direction",

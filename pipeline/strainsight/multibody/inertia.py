@@ -32,7 +32,9 @@ def as_inertia(at: int, x: InertiaInvariants) -> Inertia:
 
 
 @njit(cache=True)
-def inertia_load(body, q, v, a):  # type: ignore[no-untyped-def]
+def inertia_load(
+    body: Inertia, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """M (s, s), g = M(q)a + c(q, v) (s,), ∂g/∂q, ∂c/∂v (s, s) of one body, s = 12 + n.
 
         p̈ = a_r + Σ_j y_j a_j + RΦα + 2ṘΦη̇,  y = x + Φη,     g = ∫ρ Jᵀp̈,  J = ∂p/∂q = [1, y₁1, y₂1, y₃1, RΦ]

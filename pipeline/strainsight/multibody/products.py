@@ -12,6 +12,9 @@ from strainsight.multibody.bodies import RIGID
 from strainsight.multibody.frames import Carried
 from strainsight.multibody.relations import Relation
 
+# Body, t, c, C and the shape of C: equal for vectors that are the same.
+Key = tuple[str | None, float, bytes, bytes, tuple[int, ...]]
+
 
 class Products(NamedTuple):
     """Relations as arrays. Carried vectors (nc): place (first coordinate r of the body, −1: it does not move), eta (first
@@ -37,7 +40,7 @@ class Products(NamedTuple):
 def compile_products(relations: Sequence[Relation], place: dict[str, int], eta: dict[str, int]) -> Products:
     """The relations over coordinates q; place: first coordinate of every body that moves; eta: of its modal ones."""
     carried: list[Carried] = []
-    index: dict[tuple, int] = {}
+    index: dict[Key, int] = {}
 
     def number(vector: Carried) -> tuple[int, float]:
         for sign, known in ((1.0, vector), (-1.0, -vector)):
@@ -93,13 +96,15 @@ def compile_products(relations: Sequence[Relation], place: dict[str, int], eta: 
     )
 
 
-def _key(b: Carried) -> tuple:
+def _key(b: Carried) -> Key:
     # adding zero makes −0 and 0 the same
     return b.body, b.t + 0.0, (b.c + 0.0).tobytes(), (b.C + 0.0).tobytes(), b.C.shape
 
 
 @njit(cache=True)
-def carried_vectors(p, q, v):  # type: ignore[no-untyped-def]
+def carried_vectors(
+    p: Products, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """b (nc, 3), its rate, its Jacobian (nc, 3, width) on `columns`, and the rate of that."""
     nc, most = p.columns.shape
     b, rate = np.empty((nc, 3)), np.zeros((nc, 3))
@@ -146,7 +151,9 @@ def carried_vectors(p, q, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def relation_rows(p, q, v):  # type: ignore[no-untyped-def]
+def relation_rows(
+    p: Products, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """ρ (nr,), ∇ρ (nr, n), and its rate d/dt ∇ρ = vᵀ∇²ρ (nr, n); with the carried vectors b and J for the curvature."""
     b, rate, J, J_rate = carried_vectors(p, q, v)
     nr = len(p.value)
@@ -178,7 +185,7 @@ def relation_rows(p, q, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def curvature(p, n, weight, b, J):  # type: ignore[no-untyped-def]
+def curvature(p: Products, n: int, weight: np.ndarray, b: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Σ_r weight_kr ∇²ρ_r (2, n, n) for two sets of weights (2, nr), from the b and J of `relation_rows`."""
     H = np.zeros((2, n, n))
     x = np.empty((2, 3))
