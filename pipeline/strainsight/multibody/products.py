@@ -102,9 +102,7 @@ def _key(b: Carried) -> Key:
 
 
 @njit(cache=True)
-def carried_vectors(
-    p: Products, q: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def carried_vectors(p: Products, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """b (nc, 3), its rate, its Jacobian (nc, 3, width) on `columns`, and the rate of that."""
     nc, most = p.columns.shape
     b, rate = np.empty((nc, 3)), np.zeros((nc, 3))

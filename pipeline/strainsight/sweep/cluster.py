@@ -116,6 +116,8 @@ def _shown(version: str | None) -> str:
 
 def _sweep(client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, told: Told | None = None) -> list[R]:
     import dask
+    from distributed import CancelledError
+    from distributed.comm import CommClosedError
 
     if not points:
         return []
@@ -130,7 +132,8 @@ def _sweep(client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: 
     try:
         return _collected(client, futures, told)
     except BaseException as error:
-        if client.status != "running":
+        # The client may still be trying to connect again when the first future tells that the connection is lost.
+        if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
             raise _gone() from error
         client.cancel(futures, force=True)
         raise
