@@ -34,7 +34,7 @@ def test_this_environment_is_sound_and_everything_was_looked_at(found):
 
 def test_every_package_of_pyproject_is_compared_with_its_range(found):
     _, asked = packages.asked_for()
-    assert "numpy>=2.0" in asked
+    assert any(line.startswith("numpy>=") for line in asked)
     names = {line.partition(">=")[0] for line in asked}
     assert names - found.keys() <= {"pypardiso"}
 

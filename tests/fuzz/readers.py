@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
 from typing import Any
+from unittest.mock import patch
 
 from strainsight.errors import StrainsightError
 
@@ -51,8 +52,8 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
             region_data="region" if choice % 8 == 0 else None,
             materials={} if ending in (".bdf", ".inp") else {"steel": steel},
         )
-        other.load_apart = load_apart if apart else load
-        checked(mesh_of(config, path), config)
+        with patch.object(other, "load_apart", load_apart if apart else load):
+            checked(mesh_of(config, path), config)
 
 
 def read_measurement(path: Path, choice: int, apart: bool = True) -> None:
