@@ -84,7 +84,13 @@ def _killed(launcher: Launcher, moment: Moment, project: Path, results: Path) ->
     time.sleep(moment.seconds)
     if not launcher.has_ended():
         os.kill(pid, signal.SIGKILL)
-    return launcher.end() == -signal.SIGKILL
+    # A busy machine may have gone on to the next stage; one that waits for a file may then have seen that of the next.
+    return launcher.end() == -signal.SIGKILL and (moment.at_file or started(log) == moment.stage)
+
+
+def started(log: Path) -> str:
+    """The stage that was started last."""
+    return str(re.findall(r" (\w+) starts: ", log.read_text())[-1])
 
 
 @pytest.mark.slow
@@ -92,11 +98,12 @@ def test_whatever_moment_it_is_killed_at_nothing_is_half_and_the_next_run_ends_t
     project, undisturbed, launcher, tmp_path
 ):
     at, left, late = Counter(), 0, 0
-    for moment in moments(undisturbed, KILLS):
+    aims = moments(undisturbed, KILLS)
+    for moment in aims:
         folder = tmp_path / moment.run
         late += kill(launcher, moment, project, tmp_path)
         set(compared(folder, undisturbed / moment.run))
-        at[moment.run, re.findall(r" (\w+) starts: ", (folder / LOG).read_text())[-1]] += 1
+        at[moment.run, started(folder / LOG)] += 1
         left += any(path.name.startswith(TEMPORARY) for path in folder.iterdir())
     for run in ("beam", "bench"):
         launcher.start(["run", str(project / f"{run}.yaml"), "--results", str(tmp_path)], project / "says")
@@ -105,4 +112,4 @@ def test_whatever_moment_it_is_killed_at_nothing_is_half_and_the_next_run_ends_t
     print(f"{KILLS} kills ({late} moments came late), {left} left a file unfinished, in {dict(at)}")
     assert at.total() == KILLS
     assert left >= 0.2 * KILLS
-    assert len(at) >= min(KILLS, 18) - 2  # one that is killed late may be at the next stage
+    assert {(aim.run, aim.stage) for aim in aims if not aim.at_file} <= set(at)
