@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import typer
 
@@ -26,6 +27,8 @@ KEPT = "interrupted; finished stages are kept"
 ENDED = "ended from outside; finished stages are kept"
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What ends the process with exit code 128 + its number: Ctrl-C, a polite kill, a terminal that was closed."""
+SHARED = Path("/dev/shm")
+"""Where Linux keeps memory files."""
 PATIENCE = 1.0
 """[s] for the last words."""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -124,7 +127,7 @@ def _interruptible() -> Iterator[None]:
 def _stay(number: int, _: object) -> None:
     """The main thread, where Python has a turn: it starts nothing more, and ends all where the other thread cannot."""
     time.sleep(PATIENCE)
-    os._exit(128 + number)
+    _leave(128 + number)
 
 
 def _wait_for_the_end(reading: int) -> None:
@@ -148,7 +151,16 @@ def _end(number: int) -> None:
             tell_it(said)
     with suppress(Exception):
         end_children()
-    os._exit(128 + number)
+    _leave(128 + number)
+
+
+def _leave(code: int) -> None:
+    """End without another line of anybody's code, and without what Intel's OpenMP keeps in memory files until it is left
+    properly (now and then: it depends on how far its threads have come)."""
+    with suppress(OSError):
+        for registered in SHARED.glob(f"__KMP_REGISTERED_LIB_{os.getpid()}_*"):
+            registered.unlink(missing_ok=True)
+    os._exit(code)
 
 
 def _warn(message: Warning | str, *_: object, **__: object) -> None:

@@ -163,3 +163,21 @@ def test_amid_a_library(code):
     out, err = process.communicate(timeout=120)
     assert (process.returncode, out, err) == (130, "", SAYS)
     assert time.perf_counter() - start < AT_ONCE
+
+
+OPENMP = """
+import os, pathlib
+from strainsight_cli import failures
+
+registered = failures.SHARED / f"__KMP_REGISTERED_LIB_{os.getpid()}_0"
+registered.touch()
+print(registered, flush=True)
+failures._leave(7)
+"""
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="no memory files on this system")
+def test_what_openmp_keeps_in_memory_goes_with_the_process():
+    done = subprocess.run([sys.executable, "-c", OPENMP], capture_output=True, text=True, check=False)
+    assert done.returncode == 7
+    assert not Path(done.stdout.strip()).exists()
