@@ -16,7 +16,7 @@ def figures(
 ) -> None:
     with reported(verbose):
         from strainsight.config.load import load_config
-        from strainsight.report.figure_files import write_figures
+        from strainsight.report.chart.files import write_figures
         from strainsight.stages.figures import figures_of
 
         loaded = load_config(config, overrides or ())

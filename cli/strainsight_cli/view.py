@@ -57,7 +57,7 @@ def view(
         names = [stage.name for stage in stages]
         shown, read = view_of(loaded.data, names, folder, str(config), what and what.value, at, body)
         say_stale(loaded, results, read)
-        from strainsight.report import viewing
+        from strainsight.report.view import viewing
 
         if screenshot is None:
             viewing.window(shown)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.report.data import (
+from strainsight.report.placement.data import (
     Case,
     Consistency,
     Criteria,
@@ -23,7 +23,7 @@ from strainsight.report.data import (
     Trend,
     Unknown,
 )
-from strainsight.report.suite_data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import SuiteReport, SuiteRun
 
 
 def box(cells=(10, 2, 3), size=(2.0, 0.08, 0.12)):

@@ -120,7 +120,7 @@ def test_while_the_picture_is_drawn(project, results, launcher, number, everybod
     words = ["report", str(project / "beam.yaml"), "--results", str(results), "--force"]
     launcher.start(words, project / "says")
     assert until(
-        lambda: launcher.has_ended() or any("report.scene" in said for said in of_session(launcher.pid).values())
+        lambda: launcher.has_ended() or any("report.picture.scene" in said for said in of_session(launcher.pid).values())
     )
     ended(launcher, number, everybody)
     assert "Traceback" not in (project / "says").read_text()

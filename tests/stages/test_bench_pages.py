@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
-from strainsight.report.document import own
+from strainsight.report.page.document import own
 from strainsight.stages.bench.report import report_stage
 from strainsight.stages.bench.suite import BENCH_SUITE
 from strainsight.workflow.artefact import Artefact
@@ -113,7 +113,7 @@ def test_the_page_says_them_and_nothing_of_it_is_markup_from_a_name(suite):
     assert "from 5 runs, 4 with an estimate" in words
     assert "not estimated (ends after simulate)" in words
     assert not re.search(r"https?:|mathdefault", page)
-    assert re.findall(r"<script[^>]*>(.*?)</script>", page, flags=re.S) == [own("tables.js")]
+    assert re.findall(r"<script[^>]*>(.*?)</script>", page, flags=re.S) == [own("page/tables.js")]
 
 
 def test_it_is_up_to_date_until_a_claim_changes(suite, results, runs):

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strainsight.report.data import Repeats, Unknown
-from strainsight.report.layout import Gauge, Layout
-from strainsight.report.suite_data import SuiteReport, SuiteRun
+from strainsight.report.picture.layout import Gauge, Layout
+from strainsight.report.placement.data import Repeats, Unknown
+from strainsight.report.suite.data import SuiteReport, SuiteRun
 from strainsight.stages import suite as suite_stage
 from strainsight.stages.records.suite import nearest
 from strainsight.stages.records.suite_numbers import suite_datasets, suite_tables

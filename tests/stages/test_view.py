@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.report.viewed import DOTS, FACETS
+from strainsight.report.view.viewed import DOTS, FACETS
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.view.offers import chosen, offers_of
 from strainsight.stages.view.surface import nearest

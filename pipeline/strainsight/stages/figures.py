@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from strainsight.errors import UserError
-from strainsight.report.drawing import Drawing, kept
-from strainsight.report.figure_files import figure_files
+from strainsight.report.chart.drawing import Drawing, kept
+from strainsight.report.chart.files import figure_files
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.slices import Slice, prune
 from strainsight.workflow.stage import Context, Stage
@@ -38,14 +38,14 @@ def figures_of(config: Mapping[str, Any], report: Stage, folder: Path, config_fi
 
 
 def _of_placement(context: Context) -> list[Drawing]:
-    from strainsight.report.figures import placement_figures
+    from strainsight.report.placement.figures import placement_figures
     from strainsight.stages.records.page import placement_report
 
     return list(placement_figures(placement_report(context)))
 
 
 def _of_bench(context: Context) -> list[Drawing]:
-    from strainsight.report.bench_page import bench_figures
+    from strainsight.report.bench.page import bench_figures
     from strainsight.stages.bench.report import bench_run
 
     return [drawing for section in bench_figures(bench_run(context)).values() for drawing in section]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.errors import StrainsightError
-from strainsight.report.figures import placement_figures
-from strainsight.report.page import placement_page
-from strainsight.report.scene import render
+from strainsight.report.picture.scene import render
+from strainsight.report.placement.figures import placement_figures
+from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
 from strainsight.stages.records.page import placement_report
 from strainsight.stages.view.placement import placement_view

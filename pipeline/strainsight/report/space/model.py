@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from strainsight.report.drawing import VERMILION, gauge_colour
-from strainsight.report.geometry import triangles, views
-from strainsight.report.layout import FloatArray, IntArray, Layout
-from strainsight.report.markers import arrow, marker
+from strainsight.report.chart.drawing import VERMILION, gauge_colour
+from strainsight.report.picture.geometry import triangles, views
+from strainsight.report.picture.layout import FloatArray, IntArray, Layout
+from strainsight.report.picture.markers import arrow, marker
 from strainsight.report.space.surface import CREASE, surface
 
 STEEL, LINES, CREASES, POOL, CLAMP = "#c3ccd6", "#8693a3", "#3f4b59", "#33475c", "#8a4fb5"

@@ -11,7 +11,7 @@ from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.equilibrium import displacement
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.report.bearing_page import (
+from strainsight.report.bench.bearing_page import (
     CASE_HEAD,
     CONTACTS,
     DISPLACEMENT_UNITS,

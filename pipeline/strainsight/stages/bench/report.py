@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from strainsight import __version__
 from strainsight.errors import StrainsightError
-from strainsight.report.bench_data import BenchRun
-from strainsight.report.bench_page import bench_figures, bench_page
+from strainsight.report.bench.data import BenchRun
+from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import space_section
-from strainsight.report.viewing import screenshot
+from strainsight.report.view.viewing import screenshot
 from strainsight.stages.records.bench_run import estimate_of, motion_of, placement_of, warnings_in
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.workflow.output import Dataset, Output

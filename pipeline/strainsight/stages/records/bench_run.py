@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.report.bench_data import (
+from strainsight.report.bench.data import (
     BearingMotion,
     BenchEstimate,
     BenchMotion,
@@ -14,7 +14,7 @@ from strainsight.report.bench_data import (
     BenchSensor,
     BenchUnknown,
 )
-from strainsight.report.data import History
+from strainsight.report.placement.data import History
 from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from strainsight.report.bench_claims import asked, measured
-from strainsight.report.bench_data import BenchRun, BenchSuite, BenchUnknown
+from strainsight.report.bench.claims import asked, measured
+from strainsight.report.bench.data import BenchRun, BenchSuite, BenchUnknown
 from strainsight.workflow.output import Dataset, Table
 
 KEYS = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")

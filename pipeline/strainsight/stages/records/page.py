@@ -10,7 +10,7 @@ import numpy as np
 from strainsight import __version__
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.suspicions import only_control, suspicions
-from strainsight.report.data import PlacementReport, RandomSets
+from strainsight.report.placement.data import PlacementReport, RandomSets
 from strainsight.stages.records.gauges import given_from
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.records.page_layout import is_ready, layout_of_page

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.report.data import Gauge, Layout, Load
+from strainsight.report.placement.data import Gauge, Layout, Load
 from strainsight.stages.case.channels import channels_from
 from strainsight.stages.records.gauge_list import GaugeList, gauge_list
 from strainsight.stages.records.gauges import candidates_from

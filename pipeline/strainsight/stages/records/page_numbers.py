@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.report.data import (
+from strainsight.report.placement.data import (
     Case,
     Consistency,
     Criteria,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from strainsight import __version__
-from strainsight.report.data import Layout, Unknown
-from strainsight.report.suite_data import SuiteReport, SuiteRun
+from strainsight.report.placement.data import Layout, Unknown
+from strainsight.report.suite.data import SuiteReport, SuiteRun
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.records.page import warnings_of
 from strainsight.stages.records.page_layout import layout_of_page, placed_scale, size

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.report.suite_data import SuiteReport, SuiteRun
-from strainsight.report.suite_results import Result, results_of
+from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.results import Result, results_of
 from strainsight.workflow.output import Dataset, Table
 
 NONE = float("nan")

@@ -11,8 +11,8 @@ import numpy as np
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.report.layout import Gauge, Layout
-from strainsight.report.viewed import DOTS, Panel, View
+from strainsight.report.picture.layout import Gauge, Layout
+from strainsight.report.view.viewed import DOTS, Panel, View
 from strainsight.stages.bench.layout.placed import PLACED, placed_layout
 from strainsight.stages.records.below import Below
 from strainsight.stages.records.mesh import mesh_from

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.report.layout import Layout
-from strainsight.report.viewed import FACETS, POINTS, Panel, View, exaggerated
+from strainsight.report.picture.layout import Layout
+from strainsight.report.view.viewed import FACETS, POINTS, Panel, View, exaggerated
 from strainsight.workflow.artefact import Artefact
 
 MODES = 6

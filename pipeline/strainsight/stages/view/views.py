@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from strainsight.errors import UserError
-from strainsight.report.viewed import View
+from strainsight.report.view.viewed import View
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.offers import chosen, offers_of, opened
 from strainsight.stages.view.placement import placement_view

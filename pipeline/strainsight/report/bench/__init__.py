@@ -1,0 +1,1 @@
+"""The pages of a bench, of a bearing, and of a suite of benches."""

@@ -1,0 +1,228 @@
+"""Figures of what a bench's filter made of its sensors: an unknown or a sensor, of one run or of several in one figure.
+
+Thesis figures 2.2 to 2.8, 3.2 to 3.9 and 4.1 to 4.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from strainsight.report.bench.data import BenchUnknown
+from strainsight.report.chart.drawing import BLUE, INK, MUTED, SERIES, Drawing, figure, styled, svg, visible_instants
+from strainsight.report.chart.panels import drawable, legend_above, legend_of_lines, log_ticks, plain_axis, time_axis
+from strainsight.report.page.text import number, prefix, reading_unit, short
+from strainsight.report.placement.data import FloatArray, History
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+STROKES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)))
+"""One stroke for every round through the colours."""
+ROUNDING = 1e-14
+"""Relative error below which there is none to draw on a logarithmic axis: a first guess may be the truth itself."""
+LARGE = 0.3
+"""Share of its largest value above which a load is worth dividing by."""
+SAME = 0.02
+"""Share of the largest value within which two true histories are drawn as one: one may be sampled more coarsely."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One run in a figure of several: its label and what is drawn of it."""
+
+    label: str
+    history: History
+
+
+def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Drawing:
+    """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
+
+    A single line has the band of ±2 claimed standard deviations, and the claimed σ beside its error.
+    """
+    factor, unit = shown_unit([line.history for line in lines])
+    labels = [line_label(line.label, len(lines)) for line in lines]
+    known = [(place, line.history) for place, line in enumerate(lines) if line.history.truth is not None]
+    with styled():
+        drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
+        _truths(axes, [history for _, history in known], factor)
+        for place, line in enumerate(lines):
+            own, style = line.history, line_style(place)
+            index = visible_instants(np.column_stack([drawable(own.mean), drawable(own.std)]), 240)
+            if len(lines) == 1:
+                low, high = ((own.mean + sign * 2 * own.std)[index] / factor for sign in (-1, 1))
+                axes.fill_between(
+                    own.time[index], drawable(low), drawable(high), color=BLUE, alpha=0.2, lw=0, label="±2σ"
+                )
+            axes.plot(
+                own.time[index], drawable(own.mean)[index] / factor, **style, label=line_label(line.label, len(lines))
+            )
+        if len(lines) == 1 and kind == "input":
+            _bulk(axes, lines[0].history, factor)
+        plain_axis(axes)
+        axes.set_ylabel(f"{short(lines[0].history.name, 24)} [{short(unit)}]")
+        for below in more:
+            _errors(below, known, alone=len(lines) == 1)
+        time_axis((axes, *more)[-1])
+        legend_of_lines(axes, labels)
+        image = svg(drawn)
+    name = lines[0].history.name
+    caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + (
+        " beside the truth (dashed)" if known else ""
+    )
+    if len(lines) == 1:
+        caption += ", with ±2 claimed standard deviations"
+    if known:
+        caption += "; below, the size of the error over the largest true value" + (
+            ", and the claimed σ (dotted)" if len(lines) == 1 else ""
+        )
+    said = "; ".join(f"{line.label or name}: {_ending(line.history)}" for line in lines)
+    return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {said}.", image)
+
+
+def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
+    """A load over the one on the bench that was measured: both above, their quotient below where the other is large."""
+    own = lines[0][1]
+    factor, unit = shown_unit([unknown.history for _, unknown in lines])
+    with styled():
+        labels = [line_label(label, len(lines)) for label, _ in lines]
+        drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
+        said = []
+        for place, (label, unknown) in enumerate(lines):
+            there, history, style = unknown.there, unknown.history, line_style(place)
+            assert there is not None
+            large = np.abs(there) > LARGE * peak([there])
+            large[0] = False  # there stands the first guess
+            quotient = np.full(len(there), np.nan)
+            quotient[large] = history.mean[large] / there[large]
+            index = visible_instants(np.column_stack([history.mean, drawable(quotient)]), 240)
+            axes.plot(history.time[index], history.mean[index] / factor, **style, label=line_label(label, len(lines)))
+            below.plot(history.time[index], drawable(quotient)[index], **style)
+            if (known := quotient[np.isfinite(quotient)]).size:
+                said.append(f"{label or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
+        axes.set_ylabel(f"{short(own.name, 24)} [{short(unit)}]")
+        plain_axis(axes)
+        plain_axis(below)
+        below.set_ylabel("over the load on\nthe other bench [–]")
+        time_axis(below)
+        legend_of_lines(axes, labels)
+        image = svg(drawn)
+    caption = (
+        f"{own.name} on this bench, and over the one on the bench that was measured where that is above {number(LARGE)} of its "
+        f"maximum: {'; '.join(said) or 'nowhere'}."
+    )
+    return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", image)
+
+
+def runs_figure(unknown: BenchUnknown) -> Drawing:
+    """A parameter's error in every run over seeds and starts on bars of three claimed σ, relative, on a logarithmic axis."""
+    assert unknown.errors is not None
+    truth = unknown.history.truth
+    scale = float(np.nanmax(np.abs(truth))) if truth is not None else 1.0
+    errors = np.abs(unknown.errors) / scale
+    with styled():
+        drawn, axes = figure(3.0)
+        at = np.arange(1, len(errors) + 1)
+        if unknown.stds is not None:
+            axes.bar(at, 3 * unknown.stds / scale, color=BLUE, alpha=0.22, lw=0, label="up to 3σ claimed")
+        axes.plot(at, np.maximum(errors, ROUNDING), "o", color=BLUE, ms=5, label="error")
+        axes.set_yscale("log")
+        log_ticks(axes)
+        axes.locator_params(axis="x", integer=True)
+        axes.set_xlabel("run over seeds and starts")
+        axes.set_ylabel("relative error [–]")
+        legend_above(axes)
+        image = svg(drawn)
+    finite = errors[np.isfinite(errors)]
+    said = (
+        f"RMS {number(float(np.sqrt(np.mean(finite**2))), 2)}, largest {number(float(finite.max()), 2)}"
+        if len(finite)
+        else "none"
+    )
+    lost = f"; {len(errors) - len(finite)} lost" if len(finite) < len(errors) else ""
+    what = "at the end" if unknown.kind == "parameter" else "over the second half"
+    caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {said}{lost}."
+    return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, image)
+
+
+def shown_unit(histories: Sequence[History]) -> tuple[float, str]:
+    """Factor and unit in which the largest of the histories reads well."""
+    unit = histories[0].unit.replace("N m", "N·m")
+    size = peak([h.mean if h.truth is None else h.truth for h in histories])
+    return reading_unit(size, unit) if unit == "m" else prefix(size, unit)
+
+
+def line_style(place: int) -> dict[str, Any]:
+    """Colour, stroke and width of line number `place`, each thinner than those that it may cover."""
+    width = max(1.0, 2.0 - 0.25 * (place % len(SERIES)))
+    return {"color": SERIES[place % len(SERIES)], "ls": STROKES[place // len(SERIES) % len(STROKES)], "lw": width}
+
+
+def line_label(label: str, many: int) -> str:
+    """What the legend calls one of that many lines."""
+    return "estimate" if many == 1 else short(label, 26)
+
+
+def legend_height(labels: Sequence[str]) -> float:
+    """Inches that a legend of long labels needs more than one of short labels."""
+    return 0.17 * len(labels) if max(map(len, labels), default=0) > 20 else 0.0
+
+
+def peak(values: Sequence[FloatArray]) -> float:
+    """The largest size of all that is finite in them; 0 where nothing is."""
+    sizes = [np.max(np.abs(v[np.isfinite(v)]), initial=0.0) for v in values]
+    return float(max(sizes, default=0.0))
+
+
+def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
+    """Every different true history once, the finest sampling of it."""
+    shown: list[tuple[FloatArray, FloatArray]] = []
+    for history in sorted(histories, key=lambda history: -len(history.time)):
+        time, truth = history.time, history.truth
+        assert truth is not None
+        if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * peak([u])) for t, u in shown):
+            continue
+        index = visible_instants(truth[:, None], 240)
+        stroke: dict[str, Any] = {"color": INK, "lw": 1, "ls": (0, (4, 2)), "zorder": 3}
+        axes.plot(time[index], truth[index] / factor, **stroke, label=None if shown else "truth")
+        shown.append((time, truth))
+
+
+def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool) -> None:
+    for place, own in histories:
+        assert own.truth is not None
+        scale = peak([own.truth]) or 1.0
+        error = np.abs(drawable(own.mean - own.truth)) / scale
+        error = np.where(error > ROUNDING, error, np.nan)
+        index = visible_instants(np.log(error)[:, None], 240)
+        axes.plot(
+            own.time[index], error[index], **{**line_style(place), "lw": 1.1 if alone else line_style(place)["lw"]}
+        )
+        if alone:
+            index = visible_instants(drawable(own.std)[:, None], 240)
+            std = np.where(own.std[index] > 0, own.std[index] / scale, np.nan)
+            axes.plot(own.time[index], std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
+    axes.set_yscale("log")
+    log_ticks(axes)
+    axes.set_ylabel("|error| over\nlargest truth")
+
+
+def _bulk(axes: Axes, history: History, factor: float) -> None:
+    """The y axis on the estimate and the truth: the band of the first instants may be a hundred times as wide."""
+    parts = [history.mean, *([] if history.truth is None else [history.truth])]
+    late = history.std[len(history.std) // 10 :]
+    values = np.concatenate([*parts, history.mean[-len(late) :] + 2 * late, history.mean[-len(late) :] - 2 * late])
+    values = values[np.isfinite(values)] / factor
+    if len(values):
+        margin = 0.06 * float(np.ptp(values)) or 0.01 * float(np.abs(values).max()) or 1.0
+        axes.set_ylim(values.min() - margin, values.max() + margin)
+
+
+def _ending(history: History) -> str:
+    if history.truth is None:
+        return f"ends at {number(float(history.mean[-1]), 4)} {history.unit}"
+    scale = peak([history.truth]) or 1.0
+    return f"error {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the largest true value at the end"

@@ -1,0 +1,140 @@
+"""Figures of a bench in time as it was simulated, and of gauges that were placed on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from strainsight.report.bench.bearing_page import COLOURS
+from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement
+from strainsight.report.bench.figures import line_style
+from strainsight.report.chart.drawing import BLUE, MUTED, Drawing, figure, styled, svg, visible_instants
+from strainsight.report.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
+from strainsight.report.page.text import number, prefix, quantity, short
+from strainsight.report.placement.data import FloatArray
+
+
+def loads_figure(motion: BenchMotion) -> Drawing:
+    """Forces above, moments below, as they act on the bench."""
+    groups = [
+        (unit, {name: values for name, (own, values) in motion.inputs.items() if own == unit})
+        for unit in dict.fromkeys(unit for unit, _ in motion.inputs.values())
+    ]
+    with styled():
+        drawn, *panels = figure(1.4 + 1.8 * len(groups), (1.0,) * len(groups))
+        for axes, (unit, loads) in zip(panels, groups, strict=True):
+            largest = max(float(np.max(np.abs(values), initial=0.0)) for values in loads.values())
+            factor, shown = prefix(largest, unit.replace("N m", "N·m"))
+            for place, (name, values) in enumerate(loads.items()):
+                index = visible_instants(values[:, None], 240)
+                axes.plot(motion.time[index], values[index] / factor, **line_style(place), label=short(name))
+            plain_axis(axes)
+            axes.set_ylabel(f"load [{short(shown)}]")
+            legend_above(axes)
+        time_axis(panels[-1])
+        image = svg(drawn)
+    said = "; ".join(
+        f"{name} at most {quantity(float(np.max(np.abs(values), initial=0.0)), unit.replace('N m', 'N·m'), 3)}"
+        for name, (unit, values) in motion.inputs.items()
+    )
+    return Drawing("loads", "Loads", f"Loads on the bench in time: {said}.", f"Line chart of loads: {said}.", image)
+
+
+def bearing_figures(motion: BenchMotion, bearing: BearingMotion) -> list[Drawing]:
+    """Displacements and tilts of the inner ring; loads and highest contact pressure."""
+    moved = _stacked(
+        f"bearing-{bearing.name}-displacement",
+        f"{bearing.name}: displacement of the inner ring",
+        motion.time,
+        (
+            ("displacement [µm]", 1e6 * bearing.displacement[:, :3], ("x", "y", "z")),
+            ("tilt [µrad]", 1e6 * bearing.displacement[:, 3:], ("y", "z")),
+        ),
+        f"Displacement of the inner ring of {bearing.name} in the axes of the outer one; x is the axis.",
+    )
+    pressed = _stacked(
+        f"bearing-{bearing.name}-load",
+        f"{bearing.name}: load on the inner ring",
+        motion.time,
+        (
+            ("force [kN]", bearing.load[:, :3] / 1e3, ("x", "y", "z")),
+            ("moment [kN·m]", bearing.load[:, 3:] / 1e3, ("y", "z")),
+            ("pressure [MPa]", bearing.pressure[:, None] / 1e6, ("highest",)),
+        ),
+        f"Load on the inner ring of {bearing.name} and the highest contact pressure of all balls, at most "
+        f"{number(float(np.max(bearing.pressure, initial=0.0)) / 1e6, 4)} MPa.",
+    )
+    return [moved, pressed]
+
+
+def trend_figure(placement: BenchPlacement) -> Drawing:
+    """The metric while gauges are taken away, over its value with the whole pool."""
+    scale = float(placement.trace[0])
+    curve = drawable(placement.trace) / scale if scale > 0 else drawable(placement.trace)
+    with styled():
+        drawn, axes = figure(3.2)
+        axes.plot(placement.count, curve, color=BLUE)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        plain_ticks(axes, "x")
+        plain_ticks(axes, "y")
+        axes.set_xlabel("gauges left [–]")
+        axes.set_ylabel("tr(W P) over all gauges' [–]")
+        image = svg(drawn)
+    caption = (
+        f"Sum of the scaled error variances while gauges are taken away, read from right to left: {number(float(curve[-1]), 3)} "
+        f"times with {int(placement.count[-1])} gauges."
+    )
+    return Drawing("trend", "What every gauge is worth", caption, f"Line chart. {caption}", image)
+
+
+def random_figure(placement: BenchPlacement) -> Drawing:
+    """Expected standard deviation of every load with the layout and with random ones, over the layout's."""
+    names = [name for name, std in placement.expected.items() if std > 0]
+    with styled():
+        drawn, axes = figure(1.3 + 0.4 * len(names))
+        for y, name in enumerate(names):
+            others = np.asarray(placement.random.get(name, ()), dtype=float) / placement.expected[name]
+            others = others[np.isfinite(others)]
+            axes.plot(
+                others, np.full(len(others), y), "|", color=MUTED, ms=10, mew=1.4, label=None if y else "random layouts"
+            )
+            axes.plot(1.0, y, "o", color=BLUE, ms=7, label=None if y else "placed")
+        axes.set_xscale("log")
+        plain_ticks(axes, "x")
+        axes.set_yticks(range(len(names)), [short(name, 16) for name in names])
+        axes.set_ylim(len(names) - 0.5, -0.5)
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("expected σ over that of the placed layout [–]")
+        legend_above(axes)
+        image = svg(drawn)
+    caption = (
+        "Expected standard deviation of every load with as many gauges drawn at random, over that of the placed layout."
+    )
+    return Drawing("random", "Placed against random layouts", caption, caption, image)
+
+
+def _stacked(
+    key: str,
+    title: str,
+    time: FloatArray,
+    panels: Sequence[tuple[str, FloatArray, tuple[str, ...]]],
+    caption: str,
+) -> Drawing:
+    with styled():
+        drawn, *all_axes = figure(1.2 + 1.5 * len(panels), (1.0,) * len(panels))
+        for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
+            index = visible_instants(columns, 240)
+            for column, name, colour in zip(columns.T, names, COLOURS, strict=False):
+                axes.plot(time[index], drawable(column)[index], color=colour, label=name)
+            plain_axis(axes)
+            axes.set_ylabel(label)
+            if len(names) > 1:
+                legend_above(axes)
+        time_axis(all_axes[-1])
+        image = svg(drawn)
+    parts = ", ".join(
+        f"{label} up to {number(float(np.nanmax(np.abs(values), initial=0.0)), 3)}" for label, values, _ in panels
+    )
+    return Drawing(key, title, caption, f"Line charts: {parts}.", image)

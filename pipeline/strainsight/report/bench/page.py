@@ -1,0 +1,232 @@
+"""The page of one run of a bench: what was estimated and how well, what it rests on, how the bench moved."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+
+from strainsight.report.bench.data import BenchMotion, BenchRun, BenchUnknown
+from strainsight.report.bench.figures import (
+    Line,
+    ratio_figure,
+    runs_figure,
+    unknown_figure,
+)
+from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure, trend_figure
+from strainsight.report.bench.sensors import components_figure, consistency_figure
+from strainsight.report.bench.tables import facts, mismatch_table, placement_table, ratio, runs_table
+from strainsight.report.chart.drawing import Drawing
+from strainsight.report.page.document import document
+from strainsight.report.page.markup import bullets, count, figure, measure, pairs, plain
+from strainsight.report.page.text import number
+from strainsight.report.space.section import STYLE, script
+
+STYLES = ("bench/bench.css",)
+FOOTER = (
+    "σ is one standard deviation. Stabilised implicit Euler in time; bearings quasi-static after Hertz, rings rigid but for the "
+    "contacts."
+)
+
+
+def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
+    """Section of the page → its figures: "unknowns", "sensors", "placement", "motion"."""
+    found: dict[str, tuple[Drawing, ...]] = {}
+    if (estimate := run.estimate) is not None:
+        found["unknowns"] = tuple(
+            unknown_figure(f"unknown-{i}", _title(unknown), unknown.kind, [Line("", unknown.history)])
+            for i, unknown in enumerate(estimate.unknowns)
+        )
+        found["unknowns"] += tuple(
+            ratio_figure(f"ratio-{i}", f"{unknown.name}: ratio of the loads", [("", unknown)])
+            for i, unknown in enumerate(estimate.unknowns)
+            if unknown.there is not None
+        )
+        found["unknowns"] += tuple(runs_figure(unknown) for unknown in estimate.unknowns if unknown.errors is not None)
+        found["sensors"] = tuple(
+            components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
+            for i, sensor in enumerate(estimate.sensors)
+        )
+        found["sensors"] += (consistency_figure(estimate),)
+    if (placement := run.placement) is not None:
+        found["placement"] = (trend_figure(placement),) * bool(len(placement.trace))
+        if any(len(values) for values in placement.random.values()):
+            found["placement"] += (random_figure(placement),)
+    if (motion := run.motion) is not None:
+        drawings = [loads_figure(motion)] if motion.inputs else []
+        for bearing in motion.bearings:
+            drawings += bearing_figures(motion, bearing)
+        shown = {sensor.name for sensor in run.estimate.sensors} if run.estimate is not None else set()
+        drawings += [
+            components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
+            for i, sensor in enumerate(motion.sensors)
+            if sensor.name not in shown
+        ]
+        found["motion"] = tuple(drawings)
+    return found
+
+
+def bench_page(
+    run: BenchRun,
+    drawings: dict[str, tuple[Drawing, ...]],
+    provenance: Iterable[tuple[str, str]],
+    pictures: Sequence[tuple[str, bytes]] = (),
+    turned: str = "",
+) -> str:
+    """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG;
+    turned: the section of `space_section`, or nothing."""
+    first: dict[str, int] = {}
+    count = 0
+    for key, entries in drawings.items():
+        first[key] = count
+        count += len(entries)
+
+    def cards(key: str) -> str:
+        shown = "".join(figure(entry, i) for i, entry in enumerate(drawings.get(key, ()), start=first.get(key, 0)))
+        return f'<div class="figures">{shown}</div>' if shown else ""
+
+    sections = [
+        f'<section class="card warnings"><h2>Warnings</h2>{bullets(run.warnings)}</section>' if run.warnings else ""
+    ]
+    if run.estimate is not None:
+        told = runs_table("unknowns", [(escape(run.name), run)])
+        sections.append(f'<section id="answer" aria-label="answer" class="card">{told}</section>')
+        sections.append(f"<h2>What was estimated</h2>{cards('unknowns')}")
+        sensors = mismatch_table(run)
+        sections.append(f'<h2>Does it explain the sensors?</h2><div class="card">{sensors}</div>{cards("sensors")}')
+    if pictures:
+        sections.append("<h2>Gauges and stress on the body</h2>" + "".join(_picture(*entry) for entry in pictures))
+    sections.append(turned)
+    if run.placement is not None:
+        table = placement_table(run.placement)
+        sections.append(f'<h2>Where the gauges go</h2><div class="card">{table}</div>{cards("placement")}')
+    if run.motion is not None:
+        lead = '<p class="lead">Simulated under the loads of the config.</p>'
+        sections.append(f"<h2>How the bench moves</h2>{lead}{cards('motion')}")
+    numbers = facts("numbers", _facts(run))
+    sections.append(
+        f'<h2>What it rests on</h2><div class="panels"><section class="card"><h3>Numbers</h3>{numbers}</section>'
+        f'<section class="card"><h3>Provenance</h3>{pairs("provenance", provenance)}</section></div>'
+    )
+    return document(
+        "bench",
+        run.name,
+        run.name,
+        _answer(run),
+        sections,
+        FOOTER,
+        (*STYLES, STYLE) if turned else STYLES,
+        (script(),) * bool(turned),
+    )
+
+
+def _picture(caption: str, png: bytes) -> str:
+    encoded = base64.b64encode(png).decode()
+    return (
+        f'<figure class="card picture"><img alt="{escape(caption)}" width="1400" height="900" '
+        f'src="data:image/png;base64,{encoded}"><figcaption>{escape(caption)}</figcaption></figure>'
+    )
+
+
+def run_answer(run: BenchRun) -> str:
+    """What the filter made of the unknowns, in one sentence."""
+    estimate = run.estimate
+    if estimate is None:
+        return ""
+    parts = [_told(run, unknown) for unknown in estimate.unknowns]
+    channels = run.number("channels")
+    given = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
+    text = f"{count(given)} channels tell {', '.join(parts) or 'nothing'}."
+    elsewhere = [unknown.name for unknown in estimate.unknowns if unknown.there is not None]
+    if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
+        off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
+        told = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
+        text = f"These loads make the bench read as the one that was measured, {', '.join(told)}: {', '.join(parts)}."
+    lost = run.number("lost")
+    if lost:
+        text += f' <strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong>'
+    for unknown in estimate.unknowns:
+        if run.told.get(f"identified.{unknown.name}") is False:
+            text += f' <strong class="bad">{escape(unknown.name)} is not identified.</strong>'
+    return text
+
+
+def _told(run: BenchRun, unknown: BenchUnknown) -> str:
+    name = f"<strong>{escape(unknown.name)}</strong>"
+    error, std = run.number(f"error.{unknown.name}"), run.number(f"std.{unknown.name}")
+    if error is not None:
+        return f"{name} to {ratio(error)}" + (f" at a claimed σ of {ratio(std)}" if std is not None else "")
+    history = unknown.history
+    late = history.mean[len(history.mean) // 2 :]
+    unit = history.unit.replace("N m", "N·m")
+    if unknown.kind == "parameter":
+        return f"{name} as {measure(float(history.mean[-1]), unit)}"
+    return f"{name} as at most {measure(float(np.max(np.abs(late), initial=0.0)), unit)} in the second half"
+
+
+def _answer(run: BenchRun) -> str:
+    if run.estimate is not None:
+        return run_answer(run)
+    if run.motion is not None:
+        return _moved(run.motion)
+    return "Nothing was simulated."
+
+
+def _moved(motion: BenchMotion) -> str:
+    steps = len(motion.time) - 1
+    length = float(motion.time[-1] - motion.time[0])
+    text = f"{number(length)} s in {steps} steps"
+    if motion.bearings:
+        worst = max(motion.bearings, key=lambda bearing: float(np.max(bearing.pressure, initial=0.0)))
+        pressure = quantity_of(worst.pressure)
+        text += f"; the highest contact pressure is {pressure}, in {escape(worst.name)}"
+    return f"{text}."
+
+
+def quantity_of(pressure: np.ndarray) -> str:
+    """The largest of pressures [Pa] as HTML."""
+    return measure(float(np.max(pressure, initial=0.0)), "Pa")
+
+
+def _title(unknown: BenchUnknown) -> str:
+    return f"{unknown.name}, {'load' if unknown.kind == 'input' else 'parameter'}"
+
+
+NAMES: Sequence[tuple[str, str, str]] = (
+    ("coordinates", "coordinates", ""),
+    ("constraints", "constraints", ""),
+    ("steps", "steps", ""),
+    ("violation", "constraints violated by at most", ""),
+    ("violation_rate", "their rates by at most", ""),
+    ("first_frequency", "first coupled frequency", "Hz"),
+    ("band", "good for loads up to", "Hz"),
+    ("turn", "largest turn of a body in a step", "rad"),
+)
+
+
+def _facts(run: BenchRun) -> list[tuple[str, str]]:
+    rows = []
+    if run.motion is not None:
+        for key, name, unit in NAMES:
+            value = run.motion.numbers.get(key)
+            if isinstance(value, int | float):
+                rows.append((name, measure(float(value), unit)))
+    for key, name in (("method", "correction"), ("truth", "truth")):
+        if isinstance(value := run.told.get(key), str):
+            rows.append((name, escape(value)))
+    for key, name in (
+        ("channels", "channels"),
+        ("unknowns", "unknowns"),
+        ("violation", "constraints violated by, corrected"),
+    ):
+        if (said := run.number(key)) is not None:
+            rows.append((name, plain(said, 3)))
+    if run.placement is not None:
+        rows += [
+            (f"placement: {key}", plain(float(value), 4))
+            for key, value in run.placement.numbers.items()
+            if isinstance(value, int | float) and not isinstance(value, bool) and not key.startswith("std.")
+        ]
+    return rows

@@ -1,0 +1,208 @@
+"""Numbers of benches as tables: an unknown a row, columns only for what is there."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from html import escape
+
+from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
+from strainsight.report.page import text
+from strainsight.report.page.markup import data, grouped_table, measure, plain, table
+from strainsight.report.page.text import number
+from strainsight.report.placement.gauge_table import AXES, axes, decimals
+
+Cell = Callable[[BenchRun, BenchUnknown], str]
+
+
+def ratio(value: float | None, digits: int = 2) -> str:
+    """A ratio in per cent, as a plain number where it is tiny; a dash for none."""
+    if value is None:
+        return "–"
+    return data(value, text.ratio(value, digits))
+
+
+def _share(key: str) -> Cell:
+    return lambda run, unknown: ratio(run.number(f"{key}.{unknown.name}"))
+
+
+def _plain(key: str, digits: int = 4) -> Cell:
+    def cell(run: BenchRun, unknown: BenchUnknown) -> str:
+        value = run.number(f"{key}.{unknown.name}")
+        return "–" if value is None else plain(value, digits)
+
+    return cell
+
+
+def _quantity(key: str) -> Cell:
+    return lambda run, unknown: measure(
+        run.number(f"{key}.{unknown.name}"), unknown.history.unit.replace("N m", "N·m"), 4
+    )
+
+
+def _range(run: BenchRun, unknown: BenchUnknown) -> str:
+    low, high = (run.number(f"ratio_{key}.{unknown.name}") for key in ("low", "high"))
+    return "–" if low is None or high is None else f"{plain(low)} to {plain(high)}"
+
+
+def _yes(run: BenchRun, unknown: BenchUnknown) -> str:
+    value = run.told.get(f"identified.{unknown.name}")
+    if value is None:
+        return "–"
+    return '<strong class="good">yes</strong>' if value else '<strong class="bad">no</strong>'
+
+
+COLUMNS: tuple[tuple[str, Cell], ...] = (
+    ("error", _share("error")),
+    ("largest error", _share("largest_error")),
+    ("σ claimed", _share("std")),
+    ("error / σ, all runs", _plain("ratio", 3)),
+    ("identified", _yes),
+    ("slope", _plain("slope", 5)),
+    ("offset", _quantity("offset")),
+    ("load ratio: slope", _plain("ratio_slope", 5)),
+    ("its offset", _quantity("ratio_offset")),
+    ("mean ratio", _plain("ratio_mean", 5)),
+    ("its range", _range),
+)
+"""Heading, what stands in the cell."""
+MEANINGS = {
+    "error": "Errors of loads: RMS over the second half of the run, over the largest true load; of parameters: at the end, "
+    "relative.",
+    "slope": "Slope and offset: estimate = slope · truth + offset.",
+    "load ratio": "Load ratio: this bench's load over the other's, as an affine fit, and where the other is above 0.3 of its "
+    "maximum.",
+    "mismatch": "Mismatch: RMS of measured − estimated over RMS of measured, of the worst component of the sensors that the "
+    "filter was given, and of those that it was not.",
+    "NIS": "NIS: normalised innovation squared over the number of channels.",
+}
+"""What columns mean, by the beginning of their headings."""
+
+
+def _mismatch(used: bool) -> Callable[[BenchRun], str]:
+    def cell(run: BenchRun) -> str:
+        sensors = run.estimate.sensors if run.estimate is not None else ()
+        found = [run.number(f"mismatch.{sensor.name}") for sensor in sensors if sensor.used == used]
+        known = [value for value in found if value is not None]
+        return ratio(max(known)) if known else ""
+
+    return cell
+
+
+def _nis(run: BenchRun) -> str:
+    nis, expected = run.number("nis"), run.number("expected_nis")
+    if nis is None or nis < 0:
+        return ""
+    return plain(nis, 3) + ("" if expected is None else f" ({plain(expected, 3)})")
+
+
+def _count(key: str) -> Callable[[BenchRun], str]:
+    def cell(run: BenchRun) -> str:
+        value = run.number(key)
+        return plain(value, 3) if value else ""
+
+    return cell
+
+
+def _lost(run: BenchRun) -> str:
+    lost, runs = run.number("lost"), run.number("runs")
+    if not lost:
+        return ""
+    return f'<strong class="bad">{number(lost)}{"" if runs is None else f" of {number(runs)}"}</strong>'
+
+
+SHARED: tuple[tuple[str, Callable[[BenchRun], str]], ...] = (
+    ("mismatch", _mismatch(used=True)),
+    ("of others", _mismatch(used=False)),
+    ("NIS (expected)", _nis),
+    ("iterations", _count("iterations")),
+    ("lost", _lost),
+)
+"""What stands once for a run; empty where it is not there."""
+
+
+def runs_table(name: str, entries: Sequence[tuple[str, BenchRun]], *, explained: bool = True) -> str:
+    """A block a run, a row an unknown, columns that say something of any of the runs; entries: heading as HTML, run.
+
+    name: as of `markup.table`; explained: whether a sentence before the table says what its columns mean.
+    """
+    told = [run for _, run in entries if run.estimate is not None]
+    columns = [
+        (heading, cell)
+        for heading, cell in COLUMNS
+        if any(_says(cell(run, unknown)) for run in told for unknown in _unknowns(run))
+    ]
+    shared = [(heading, cell) for heading, cell in SHARED if any(_says(cell(run)) for run in told)]
+    names = [heading for heading, _ in columns] + [heading for heading, _ in shared]
+    bodies = [
+        _block(heading, run, [cell for _, cell in columns], [cell for _, cell in shared]) for heading, run in entries
+    ]
+    note = " ".join(said for key, said in MEANINGS.items() if any(heading.startswith(key) for heading in names))
+    head = ("run", "unknown", *names)
+    return grouped_table(name, head, bodies, caption=note * explained, numeric=range(2, len(head)))
+
+
+def _says(cell: str) -> bool:
+    """Whether there is anything in a cell but a dash."""
+    return re.sub("<[^>]*>", "", cell) not in ("", "–")
+
+
+def _unknowns(run: BenchRun) -> tuple[BenchUnknown, ...]:
+    return run.estimate.unknowns if run.estimate is not None else ()
+
+
+def _block(heading: str, run: BenchRun, cells: Sequence[Cell], shared: Sequence[Callable[[BenchRun], str]]) -> str:
+    """The rows of a run, its own cells once beside those of its unknowns."""
+    unknowns = _unknowns(run)
+    span = f' rowspan="{len(unknowns)}"' if len(unknowns) > 1 else ""
+    first = f'<th scope="rowgroup"{span}>{heading}</th>'
+    if run.estimate is None:
+        ends = f"not estimated (ends after {escape(run.reached)})" if run.reached else "not estimated"
+        return f'<tbody><tr>{first}<td colspan="{len(cells) + len(shared) + 1}">{ends}</td></tr></tbody>'
+    last = "".join(f'<td class="n"{span}>{cell(run) or "–"}</td>' for cell in shared)
+    rows = []
+    for i, unknown in enumerate(unknowns):
+        values = "".join(f'<td class="n">{cell(run, unknown)}</td>' for cell in cells)
+        rows.append(
+            f"<tr>{first if i == 0 else ''}<td>{escape(unknown.name)}</td>{values}{last if i == 0 else ''}</tr>"
+        )
+    return f"<tbody>{''.join(rows)}</tbody>"
+
+
+def mismatch_table(run: BenchRun) -> str:
+    """Every sensor with its mismatch, component by component."""
+    if run.estimate is None:
+        return ""
+    rows = []
+    for sensor in run.estimate.sensors:
+        parts = [(name, run.number(f"mismatch.{sensor.name}.{i}")) for i, name in enumerate(sensor.components, start=1)]
+        listed = ", ".join(f"{escape(name)} {ratio(value)}" for name, value in parts if value is not None)
+        given = "given to the filter" if sensor.used else "only compared"
+        rows.append([escape(sensor.name), given, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
+    caption = "RMS of measured − estimated over RMS of measured."
+    head = ("sensor", "use", "worst", "by component")
+    return table("sensors", head, rows, caption=caption, numeric=(2,)) if rows else ""
+
+
+def placement_table(placement: BenchPlacement) -> str:
+    """The layout's expected standard deviations beside those of random layouts, and where the gauges go."""
+    rows = []
+    for name, std in placement.expected.items():
+        unit = placement.units.get(name, "").replace("N m", "N·m")
+        drawn = [float(value) for value in placement.random.get(name, ()) if not math.isnan(value)]
+        cells = [measure(min(drawn), unit, 3), measure(max(drawn), unit, 3)] if drawn else ["–", "–"]
+        rows.append([escape(name), measure(std, unit, 3), *cells])
+    head = ("load", "expected σ", "best random layout", "worst")
+    loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
+    places = decimals(placement.position)
+    gauges = [
+        [str(i), *axes(at, places), f'<span class="whole">{" ".join(axes(along, 3))}</span>']
+        for i, (at, along) in enumerate(zip(placement.position, placement.direction, strict=True), start=1)
+    ]
+    return loads + table("gauges", ("gauge", *AXES, "direction"), gauges, numeric=(1, 2, 3))
+
+
+def facts(name: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Names and values as HTML; name as of `markup.table`."""
+    return table(name, (), [[escape(key), value] for key, value in rows])

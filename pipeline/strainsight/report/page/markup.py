@@ -1,0 +1,162 @@
+"""Small pieces of HTML; whatever comes from a config or a deck is escaped here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from strainsight.report.chart import drawing
+from strainsight.report.chart.drawing import Drawing
+from strainsight.report.page.text import number, percent, quantity
+
+THEME = {
+    drawing.BLUE: "var(--blue)",
+    drawing.VERMILION: "var(--vermilion)",
+    drawing.GREEN: "var(--green)",
+    drawing.ORANGE: "var(--orange)",
+    drawing.PURPLE: "var(--purple)",
+    drawing.SKY: "var(--sky)",
+    drawing.INK: "var(--ink)",
+    drawing.MUTED: "var(--muted)",
+    drawing.GRID: "var(--grid)",
+    "#ffffff": "var(--card)",
+}
+
+
+def data(value: float, shown: str, unit: str = "") -> str:
+    """A number as people read it that keeps the exact value for machines; unit: that of the exact value."""
+    exact = str(value) if isinstance(value, int) else repr(float(value))
+    stated = f' data-unit="{escape(unit)}"' if unit else ""
+    return f'<data value="{exact}"{stated}>{escape(shown)}</data>'
+
+
+def count(value: int) -> str:
+    """How many."""
+    return data(int(value), number(value))
+
+
+def share(value: float | None, digits: int = 2) -> str:
+    """A ratio in per cent, or a dash for one that was not computed."""
+    return "–" if value is None else data(value, percent(value, digits))
+
+
+def measure(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """A number with its unit, or a dash."""
+    return "–" if value is None else data(value, quantity(value, unit, digits), unit)
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """A dimensionless number."""
+    return data(value, number(value, digits))
+
+
+def bullets(sentences: Iterable[str]) -> str:
+    """An escaped bullet list."""
+    return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"
+
+
+def table(
+    name: str,
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str = "",
+    caption: str = "",
+    numeric: Iterable[int] = (),
+    foot: Sequence[str] = (),
+) -> str:
+    """A table of cells that are HTML already; the first cell of a row heads it, `numeric` columns are flush right.
+
+    name: what it is of, in plain words and unlike any other table's of the page; title, caption: HTML above it.
+    """
+    right = frozenset(numeric)
+
+    def line(cells: Sequence[str]) -> str:
+        rest = "".join(f"<td{_right(i, right)}>{cell}</td>" for i, cell in enumerate(cells) if i)
+        return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
+
+    text = (
+        "<table>"
+        + (_head(head, right) if head else "")
+        + "<tbody>"
+        + "".join(line(row) for row in rows)
+        + "</tbody>"
+        + (f"<tfoot>{line(foot)}</tfoot>" if foot else "")
+        + "</table>"
+    )
+    return sheet(name, text, title, caption)
+
+
+def grouped_table(
+    name: str,
+    head: Sequence[str],
+    bodies: Iterable[str],
+    *,
+    caption: str = "",
+    numeric: Iterable[int] = (),
+) -> str:
+    """A table of blocks of rows (`<tbody>…</tbody>`), which stay together when it is sorted; the rest as of `table`."""
+    return sheet(
+        name, f'<table class="runs">{_head(head, frozenset(numeric))}{"".join(bodies)}</table>', caption=caption
+    )
+
+
+def _head(names: Sequence[str], right: frozenset[int]) -> str:
+    cells = "".join(f'<th scope="col"{_right(i, right)}>{name}</th>' for i, name in enumerate(names))
+    return f"<thead><tr>{cells}</tr></thead>"
+
+
+def _right(column: int, numeric: frozenset[int]) -> str:
+    return ' class="n"' if column in numeric else ""
+
+
+def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:
+    """A table's HTML in a region of its own, which scrolls where it is wider than the page; tables.js knows it by its name
+    and puts its buttons beside title and caption."""
+    note = f'<p class="note">{caption}</p>' if caption else ""
+    label = escape(name)
+    return (
+        f'<div class="sheet"><div class="over">{title}{note}</div>'
+        f'<div class="scroll" data-table="{label}" tabindex="0" role="region" aria-label="table: {label}">{text}</div></div>'
+    )
+
+
+def pairs(name: str, entries: Iterable[tuple[str, str]]) -> str:
+    """A table of escaped names and values; name as of `table`."""
+    return table(name, (), [(escape(key), f"<span>{escape(value)}</span>") for key, value in entries])
+
+
+def badge(label: str, index: int, *, hollow: bool = False) -> str:
+    """A gauge's label on its own colour, or hollow in a frame of it."""
+    colour = drawing.gauge_colour(index)
+    ground = "#ffffff" if hollow else colour
+    style = f"background:{ground};color:{drawing.ink_on(ground)}" + f";box-shadow:inset 0 0 0 2px {colour}" * hollow
+    return f'<span class="badge" style="{style}">{escape(label)}</span>'
+
+
+def figure(entry: Drawing, index: int) -> str:
+    """A card with the drawing inline, in the page's colours, and its caption."""
+    return (
+        f'<figure class="card"><h3>{escape(entry.title)}</h3>{inline_svg(entry, f"f{index}-")}'
+        f"<figcaption>{escape(entry.caption)}</figcaption></figure>"
+    )
+
+
+def inline_svg(entry: Drawing, prefix: str) -> str:
+    """The SVG as an element of the page: own ids under `prefix`, themed colours, alternative text, nothing to fetch.
+
+    The drawing's bytes stay a standard SVG with plain colours; here they turn into the page's variables, so that the
+    same figure reads on a light page, on a dark one and on paper.
+    """
+    text = entry.svg.decode()
+    text = text[text.index("<svg") :]
+    head, body = text.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    body = re.sub(r'<g id="[^"]*"', "<g", body)
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
+    body = re.sub(r' id="([^"]*)"', lambda match: f' id="{prefix}{match[1]}"' if match[1] in used else "", body)
+    body = re.sub(r'(?:xlink:)?href="#', f'href="#{prefix}', body).replace("url(#", f"url(#{prefix}")
+    body = re.sub(r"#[0-9a-f]{6}\b(?=[;\"\s])", lambda match: THEME.get(match[0], match[0]), body)
+    # Text without a colour of its own is black in SVG, and would vanish on a dark page.
+    return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(entry.alt)}" fill="var(--ink)">{body}'

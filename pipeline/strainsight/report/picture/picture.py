@@ -1,0 +1,137 @@
+"""The picture itself, drawn in the child process of scene.py: geometry by PyVista, labels over it by matplotlib."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from strainsight.report.chart.drawing import VERMILION, gauge_colour
+from strainsight.report.picture.geometry import mesh_lines, seen_from, triangles, views
+from strainsight.report.picture.labels import labelled
+from strainsight.report.picture.layout import FloatArray, Layout
+from strainsight.report.picture.markers import EMPTY, arrow, free_end, marker
+
+STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
+POOL, CLAMP = "#33475c", "#8a4fb5"
+FINER = 2
+"""Pixels of the picture for one of the page, so that it stays sharp on fine screens and on paper."""
+# More lines than this would turn the surface black.
+DRAWN_FACETS = 20_000
+
+
+def draw(layout: Layout, width: int, height: int) -> bytes:
+    """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
+    triangle = triangles(layout.faces)
+    position = np.array([gauge.position for gauge in layout.gauges]).reshape(-1, 3)
+    normal = np.array([gauge.normal for gauge in layout.gauges]).reshape(-1, 3)
+    corners = views(layout.points, triangle, position, normal)
+    extent = np.sort(np.ptp(layout.points, axis=0))
+    slender = extent[2] > 1.6 * extent[1]
+    rows, columns = (len(corners), 1) if slender else (1, len(corners))
+    size = width // columns, height // rows
+    # An arrow is named in the views that show its free end, and where none does, in the first.
+    ends = np.array([free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
+    facing = np.array([seen_from(layout.points, triangle, ends, np.tile(eye, (len(ends), 1)), eye) for eye in corners])
+    facing[0] |= facing.sum(axis=0) == 0
+    panels = []
+    for corner, named in zip(corners, facing.astype(bool), strict=True):
+        seen = seen_from(layout.points, triangle, position, normal, corner).astype(bool)
+        panels.append((*_geometry(layout, triangle, corner, size), seen, named, corner))
+    return labelled(layout, panels, rows, columns, size, FINER)
+
+
+def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
+    """RGBA image of one view, FINER times as fine as the page, and the function points (k, 3) → pixels of the page (k, 2)."""
+    import pyvista as pv
+
+    diagonal = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    plotter = pv.Plotter(off_screen=True, window_size=[FINER * length for length in size], lighting="none")
+    for direction, strength in (((0.3, 0.5, 1.0), 0.75), ((-0.6, 0.1, 0.5), 0.3), ((0.2, -0.9, 0.2), 0.2)):
+        light = pv.Light(light_type="camera light", intensity=strength)
+        light.position = direction
+        plotter.add_light(light)
+    # Lines lie in the surface: lift them towards the eye by less than a pixel's worth, so that they do not flicker.
+    lift = 4e-4 * diagonal * corner
+    if len(triangle):
+        _add_surface(plotter, layout, triangle, lift)
+    if len(layout.loose):
+        plotter.add_mesh(pv.PolyData(layout.loose + lift), color=LINES, point_size=13, lighting=False)
+    if len(layout.pool):
+        plotter.add_mesh(
+            pv.PolyData(layout.pool + 2 * lift), color=POOL, point_size=5, render_points_as_spheres=True, lighting=False
+        )
+    if len(layout.fixed):
+        plotter.add_mesh(pv.PolyData(layout.fixed + 2 * lift), color=CLAMP, point_size=9, lighting=False)
+    for i, gauge in enumerate(layout.gauges):
+        for mesh in marker(gauge, 0.034 * diagonal):
+            plotter.add_mesh(mesh, color=EMPTY if gauge.glued else gauge_colour(i), ambient=0.5)
+            edges = mesh.extract_feature_edges(30.0) if gauge.glued else mesh
+            if gauge.glued and edges.n_points:
+                plotter.add_mesh(edges.translate(lift), color=gauge_colour(i), line_width=3.5, lighting=False)
+    for load in layout.loads:
+        start, step = arrow(load, layout)
+        drawn = pv.Arrow(
+            start=start,
+            direction=step,
+            scale=float(np.linalg.norm(step)),
+            shaft_radius=0.022,
+            tip_radius=0.065,
+            tip_length=0.28,
+        )
+        plotter.add_mesh(drawn, color=VERMILION, ambient=0.4)
+    _aim(plotter, corner, size)
+    plotter.enable_anti_aliasing("ssaa")
+    image = np.asarray(plotter.screenshot(None, transparent_background=True, return_img=True))
+    matrix = pv.array_from_vtkmatrix(plotter.camera.GetCompositeProjectionTransformMatrix(size[0] / size[1], -1, 1))
+    plotter.close()
+
+    def pixels(points: FloatArray) -> FloatArray:
+        clip = np.column_stack([points, np.ones(len(points))]) @ matrix.T
+        clip = clip[:, :2] / clip[:, 3:]
+        return (clip * [1, -1] + 1) / 2 * size
+
+    return image, pixels
+
+
+def _add_surface(plotter: Any, layout: Layout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
+    """Shaded facets with their outlines and the sharp edges of the body."""
+    import pyvista as pv
+
+    surface = pv.PolyData(layout.points, np.column_stack([np.full(len(triangle), 3), triangle]).ravel())
+    shaded = surface.compute_normals(
+        split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
+    )
+    plotter.add_mesh(shaded, color=STEEL, smooth_shading=True, ambient=0.32, diffuse=0.8, specular=0.05)
+    if len(layout.faces) <= DRAWN_FACETS:
+        _add_lines(plotter, layout.points + lift, mesh_lines(layout.faces), LINES, 1.0)
+    creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
+    if creases.n_points:
+        plotter.add_mesh(creases.translate(lift), color=CREASES, line_width=1.6, lighting=False)
+
+
+def _add_lines(plotter: Any, points: FloatArray, lines: Any, colour: str, width: float) -> None:
+    import pyvista as pv
+
+    wires = pv.PolyData()
+    wires.points = points
+    wires.lines = np.column_stack([np.full(len(lines), 2), lines]).ravel()
+    plotter.add_mesh(wires, color=colour, line_width=width, lighting=False)
+
+
+def _aim(plotter: Any, corner: FloatArray, size: tuple[int, int]) -> None:
+    """Parallel view from a corner, z up, everything inside with room for labels."""
+    bounds = np.array(plotter.bounds).reshape(3, 2)
+    box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
+    middle = box.mean(axis=0)
+    right = np.cross([0.0, 0.0, 1.0], corner)
+    right /= np.linalg.norm(right)
+    up = np.cross(corner, right)
+    spread = np.ptp(box @ np.column_stack([right, up]), axis=0)
+    camera = plotter.camera
+    camera.parallel_projection = True
+    camera.focal_point = middle
+    camera.position = middle + corner * float(np.linalg.norm(np.ptp(box, axis=0))) * 2
+    camera.up = up
+    camera.parallel_scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
+    plotter.reset_camera_clipping_range()

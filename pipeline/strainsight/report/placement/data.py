@@ -1,0 +1,203 @@
+"""Everything a placement report shows, as arrays and names; whoever has the artefacts fills it in.
+
+Errors and standard deviations are relative (0.01 is one per cent) unless a unit is stated:
+of a parameter to its true value, of an input to the RMS of the load vector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from strainsight.report.picture.layout import FloatArray as FloatArray
+from strainsight.report.picture.layout import Gauge as Gauge
+from strainsight.report.picture.layout import IntArray as IntArray
+from strainsight.report.picture.layout import Layout as Layout
+from strainsight.report.picture.layout import Load as Load
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One thing the gauges are to tell.
+
+    name, unit      as the config calls it, in SI ("E", "Pa")
+    kind            "input" (a load history) or "parameter" (one number)
+    guess           parameter: the value the filter started from; input: the amplitude it is scaled by [unit]
+    truth           parameter: the simulated true value; input: RMS of the true history [unit]
+    estimate        parameter: mean over the last half; input: RMS of the estimated history [unit]
+    error           relative: parameter |estimate/truth − 1|; input RMS error over RMS of the load vector, both after
+                    the first tenth
+    std             relative: one standard deviation that the filter claims for the same span
+    smoothed_error  `error` of the smoothed estimate
+    expected_std    relative: one standard deviation expected at placement, from the covariance recursion along training
+
+    What was not computed is None: a placement without a validation still has a page.
+    """
+
+    name: str
+    unit: str
+    kind: Literal["input", "parameter"]
+    guess: float
+    truth: float | None = None
+    estimate: float | None = None
+    error: float | None = None
+    std: float | None = None
+    smoothed_error: float | None = None
+    expected_std: float | None = None
+
+
+@dataclass(frozen=True)
+class Trend:
+    """The metric tr(W P) while gauges are taken away.
+
+    count (s,) gauges left, falling; trace (s,) metric, dimensionless (each unknown is 1 with the whole pool);
+    blocks: unknown's name → (s,) its share; final_trace after exchange; lower_bound no set of that size can undercut;
+    gap = 1 − lower_bound / final_trace.
+    """
+
+    count: IntArray
+    trace: FloatArray
+    blocks: Mapping[str, FloatArray]
+    final_trace: float
+    lower_bound: float | None = None
+    gap: float | None = None
+
+
+@dataclass(frozen=True)
+class History:
+    """An unknown over time: time (T,) [s]; truth, mean, smoothed (T,) [unit]; std, smoothed_std (T,) [unit] one σ."""
+
+    name: str
+    unit: str
+    time: FloatArray
+    truth: FloatArray | None
+    mean: FloatArray
+    std: FloatArray
+    smoothed: FloatArray | None = None
+    smoothed_std: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class GaugeSignal:
+    """One channel over time: label ("G1", or "G1 45°" of a rosette); time (T,) [s]; measured, truth (without noise),
+    estimated, std (T,) [unit]."""
+
+    label: str
+    time: FloatArray
+    measured: FloatArray
+    truth: FloatArray | None
+    estimated: FloatArray
+    std: FloatArray
+    unit: str = "strain"
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """One layout by every criterion, all from the same covariances (inf: it cannot observe everything).
+
+    rule: how it was found ("elimination, exchange", "log-determinant", "effective independence", "random, median of 10");
+    trace: tr(W P); log_determinant and worst_eigenvalue of the unknowns' covariance in units of their scales;
+    std: unknown's name → frozen σ [SI]: a ranking number, not what a filter will claim.
+    """
+
+    rule: str
+    trace: float
+    log_determinant: float
+    worst_eigenvalue: float
+    std: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Case:
+    """How well one set of unknowns could be told apart: its names; excitation ("training run", "35 Hz"); condition of the
+    scaled PBH matrix at λ = 0, raw: the thesis's number, which orders cases by their units; lost: in words what is (nearly)
+    unobservable, empty where nothing is."""
+
+    unknowns: tuple[str, ...]
+    excitation: str
+    condition: float
+    raw: float
+    lost: str = ""
+
+
+@dataclass(frozen=True)
+class RandomSets:
+    """The same estimation with gauges drawn at random, for one unknown.
+
+    pool_label where they were drawn from; error (sets,) relative, NaN where the filter diverged;
+    history (sets, T) [unit] on the instants of the unknown's History, or None; chosen_error relative, the chosen set's.
+    """
+
+    name: str
+    pool_label: Literal["all candidates", "screened"]
+    error: FloatArray
+    history: FloatArray | None
+    chosen_error: float
+
+
+@dataclass(frozen=True)
+class NoiseRow:
+    """One noise level: level = noise std over the strongest candidate's RMS (0.01 is one per cent), factor times the
+    configured noise; error, std: unknown's name → relative."""
+
+    level: float
+    factor: float
+    error: Mapping[str, float]
+    std: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """The estimation repeated over seeds and starts: error (n,), claimed_std (n,) relative, and the verdict on it."""
+
+    name: str
+    error: FloatArray
+    claimed_std: FloatArray
+    verdict: Literal["identified", "not identified"]
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """NEES and NIS divided by their dimension (1 is ideal), each with the 95 % band a consistent filter stays in."""
+
+    nees: float | None = None
+    nees_band: tuple[float, float] | None = None
+    nis: float | None = None
+    nis_band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class PlacementReport:
+    """All that the page of a placement shows.
+
+    name of the config, title for people; frequencies [Hz] of the model at the reference;
+    criteria: layouts by every rule, ours first; cases: what could be told apart; observability: name → number;
+    advice: sentences, what to do with the layout (how many gauges are worth it, which stand in for each other, limits);
+    truth_description: what the estimates were tested against; warnings and not_tested: sentences;
+    facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
+    provenance: versions, seed, keys.
+    """
+
+    name: str
+    title: str
+    unknowns: tuple[Unknown, ...]
+    layout: Layout
+    trend: Trend
+    histories: tuple[History, ...] = ()
+    gauge_signals: tuple[GaugeSignal, ...] = ()
+    random_sets: tuple[RandomSets, ...] = ()
+    noise: tuple[NoiseRow, ...] = ()
+    repeats: tuple[Repeats, ...] = ()
+    frequencies: tuple[float, ...] = ()
+    criteria: tuple[Criteria, ...] = ()
+    cases: tuple[Case, ...] = ()
+    advice: tuple[str, ...] = ()
+    observability: Mapping[str, float] = field(default_factory=dict)
+    truth_description: str = ""
+    consistency: Consistency = field(default_factory=Consistency)
+    warnings: tuple[str, ...] = ()
+    not_tested: tuple[str, ...] = ()
+    facts: Mapping[str, str] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,192 @@
+"""The figures of a placement report: each turns arrays into an SVG with its caption and alternative text.
+
+The metric's trend and the estimates with their bands: thesis figures 6.1b, 6.2, 6.5b and 6.6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.report.chart.drawing import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    Drawing,
+    figure,
+    styled,
+    svg,
+    visible_instants,
+)
+from strainsight.report.chart.panels import (
+    drawable,
+    focus_on,
+    last_periods,
+    legend_above,
+    plain_ticks,
+    shown_unit,
+    time_axis,
+)
+from strainsight.report.page.text import number, quantity, short
+from strainsight.report.placement.comparisons import (
+    noise_figure,
+    random_errors_figure,
+    random_histories_figure,
+    repeats_figure,
+)
+from strainsight.report.placement.data import FloatArray, History, IntArray, PlacementReport, Trend
+from strainsight.report.placement.signals import signal_figures
+
+
+def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
+    """All figures that the report has data for, in the order of the page."""
+    kind = {unknown.name: unknown.kind for unknown in report.unknowns}
+    history = {entry.name: entry for entry in report.histories}
+    drawings = [trend_figure(report.trend)]
+    for entry in report.histories:
+        drawings.append(estimate_figure(entry))
+        drawings.append(closing_figure(entry, kind.get(entry.name, "parameter")))
+    drawings += signal_figures(report.gauge_signals, report.layout.gauges)
+    for name in dict.fromkeys(sets.name for sets in report.random_sets):
+        sets = tuple(entry for entry in report.random_sets if entry.name == name)
+        drawings.append(random_errors_figure(sets))
+        if name in history and any(entry.history is not None for entry in sets):
+            drawings.append(random_histories_figure(sets, history[name]))
+    if report.noise:
+        drawings.append(noise_figure(report.noise, report.unknowns))
+    drawings += [repeats_figure(repeats) for repeats in report.repeats]
+    return tuple(drawings)
+
+
+def elbow(count: IntArray, trace: FloatArray) -> int | None:
+    """The gauge count at the elbow of the trend: the point furthest below the chord, on logarithmic axes from 0 to 1.
+
+    count (s,), trace (s,) > 0. None where the trend is straight (a furthest distance under a tenth): with independent
+    noise and no other limit tr(W P) falls evenly, and every gauge is worth as much as the one before.
+    """
+    if len(count) < 3 or not np.all(np.isfinite(trace)) or trace.min() <= 0 or np.ptp(trace) == 0:
+        return None
+    x, y = (np.log(values / values.min()) / np.log(values.max() / values.min()) for values in (count, trace))
+    ends = np.argmin(x), np.argmax(x)
+    below = y[ends[0]] + (y[ends[1]] - y[ends[0]]) * x - y
+    best = int(np.argmax(below))
+    return int(count[best]) if below[best] > 0.1 else None
+
+
+def trend_figure(trend: Trend) -> Drawing:
+    """The metric against the number of gauges left, the certified bound and the elbow."""
+    shown = np.isfinite(trend.trace)
+    count, trace = trend.count[shown], trend.trace[shown]
+    bend = elbow(count, trace)
+    with styled():
+        drawn, axes = figure()
+        if len(trend.blocks) > 1:
+            for (name, block), colour in zip(trend.blocks.items(), (GREEN, PURPLE, ORANGE, SKY), strict=False):
+                axes.plot(
+                    trend.count,
+                    np.where(np.isfinite(block), block, np.nan),
+                    color=colour,
+                    lw=1.2,
+                    label=f"share of {short(name)}",
+                )
+        axes.plot(count, trace, color=BLUE, lw=2, label="tr(W P)")
+        keep = int(trend.count[-1])
+        axes.plot([keep], [trend.final_trace], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final_trace)}")
+        if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
+            label = f"no set of {keep} below {number(trend.lower_bound)}"
+            axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
+        if bend is not None:
+            at = trace[count == bend][0]
+            axes.plot([bend], [at], "D", mfc="none", mec=INK, ms=7, label=f"elbow: {bend} gauges")
+        # An axis without a point to show has no logarithm.
+        if len(count):
+            axes.set_xscale("log")
+        positive = trace[trace > 0]
+        if len(positive) == len(trace) and len(trace) and positive.max() > 5 * positive.min():
+            axes.set_yscale("log")
+        plain_ticks(axes, "x")
+        plain_ticks(axes, "y")
+        axes.set_xlabel("gauges left [–]")
+        axes.set_ylabel("metric tr(W P) [–]")
+        legend_above(axes, columns=2)
+        image = svg(drawn)
+    all_gauges = int(trend.count[0])
+    ratio = trend.final_trace / trace[0] if len(trace) and trace[0] > 0 else np.nan
+    caption = (
+        f"Sum of the scaled error variances while gauges are taken away one by one, read from right to left: "
+        f"with {keep} of {all_gauges} gauges it is {number(ratio, 3)} times what all together reach."
+    )
+    if trend.lower_bound is not None:
+        caption += " The dashed line is a certified bound: no set of that size lies below it."
+    if bend is not None:
+        caption += f" The elbow, {bend} gauges, is where the trend bends most: further gauges mostly average noise."
+    start, end = number(trend.trace[0]), number(trend.final_trace)
+    alt = f"Line chart of the metric from {start} with {all_gauges} gauges to {end} with {keep}."
+    return Drawing("trend", "What every gauge is worth", caption, alt, image)
+
+
+def estimate_figure(history: History) -> Drawing:
+    """Estimate with its ±2σ band beside the truth, the whole run."""
+    image = _bands(history, slice(None), focus=False)
+    caption = (
+        f"Estimate of {history.name} over the whole run; the band is ±2 standard deviations as the filter claims them."
+    )
+    alt = _history_alt(history)
+    return Drawing(f"estimate-{history.name}", f"{history.name}: whole run", caption, alt, image)
+
+
+def closing_figure(history: History, kind: str) -> Drawing:
+    """The same, close up: the last half of a parameter, the last periods of an input."""
+    reference = history.mean if history.truth is None else history.truth
+    window = slice(len(history.time) // 2, None) if kind == "parameter" else last_periods(reference)
+    image = _bands(history, window, focus=True)
+    span = "last half of the run" if kind == "parameter" else "last periods"
+    caption = f"{history.name} close up: the {span}, on a scale that shows the band."
+    return Drawing(f"closing-{history.name}", f"{history.name}: {span}", caption, _history_alt(history), image)
+
+
+def _bands(history: History, window: slice, *, focus: bool) -> bytes:
+    factor, unit = shown_unit(history)
+    time = history.time[window]
+    mean, std = drawable(history.mean[window]) / factor, drawable(history.std[window]) / factor
+    columns = [mean, mean - 2 * std, mean + 2 * std]
+    truth = None if history.truth is None else drawable(history.truth[window]) / factor
+    smoothed = None if history.smoothed is None else drawable(history.smoothed[window]) / factor
+    columns += [values for values in (truth, smoothed) if values is not None]
+    index = visible_instants(np.column_stack(columns))
+    with styled():
+        drawn, axes = figure()
+        axes.fill_between(time[index], columns[1][index], columns[2][index], color=BLUE, alpha=0.2, lw=0, label="±2σ")
+        axes.plot(time[index], mean[index], color=BLUE, label="estimate")
+        if smoothed is not None:
+            if history.smoothed_std is not None:
+                wide = 2 * drawable(history.smoothed_std[window])[index] / factor
+                axes.fill_between(
+                    time[index], smoothed[index] - wide, smoothed[index] + wide, color=GREEN, alpha=0.25, lw=0
+                )
+            axes.plot(
+                time[index],
+                smoothed[index],
+                color=GREEN,
+                label="smoothed ±2σ" if history.smoothed_std is not None else "smoothed",
+            )
+        if truth is not None:
+            axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="truth")
+        if focus:
+            focus_on(axes, np.concatenate([values[np.isfinite(values)] for values in columns]), share=0.0)
+        time_axis(axes)
+        axes.set_ylabel(f"{short(history.name)} [{unit}]")
+        legend_above(axes)
+        return svg(drawn)
+
+
+def _history_alt(history: History) -> str:
+    """The curve in words: where it ends, with what band."""
+    end = quantity(float(history.mean[-1]), history.unit)
+    truth = "" if history.truth is None else f", truth {quantity(float(history.truth[-1]), history.unit)}"
+    return (
+        f"Line chart of {history.name}: at the end {end} ± {quantity(float(history.std[-1]), history.unit, 2)}{truth}."
+    )

@@ -1,0 +1,184 @@
+"""The first screen of a placement report: where the gauges go, what they will tell and how well, and what to mind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+
+from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
+from strainsight.report.picture.card import pictured
+from strainsight.report.placement.data import Case, PlacementReport, Unknown
+from strainsight.report.placement.gauge_table import AXES, SINGLE, axes, decimals, names_without
+
+
+def answer(report: PlacementReport) -> str:
+    """The first sentence: how many gauges tell what, how well, how far from the best, and which unknown is weakest."""
+    gauges, pool = len(report.layout.gauges), int(report.trend.count[0])
+    glued = sum(gauge.glued for gauge in report.layout.gauges)
+    word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
+    many = f"{word}{'s' * (gauges != 1)}, {f'{count(glued)} of them glued already, ' if glued else ''}chosen"
+    known = [unknown for unknown in report.unknowns if _sigma(unknown) is not None]
+    parts = [f"{escape(unknown.name)} to within ±{share(_sigma(unknown))}" for unknown in known]
+    text = f"<strong>{count(gauges)} {many} from {count(pool)} candidates</strong>"
+    relative = ", of a load relative to its RMS" if any(unknown.kind == "input" for unknown in known) else ""
+    if parts:
+        text += f" tell {_join(parts)} (one standard deviation{relative})."
+    elif report.unknowns:
+        text += f" tell {_join([escape(unknown.name) for unknown in report.unknowns])}."
+    else:
+        text += "."
+    if len(known) > 1:
+        weakest = max(known, key=lambda unknown: _sigma(unknown) or 0.0)
+        text += f" The weakest unknown is <strong>{escape(weakest.name)}</strong>."
+    lost = [repeats.name for repeats in report.repeats if repeats.verdict == "not identified"]
+    if lost:
+        text += f" <strong>Not identified: {_join([escape(name) for name in lost])}</strong> (see the repeats below)."
+    return text
+
+
+def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
+    """What a reader decides from: the unknowns and the distance from the best, where the gauges go and what each is worth,
+    and what to mind. Every number in it is a `data` element."""
+    lost = {repeats.name for repeats in report.repeats if repeats.verdict == "not identified"}
+    tiles = "".join(_tile(unknown, unknown.name in lost) for unknown in report.unknowns) + _bound_tile(report)
+    return (
+        f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
+        f'<div class="first">{_without(report)}{pictured(report.layout, scene, problem)}</div>{_cautions(report)}</section>'
+    )
+
+
+def _sigma(unknown: Unknown) -> float | None:
+    """The standard deviation to show first: the filter's own where it ran, else what placement expects."""
+    return unknown.expected_std if unknown.std is None else unknown.std
+
+
+def _join(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
+
+
+def _tile(unknown: Unknown, lost: bool) -> str:
+    """One unknown: its estimate and band, whether the claim held, and what they are beside."""
+    kind = "load" if unknown.kind == "input" else "parameter"
+    sigma = _sigma(unknown)
+    if unknown.kind == "parameter" and unknown.estimate is not None:
+        value = measure(unknown.estimate, unknown.unit)
+        value += f' <small class="whole">± {share(sigma)}</small>' if sigma is not None else ""
+    else:
+        value = f"± {share(sigma)}"
+    load = unknown.kind == "input"
+    rows = [
+        ("true RMS" if load else "true value", measure(unknown.truth, unknown.unit)),
+        ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
+        ("error in the test", share(unknown.error)),
+        ("error after smoothing", share(unknown.smoothed_error if load else None)),
+    ]
+    if unknown.std is not None:
+        rows.append(("σ expected when placed", share(unknown.expected_std)))
+    return _card(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))
+
+
+def _card(name: str, value: str, rows: Sequence[tuple[str, str]], after: str = "") -> str:
+    """A tile: what it is of, its value, and what stands beside that value as far as it is known."""
+    items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows if text != "–")
+    return (
+        f'<div class="card tile"><h2 class="name">{name}</h2><p class="value">{value}</p>'
+        f"{f'<dl>{items}</dl>' if items else ''}{after}</div>"
+    )
+
+
+def _mark(unknown: Unknown, lost: bool) -> str:
+    """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
+    if lost:
+        return '<p class="mark bad">✕ not identified: the repeats disagree</p>'
+    if unknown.error is None or not unknown.std:
+        return ""
+    ratio = unknown.error / unknown.std
+    if ratio <= 2:
+        return f'<p class="mark good">✓ error is {plain(ratio, 2)} σ, as claimed</p>'
+    return f'<p class="mark bad">✕ error is {plain(ratio, 2)} σ: the claim did not hold</p>'
+
+
+def _bound_tile(report: PlacementReport) -> str:
+    """How far the chosen set can be from the best one."""
+    trend = report.trend
+    rows = [("metric tr(W P)", plain(trend.final_trace))]
+    if trend.lower_bound is not None:
+        rows.append(("no set can go below", plain(trend.lower_bound)))
+    others = [entry for entry in report.criteria[1:] if math.isfinite(entry.trace)]
+    if others:
+        best = min(others, key=lambda entry: entry.trace)
+        rows.append((f"best other rule ({escape(best.rule)})", plain(best.trace)))
+    value = "not certified"
+    if trend.gap is not None:
+        value = f"{share(max(trend.gap, 0.0))} <small>at most</small>"
+    return _card("distance from the best possible set", value, rows)
+
+
+def _without(report: PlacementReport) -> str:
+    """Every gauge, its place, and what the unknowns would be without it; what they are with all."""
+    gauges, names = report.layout.gauges, names_without(report)
+    places = decimals(report.layout.points)
+    rows = [
+        [
+            badge(gauge.label, index, hollow=gauge.glued),
+            *(share(gauge.without.get(name, math.nan)) for name in names),
+            *axes(gauge.position, places),
+        ]
+        for index, gauge in enumerate(gauges)
+    ]
+    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
+    foot = ["with all", *(share(sigma[name]) for name in names), "", "", ""]
+    said = table(
+        "with and without",
+        ["gauge", *(f"σ({escape(name)})" for name in names), *AXES],
+        rows,
+        title="<h2>With all and without each gauge</h2>" if names else "<h2>Gauges</h2>",
+        numeric=range(1, 4 + len(names)),
+        foot=foot if any(sigma[name] is not None for name in names) else (),
+    )
+    lost = any(math.isinf(value) for gauge in gauges for value in gauge.without.values())
+    more = " ∞: without that gauge the unknown can no longer be observed." if lost else ""
+    note = f'<p class="note">σ expected if that gauge fails.{more}</p>' if names else ""
+    return f'<div class="card without">{said}{note}</div>'
+
+
+def _cautions(report: PlacementReport) -> str:
+    """What can be known and what cannot, what was not tested, and how many warnings there are."""
+    cards = ""
+    if told := _observable(report):
+        cards += f'<div class="card notes"><h2>What can be known</h2><ul>{told}</ul></div>'
+    if report.not_tested:
+        cards += f'<div class="card notes"><h2>Not tested</h2>{bullets(report.not_tested)}</div>'
+    if many := len(report.warnings):
+        words = f"{count(many)} warning{'s' * (many > 1)}"
+        cards += (
+            f'<div class="card warnings"><h2>Warnings</h2><p><a href="#warnings">{words}</a>: '
+            f"read {'them' if many > 1 else 'it'} before you decide.</p></div>"
+        )
+    return f'<div class="cautions">{cards}</div>' if cards else ""
+
+
+def _observable(report: PlacementReport) -> str:
+    """Items: whether what was asked for can be told at all, and the smallest sets that cannot be told apart."""
+    asked = frozenset(unknown.name for unknown in report.unknowns)
+    lost: dict[frozenset[str], list[Case]] = {}
+    for case in report.cases:
+        if case.lost:
+            lost.setdefault(frozenset(case.unknowns), []).append(case)
+    excitations = {case.excitation for case in report.cases}
+    gone = [unknown.name for unknown in report.unknowns if math.isinf(_sigma(unknown) or 0.0)]
+    items = []
+    if gone:
+        items.append(f'<strong class="bad">{_join([escape(name) for name in gone])}: not with these gauges.</strong>')
+    elif asked and asked not in lost and (report.cases or all(u.expected_std is not None for u in report.unknowns)):
+        items.append("Everything asked for is observable.")
+    for names, cases in lost.items():
+        where = {case.excitation for case in cases}
+        if any(other < names and where <= {case.excitation for case in others} for other, others in lost.items()):
+            continue
+        how = "cannot be told" if any(math.isinf(case.condition) for case in cases) else "can hardly be told"
+        at = "" if where == excitations else f" in {_join([escape(case.excitation) for case in cases])}"
+        said = f"{_join([escape(name) for name in sorted(names)])} {how}{' apart' * (len(names) > 1)}{at}."
+        items.append(f'<strong class="bad">{said}</strong>' if names == asked else said)
+    return "".join(f"<li>{item}</li>" for item in items)

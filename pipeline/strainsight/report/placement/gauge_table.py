@@ -1,0 +1,130 @@
+"""The table of the chosen gauges: what each is, where it sits, what it reads and what it is worth."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+import numpy as np
+
+from strainsight.report.page.markup import badge, data, share, table
+from strainsight.report.page.text import number, percent, reading_unit
+from strainsight.report.picture.layout import FloatArray, Gauge
+from strainsight.report.placement.data import PlacementReport
+
+SINGLE = frozenset({"strain gauge", "rosette"})
+"""Kinds that people call gauges; with others among them they are sensors."""
+AXES = ("x [m]", "y [m]", "z [m]")
+
+
+def gauge_table(report: PlacementReport) -> str:
+    """All gauges, one a row; columns that would be empty are left out."""
+    gauges = report.layout.gauges
+    places = decimals(report.layout.points)
+    names = names_without(report)
+    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
+    read = any(gauge.peak is not None for gauge in gauges)
+
+    def row(index: int, gauge: Gauge) -> list[str]:
+        nodes = " ".join(str(node) for node in gauge.nodes) or "–"
+        cells = [
+            badge(gauge.label, index, hollow=gauge.glued), _kind(gauge), str(gauge.element), str(gauge.facet or "–"),
+            nodes, *axes(gauge.position, places),
+            "<br>".join(_whole(_direction(vector)) for vector in gauge.channels),
+            "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
+        ]  # fmt: skip
+        cells += [_reading(gauge)] * read
+        return cells + [share(gauge.without.get(name, math.nan)) for name in names]
+
+    head = ["gauge", "kind", "element", "facet", "nodes", *AXES, "direction", "angle"]
+    head += ["training peak"] * read
+    first = len(head)
+    head += [f"σ({escape(name)}) without it" for name in names]
+    foot = (
+        ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names]]
+        if any(sigma[name] is not None for name in names)
+        else []
+    )
+    numeric = [2, 3, 5, 6, 7, 9, *range(first - read, len(head))]
+    rows = map(row, range(len(gauges)), gauges)
+    return table("gauges", head, rows, caption=_caption(gauges), numeric=numeric, foot=foot)
+
+
+def names_without(report: PlacementReport) -> list[str]:
+    """The unknowns of which it is known what they would be without a gauge."""
+    return [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in report.layout.gauges)]
+
+
+def _caption(gauges: tuple[Gauge, ...]) -> str:
+    """What the columns mean, as far as they occur."""
+    said = [
+        "Ids are those of the mesh file; direction is the measuring one in global axes, angle from the projected axis"
+        + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
+    ]
+    if any(gauge.mirror for gauge in gauges):
+        said.append("A gauge and its mirror image were placed as one.")
+    if any(gauge.peak is not None for gauge in gauges):
+        said.append("The peak is the largest reading of the training run, of what the sensor can measure.")
+    if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
+        said.append("∞: without that gauge the unknown can no longer be observed.")
+    return " ".join(said)
+
+
+def _several(gauges: tuple[Gauge, ...]) -> bool:
+    return any(len(gauge.channels) > 1 for gauge in gauges)
+
+
+def _kind(gauge: Gauge) -> str:
+    """Strain gauge, rosette …; what sets it apart from the others of its kind stands below."""
+    text = escape(gauge.kind)
+    if gauge.glued:
+        text += f"<br><strong>{_whole('glued already')}</strong>"
+    return text + (f"<br>mirrors {escape(gauge.mirror)}" if gauge.mirror else "")
+
+
+def _angles(gauge: Gauge) -> list[float]:
+    """Angles [deg] of all its directions: that of the first, and by how much the others are turned about the normal."""
+    first = gauge.channels[0]
+    turn = [math.atan2(gauge.normal @ np.cross(first, other), first @ other) for other in gauge.channels]
+    return [round(gauge.angle + math.degrees(angle), 6) for angle in turn]
+
+
+def _reading(gauge: Gauge) -> str:
+    """The training peak against the range, in the unit of the larger; a mark where it goes beyond."""
+    if gauge.peak is None:
+        return "–"
+    finite = [size for size in (gauge.peak, gauge.range or 0.0) if math.isfinite(size)]
+    factor, unit = reading_unit(max(finite, default=0.0), gauge.unit)
+    shown = number(gauge.peak / factor, 3)
+    if gauge.range is None:
+        return data(gauge.peak, f"{shown} {unit}", gauge.unit)
+    most = data(gauge.range, f"{number(gauge.range / factor, 3)} {unit}", gauge.unit)
+    text = f"{data(gauge.peak, shown, gauge.unit)} of {most}"
+    if gauge.peak > gauge.range:
+        return f'{text}<br><strong class="mark bad">✕ beyond its range</strong>'
+    used = gauge.peak / gauge.range if gauge.range > 0 else math.nan
+    return f"{text}<br>{data(used, percent(used))}" if math.isfinite(used) else text
+
+
+def decimals(points: FloatArray) -> int:
+    """Decimals that show a position to about a ten-thousandth of the structure's size."""
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return min(max(4 - math.floor(math.log10(size)), 0), 9) if size > 0 else 4
+
+
+def coordinates(position: FloatArray, places: int) -> str:
+    """Position (3,) [m] with that many decimals."""
+    return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
+
+
+def axes(position: FloatArray, places: int) -> list[str]:
+    """x, y and z (3,) [m] as cells, with that many decimals."""
+    return [data(float(value), coordinates(position[i : i + 1], places)) for i, value in enumerate(position)]
+
+
+def _whole(text: str) -> str:
+    return f'<span class="whole">{text}</span>'
+
+
+def _direction(vector: FloatArray) -> str:
+    return " ".join(data(float(value), number(round(float(value), 4), 4)) for value in vector)

@@ -1,0 +1,207 @@
+"""One self-contained HTML page of a placement: the answer first, then what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+
+from strainsight.report.chart.drawing import Drawing
+from strainsight.report.page.document import document
+from strainsight.report.page.markup import bullets, figure, measure, pairs, plain, share, table
+from strainsight.report.placement.data import PlacementReport
+from strainsight.report.placement.first import answer, first_screen
+from strainsight.report.placement.gauge_table import gauge_table
+from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table
+from strainsight.report.space.model import Shape
+from strainsight.report.space.section import STYLE, script, space_section
+
+FOOTER = (
+    "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
+    "loads, after the first tenth of the run."
+)
+
+
+def placement_page(
+    report: PlacementReport,
+    drawings: tuple[Drawing, ...],
+    scene: bytes | None,
+    scene_problem: str = "",
+    shapes: tuple[Shape, ...] = (),
+) -> str:
+    """The report as HTML text without any resource outside itself.
+
+    drawings from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the sentence on why;
+    shapes: deformed states that the view in space offers.
+    """
+    sections = (
+        first_screen(report, scene, scene_problem),
+        space_section([("", report.layout)], shapes),
+        _advice(report),
+        _gauges(report),
+        _trend(report, drawings),
+        _estimates(report, drawings),
+        _random(drawings),
+        _noise(report, drawings),
+        _observability(report),
+        _facts(report),
+        _warnings(report),
+    )
+    return document(
+        "gauge placement", report.name, report.title, answer(report), sections, FOOTER, (STYLE,), (script(),)
+    )
+
+
+def _advice(report: PlacementReport) -> str:
+    if not report.advice:
+        return ""
+    return f'<section class="card notes advice"><h2>What to do with this layout</h2>{bullets(report.advice)}</section>'
+
+
+def _gauges(report: PlacementReport) -> str:
+    return f'<h2>Gauge by gauge</h2><div class="card">{gauge_table(report)}</div>'
+
+
+def _warnings(report: PlacementReport) -> str:
+    if not report.warnings:
+        return ""
+    return f'<h2 id="warnings">Warnings</h2><div class="card warnings">{bullets(report.warnings)}</div>'
+
+
+def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfolded: int | None = None) -> str:
+    """Cards of the wanted figures; from number `unfolded` on they are shown on demand."""
+    cards = [figure(entry, i) for i, entry in enumerate(drawings) if wanted(entry.key)]
+    shown, folded = cards[:unfolded], cards[len(cards[:unfolded]) :]
+    text = f'<div class="figures">{"".join(shown)}</div>' if shown else ""
+    if folded:
+        summary = f"<summary>{len(folded)} more</summary>"
+        text += f'<details>{summary}<div class="figures">{"".join(folded)}</div></details>'
+    return text
+
+
+def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
+    shown = _chosen(drawings, lambda key: key.startswith(("estimate-", "closing-")))
+    signals = _chosen(drawings, lambda key: key.startswith("signal-"), unfolded=12)
+    if not shown and not signals:
+        return ""
+    lead = f'<p class="lead">Truth: {escape(report.truth_description)}.</p>' if report.truth_description else ""
+    text = f"<h2>What they tell</h2>{lead}{shown}"
+    if signals:
+        strains = all(signal.unit == "strain" for signal in report.gauge_signals)
+        lead = '<p class="lead">What each gauge measured and what the filter makes of it.</p>'
+        text += f"<h2>{'Gauge strains' if strains else 'Readings'}</h2>{lead}{signals}"
+    return text
+
+
+def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
+    cards = "".join(figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "trend")
+    if report.criteria:
+        cards += f'<div class="card">{criteria_meaning()}</div>'
+    below = f'<div class="card below">{criteria_table(report)}</div>'
+    return f'<h2>How good the set is</h2><div class="figures">{cards}</div>{below}'
+
+
+def _random(drawings: tuple[Drawing, ...]) -> str:
+    shown = _chosen(drawings, lambda key: key.startswith("random-"))
+    return (
+        '<h2>Beside random sets</h2><p class="lead">The same estimation with as many gauges drawn at random.</p>'
+        + shown
+        if shown
+        else ""
+    )
+
+
+def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
+    cards = [
+        figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "noise" or entry.key.startswith("repeats-")
+    ]
+    if report.noise:
+        names = [unknown.name for unknown in report.unknowns]
+        head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error", "σ")]
+        rows = [
+            [share(row.level), *(share(source.get(name)) for name in names for source in (row.error, row.std))]
+            for row in report.noise
+        ]
+        caption = "Noise as a share of the strongest candidate's RMS reading; error beside the claimed σ."
+        said = table("noise", head, rows, caption=caption, numeric=range(1, len(head)))
+        cards.append(f'<div class="card">{said}</div>')
+    return f'<h2>How sure one can be</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
+
+
+def _observability(report: PlacementReport) -> str:
+    cards = []
+    if report.observability:
+        rows = [[escape(name), plain(value)] for name, value in report.observability.items()]
+        caption = (
+            "Popov-Belevitch-Hautus matrix at λ = 0 of the augmented system: "
+            "the larger its condition number, the harder the estimate."
+        )
+        cards.append(table("observability", ("observability", "number"), rows, caption=caption, numeric=(1,)))
+    check = report.consistency
+    rows = [
+        [
+            name,
+            plain(value, 3),
+            "–" if band is None else f"{plain(band[0], 2)} to {plain(band[1], 3)}",
+            _inside(value, band),
+        ]
+        for name, value, band in (
+            ("NEES of the run; band of one instant", check.nees, check.nees_band),
+            ("NIS of the gauges", check.nis, check.nis_band),
+        )
+        if value is not None
+    ]
+    if rows:
+        caption = (
+            "Squared errors over claimed variances, per dimension: 1 is ideal, more overconfident, less too cautious."
+        )
+        head = ("consistency", "number", "95 % band", "verdict")
+        cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
+    if report.frequencies:
+        rows = [[str(i + 1), measure(value, "Hz")] for i, value in enumerate(report.frequencies)]
+        cards.append(
+            table(
+                "modes",
+                ("mode", "frequency"),
+                rows,
+                caption="Natural frequencies of the model at the first guess.",
+                numeric=(1,),
+            )
+        )
+    body = "".join(f'<div class="card">{card}</div>' for card in cards)
+    body = f'<div class="panels">{body}</div>' if cards else ""
+    if report.cases:
+        body = f'<div class="card"><h3>What can be told apart</h3>{cases_table(report.cases)}</div>{body}'
+    return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""
+
+
+def _inside(value: float, band: tuple[float, float] | None) -> str:
+    if band is None:
+        return ""
+    return "✓ inside" if band[0] <= value <= band[1] else "✕ overconfident" if value > band[1] else "✕ too cautious"
+
+
+def _facts(report: PlacementReport) -> str:
+    cards = ""
+    if report.facts:
+        said = pairs("model and run", report.facts.items())
+        cards += f'<section class="card"><h3>Model and run</h3>{said}</section>'
+    cards += _time(report)
+    if report.provenance:
+        said = pairs("provenance", report.provenance.items())
+        cards += f'<section class="card"><h3>Provenance</h3>{said}</section>'
+    return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""
+
+
+def _time(report: PlacementReport) -> str:
+    """Seconds a stage took when it was computed, and its share of all."""
+    if not report.seconds:
+        return ""
+    whole = sum(report.seconds.values())
+    rows = [
+        [escape(stage), measure(time, "s", 3), share(time / whole) if whole > 0 else "–"]
+        for stage, time in report.seconds.items()
+    ]
+    foot = ("all stages", measure(whole, "s", 3), "")
+    caption = "When each was computed last; one that was taken over from another run took its time there."
+    said = table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)
+    return f'<section class="card"><h3>Where the time went</h3>{said}</section>'

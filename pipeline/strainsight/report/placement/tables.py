@@ -1,0 +1,101 @@
+"""Tables of one report: the layout beside those of other rules, and what could be told apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+
+from strainsight.report.page.markup import measure, plain, table
+from strainsight.report.placement.data import Case, Criteria, PlacementReport
+
+CRITERIA = (
+    ("tr(W P)", "sum of the unknowns' error variances, each 1 with the whole pool; what this placement makes small"),
+    ("log-determinant", "of the unknowns' covariance: the volume of what stays uncertain, all unknowns together"),
+    ("worst eigenvalue", "variance of that mix of unknowns which is told worst, each in units of its scale"),
+    ("frozen σ", "one standard deviation of an unknown at frozen instants: it ranks layouts, a filter claims its own"),
+)
+"""What the columns mean; smaller is better in all of them."""
+
+
+def criteria_table(report: PlacementReport) -> str:
+    """Layouts by rule, the chosen one and its bound first, the others by their trace."""
+    chosen = report.criteria[0].trace if report.criteria else report.trend.final_trace
+    scale = chosen if 0 < chosen < math.inf else math.nan
+    names = [u.name for u in report.unknowns if any(u.name in entry.std for entry in report.criteria)]
+    unit = {unknown.name: unknown.unit for unknown in report.unknowns}
+    full = bool(report.criteria)
+
+    def row(title: str, trace: float, entry: Criteria | None) -> list[str]:
+        cells = [title, plain(trace), plain(trace / scale)]
+        if entry is None:
+            return cells + ["–"] * (2 * full + len(names))
+        cells += [plain(entry.log_determinant), plain(entry.worst_eigenvalue)]
+        return cells + [_sigma(entry.std.get(name), unit[name]) for name in names]
+
+    rule = f" ({escape(report.criteria[0].rule)})" if full else ""
+    rows = [row(f"<strong>chosen set</strong>{rule}", chosen, report.criteria[0] if full else None)]
+    if report.trend.lower_bound is not None:
+        rows.append(row("certified lower bound", report.trend.lower_bound, None))
+    others = sorted(report.criteria[1:], key=lambda entry: (math.isnan(entry.trace), entry.trace))
+    rows += [row(escape(entry.rule), entry.trace, entry) for entry in others]
+    head = ["layout by", "tr(W P)", "times the chosen"] + ["log-determinant", "worst eigenvalue"] * full
+    head += [f"frozen σ({escape(name)})" for name in names]
+    caption = "Layouts of the same size from the same pool"
+    caption += ", all scored by the same covariance" if full else ""
+    caption += (
+        ". The other rules know no limits of the layout, such as a budget, spacing or zones: "
+        "what they choose may not be allowed."
+        if others
+        else "."
+    )
+    if any(math.isinf(value) for entry in report.criteria for value in (entry.trace, *entry.std.values())):
+        caption += " ∞: that layout cannot observe all unknowns."
+    return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
+
+
+def criteria_meaning() -> str:
+    """What the columns of the criteria mean, as a list."""
+    items = "".join(f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>" for name, text in CRITERIA)
+    return f"<h3>Criteria, smaller is better in all</h3><ul>{items}</ul>"
+
+
+def cases_table(cases: Sequence[Case]) -> str:
+    """Sets of unknowns one a row, excitations side by side: condition numbers and what is lost."""
+    excitations = list(dict.fromkeys(case.excitation for case in cases))
+    grid: dict[tuple[str, ...], dict[str, Case]] = {}
+    for case in cases:
+        grid.setdefault(case.unknowns, {})[case.excitation] = case
+
+    def row(unknowns: tuple[str, ...], found: dict[str, Case]) -> list[str]:
+        cells = [escape(", ".join(unknowns)) or "none"]
+        for excitation in excitations:
+            case = found.get(excitation)
+            cells += ["–", "–"] if case is None else [plain(case.condition, 3), plain(case.raw, 3)]
+        return [*cells, _lost(found, len(excitations))]
+
+    head = ["unknown together"]
+    for excitation in excitations:
+        head += [f"{escape(excitation)}, scaled", "raw"]
+    caption = (
+        "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0, the larger the harder to tell apart. "
+        "The scaled one can be compared between rows at the same excitation, and says which unknowns an excitation tells; "
+        "the raw one is the thesis's number, which orders the rows by the units of their unknowns."
+    )
+    rows = [row(unknowns, found) for unknowns, found in grid.items()]
+    return table("sets of unknowns", [*head, "what is lost"], rows, caption=caption, numeric=range(1, len(head)))
+
+
+def _sigma(value: float | None, unit: str) -> str:
+    """σ in the unknown's unit, or in words that there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    return '<data value="inf">cannot observe</data>' if math.isinf(value) else measure(value, unit, 3)
+
+
+def _lost(found: dict[str, Case], excitations: int) -> str:
+    """What is lost, said once where it is the same at every excitation."""
+    said = [(case.excitation, case.lost) for case in found.values() if case.lost]
+    if len(said) == excitations and len({lost for _, lost in said}) == 1:
+        return escape(said[0][1])
+    return "<br>".join(f"{escape(excitation)}: {escape(lost)}" for excitation, lost in said)

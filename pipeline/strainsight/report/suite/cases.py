@@ -1,0 +1,83 @@
+"""What could be told apart in a suite: sets of unknowns in groups, excitations in series, none of them twice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from strainsight.report.placement.data import Case
+from strainsight.report.suite.data import SuiteReport, SuiteRun
+
+SINGULAR = 1e13
+"""A condition number beyond which its digits are rounding."""
+TRAINING = "training run"
+
+
+@dataclass(frozen=True)
+class Series:
+    """The cases at one excitation: numbers of the runs that share it, from 1; excitation as the first of them calls it;
+    label of that run; group → its case."""
+
+    runs: tuple[int, ...]
+    excitation: str
+    label: str
+    cases: Mapping[str, Case]
+
+    @property
+    def heading(self) -> str:
+        """Which excitation, by the runs that have it: the training motion of theirs, or one that they state."""
+        return numbered(self.runs) + ("" if self.excitation == TRAINING else f" at {self.excitation}")
+
+
+def series_of(report: SuiteReport) -> tuple[Series, ...]:
+    """Every distinct excitation of the runs, in their order; runs with the same one and the same numbers are one series."""
+    found: list[Series] = []
+    loads = _loads(report)
+    for index, run in enumerate(report.runs, start=1):
+        for excitation in dict.fromkeys(case.excitation for case in run.cases):
+            cases = {_group(case, run, loads): case for case in run.cases if case.excitation == excitation}
+            for place, other in enumerate(found):
+                if _same(cases, other.cases):
+                    found[place] = replace(other, runs=(*other.runs, index))
+                    break
+            else:
+                found.append(Series((index,), excitation, run.label, cases))
+    return tuple(found)
+
+
+def groups_of(series: tuple[Series, ...]) -> tuple[str, ...]:
+    """Sets of unknowns that occur, fewest unknowns first."""
+    names = dict.fromkeys(group for entry in series for group in entry.cases)
+    return tuple(sorted(names, key=lambda group: group.count(" + ")))
+
+
+def numbered(runs: tuple[int, ...]) -> str:
+    """Runs by their numbers: "run 1", "runs 1, 3 and 5"."""
+    texts = [str(run) for run in runs]
+    return f"run {texts[0]}" if len(texts) == 1 else f"runs {', '.join(texts[:-1])} and {texts[-1]}"
+
+
+def _loads(report: SuiteReport) -> frozenset[str]:
+    """Names that are loads in any run: one that was only observed does not say which of its names are."""
+    inputs = {unknown.name for run in report.runs for unknown in run.unknowns if unknown.kind == "input"}
+    drawn = {load.name for run in report.runs if run.layout is not None for load in run.layout.loads}
+    return frozenset(inputs | drawn)
+
+
+def _group(case: Case, run: SuiteRun, loads: frozenset[str]) -> str:
+    """The set of unknowns in words: all loads together are "input", as the runs differ in how many they have."""
+    own = {unknown.name for unknown in run.unknowns if unknown.kind == "parameter"}
+    parts = ["input" if name in loads and name not in own else name for name in case.unknowns]
+    return " + ".join(dict.fromkeys(parts)) or "none"
+
+
+def _same(one: Mapping[str, Case], other: Mapping[str, Case]) -> bool:
+    return one.keys() == other.keys() and all(
+        case.excitation == other[group].excitation and _equal(case.condition, other[group].condition)
+        for group, case in one.items()
+    )
+
+
+def _equal(one: float, other: float) -> bool:
+    return (one > SINGULAR and other > SINGULAR) or one == other or math.isclose(one, other, rel_tol=1e-6)

@@ -1,0 +1,178 @@
+"""The first screen of a suite: one sentence on all runs, one table with an answer a run."""
+
+from __future__ import annotations
+
+from html import escape
+from urllib.parse import quote
+
+from strainsight.report.page.markup import count, grouped_table, plain, share
+from strainsight.report.suite.cases import numbered
+from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.results import (
+    BEYOND,
+    CLAIMED,
+    DIVERGED,
+    LOST,
+    WRONG,
+    Result,
+    counts,
+    is_estimated,
+    results_of,
+)
+
+COLUMNS = (
+    "run", "unknown", "gauges", "tr(W P)", "at most above the best set", "error", "σ claimed", "error / σ",
+    "repeats: RMS", "worst", "verdict",
+)  # fmt: skip
+NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "verdict"}
+MEASURED = COLUMNS[5:]
+"""The columns that only a validated run has."""
+
+
+def answer(report: SuiteReport) -> str:
+    """How many runs, and what they came to."""
+    found = counts(report)
+    many = len(report.runs)
+    parts = []
+    for word, text in (
+        (CLAIMED, f"with errors within {plain(BEYOND)} claimed σ"),
+        (WRONG, "<strong>sure and wrong</strong>"),
+        (LOST, "<strong>not identified</strong>"),
+        (DIVERGED, "<strong>diverged</strong>"),
+        ("not estimated", "not estimated"),
+    ):
+        if word in found:
+            links = ", ".join(f'<a href="#run-{index}">{index}</a>' for index in found[word])
+            parts.append(f"{count(len(found[word]))} {text} (run{'s' * (len(found[word]) > 1)} {links})")
+    both = [index for index in found.get(WRONG, ()) if index in found.get(LOST, ())]
+    ending = f"; {numbered(tuple(both))} both" if both else ""
+    return f"<strong>{count(many)} run{'s' * (many != 1)}</strong>: {', '.join(parts)}{ending}."
+
+
+def runs_table(report: SuiteReport) -> str:
+    """A block a run, a row an unknown."""
+    caption = (
+        "tr(W P): sum of the scaled error variances with the whole pool → with the chosen gauges, and their ratio. "
+        "Parameters: the filtered estimate, mean over the last half; loads: the smoothed one. "
+        "The repeats have other noise and other starting values and are filtered."
+    )
+    bodies = [_block(index, run) for index, run in enumerate(report.runs, start=1)]
+    numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
+    return grouped_table("runs", COLUMNS, bodies, caption=caption, numeric=numeric)
+
+
+def run_answer(run: SuiteRun) -> str:
+    """One sentence: how many gauges tell what, and whether it held."""
+    names = [escape(unknown.name) for unknown in run.unknowns]
+    if not is_estimated(run):
+        what = " and ".join(names) or "nothing"
+        return f"<strong>Not estimated</strong>: {what}; the run ends after {escape(run.reached)}."
+    gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}" if run.gauges is not None else "The gauges"
+    parts = [
+        f"<strong>{escape(result.unknown.name)}</strong> to {share(result.error)}"
+        + (f" at a claimed σ of {share(result.std)}" if result.std is not None else "")
+        for result in results_of(run)
+    ]
+    text = f"{gauges} tell {', '.join(parts)}."
+    for result in results_of(run):
+        for verdict in result.verdicts:
+            text += f' <strong class="bad">{escape(result.unknown.name)}: {_why(verdict, result)}.</strong>'
+    return text
+
+
+def link(page: str, text: str) -> str:
+    """A link to a run's own page; `page` is a path, so that nothing in it can act as a scheme."""
+    return f'<a href="{escape(quote(page, safe="/%"))}">{text}</a>'
+
+
+def _block(index: int, run: SuiteRun) -> str:
+    """All rows of a run, its own cells once beside those of its unknowns."""
+    many = len(run.unknowns) if is_estimated(run) else 1
+    span = f' rowspan="{many}"' if many > 1 else ""
+    heading = (
+        f'<th scope="rowgroup"{span}><a href="#run-{index}">{index}. {escape(run.label)}</a>'
+        + (f'<small class="aside"><br>{link(run.page, "its page")}</small>' if run.page else "")
+        + "</th>"
+    )
+    shared = (
+        (
+            "gauges",
+            f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
+        ),
+        ("tr(W P)", _metric(run)),
+        ("gap", "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0))),
+    )
+    once = "".join(f'<td class="n"{span}>{text}</td>' for _, text in shared)
+    if not is_estimated(run):
+        names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
+        absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
+        return f"<tbody><tr>{heading}<td>{names}</td>{once}{absent}</tr></tbody>"
+    rows = []
+    for i, result in enumerate(results_of(run)):
+        first = (heading, once) if i == 0 else ("", "")
+        rows.append(f"<tr>{first[0]}<td>{_unknown(result)}</td>{first[1]}{_numbers(result)}</tr>")
+    return f"<tbody>{''.join(rows)}</tbody>"
+
+
+def _absent(run: SuiteRun) -> str:
+    """Why there is no estimate, and what placement expects where it went so far."""
+    expected = ", ".join(f"{escape(name)} ± {share(std)}" for name, std in run.expected_std.items())
+    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
+    return text + (f"<br>expected when placed: {expected}" if expected else "")
+
+
+def _metric(run: SuiteRun) -> str:
+    """From the whole pool to the chosen gauges, and how many times that is."""
+    trend = run.trend
+    if trend is None or not len(trend.trace):
+        return "–"
+    first = float(trend.trace[0])
+    text = f"{plain(first, 3)} → {plain(trend.final_trace, 3)}"
+    return text + (f"<br>× {plain(trend.final_trace / first, 3)}" if first > 0 else "")
+
+
+def _unknown(result: Result) -> str:
+    name = escape(result.unknown.name)
+    if result.unknown.kind == "parameter":
+        return name
+    return f"{name}, load" + ("" if result.smoothed else ", filtered")
+
+
+def _numbers(result: Result) -> str:
+    sigmas = "–" if result.sigmas is None else plain(result.sigmas, 2)
+    cells = [*map(share, (result.error, result.std)), sigmas, *map(share, (result.rms, result.worst))]
+    return "".join(f'<td class="n">{cell}</td>' for cell in cells) + f"<td>{_verdict(result)}</td>"
+
+
+def _verdict(result: Result) -> str:
+    if result.error is None:
+        return "not estimated"
+    if not result.verdicts:
+        return f'<strong class="good">✓ {CLAIMED}</strong>' if result.verdict == CLAIMED else result.verdict
+    lines = []
+    for verdict in result.verdicts:
+        repeated = verdict == WRONG and _only_repeated(result) and result.ratio is not None
+        over = f" <small>(repeats: RMS {plain(result.ratio, 2)} σ)</small>" if repeated and result.ratio else ""
+        over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
+        lines.append(f'<strong class="bad whole">✕ {verdict}</strong>{over}')
+    return "<br>".join(lines)
+
+
+def _only_repeated(result: Result) -> bool:
+    """Whether the test itself kept to its claim, and only the repeats did not."""
+    return max(result.sigmas or 0.0, result.filtered_sigmas or 0.0) <= BEYOND
+
+
+def _why(verdict: str, result: Result) -> str:
+    """The verdict and the number it stands on."""
+    if verdict == WRONG and _only_repeated(result) and result.ratio is not None:
+        return f"{WRONG} over the repeats, RMS {plain(result.ratio, 2)} σ"
+    if verdict == WRONG:
+        return f"{WRONG}, {plain(max(result.sigmas or 0.0, result.filtered_sigmas or 0.0), 2)} σ"
+    if verdict == DIVERGED and result.lost:
+        return f"{DIVERGED}, {_lost(result)}"
+    return f"{LOST}, other starts end elsewhere" if verdict == LOST else verdict
+
+
+def _lost(result: Result) -> str:
+    return f"{count(result.lost)} of {count(result.repeats)} repeats"

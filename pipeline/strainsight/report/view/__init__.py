@@ -1,0 +1,1 @@
+"""What `strainsight view` shows, in a window or as a picture."""

@@ -1,0 +1,41 @@
+"""A view as a PNG, or in a window: either way drawn by a child process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from strainsight.errors import StrainsightError, UserError
+from strainsight.report.picture.offscreen import as_npz, draw_apart, inherited, last_words
+from strainsight.report.view.viewed import NO_DISPLAY, View, pack_view
+
+CHILD = "strainsight.report.view.viewer"
+TIME_LIMIT = 300.0
+"""For a screenshot [s]."""
+
+
+def screenshot(view: View) -> bytes:
+    """PNG of the view on white. Raises StrainsightError that names the Debian packages where nothing can render."""
+    return draw_apart(CHILD, pack_view(view), TIME_LIMIT)[0]
+
+
+def window(view: View) -> None:
+    """Show the view until its window is closed. Raises UserError without a display, StrainsightError if the window crashes."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise _no_display("there is no display to open a window on")
+    # By stdin and not by a file: nothing is left behind where this process is interrupted. -P: no module of this folder.
+    command = [sys.executable, "-P", "-m", CHILD]
+    done = subprocess.run(command, env=inherited(), input=as_npz(pack_view(view)), stderr=subprocess.PIPE, check=False)
+    if done.returncode == NO_DISPLAY:
+        raise _no_display("the display does not answer")
+    if done.returncode:
+        said = last_words(done.stderr.decode(errors="replace"))
+        raise StrainsightError(
+            f"the window broke off (exit code {done.returncode}{said})",
+            remedy="draw it into a file instead: --screenshot FILE.png",
+        )
+
+
+def _no_display(what: str) -> UserError:
+    return UserError(what, remedy="draw it into a file: --screenshot FILE.png")

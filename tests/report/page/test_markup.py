@@ -1,0 +1,75 @@
+"""Tables as the page's script finds them: exact values with their units, names, groups; and nothing of it unescaped."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from strainsight.report.page.markup import count, data, grouped_table, measure, pairs, share, table
+
+from ..outline import Outline, names_of_regions
+
+HOSTILE = '"><script>alert(1)</script>'
+
+
+@pytest.mark.parametrize("value", [0.1 + 0.2, 1e-300, -4.0, 2.1e11, math.inf, -math.inf])
+def test_the_exact_value_comes_back_to_the_last_digit(value):
+    (exact,) = re.findall(r'value="([^"]+)"', data(value, "shown"))
+    assert float(exact) == value
+    assert float(re.findall(r'value="([^"]+)"', data(np.float64(value), "shown"))[0]) == value
+
+
+def test_what_is_no_number_says_so_and_whole_numbers_stay_whole():
+    assert '"nan"' in data(math.nan, "–")
+    assert count(12345) == '<data value="12345">12\u202f345</data>'
+    assert share(None) == measure(None) == "–"
+
+
+def test_a_unit_is_that_of_the_exact_value_not_of_the_shown_one():
+    assert measure(2.1e11, "Pa") == '<data value="210000000000.0" data-unit="Pa">210\u00a0GPa</data>'
+    assert "data-unit" not in share(0.1) + measure(1.0)
+
+
+def test_a_table_is_found_by_its_name_and_so_is_its_region():
+    text = table(
+        "gauges", ("a", "b"), [("1", "2")], title="<h2>Title</h2>", caption="said", numeric=(1,), foot=("x", "y")
+    )
+    outline = Outline(text)
+    assert names_of_regions(outline) == ["table: gauges"]
+    (region,) = [attributes for _, attributes in outline.seen if "data-table" in attributes]
+    assert (region["data-table"], region["tabindex"]) == ("gauges", "0")
+    # What the script puts its buttons into stands right before the region.
+    assert '<div class="over"><h2>Title</h2><p class="note">said</p></div><div class="scroll" data-table' in text
+    assert [words for words in outline.text if words.strip()] == ["Title", "said", "a", "b", "1", "2", "x", "y"]
+    assert text.index("</tbody>") < text.index("<tfoot>")
+    assert '<th scope="col" class="n">b</th>' in text
+    assert '<td class="n">2</td>' in text
+
+
+def test_without_its_script_a_page_has_no_buttons():
+    assert "button" not in table("t", ("a",), [("1",)]) + grouped_table("t", ("a",), ["<tbody></tbody>"])
+
+
+def test_names_and_values_have_no_head_to_sort_by():
+    text = pairs("facts", {"<a>": "<b>"}.items())
+    assert "<thead" not in text
+    assert "&lt;a&gt;" in text
+    assert "&lt;b&gt;" in text
+
+
+def test_blocks_of_rows_stay_blocks():
+    text = grouped_table("runs", ("run", "x"), ["<tbody><tr></tr></tbody>"] * 3, numeric=(1,))
+    assert text.count("<tbody>") == 3
+    assert '<table class="runs">' in text
+    Outline(text)
+
+
+def test_names_and_units_come_out_escaped():
+    text = table(HOSTILE, (), []) + measure(1.0, HOSTILE) + pairs(HOSTILE, [(HOSTILE, HOSTILE)])
+    outline = Outline(text)
+    assert "script" not in outline.tags
+    assert names_of_regions(outline)[0] == f"table: {HOSTILE}"
+    assert [a["data-unit"] for tag, a in outline.seen if tag == "data"] == [HOSTILE]

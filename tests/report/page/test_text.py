@@ -1,0 +1,79 @@
+"""Numbers read back to what they stand for, to the digits shown."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from strainsight.report.page.text import number, percent, quantity, reading_unit, short
+
+DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def read(text: str) -> float:
+    mantissa, _, power = text.replace("−", "-").replace("\u202f", "").partition("×10")
+    return float(mantissa) * 10.0 ** int(power.translate(DIGITS) or 0)
+
+
+@pytest.mark.parametrize("digits", [2, 3, 4])
+def test_a_shown_number_differs_by_less_than_half_of_its_last_digit(digits):
+    draw = np.random.default_rng(3)
+    for value in draw.choice([-1, 1], 500) * 10.0 ** draw.uniform(-15, 15, 500):
+        half = 0.5 * 10.0 ** (math.floor(math.log10(abs(value))) + 1 - digits)
+        assert abs(read(number(float(value), digits)) - value) <= half * (1 + 1e-9)
+
+
+def test_rounding_up_to_the_next_power_of_ten_keeps_the_value():
+    assert [number(0.99999), number(9.99996), number(999999.9), number(-0.0)] == [
+        "1",
+        "10",
+        "10⁶".replace("10", "1×10"),
+        "0",
+    ]
+
+
+def test_engineers_prefixes():
+    assert quantity(2.0989e11, "Pa") == "209.9\u00a0GPa"
+    assert quantity(1e4, "N") == "10\u00a0kN"
+    assert quantity(1e3, "N") == "1\u00a0kN"
+    assert quantity(0.0, "N") == "0\u00a0N"
+    assert quantity(7850.0, "kg/m³") == "7850\u00a0kg/m³"
+
+
+def test_per_cent_keeps_its_significant_zeros():
+    shown = [percent(value) for value in (0.001, 0.00052, 0.0996, 0.177, 1.0, 12.3, 1e-9, 0.0)]
+    assert [text.removesuffix("\u00a0%") for text in shown] == [
+        "0.10",
+        "0.052",
+        "10",
+        "18",
+        "100",
+        "1200",
+        "0.000",
+        "0.000",
+    ]
+
+
+def test_what_is_no_number_is_said():
+    assert [number(math.nan), number(math.inf), number(-math.inf), percent(math.inf), percent(math.nan)] == [
+        "–",
+        "∞",
+        "−∞",
+        "∞",
+        "–",
+    ]
+
+
+def test_a_long_name_is_cut_and_a_line_break_taken_out():
+    assert short("a\nb") == "a b"
+    assert len(short("x" * 100)) == 20
+
+
+def test_readings_are_shown_in_the_units_of_their_instruments():
+    assert reading_unit(9e-5, "strain") == (1e-6, "µm/m")
+    assert [reading_unit(size, "m")[1] for size in (3e-9, 4e-6, 1e-3, 2.0, 5e3)] == ["nm", "µm", "mm", "m", "m"]
+    assert reading_unit(41.0, "m/s^2") == reading_unit(41.0, "m/s²") == (1.0, "m/s²")
+    for size in (math.nan, math.inf, 0.0):
+        assert reading_unit(size, "m") == (1.0, "m")

@@ -1,0 +1,113 @@
+"""The picture: its size, transparent ground, gauges in their colours, and an error instead of a crash."""
+
+from __future__ import annotations
+
+import io
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from strainsight.errors import StrainsightError
+from strainsight.report.chart.drawing import gauge_colour
+from strainsight.report.picture import scene
+from strainsight.report.picture.labels import spread_labels
+from strainsight.report.picture.markers import arrow, free_end
+from strainsight.report.picture.picture import LINES
+from strainsight.report.placement.data import Layout, Load
+
+
+def colours(png):
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGBA"))
+
+
+def test_a_beam_with_four_gauges_is_pictured(beam):
+    pixels = colours(scene.render(beam))
+    assert pixels.shape == (840, 1280, 4)
+    assert np.mean(pixels[..., 3] == 0) > 0.3
+    for i in range(len(beam.gauges)):
+        wanted = [int(gauge_colour(i)[k : k + 2], 16) for k in (1, 3, 5)]
+        assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
+
+
+def test_several_pictures_from_one_child_process_are_those_of_one_each(beam):
+    other = replace(beam, gauges=beam.gauges[:2])
+    assert scene.render_all([beam, other]) == [scene.render(beam), scene.render(other)]
+
+
+def test_a_plate_of_other_facets_without_loads_clamps_pool_or_hostile_labels_is_pictured():
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0], [2, 0.5, 0.1]], dtype=float)
+    faces = np.array([[0, 1, 2, 3, -1, -1, -1, -1], [1, 4, 2, -1, -1, -1, -1, -1]])
+    scene.render(Layout(points, faces, np.empty((0, 3)), ()))
+
+
+def test_a_structure_without_facets_is_pictured_with_its_nodes_and_gauges_of_no_direction(beam):
+    """What comes as matrices: nodes on a line, gauges that lie on no surface."""
+    points = np.column_stack([np.linspace(0, 2, 41), np.zeros(41), np.zeros(41)])
+    nowhere = np.zeros(3)
+    gauges = tuple(
+        replace(gauge, position=np.array([0.4 * (i + 1), 0, 0.02]), normal=nowhere, direction=direction)
+        for i, (gauge, direction) in enumerate(zip(beam.gauges, [*np.eye(3), nowhere], strict=True))
+    )
+    bare = Layout(points, np.full((0, 8), -1), np.empty((0, 3)), gauges, loose=points)
+    pixels = colours(scene.render(bare))
+    for colour in (*map(gauge_colour, range(4)), LINES):
+        wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+        assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
+
+
+def test_a_large_pool_is_thinned_and_arrays_survive_the_way_to_the_child(beam):
+    crowd = replace(beam, pool=np.zeros((100_000, 3)))
+    packed = scene.pack(crowd)
+    assert len(packed["pool"]) <= scene.DOTS
+    again = scene.unpack(packed)
+    assert [gauge.label for gauge in again.gauges] == ["G1", "G2", "G3", "G4"]
+    np.testing.assert_array_equal(again.faces, beam.faces)
+    assert again.loads[0].name == "tip"
+
+
+def test_every_kind_of_sensor_is_pictured_and_survives_the_way_to_the_child(mixed):
+    layout = mixed().layout
+    again = scene.unpack(scene.pack(layout))
+    for before, after in zip(layout.gauges, again.gauges, strict=True):
+        assert (before.label, before.kind, before.glued) == (after.label, after.kind, after.glued)
+        np.testing.assert_array_equal(before.channels, after.channels)
+    assert scene.unpack(scene.pack(replace(layout, gauges=()))).gauges == ()
+    pixels = colours(scene.render(layout))
+    for i in range(len(layout.gauges)):
+        wanted = [int(gauge_colour(i)[k : k + 2], 16) for k in (1, 3, 5)]
+        assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
+
+
+def test_a_crash_of_the_renderer_becomes_an_error_that_names_the_packages(beam, monkeypatch, tmp_path):
+    crash = tmp_path / "python"
+    crash.write_text("#!/bin/sh\necho 'Failed to load EGL!' >&2\nkill -SEGV $$\n")
+    crash.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(crash))
+    with pytest.raises(StrainsightError, match="could not be rendered") as caught:
+        scene.render(beam)
+    assert "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1" in str(caught.value)
+    assert "Failed to load EGL!" in str(caught.value)
+
+
+def test_labels_of_a_cluster_do_not_overlap():
+    anchors = np.array([[320.0, 200.0]] * 6) + np.arange(6)[:, None] * [3.0, 1.0]
+    names = [f"G{i}" for i in range(6)]
+    places = spread_labels(anchors, np.tile([0.0, -1.0], (6, 1)), names, (640, 420))
+    gap = np.abs(places[:, None] - places[None])
+    apart = (gap[..., 0] > 24) | (gap[..., 1] > 25)
+    assert np.all(apart | np.eye(6, dtype=bool))
+    assert np.all((places > 0) & (places < [640, 420]))
+
+
+def test_loads_are_drawn_outside_the_body(beam):
+    tip = np.array([2.0, 0.04, 0.06])
+    for direction in ([0.0, 0.0, 2.0], [-1.0, 0.0, 0.0], [0.0, 3.0, 1.0]):
+        load = Load("F", tip, np.array(direction))
+        start, step = arrow(load, beam)
+        np.testing.assert_allclose(np.cross(step, direction), 0.0, atol=1e-12)
+        free = free_end(load, beam)
+        assert np.linalg.norm(free - np.clip(free, 0.0, [2.0, 0.08, 0.12])) > 0.1
+        assert min(np.linalg.norm(start - tip), np.linalg.norm(start + step - tip)) < 1e-12

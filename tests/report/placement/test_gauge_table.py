@@ -1,0 +1,73 @@
+"""The table of gauges: kinds, what was glued already, and readings against ranges."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.report.placement.gauge_table import gauge_table
+
+
+def rows(report):
+    """Cells of every gauge in words, by the column's name."""
+    text = gauge_table(report)
+    names = re.findall(r"<th scope=\"col\"[^>]*>(.*?)</th>", text)
+    found = []
+    for row in re.findall(r"<tr>(.*?)</tr>", text.split("<tbody>")[1].split("</tbody>")[0]):
+        cells = [
+            re.sub("<[^>]+>", "", cell.replace("<br>", "|")) for cell in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)
+        ]
+        found.append(dict(zip(names, cells, strict=True)))
+    return found
+
+
+def test_kind_glued_and_mirror_image_are_said(mixed):
+    assert [row["kind"] for row in rows(mixed())] == [
+        "strain gauge|mirrors G3", "rosette", "strain gauge|glued already|mirrors G1", "accelerometer",
+        "accelerometer|glued already", "displacement sensor",
+    ]  # fmt: skip
+    text = gauge_table(mixed())
+    assert text.count("background:#ffffff") == 2
+    assert "mirror image were placed as one" in text
+
+
+def test_peaks_stand_against_ranges_in_the_units_of_the_instruments(mixed):
+    assert [row["training peak"] for row in rows(mixed())] == [
+        "91 of 3000 µm/m|3.0\u00a0%", "240 of 200 µm/m|✕ beyond its range", "91 of 3000 µm/m|3.0\u00a0%", "41.2 m/s²",
+        "– of 50 m/s²", "0.43 of 2 mm|22\u00a0%",
+    ]  # fmt: skip
+    assert '<data value="0.00024" data-unit="strain">' in gauge_table(mixed())
+
+
+def test_every_direction_of_a_rosette_stands_on_its_own_line(mixed):
+    found = rows(mixed())
+    assert found[1]["direction"] == "1 0 0|0.7071 0.7071 0|0 1 0"
+    assert found[0]["direction"] == "1 0 0"
+    assert found[1]["angle"] == "0°|45°|90°"
+    assert found[3]["angle"] == "–"
+
+
+def test_places_directions_and_angles_keep_their_exact_values(mixed):
+    exact = {float(value) for value in re.findall(r'<data value="([^"]+)"', gauge_table(mixed()))}
+    for gauge in mixed().layout.gauges:
+        assert {*gauge.position.tolist(), *np.ravel(gauge.channels).tolist()} <= exact
+    assert {0.0, 45.0, 90.0} <= exact
+    assert [rows(mixed())[0][f"{axis} [m]"] for axis in "xyz"] == ["0.1000", "0.0200", "0.1200"]
+
+
+def test_columns_that_would_be_empty_are_left_out(full, bare):
+    for report in (full(), bare):
+        assert "training peak" not in gauge_table(report)
+    assert "without it" not in gauge_table(full(unknowns=()))
+
+
+def test_ranges_and_peaks_that_are_no_numbers(mixed):
+    layout = mixed().layout
+    odd = ((np.inf, 1e-3), (1e-5, np.inf), (0.0, 0.0), (np.nan, np.nan), (1e-5, np.nan), (np.inf, None))
+    gauges = tuple(replace(g, peak=peak, range=most) for g, (peak, most) in zip(layout.gauges, odd, strict=True))
+    shown = [row["training peak"] for row in rows(mixed(layout=replace(layout, gauges=gauges)))]
+    assert shown[0] == "∞ of 1000 µm/m|✕ beyond its range"
+    assert shown[1].startswith("10 of ∞ µm/m")
+    assert shown[2:] == ["0 of 0 µm/m", "– of – m/s²", "1×10⁻⁵ of – m/s²", "∞ m"]

@@ -1,0 +1,276 @@
+"""The page: self-contained, escaped, and every number on its first screen is the report's."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.report.page.document import own
+from strainsight.report.placement.data import Consistency
+from strainsight.report.placement.figures import placement_figures
+from strainsight.report.placement.page import placement_page
+from strainsight.report.placement.signals import signal_figure
+from strainsight.report.space.section import script
+
+from ..outline import Outline, names_of_regions, nothing_comes_from_outside, own_scripts, steps_in_order, words
+
+PNG = b"\x89PNG not really"
+
+
+def page(report, scene=PNG, problem=""):
+    return placement_page(report, placement_figures(report), scene, problem)
+
+
+def first_screen(text):
+    """Sentence and section that a reader decides from."""
+    return text[text.index('<p class="answer"') : text.index("</section>", text.index('id="answer"'))]
+
+
+def test_the_page_is_well_formed_and_every_identifier_is_its_own(full, mixed):
+    for text in (page(full()), page(mixed())):
+        outline = Outline(text)
+        assert len(outline.ids) == len(set(outline.ids))
+        assert "warnings" in outline.targets <= set(outline.ids)
+        assert steps_in_order(outline)
+        regions = names_of_regions(outline)
+        assert len(regions) == len(set(regions)) > 5
+
+
+def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(full):
+    outline = nothing_comes_from_outside(page(full()))
+    assert [attributes["src"][:22] for tag, attributes in outline.seen if tag == "img"] == ["data:image/png;base64,"]
+    assert own_scripts(outline) == [own("page/tables.js"), script()]
+
+
+def test_every_picture_has_a_text_for_those_who_do_not_see_it(full):
+    for tag, attributes in Outline(page(full())).seen:
+        if tag == "img":
+            assert "G1 at 0.1000" in attributes["alt"]
+        if tag == "svg" and attributes.get("aria-hidden") != "true":
+            assert attributes["role"] == "img"
+            assert len(attributes["aria-label"]) > 20
+
+
+def test_the_exact_numbers_stand_on_the_first_screen(full):
+    report = full()
+    first = first_screen(page(report))
+    exact = {float(value) for value in re.findall(r'<data value="([^"]+)"', first)}
+    load = report.unknowns[0]
+    for unknown in report.unknowns:
+        assert {unknown.estimate, unknown.truth, unknown.error, unknown.std, unknown.expected_std} <= exact
+    assert load.smoothed_error in exact
+    assert {report.trend.final_trace, report.trend.lower_bound, report.trend.gap, 2.71} <= exact
+    assert {len(report.layout.gauges), 30, len(report.layout.pool), len(report.warnings)} <= exact
+    for gauge in report.layout.gauges:
+        assert {*gauge.position.tolist(), gauge.without["E"]} <= exact
+    assert "209.9\u00a0GPa" in first
+    assert "0.052\u00a0%" in first
+    said = words(first)
+    assert "4 gauges, chosen from 30 candidates tell tip to within ± 16 % and E to within ± 0.081 %" in said
+    for phrase in ("The weakest unknown is tip", "Not identified: E", "Temperature.", "1 warning : read it"):
+        assert phrase in said
+    assert "G1 and G2 are 200 mm apart." in page(report).split('id="warnings"')[1]
+
+
+def test_no_number_of_the_first_screen_stands_outside_its_exact_value(full, mixed, bare):
+    for report in (full(), mixed(), bare, full(unknowns=(), histories=(), random_sets=(), noise=(), repeats=())):
+        text = re.sub(r"<data .*?</data>", "", first_screen(page(report)))
+        text = re.sub(r'<span class="badge".*?</span>', "", text)  # G1: a name
+        assert not re.search(r"\d", words(text)), words(text)
+
+
+def observed(full, **changes):
+    """What the first screen says is not observable."""
+    text = first_screen(page(full(**changes)))
+    return words(text.split("<h2>What can be known</h2>")[1].split("</ul>")[0]) if "What can be known" in text else None
+
+
+def test_what_cannot_be_told_apart_is_said_by_its_smallest_sets(full):
+    cases = full().cases
+    assert observed(full) == "Everything asked for is observable. E, rho and tip can hardly be told apart."
+    pair = tuple(replace(case, unknowns=("tip", "rho"), lost="tip and rho") for case in cases[1::3])
+    # With the pair goes the set of three that it is part of.
+    assert observed(full, cases=cases + pair) == (
+        "Everything asked for is observable. rho and tip can hardly be told apart."
+    )
+    once = tuple(replace(case, lost="") if case.excitation == "35 Hz" else case for case in cases)
+    assert "E, rho and tip can hardly be told apart in training run." in observed(full, cases=once)
+
+
+def test_what_was_asked_for_and_is_lost_is_said_loudly(full):
+    asked = tuple(replace(case, unknowns=("E", "tip")) if case.lost else case for case in full().cases)
+    assert observed(full, cases=asked) == "E and tip can hardly be told apart."
+    never = tuple(replace(case, condition=np.inf) for case in asked)
+    assert observed(full, cases=never) == "E and tip cannot be told apart."
+    load, modulus = full().unknowns
+    assert observed(full, unknowns=(load, replace(modulus, std=np.inf))).startswith("E: not with these gauges.")
+    assert '<strong class="bad">' in first_screen(page(full(cases=asked)))
+    assert observed(full, cases=(), unknowns=(load, modulus)) == "Everything asked for is observable."
+    assert observed(full, cases=(), unknowns=(load, replace(modulus, expected_std=None))) is None
+
+
+def test_sections_come_in_the_order_in_which_questions_do(full):
+    text = page(full(seconds={"import": 0.5, "place": 1.5}, advice=("Two are enough.",)))
+    titles = [words(title) for title in re.findall(r"<h2[^>]*>(.*?)</h2>", text)]
+    below = titles[titles.index("Warnings") + 1 :]
+    assert below == [
+        "The structure in space", "What to do with this layout", "Gauge by gauge", "How good the set is", "What they tell",
+        "Gauge strains", "Beside random sets", "How sure one can be", "Observability, consistency, modes",
+        "What it rests on", "Warnings",
+    ]  # fmt: skip
+
+
+def test_where_the_time_went(full, bare):
+    text = page(full(seconds={"import": 0.5, "place": 1.5}))
+    rows = words(text.split("Where the time went")[1].split("</table>")[0])
+    assert "import 0.5\u00a0s 25\u00a0%".replace("\u00a0", " ") in rows
+    assert "place 1.5 s 75 %" in rows
+    assert "all stages 2 s" in rows
+    assert "Where the time went" not in page(bare)
+
+
+def test_the_mark_says_when_the_claim_did_not_hold(full):
+    report = full(repeats=())
+    wrong = tuple(replace(unknown, error=9 * unknown.std) for unknown in report.unknowns)
+    assert page(report).count("as claimed") == 2
+    assert page(replace(report, unknowns=wrong)).count("the claim did not hold") == 2
+    assert "overconfident" in page(full(consistency=Consistency(nis=1.31, nis_band=(0.96, 1.04))))
+
+
+@pytest.mark.parametrize(
+    "hostile", ["<script>alert(1)</script>", "\"><img src=x onerror='1'>", "F" * 400, "力 & Ж $x^2 \\frac{", "_"]
+)
+def test_hostile_names_come_out_escaped(full, hostile):
+    report = full()
+    loads = tuple(replace(load, name=hostile) for load in report.layout.loads)
+    gauges = tuple(
+        replace(gauge, label=hostile, without={hostile: 0.1}, kind=hostile, mirror=hostile, peak=1.0, unit=hostile)
+        for gauge in report.layout.gauges
+    )
+    hostile_report = replace(
+        report,
+        name=hostile,
+        title=hostile,
+        unknowns=tuple(replace(unknown, name=hostile, unit=hostile) for unknown in report.unknowns),
+        layout=replace(report.layout, loads=loads, gauges=gauges),
+        trend=replace(report.trend, blocks={hostile: report.trend.trace, hostile + "2": report.trend.trace}),
+        histories=tuple(replace(entry, name=hostile, unit=hostile) for entry in report.histories),
+        gauge_signals=tuple(replace(entry, label=hostile, unit=hostile) for entry in report.gauge_signals),
+        random_sets=tuple(replace(entry, name=hostile) for entry in report.random_sets),
+        noise=tuple(replace(row, error={hostile: 0.1}, std={hostile: 0.1}) for row in report.noise),
+        repeats=tuple(replace(entry, name=hostile) for entry in report.repeats),
+        criteria=tuple(replace(entry, rule=hostile, std={hostile: 0.1}) for entry in report.criteria),
+        cases=tuple(replace(case, unknowns=(hostile,), excitation=hostile, lost=hostile) for case in report.cases),
+        advice=(hostile,),
+        observability={hostile: 2.0},
+        truth_description=hostile,
+        warnings=(hostile,),
+        not_tested=(hostile,),
+        facts={hostile: hostile},
+        provenance={hostile: hostile},
+    )
+    outline = nothing_comes_from_outside(page(hostile_report, None, hostile))
+    ordinary = Outline(page(full(), None, "none"))
+    assert own_scripts(outline) == own_scripts(ordinary)
+    assert [tag for tag, _ in outline.seen].count("script") == [tag for tag, _ in ordinary.seen].count("script")
+    assert "img" not in outline.tags
+    assert any(hostile in text for text in outline.text)
+
+
+def test_a_placement_without_validation_bound_or_picture_has_a_page(bare):
+    text = page(bare, None, "no off-screen OpenGL: apt-get install libegl1")
+    Outline(text)
+    assert "no off-screen OpenGL" in text
+    assert "not certified" in text
+    for missing in ("What they tell", "Beside random sets", "How sure one can be", "Warnings", "nan", "None"):
+        assert missing not in text.split("</style>")[1]
+
+
+def test_gauges_that_carry_an_unknown_alone_are_marked(full):
+    report = full()
+    first, *rest = report.layout.gauges
+    gauges = (replace(first, without={"E": np.inf}), *rest)
+    text = page(replace(report, layout=replace(report.layout, gauges=gauges)))
+    assert "can no longer be observed" in text
+    assert '<data value="inf">∞</data>' in text
+
+
+def test_what_to_do_stands_between_the_answer_and_the_gauges(full):
+    text = placement_page(full(advice=("2 gauges more would lower σ by 7 % & more.",)), (), PNG)
+    advice = text.index("<li>2 gauges more would lower σ by 7 % &amp; more.</li>")
+    assert text.index("Where the gauges go") < text.index("</section>") < advice < text.index("σ(E) without it")
+    assert "What to do with this layout" not in placement_page(full(advice=()), (), PNG)
+
+
+def key_of(text):
+    return [(mark, words(said)) for mark, said in re.findall(r'<li><i class="(\w*)"[^>]*></i>(.*?)</li>', text)]
+
+
+def test_the_key_of_the_picture_names_only_what_occurs(full, mixed):
+    assert key_of(placement_page(full(), (), PNG)) == [
+        ("bar", "4 strain gauges"),
+        ("dot", f"{len(full().layout.pool)} candidates in the pool"),
+        ("", "load tip (known)"),
+        ("", "clamped nodes"),
+    ]
+    assert key_of(placement_page(mixed(), (), PNG))[:5] == [
+        ("bar", "2 strain gauges"),
+        ("star", "1 rosette"),
+        ("block", "2 accelerometers"),
+        ("cone", "1 displacement sensor"),
+        ("hollow", "2 of them glued already"),
+    ]
+
+
+def test_a_page_of_every_kind_of_sensor(mixed):
+    text = page(mixed())
+    Outline(text)
+    assert "6 sensors, 2 of them glued already, chosen from 30 candidates" in words(text)
+    assert "<h2>Readings</h2>" in text
+    assert text.index("Gauge G2 0°") < text.index("Gauge G2 45°") < text.index("Gauge G4 x")
+
+
+def test_many_readings_are_folded_away_and_none_is_lost(full):
+    report = full()
+    drawing = signal_figure(report.gauge_signals[0], "#0072b2")
+    drawings = [replace(drawing, key=f"signal-G{i}", title=f"Gauge G{i}") for i in range(1, 31)]
+    text = placement_page(report, tuple(drawings), None)
+    Outline(text)
+    assert "18 more</summary>" in text
+    assert text.count("<h3>Gauge G") == 30
+    assert "<details>" not in placement_page(report, tuple(drawings[:12]), None)
+
+
+def test_a_placement_without_unknowns_has_a_page(full):
+    text = page(full(unknowns=(), histories=(), random_sets=(), noise=(), repeats=(), cases=(), advice=()))
+    Outline(text)
+    assert "4 gauges, chosen from 30 candidates . " in words(text)
+    assert "frozen σ(" not in text
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf])
+def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
+    report = mixed()
+
+    def gone(entry, *names):
+        old = {name: getattr(entry, name) for name in names}
+        return replace(entry, **{name: np.full_like(value, lost) for name, value in old.items() if value is not None})
+
+    broken = replace(
+        report,
+        unknowns=tuple(replace(unknown, error=lost, std=lost, expected_std=lost) for unknown in report.unknowns),
+        histories=tuple(gone(entry, "mean", "std", "smoothed", "smoothed_std") for entry in report.histories),
+        gauge_signals=tuple(gone(entry, "measured", "estimated", "std") for entry in report.gauge_signals[:1]),
+        criteria=tuple(
+            replace(entry, trace=lost, log_determinant=lost, worst_eigenvalue=lost, std={"E": lost})
+            for entry in report.criteria
+        ),
+        cases=tuple(replace(case, condition=lost, raw=lost) for case in report.cases),
+        trend=replace(gone(report.trend, "trace"), blocks={}, final_trace=lost, lower_bound=lost, gap=lost),
+        random_sets=(),
+        repeats=(),
+    )
+    Outline(page(broken))

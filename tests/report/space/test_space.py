@@ -1,0 +1,191 @@
+"""The structure to turn round: the few triangles look like the many, and the page's numbers are the layout's."""
+
+import base64
+import json
+import re
+import zlib
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from strainsight.report.picture.layout import Gauge, Layout, Load
+from strainsight.report.space.model import Shape, space, vertex_shift
+from strainsight.report.space.section import SCRIPTS, STYLE, space_section
+from strainsight.report.space.surface import straight, surface
+
+NOTHING = np.empty((0, 3))
+
+
+def facets(mesh):
+    """The triangles of a PyVista surface as facets padded with −1."""
+    triangle = mesh.faces.reshape(-1, 4)[:, 1:]
+    return np.column_stack([triangle, np.full((len(triangle), 5), -1)])
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return pv.Icosphere(radius=2.0, nsub=6)
+
+
+@pytest.fixture(scope="module")
+def cube():
+    return pv.Cube().triangulate().subdivide(2, "linear").clean()
+
+
+def layout_of(mesh, **more):
+    return Layout(np.asarray(mesh.points, float), facets(mesh), NOTHING, more.pop("gauges", ()), **more)
+
+
+def gauge(label="G1", position=(0.5, 0.0, 0.0), normal=(1.0, 0.0, 0.0), **more):
+    direction = np.array([0.0, 0.0, 1.0])
+    return Gauge(label, 7, 3, np.array(position), direction, np.array(normal), 12.5, nodes=(4, 5, 6), **more)
+
+
+def test_a_small_surface_is_drawn_as_it_is(cube):
+    drawn = surface(np.asarray(cube.points, float), facets(cube))
+    assert not drawn.thinned
+    assert len(drawn.triangle) == cube.n_cells
+    assert np.abs(drawn.position - cube.points[drawn.source]).max() < 1e-7
+    first = drawn.position[drawn.triangle]
+    assert np.allclose(np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]).sum(axis=0), 0, atol=1e-12)
+
+
+def test_normals_point_outwards_and_are_sharp_at_edges(cube):
+    drawn = surface(np.asarray(cube.points, float), facets(cube))
+    assert np.abs(np.abs(drawn.normal).max(axis=1) - 1).max() < 1e-6
+    assert (np.einsum("ij,ij->i", drawn.normal, drawn.position) > 0.49).all()
+
+
+def test_a_cube_has_twelve_edges_and_a_ball_none(cube, ball):
+    drawn = surface(np.asarray(cube.points, float), facets(cube))
+    crease = drawn.position[drawn.crease]
+    assert np.linalg.norm(crease[:, 1] - crease[:, 0], axis=1).sum() == pytest.approx(12.0)
+    assert not len(surface(np.asarray(ball.points, float), facets(ball), largest=10**6).crease)
+
+
+def test_mesh_lines_join_the_points_of_the_facets(cube):
+    drawn = surface(np.asarray(cube.points, float), facets(cube))
+    ends = {tuple(sorted(pair)) for pair in drawn.source[drawn.line].tolist()}
+    sides = facets(cube)[:, :3]
+    own = {tuple(sorted(pair)) for k in range(3) for pair in zip(sides[:, k], sides[:, (k + 1) % 3], strict=True)}
+    assert ends == own
+
+
+@pytest.mark.parametrize("largest", [2000, 8000])
+def test_a_thinned_surface_stays_on_the_old_one(ball, largest):
+    drawn = surface(np.asarray(ball.points, float), facets(ball), largest=largest)
+    assert drawn.thinned
+    assert 0.9 * largest < len(drawn.triangle) <= 1.05 * largest
+    assert np.abs(np.linalg.norm(drawn.position, axis=1) - 2.0).max() < 0.01
+    assert np.linalg.norm(drawn.position - ball.points[drawn.source], axis=1).max() < 0.15
+    corner = drawn.position[drawn.triangle]
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(4 * np.pi * 2.0**2, rel=0.01)
+
+
+def test_straight_facets_keep_their_corners():
+    faces = np.array([[1, 2, 3, 4, 5, 6, -1, -1], [1, 2, 3, 4, 5, 6, 7, 8], [1, 2, 3, -1, -1, -1, -1, -1]])
+    kept = np.array([[1, 2, 3, *[-1] * 5], [1, 2, 3, 4, *[-1] * 4], [1, 2, 3, *[-1] * 5]])
+    assert (straight(faces) == kept).all()
+
+
+def test_vertices_move_with_the_points_they_stand_for(cube):
+    layout = layout_of(cube, gauges=(gauge(),), loads=(Load("tip", np.array([0.5, 0.5, 0.5]), np.array([0, 0, 1.0])),))
+    model = space([layout])
+    stretched = vertex_shift(model, Shape("stretched", 0.1 * layout.points))
+    body = surface(layout.points, layout.faces)
+    assert np.abs(stretched[: len(body.position)] - 0.1 * body.position).max() < 1e-6
+    # Gauge and arrow go as a whole, with the points they sit on.
+    assert np.unique(stretched[len(body.position) :].round(9), axis=0).shape[0] == 2
+
+
+def unpacked(page):
+    """The arrays of the page, decoded without the code that packed them."""
+    content = json.loads(re.search(r'id="space-data">(.*?)</script>', page, re.DOTALL)[1])
+    data = zlib.decompress(base64.b64decode(content["arrays"]))
+    count, at, arrays = content["vertices"], 0, []
+    kinds = [("<u2", 3 * count), ("i1", 3 * count), ("u1", 3 * count)]
+    kinds += [("<u4", part["count"]) for part in content["parts"]] + [("i1", 3 * count)] * len(content["states"])
+    for kind, size in kinds:
+        arrays.append(np.frombuffer(data, kind, size, at))
+        at += arrays[-1].nbytes
+    assert at == len(data)
+    return content, arrays
+
+
+def test_the_page_holds_the_structure_to_a_pixel(cube):
+    layout = layout_of(cube, gauges=(gauge(),), fixed=np.array([[-0.5, 0.0, 0.0]]))
+    wave = np.sin(3 * layout.points)
+    content, arrays = unpacked(space_section([("", layout)], [Shape("mode 1, 12 Hz", wave)]))
+    model = space([layout])
+    position = np.array(content["low"]) + np.array(content["span"]) * arrays[0].reshape(-1, 3) / 65535
+    assert np.abs(position - model.position).max() <= 0.51 / 65535 * max(content["span"])
+    assert np.abs(arrays[1].reshape(-1, 3) / 127 - model.normal).max() < 0.005
+    for part, own, index in zip(content["parts"], model.parts, arrays[3:], strict=False):
+        assert part["primitive"] == own.primitive
+        assert (index == own.index.ravel()).all()
+    shift = content["states"][0]["largest"] * arrays[-1].reshape(-1, 3) / 127
+    assert np.abs(shift - wave[model.source]).max() < 0.005
+
+
+def test_a_picked_gauge_says_where_it_is(cube):
+    page = space_section([("", layout_of(cube, gauges=(gauge(without={"E": 0.0123, "F": np.inf}),)))])
+    content, _ = unpacked(page)
+    (one,) = content["gauges"]
+    assert one["position"] == [0.5, 0.0, 0.0]
+    said = dict(one["said"])
+    assert said["element"] == "7"
+    assert said["nodes"] == "4 5 6"
+    assert said["position"] == "0.5000 0.0000 0.0000 m"
+    assert said["direction"] == "0 0 1"
+    assert said["angle"] == "12.5°"
+    assert said["σ(E) without it"] == "1.2\u00a0%"
+    assert said["σ(F) without it"] == "cannot be observed"
+    assert 'data-gauge="G1"' in page
+
+
+def test_hostile_names_stay_text(cube):
+    evil = "</script><script>alert(1)</script>\"'<img src=x>"
+    page = space_section(
+        [("", layout_of(cube, gauges=(gauge(label=evil),)))], [Shape(evil, np.zeros((cube.n_points, 3)))]
+    )
+    assert page.count("<script") == 1
+    assert "<img" not in page
+    content, _ = unpacked(page)
+    assert content["gauges"][0]["label"] == evil
+
+
+def test_matrices_without_solids_show_their_nodes():
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    layout = Layout(nodes, np.full((0, 8), -1), NOTHING, (gauge(position=nodes[1], normal=np.zeros(3)),), loose=nodes)
+    content, _ = unpacked(space_section([("", layout)]))
+    assert [part["primitive"] for part in content["parts"]] == ["points", "triangles"]
+    assert content["parts"][0]["count"] == 3
+
+
+def test_a_structure_without_extent_is_drawn_all_the_same():
+    nodes = np.zeros((1, 3))
+    content, arrays = unpacked(space_section([("", Layout(nodes, np.full((0, 8), -1), NOTHING, (), loose=nodes))]))
+    assert content["vertices"] == 1
+    assert not arrays[0].any()
+
+
+def test_scripts_and_styles_are_there():
+    from strainsight.report.page.document import own
+
+    assert all(len(own(name)) > 100 for name in (STYLE, *SCRIPTS))
+
+
+def test_gauges_of_several_layouts_can_be_chosen(cube):
+    one, other = gauge(), gauge(label="G9", position=(0.0, 0.5, 0.0), normal=(0.0, 1.0, 0.0))
+    layouts = [("1. input", layout_of(cube, gauges=(one,))), ("2. <E>", layout_of(cube, gauges=(other, one)))]
+    page = space_section(layouts)
+    content, _ = unpacked(page)
+    assert [entry["group"] for entry in content["gauges"]] == [0, 1, 1]
+    assert [part["group"] for part in content["parts"] if part["primitive"] == "triangles"] == [-1, 0, 1]
+    assert '<option value="1">2. &lt;E&gt;</option>' in page
+    assert page.count(" hidden>G") == 2
+    model = space([layout for _, layout in layouts])
+    for entry, anchor in zip(content["gauges"], model.anchor, strict=True):
+        assert np.linalg.norm(model.position[anchor] - entry["position"]) < 0.1

@@ -1,0 +1,184 @@
+"""The page of a suite: self-contained, escaped, an answer a run first, and what failed is said in words."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.report.page.document import own
+from strainsight.report.suite.figures import suite_figures
+from strainsight.report.suite.page import suite_page
+
+from ..outline import Outline, names_of_regions, nothing_comes_from_outside, own_scripts, steps_in_order, words
+
+PNG, OTHER = b"\x89PNG not really", b"\x89PNG another"
+
+SCENES = {"beam-E": PNG, "beam-tip-E": OTHER, "beam-wrong": OTHER}
+
+
+def page(report, scenes=SCENES, drawings=()):
+    return suite_page(report, drawings, scenes)
+
+
+def first_screen(text):
+    return text[text.index("<header>") : text.index("</section>")]
+
+
+def test_the_page_is_well_formed_and_every_link_within_it_leads_somewhere(suite):
+    outline = Outline(page(suite(), drawings=suite_figures(suite())))
+    assert len(outline.ids) == len(set(outline.ids))
+    assert {"run-1", "run-2", "run-3", "run-4"} <= outline.targets <= set(outline.ids)
+    assert steps_in_order(outline)
+    regions = names_of_regions(outline)
+    assert len(regions) == len(set(regions)) > 5
+
+
+def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):
+    outline = nothing_comes_from_outside(page(suite(), drawings=suite_figures(suite())))
+    assert own_scripts(outline)[0] == own("page/tables.js")
+
+
+def test_every_picture_has_a_text_for_those_who_do_not_see_it(suite):
+    for tag, attributes in Outline(page(suite(), drawings=suite_figures(suite()))).seen:
+        if tag == "img":
+            assert "4 gauges of a pool of 30" in attributes["alt"]
+            assert "G1 – G3 120\u00a0mm" in attributes["alt"]
+        if tag == "svg" and attributes.get("aria-hidden") != "true":
+            assert attributes["role"] == "img"
+            assert len(attributes["aria-label"]) > 20
+
+
+def test_the_exact_numbers_stand_in_the_first_table(suite):
+    report = suite()
+    first = first_screen(page(report))
+    exact = {float(value) for value in re.findall(r'<data value="([^"]+)"', first)}
+    for run in report.runs[:3]:
+        for unknown in run.unknowns:
+            assert (unknown.error if unknown.kind == "parameter" else unknown.smoothed_error) in exact
+        assert {run.trend.trace[0], run.trend.final_trace, run.trend.gap} <= exact
+        assert any(np.isclose(value, run.trend.final_trace / run.trend.trace[0]) for value in exact)
+    assert np.max(np.abs(report.runs[1].repeats[0].error)) in exact
+    assert "4 of 30" in words(first)
+
+
+def test_what_failed_is_said_in_words(suite):
+    first = words(first_screen(page(suite())))
+    assert first.count("✕ not identified") == 1
+    assert first.count("✕ sure and wrong") == 2
+    assert "✓ as claimed" in first
+    assert "4 runs : 1 with errors within 3 claimed σ (run 1 ), 2 sure and wrong (runs 2 , 3 )" in first
+    assert "not estimated (ends after observe): no gauge tells all three." in first
+
+
+def test_a_lost_repeat_is_said_in_words(suite):
+    run = suite().runs[0]
+    error = np.append(run.repeats[0].error[:-1], np.nan)
+    text = page(suite(runs=(replace(run, repeats=(replace(run.repeats[0], error=error),)),)))
+    assert "✕ diverged ( 1 of 20 repeats)" in words(first_screen(text))
+    assert "E: diverged, 1 of 20 repeats." in words(text)
+
+
+def test_long_words_do_not_widen_the_page(suite):
+    text = page(suite())
+    rules = re.findall(r"([^{}]+)\{([^{}]*)\}", text)
+    wrapped = {name.strip() for names, rule in rules if "overflow-wrap: anywhere" in rule for name in names.split(",")}
+    assert {"p", "small", "h3", "tbody th", "td.v", "figcaption"} <= wrapped
+    assert '<td class="v" colspan=' in text
+
+
+def test_a_run_that_was_only_placed_says_what_is_expected(suite):
+    first, *_ = suite().runs
+    bare = tuple(replace(unknown, error=None, std=None, estimate=None) for unknown in first.unknowns)
+    text = words(first_screen(page(suite(runs=(replace(first, unknowns=bare, reached="place", repeats=()),)))))
+    assert "not estimated (ends after place)" in text
+    assert "expected when placed: E ± 0.079\u00a0%".replace("\u00a0", " ") in text.replace("\u00a0", " ")
+
+
+def test_every_row_leads_to_its_section_and_to_its_page_where_there_is_one(suite):
+    links = [
+        attributes["href"]
+        for tag, attributes in Outline(first_screen(page(suite())) + "</section></main>").seen
+        if tag == "a"
+    ]
+    assert links.count("../beam-E/report.html") == 1
+    assert [link for link in links if link == "#run-2"]
+    assert not any(link.startswith("../beam-tip") for link in links)
+
+
+def test_a_picture_that_runs_share_is_shown_once(suite):
+    text = page(suite())
+    assert text.count("<img") == 2
+    assert "2. tip + E, 20 Hz<br>3. tip + E, slow" in text
+    assert "<img" not in page(suite(), {})
+    assert "Where the gauges go" in page(suite(), {})
+
+
+def test_a_suite_of_nothing_but_observed_runs_has_a_page(suite):
+    text = page(suite(runs=suite().runs[3:]), {})
+    Outline(text)
+    assert "Where the gauges go" not in text
+    assert "What can be told apart" in text
+    Outline(page(suite(runs=()), {}))
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        "<script>alert(1)</script>",
+        "\"><img src=x onerror='1'>",
+        "javascript:alert(1)",
+        "F" * 400,
+        "力 & Ж $x^2 \\frac{",
+        "_",
+    ],
+)
+def test_hostile_names_come_out_escaped(suite, hostile):
+    report = suite()
+    runs = tuple(
+        replace(
+            run,
+            name=hostile,
+            label=hostile,
+            note=hostile,
+            page=hostile,
+            reached=hostile,
+            unknowns=tuple(replace(unknown, name=hostile, unit=hostile) for unknown in run.unknowns[:1]),
+            layout=run.layout
+            and replace(
+                run.layout,
+                gauges=tuple(replace(gauge, label=hostile) for gauge in run.layout.gauges),
+                loads=tuple(replace(load, name=hostile) for load in run.layout.loads),
+            ),
+            expected_std={hostile: 0.1},
+            histories=tuple(replace(entry, name=hostile, unit=hostile) for entry in run.histories[:1]),
+            repeats=tuple(replace(entry, name=hostile) for entry in run.repeats),
+            cases=tuple(replace(case, unknowns=(hostile,), excitation=hostile, lost=hostile) for case in run.cases),
+            truth_description=hostile,
+            pairs=((hostile, hostile, 0.1),) * bool(run.pairs),
+            warnings=(hostile,),
+        )
+        for run in report.runs
+    )
+    report = replace(report, name=hostile, title=hostile, runs=runs, provenance={hostile: hostile})
+    text = page(report, {}, suite_figures(replace(report, runs=runs[1:])))
+    outline = nothing_comes_from_outside(text)
+    assert own_scripts(outline) == own_scripts(Outline(page(suite(), {})))
+    assert "img" not in outline.tags
+    assert not any(":" in attributes.get("href", "") for _, attributes in outline.seen)
+    assert any(hostile in text for text in outline.text)
+
+
+def test_results_that_are_no_numbers_have_a_page(suite):
+    run = suite().runs[0]
+    broken = replace(
+        run,
+        unknowns=tuple(replace(unknown, error=np.nan, std=np.nan) for unknown in run.unknowns),
+        trend=replace(run.trend, final_trace=np.inf, gap=np.nan, trace=np.full_like(run.trend.trace, np.inf)),
+        cases=tuple(replace(case, condition=np.nan) for case in run.cases),
+    )
+    text = page(suite(runs=(broken,)), drawings=suite_figures(suite(runs=(broken,))))
+    Outline(text)
+    assert "diverged" in text
