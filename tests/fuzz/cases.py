@@ -15,117 +15,47 @@ SOURCE = ROOT / "pipeline" / "strainsight"
 PAIRED = ("case.node", "case.ele", "case.h5")
 """What belongs to another file: beside a damaged one stands the sound other one."""
 PACKABLE = (".bdf", ".inp", ".msh", ".mtx", ".vtu")
+# fmt: off
 PATHS = [
-    *("../../../../../etc/passwd", "/etc/passwd", "..", ".", "", "/", "~/.bashrc", "/dev/zero", "/proc/self/environ"),
-    *(
-        "own.bdf",
-        "own.inp",
-        "beside.inc",
-        "outside",
-        "loop",
-        "pipe",
-        "folder",
-        "x" * 300,
-        "a\0b",
-        "laugh0.inc",
-        "deep0.inc",
-    ),
+    "../../../../../etc/passwd", "/etc/passwd", "..", ".", "", "/", "~/.bashrc", "/dev/zero", "/proc/self/environ",
+    "own.bdf", "own.inp", "beside.inc", "outside", "loop", "pipe", "folder", "x" * 300, "a\x00b", "laugh0.inc",
+    "deep0.inc",
 ]
+# fmt: on
 """What an include may ask for; `companions` makes some of them."""
 INCLUDES = [f"INCLUDE '{name}'" for name in PATHS] + [f"*INCLUDE, INPUT={name}" for name in PATHS]
 INCLUDES += [f"*NODE, INPUT={name}" for name in PATHS] + [f"{name}:/data0" for name in PATHS]
+# fmt: off
 DECK_LINES = [
-    *("GRID,1000000000000", "SPC1,1,123456,1,THRU,999999999999", "*NSET, NSET=N, GENERATE\n1, 999999999999, 1"),
-    *("*NODE\n", "*ELEMENT, TYPE=C3D8, ELSET=E", "CHEXA,1,1,1,2,3,4,5,6", ",7,8", "CTETRA,11,1,4,3,2,1", "BEGIN BULK"),
-    *("SET 1 = " + "9" * 5000, "SET 4 = 1 THRU 999999999", "RBE2,5,1,123456,2,3,4", "RBE3,6,,1,123456,1.,123,2,3,4"),
-    *("$Nodes\n999999999", "$Entities\n999999999 0 0 0", "$MeshFormat\n4.1 1 8", "POINTS 999999999 float"),
-    *("CELLS 999999999 5", '<Piece NumberOfPoints="999999999" NumberOfCells="1">', '<!DOCTYPE a [<!ENTITY b "c">]>'),
-    *(
-        '<xi:include href="/etc/passwd"/>',
-        '<!ENTITY x SYSTEM "file:///etc/passwd">',
-        "&x;",
-        "NDIME= 3",
-        "NPOIN= 99999999",
-    ),
-    *("%%MatrixMarket matrix array real general", "999999999 999999999 1", '<AppendedData encoding="raw">_'),
+    "GRID,1000000000000", "SPC1,1,123456,1,THRU,999999999999", "*NSET, NSET=N, GENERATE\n1, 999999999999, 1",
+    "*NODE\n", "*ELEMENT, TYPE=C3D8, ELSET=E", "CHEXA,1,1,1,2,3,4,5,6", ",7,8", "CTETRA,11,1,4,3,2,1", "BEGIN BULK",
+    "SET 1 = " + "9" * 5000, "SET 4 = 1 THRU 999999999", "RBE2,5,1,123456,2,3,4", "RBE3,6,,1,123456,1.,123,2,3,4",
+    "$Nodes\n999999999", "$Entities\n999999999 0 0 0", "$MeshFormat\n4.1 1 8", "POINTS 999999999 float",
+    "CELLS 999999999 5", '<Piece NumberOfPoints="999999999" NumberOfCells="1">', '<!DOCTYPE a [<!ENTITY b "c">]>',
+    '<xi:include href="/etc/passwd"/>', '<!ENTITY x SYSTEM "file:///etc/passwd">', "&x;", "NDIME= 3",
+    "NPOIN= 99999999", "%%MatrixMarket matrix array real general", "999999999 999999999 1",
+    '<AppendedData encoding="raw">_',
 ]
 CONFIG_LINES = [
-    *("kind: placement", "kind: bench", "kind: suite", "kind: bearing", "kind: [placement]", "kind: {}", "&a [*a, *a]"),
-    *(
-        "<<: {}",
-        "? [a]\n: b",
-        "- a",
-        "!!python/object/apply:os.system [true]",
-        "!!binary aGk=",
-        "2026-01-01",
-        "0o17",
-        "|",
-    ),
-    *("runs: [{config: /etc/passwd, label: x}]", "runs: [{config: own-suite.yaml, label: x}]", "{config: ., label: x}"),
-    *(
-        "name: ../../x",
-        "mesh: {file: ../../../etc/passwd}",
-        "set: {a.b.c: 1}",
-        "set: {runs.0.set: {}}",
-        "---",
-        "...",
-        "%YAML 9",
-    ),
+    "kind: placement", "kind: bench", "kind: suite", "kind: bearing", "kind: [placement]", "kind: {}", "&a [*a, *a]",
+    "<<: {}", "? [a]\n: b", "- a", "!!python/object/apply:os.system [true]", "!!binary aGk=", "2026-01-01", "0o17",
+    "|", "runs: [{config: /etc/passwd, label: x}]", "runs: [{config: own-suite.yaml, label: x}]",
+    "{config: ., label: x}", "name: ../../x", "mesh: {file: ../../../etc/passwd}", "set: {a.b.c: 1}",
+    "set: {runs.0.set: {}}", "---", "...", "%YAML 9",
 ]
 TABLE_LINES = [
-    *(
-        "sep=,",
-        "sep=;",
-        "time [s],a",
-        "time,a [um/m],F [kN]",
-        '"',
-        '"time"',
-        "a,a,a",
-        "time [h],a [g],F [lbf]",
-        "nan,nan,nan",
-    ),
-    *(
-        "0,1,2",
-        "1e9,1,2",
-        "1e300,1,2",
-        "inf,1,2",
-        "    -1",
-        "    58",
-        "   164",
-        "    58b     1     2          11         480",
-    ),
+    "sep=,", "sep=;", "time [s],a", "time,a [um/m],F [kN]", '"', '"time"', "a,a,a", "time [h],a [g],F [lbf]",
+    "nan,nan,nan", "0,1,2", "1e9,1,2", "1e300,1,2", "inf,1,2", "    -1", "    58", "   164",
+    "    58b     1     2          11         480",
 ]
 OVERRIDES = [
-    *(
-        "place.keep=6",
-        "place.keep=[",
-        "name=../x",
-        "mesh.file=/etc/passwd",
-        "runs.0.set.seed=2",
-        "set.place.keep=6",
-        "=1",
-    ),
-    *(
-        "loads.tip.signal={type: sine}",
-        "kind=[]",
-        "kind=suite",
-        "parameters.E.range.0=1e400",
-        "runs.9.label=a",
-        "a",
-        "a.0.b=1",
-    ),
-    *(
-        "kind.a=1",
-        "seed=99999999999999999999",
-        "mesh=1",
-        "runs=[]",
-        "runs.0={}",
-        "set=1",
-        "suffix=x",
-        "loads.tip.direction.2=x",
-    ),
-    *("place=&a [*a]", "é=1", "mesh.materials.x={}", "mesh.matrices.stiffness.0.file=x", "estimate.channels.0.gauge=1"),
+    "place.keep=6", "place.keep=[", "name=../x", "mesh.file=/etc/passwd", "runs.0.set.seed=2", "set.place.keep=6",
+    "=1", "loads.tip.signal={type: sine}", "kind=[]", "kind=suite", "parameters.E.range.0=1e400", "runs.9.label=a",
+    "a", "a.0.b=1", "kind.a=1", "seed=99999999999999999999", "mesh=1", "runs=[]", "runs.0={}", "set=1", "suffix=x",
+    "loads.tip.direction.2=x", "place=&a [*a]", "é=1", "mesh.materials.x={}", "mesh.matrices.stiffness.0.file=x",
+    "estimate.channels.0.gauge=1",
 ]
+# fmt: on
 
 
 @dataclass(frozen=True)
