@@ -2,6 +2,7 @@
 # `make PYTHON=/path/to/python3.12 …` takes another interpreter.
 
 PYTHON ?= $(shell python3.11 -c '' 2>/dev/null && echo python3.11 || echo python3)
+KERNEL ?= placement
 CONFIG ?= configs/cantilever-youngs-modulus.yaml
 ARGS ?=
 VENV := .venv
@@ -16,7 +17,7 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: help run status test lint all-configs hub hub-fine bench manual pages lowest coverage fuzz setup lock $(STAGES)
+.PHONY: help run status test lint all-configs hub hub-fine bench manual pages lowest coverage mutants fuzz soak setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -32,7 +33,9 @@ help:
 	@echo 'make lint           ruff, mypy, import-linter; licences and known vulnerabilities of the packages'
 	@echo 'make lowest         fast tests and the cantilever with the oldest packages that pyproject.toml allows'
 	@echo 'make coverage       branches of the kernels that their fast tests reach; takes long'
+	@echo 'make mutants        200 small faults in KERNEL=$(KERNEL), and which of them no test notices; takes long'
 	@echo 'make fuzz           20 000 damaged configs, decks and measurements each, and more; what fails is put into build/fuzz'
+	@echo 'make soak           10 million steps of the filter and 1000 placements, each in one process; takes an hour'
 	@echo 'make manual         the manual as a site: site/index.html'
 	@echo 'make lock           renew requirements-dev.lock and .ci/lowest.lock from pyproject.toml'
 	@echo
@@ -64,12 +67,16 @@ pages: $(READY)
 	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)
 	@echo 'pictures of the pages: build/pages'
 
-# Compiled code is invisible to the measurement: the multibody tests run without the compiler, which takes long.
+# Compiled code is invisible to the measurement: the multibody tests run without the compiler, which takes long. What is odd
+# about a mesh is tested on decks.
 coverage: $(READY)
 	@mkdir -p build
-	@$(ONE_THREAD) $(VENV)/bin/coverage run -m pytest -q -p no:cov -m 'not slow' $(filter-out tests/multibody,$(KERNELS:%=tests/%))
+	@$(ONE_THREAD) $(VENV)/bin/coverage run -m pytest -q -p no:cov -m 'not slow' $(filter-out tests/multibody,$(KERNELS:%=tests/%)) tests/decks
 	@NUMBA_DISABLE_JIT=1 $(ONE_THREAD) $(VENV)/bin/coverage run --append -m pytest -q -p no:cov -m 'not slow' tests/multibody
 	@$(VENV)/bin/coverage report
+
+mutants: $(READY)
+	@$(ONE_THREAD) $(VENV)/bin/python -m tests.mutants $(KERNEL) $(ARGS)
 
 # A page, a drawing or a written-out schema may differ by the versions of what draws and writes them.
 lowest:
@@ -88,6 +95,9 @@ fuzz: $(READY)
 	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.campaign $(ARGS)
 	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.commands
 	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.guided
+
+soak: $(READY)
+	@STRAINSIGHT_STEPS=10_000_000 STRAINSIGHT_PLACEMENTS=1000 $(ONE_THREAD) $(VENV)/bin/pytest -q tests/robustness/test_soak.py $(ARGS)
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -54,9 +54,10 @@ def test_whiteness_tells_white_from_coloured():
 
 
 def test_starts_must_agree_within_three_deviations():
-    estimate = np.array([[1.00, 1.0, 1.0], [1.02, 1.0, 1.4], [1.01, np.nan, 1.2]])
-    std = np.full((3, 3), 0.01)
-    np.testing.assert_array_equal(not_identified(estimate, std), [False, True, True])
+    estimate = np.array([[1.00, 1.0, 1.0, 1.00], [1.02, 1.0, 1.4, 1.02], [1.01, np.nan, 1.2, 1.05]])
+    std = np.full((3, 4), 0.01)
+    np.testing.assert_array_equal(not_identified(estimate, std), [False, True, True, True])
+    np.testing.assert_array_equal(not_identified(estimate, 2 * std), [False, True, True, False])
 
 
 @pytest.mark.parametrize(
@@ -94,3 +95,22 @@ def test_a_verdict_on_coloured_innovations_of_the_right_size():
     white[::2] = np.nan
     assert verdict(white).consistent
     assert not verdict(np.full((10, 3), np.nan)).consistent
+
+
+@pytest.mark.parametrize(("size", "correlation"), [(1.08, 0.0), (1 / 1.08, 0.0), (1.0, 0.08), (1.0, -0.08)])
+def test_a_long_record_is_judged_by_what_matters_not_by_its_length(size, correlation):
+    """160 000 innovations show an error of a per cent beyond doubt; the verdict speaks up from ten on, on either side."""
+    rng = np.random.default_rng(5)
+
+    def innovations(off, neighbours):
+        """White noise e and b with e(k) + b e(k − 1), whose neighbours correlate by b/(1 + b²)."""
+        b = (1 - np.sqrt(1 - 4 * neighbours**2)) / (2 * neighbours) if neighbours else 0.0
+        white = rng.standard_normal((40001, 4))
+        return off * (white[1:] + b * white[:-1]) / np.sqrt(1 + b**2)
+
+    found = verdict(innovations(size, correlation))
+    assert found.ratio == pytest.approx(size, rel=0.01)
+    assert found.correlation == pytest.approx(correlation, abs=0.01)
+    assert not (found.band[0] < found.ratio < found.band[1]) or abs(found.correlation) > found.chance
+    assert found.consistent
+    assert not verdict(innovations(size**1.5, 1.5 * correlation)).consistent

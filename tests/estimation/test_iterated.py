@@ -138,6 +138,48 @@ def test_with_the_measurement_alone_it_is_the_iterated_kalman_filter():
         np.testing.assert_allclose(found.x[0], point, atol=1e-6)
 
 
+def test_the_filter_iterates_behind_its_step_as_the_textbook_does():
+    """Predict once, iterate the update, and take the covariance at the last linearisation; once is not enough here."""
+    model = Bent(1e-3 * np.eye(3), np.array([1e-3, 2e-3]))
+    rng = np.random.default_rng(3)
+    start, P0 = np.array([0.4, -0.2, 0.5]), 0.05 * np.eye(3)
+    truth, y = start[None] + 0.2, np.empty((6, 2))
+    for k in range(len(y)):
+        truth = model.f(truth) + np.sqrt(1e-3) * rng.normal(size=(1, 3))
+        y[k] = model.g(truth)[0] + np.sqrt(model.R) * rng.normal(size=2)
+    run = filter_runs(model, start, P0, y, iterations=100)
+    once = filter_runs(model, start, P0, y)
+    x, P, R = start, P0, np.diag(model.R)
+    for k in range(len(y)):
+        ahead, A = (part[0] for part in model.step(x[None], k))
+        prior = A @ P @ A.T + model.Q
+        point = ahead
+        for _ in range(500):
+            read, H = (part[0] for part in model.measure(point[None], k))
+            K = prior @ H.T @ np.linalg.inv(H @ prior @ H.T + R)
+            point = ahead + K @ (y[k] - read - H @ (ahead - point))
+        x, P = point, prior - K @ H @ prior
+        np.testing.assert_allclose(run.mean[k + 1, 0], x, atol=1e-5)
+        np.testing.assert_allclose(run.std[k + 1, 0], np.sqrt(np.diag(P)), rtol=1e-4)
+    assert np.abs(once.mean[-1] - run.mean[-1]).max() > 1e-3
+
+
+def test_where_the_start_is_known_the_disturbance_is_iterated():
+    """No doubt about the state before the step, noise in one direction after it: a problem of one unknown."""
+    direction = np.array([0.5, -0.3, 0.4])
+    model = Bent(np.outer(direction, direction), np.array([1e-4, 1e-2]))
+    x = np.array([[0.4, -0.2, 0.5]])
+    y = model.g(model.f(x) + 0.8 * direction) + 0.01
+    found = refine(model, 0, x, np.zeros((1, 3, 3)), model.Q, model.R[None], y, 100)
+
+    def residual(z):
+        return np.concatenate([z, ((y - model.g(model.f(x) + z[0] * direction)) / np.sqrt(model.R))[0]])
+
+    best = least_squares(residual, [0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    np.testing.assert_allclose(found.x, model.f(x) + best.x * direction, atol=1e-6)
+    assert found.iterations[0] > 1
+
+
 def test_a_corrected_state_keeps_to_the_constraint():
     """Rod length and tangent velocity after every update; the one-shot update leaves the circle."""
     start = np.diag([0, 0, 0, 0, 1e-2, 0.05])

@@ -20,6 +20,9 @@ def test_an_input_is_judged_against_the_load_vector_after_the_first_tenth():
     estimate[:10] = 1e6
     np.testing.assert_allclose(input_error(estimate, truth), [0.1, 0.0])
     np.testing.assert_allclose(input_error(np.stack([estimate, truth], axis=1), truth), [[0.1, 0.0], [0.0, 0.0]])
+    # a truth of its own for every run: each error over its own load
+    own = np.stack([truth, 2 * truth], axis=1)
+    np.testing.assert_allclose(input_error(own + np.array([0.5, 0.0]), own), [[0.1, 0.0], [0.05, 0.0]])
     with pytest.raises(ValueError, match="zero"):
         input_error(estimate, 0 * truth)
 

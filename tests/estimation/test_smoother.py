@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from scipy.linalg import cho_factor, cho_solve
 
 from strainsight.estimation.draws import covariance_factor, draw_truth
-from strainsight.estimation.filter import run_filter
+from strainsight.estimation.filter import filter_runs, run_filter
 from strainsight.estimation.smoother import smooth
 
 
@@ -89,3 +89,99 @@ def test_a_run_that_was_not_kept_is_refused(make_beam, make_filter):
     run = run_filter(model, np.zeros(7), np.eye(7), np.zeros((5, 3, 0)), np.zeros((5, 4)))
     with pytest.raises(ValueError, match="keep='all'"):
         smooth(model, run)
+
+
+@dataclass(frozen=True)
+class Changing:
+    """A `StepModel` without memory of its last step: A, H and all noise are others in every one. a, c factor the noise
+    before and after the step (T, 3, 1); r (T, 2) variances."""
+
+    A: np.ndarray
+    H: np.ndarray
+    a: np.ndarray
+    c: np.ndarray
+    r: np.ndarray
+    size: int = 3
+    channels: int = 2
+    h: float = 0.5
+    sets: int = 1
+    linear: bool = False  # the filter may keep nothing from one step for the next
+    loss: str = "it broke"
+
+    @property
+    def position(self):
+        return np.array([1])
+
+    def step(self, x, k):
+        return x @ self.A[k].T, self.A[k][None]
+
+    def measure(self, x, k):
+        return x @ self.H[k].T, self.H[k][None]
+
+    def process(self, k):
+        return self.c[k] @ self.c[k].T
+
+    def before(self, k):
+        return self.a[k] @ self.a[k].T
+
+    def noise(self, k):
+        return self.r[k]
+
+    def lost(self, x):
+        return ~np.isfinite(x).all(axis=1)
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        {},
+        {"form": "square_root"},
+        {"iterations": 3},
+        {"iterations": 2, "through_step": True},
+        {"iterations": 2, "through_step": True, "form": "square_root"},
+    ],
+)
+def test_what_changes_from_step_to_step_is_taken_from_its_own_step(way):
+    """Oracle: every xₖ is a linear map of unit normals z (start, noise before and after every step). What the filter says
+    is the posterior of z given y up to k, what the smoother says that given all. Two runs, each with its own gaps."""
+    rng, steps, n = np.random.default_rng(11), 12, 3
+    A = 0.9 * np.linalg.qr(rng.normal(size=(steps, n, n)))[0]
+    model = Changing(
+        A,
+        rng.normal(size=(steps, 2, n)),
+        0.3 * rng.normal(size=(steps, n, 1)),
+        0.2 * rng.normal(size=(steps, n, 1)),
+        0.01 + rng.random((steps, 2)),
+    )
+    mean, P0 = rng.normal(size=n), np.diag([1.0, 0.25, 0.0])
+    y = rng.normal(size=(steps, 2, 2))
+    y[3, 0, 1] = y[5, 1, 0] = y[8, 0] = np.nan
+
+    maps, drift = [np.hstack([np.sqrt(P0), np.zeros((n, 2 * steps))])], [mean]
+    for k in range(steps):
+        shaken = maps[-1].copy()
+        shaken[:, n + 2 * k] += model.a[k, :, 0]
+        maps.append(A[k] @ shaken)
+        maps[-1][:, n + 2 * k + 1] += model.c[k, :, 0]
+        drift.append(A[k] @ drift[-1])
+
+    def posterior(of, until, run):
+        """Mean and covariance of x at `of` given the readings of the first `until` steps."""
+        seen = [(k, i) for k in range(until) for i in range(2) if np.isfinite(y[k, run, i])]
+        rows = np.array([model.H[k, i] @ maps[k + 1] / np.sqrt(model.r[k, i]) for k, i in seen]).reshape(
+            -1, n + 2 * steps
+        )
+        data = np.array([(y[k, run, i] - model.H[k, i] @ drift[k + 1]) / np.sqrt(model.r[k, i]) for k, i in seen])
+        normal = np.eye(n + 2 * steps) + rows.T @ rows
+        z = np.linalg.solve(normal, rows.T @ data)
+        return drift[of] + maps[of] @ z, maps[of] @ np.linalg.solve(normal, maps[of].T)
+
+    found = filter_runs(model, mean, P0, y, keep="all", **way)
+    later = smooth(model, found, covariance=True)
+    for run in range(2):
+        for k in range(steps + 1):
+            for given, until in ((found, k), (later, steps)):
+                x, P = posterior(k, until, run)
+                np.testing.assert_allclose(given.mean[k, run], x, atol=1e-9)
+                np.testing.assert_allclose(given.covariance[k, run], P, atol=1e-9)
+                np.testing.assert_allclose(given.std[k, run] ** 2, np.diag(P), atol=1e-9)

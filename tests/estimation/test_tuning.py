@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.errors import ConfigError
+from strainsight.errors import ConfigError, NumericalError
+from strainsight.estimation import tuning
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.tuning import scale_noise, tune
@@ -77,3 +78,34 @@ def test_noise_that_is_not_there_runs_to_its_limit(make_beam, make_filter):
     found = tune(model, mean, P0, known, y, limit=1e3)
     assert found.undecided == ("process",)
     assert found.factors["process"] == pytest.approx(1e-3)
+
+
+def test_where_every_run_is_lost_the_search_turns_back(make_beam, make_filter, monkeypatch):
+    """The stated noise is 100 times the real one, and a filter told half of the real one or less is lost. The search steps
+    there on its way, and finds the same factor all the same."""
+    model, *rest = drawn(make_beam, make_filter)
+    stated = replace(model, r=100 * model.r)
+    expected = tune(stated, *rest, parts=("noise",)).factors["noise"]
+    lost = []
+
+    def fragile(filtering, *arguments):
+        if filtering.r.min() < 0.5 * model.r.min():
+            lost.append(filtering.r.min())
+            raise NumericalError("lost")
+        return run_filter(filtering, *arguments)
+
+    monkeypatch.setattr(tuning, "run_filter", fragile)
+    assert tune(stated, *rest, parts=("noise",)).factors["noise"] == pytest.approx(expected, rel=0.02)
+    assert lost
+
+
+def test_a_record_that_loses_the_filter_from_the_start_is_refused(make_beam, make_filter, sine):
+    """One of two records; with the other alone there is something to tune."""
+    model = make_filter(make_beam(modes=3), parameters=("E",), known=("tip",))
+    u = sine(model.h * np.arange(60), model.h, 1e4, 20.0)
+    mean, P0 = np.zeros(7), np.diag([0.0] * 6 + [0.01])
+    _, y = draw_truth(model, mean, P0, u, [0, 1])
+    y[30:, 1] = 1e3
+    with pytest.raises(NumericalError, match="lost with the noise as stated"):
+        tune(model, mean, P0, u, y, parts=("noise",))
+    assert tune(model, mean, P0, u, y[:, 0], parts=("noise",)).gained >= 0

@@ -258,6 +258,9 @@ def test_the_bound_of_several_planes_is_their_linear_program(aggregate, seed):
         others = [v for v in sets if v[gauge] == (not low.taken[gauge])]
         assert low.value + low.reduced[gauge] <= min(model(v) for v in others) + 1e-12
         assert low.reduced[gauge] >= 0
+    # what is not active may be forgotten
+    fewer = lowest([c for c, active in zip(cuts, low.active, strict=True) if active], inside, free, 4, aggregate)
+    np.testing.assert_allclose(fewer.value, low.value, atol=1e-12)
 
 
 def test_a_cut_touches_the_cost_and_stays_below_it(beam_of, scenarios_of):

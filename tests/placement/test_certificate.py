@@ -10,6 +10,7 @@ import pytest
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
+from strainsight.placement.score import score
 
 CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
 
@@ -39,6 +40,14 @@ def test_the_bound_lies_below_the_optimum(oracle, beam_of, scenarios_of, inputs,
     np.testing.assert_allclose(certificate.weights.sum(), 4, rtol=1e-9)
     assert certificate.weights.min() >= 0
     assert certificate.weights.max() <= 1
+    # of a set far from the best the bound is the same, and the gap says how far it is
+    poor = greedy.removed[:4]
+    cost = score(greedy.pools, poor)
+    assert cost > 1.2 * best
+    honest = certify(greedy.pools, poor, cost)
+    assert honest.lower_bound <= best * (1 + 1e-7)
+    np.testing.assert_allclose(honest.lower_bound, certificate.lower_bound, rtol=2e-4)
+    np.testing.assert_allclose(honest.gap, 1 - honest.lower_bound / cost, rtol=1e-12)
 
 
 def test_the_bound_on_the_worst_scenario_is_valid_and_close(oracle, beam_of, scenarios_of):
@@ -50,12 +59,20 @@ def test_the_bound_on_the_worst_scenario_is_valid_and_close(oracle, beam_of, sce
     assert certificate.lower_bound <= best * (1 + 1e-7)
     assert best * (1 - 1e-7) <= swapped.trace[-1]
     assert certificate.relaxed - certificate.lower_bound < 5e-3 * certificate.relaxed
+    # also where the budget ends amid the search along a line
+    for budget in range(1, 13):
+        stopped = certify(greedy.pools, swapped.gauges, swapped.trace[-1], "worst", budget=budget)
+        assert stopped.iterations == max(budget, 3)  # one at each of three temperatures at least
+        assert stopped.lower_bound <= best * (1 + 1e-7)
 
 
 def test_a_stopped_search_still_gives_a_bound(beam_of, scenarios_of):
     scenarios = scenarios_of(beam_of(40), ("Fz",), ("E",), noise=1e-9)
     greedy = eliminate(scenarios, 4)
-    bounds = [certify(greedy.pools, greedy.kept, greedy.trace[-1], budget=b).lower_bound for b in (1, 3, 10, 300)]
+    found = [certify(greedy.pools, greedy.kept, greedy.trace[-1], budget=b) for b in (1, 3, 10, 300)]
+    assert [each.iterations for each in found[:3]] == [1, 3, 10]
+    assert 10 < found[3].iterations <= 300
+    bounds = [each.lower_bound for each in found]
     assert bounds == sorted(bounds)
     assert bounds[-1] <= greedy.trace[-1]
     assert bounds[-1] > 0.9 * greedy.trace[-1]

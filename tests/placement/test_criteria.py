@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from itertools import combinations
+from types import SimpleNamespace
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -155,3 +157,27 @@ def test_an_impossible_count_is_refused():
     for keep, fixed in ((0, ()), (3, ()), (1, (0, 1))):
         with pytest.raises(ConfigError, match="are to be kept of a pool of 2"):
             eliminate_by(pools, keep, "log_determinant", np.array([1, 2, 3]), fixed=fixed)
+
+
+@pytest.mark.parametrize("size", [1e-13, 1e-4, 0.5])
+@pytest.mark.parametrize("gap", [0.0, 1e-7, 0.3])
+@pytest.mark.parametrize("scale", [(1, 1, 1, 1), (1e3, 1, 1e-2, 5)])
+def test_a_rise_has_its_digits_however_small_it_is(size, gap, scale):
+    """Oracle: the eigenvalues of P and of P + D with 60 digits. Of D = 1e-13 P a difference of doubles knows the first
+    digit; where two eigenvalues lie closer together than D moves them, first-order formulas know none."""
+    rng = np.random.default_rng(12)
+    V = np.linalg.qr(rng.normal(size=(4, 4)))[0]
+    P = (V * np.array([0.2, 0.5, 2.0 - gap, 2.0])) @ V.T
+    steps = rng.normal(size=(4, 4))
+    P, D = 0.5 * (P + P.T), size * (steps @ steps.T)
+    pool, unknown = SimpleNamespace(scale=np.array(scale, dtype=float)), np.array([1, 2, 3])
+    units = mpmath.diag(pool.scale[unknown].tolist())
+    with mpmath.workdps(60):
+        before, step = (units * mpmath.matrix(X[1:, 1:].tolist()) * units for X in (P, D))
+        old, new = (sorted(mpmath.eigsy(X, eigvals_only=True)) for X in (before, before + step))
+        rise = {
+            "worst_eigenvalue": new[-1] - old[-1],
+            "log_determinant": sum(map(mpmath.log, new)) - sum(map(mpmath.log, old)),
+        }
+    for criterion, expected in rise.items():
+        assert criteria._rise(pool, P, D, criterion, unknown) == pytest.approx(float(expected), rel=1e-9)

@@ -8,7 +8,9 @@ import pytest
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
 from strainsight.augmentation.noise import process_intensity
 from strainsight.errors import ConfigError, InfeasibleError
+from strainsight.placement import choice
 from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
+from strainsight.placement.increment import removal
 from strainsight.placement.scenario import thesis_weight
 
 CASES = [((), ("E",)), (("Fz",), ()), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
@@ -60,8 +62,17 @@ def test_several_scenarios_are_brute_force(oracle, beam_of, scenarios_of, aggreg
     compare(oracle, eliminate(scenarios, 4, aggregate), aggregate)
 
 
-def test_it_is_lazy(beam_of, scenarios_of):
+def test_it_is_lazy(beam_of, scenarios_of, monkeypatch):
+    asked = []
+
+    def counted(*arguments):
+        asked.append(1)
+        return removal(*arguments)
+
+    monkeypatch.setattr(choice, "removal", counted)
     found = eliminate(scenarios_of(beam_of(60), ("Fz",), ("E",)), 4)
+    assert found.solves.sum() == len(asked)
+    assert found.solves.min() >= 1
     assert found.trace.shape == (57,)
     assert found.blocks.shape == (57, 2)
     assert found.solves.mean() < 2

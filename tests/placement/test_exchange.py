@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from strainsight.placement.baselines import random_sets
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
+from strainsight.placement.limits import limits_of
 from strainsight.placement.score import score
 
 
@@ -58,3 +60,18 @@ def test_an_undetectable_start_is_a_mistake_of_the_caller(beam_of, scenarios_of)
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
     with pytest.raises(ValueError, match="detects every unknown"):
         exchange(pools, [3])
+
+
+def test_beside_gauges_that_may_not_leave_room_is_filled(beam_of, scenarios_of):
+    """Every gauge is glued and the budget has room for two: two are added, each lowers the cost, and no more is tried."""
+    pools = eliminate(scenarios_of(beam_of(12), ("Fz",), ("E",)), 4).pools
+    glued = [1, 5, 7]
+    limits = limits_of(12, 6, fixed=glued, price=np.ones(12), budget=5.0)
+    found = exchange(pools, glued, limits=limits)
+    assert [out for out, _ in found.swaps] == [-1, -1]
+    assert len(found.gauges) == 5
+    assert set(glued) <= set(found.gauges.tolist())
+    assert found.trace[0] > found.trace[1] > found.trace[2]
+    assert found.complete
+    full = exchange(pools, found.gauges, limits=limits, fixed=found.gauges.tolist())
+    assert (full.swaps, full.solves, full.complete) == ((), 0, True)

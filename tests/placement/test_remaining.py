@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from strainsight.placement.remaining import Remaining, twin_groups
 from strainsight.placement.scenario import Scenario, solve_pool
@@ -47,3 +48,10 @@ def test_twins_agree_in_every_scenario_up_to_their_sign():
     assert both[0] == both[2]
     assert both[4] == both[5]
     assert len(set(both.tolist())) == 4
+
+
+@pytest.mark.parametrize("unit", [1e-25, 1.0, 1e25])
+def test_twins_do_not_depend_on_the_unit(unit):
+    rows = np.random.default_rng(6).normal(size=(5, 2, 3))[[0, 1, 2, 1, 0, 3, 4]]
+    found = twin_groups([unit * rows])
+    np.testing.assert_array_equal(found[:, None] == found, np.all(rows[:, None] == rows, axis=(2, 3)))

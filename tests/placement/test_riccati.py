@@ -144,6 +144,26 @@ def test_one_state_has_its_closed_form():
         np.testing.assert_allclose(P[0, 0], (f + np.sqrt(f * f + q * g)) / g, rtol=1e-12)
 
 
+def test_the_residual_is_a_share_of_what_is_added_up():
+    """f = −3, q = 2, g = 5 and P = 1, where nothing cancels by chance: |2fP + q − gP²| / (2|fP| + q + gP²) = 9/13."""
+    assert relative_residual(*(np.array([[value]]) for value in (-3.0, 2.0, 5.0, 1.0))) == pytest.approx(
+        9 / 13, rel=1e-14
+    )
+
+
+def test_without_any_gauge_what_decays_is_known_by_its_own_spread():
+    """An oscillator under white noise of intensity q: var x = q/(4ζω³), var ẋ = q/(4ζω) (Crandall and Mark, 1963)."""
+    omega, zeta, q = 7.0, 0.03, 2.5
+    F, Q = np.array([[0, 1], [-(omega**2), -2 * zeta * omega]]), np.diag([0, q])
+    spread = np.diag([q / (4 * zeta * omega**3), q / (4 * zeta * omega)])
+    np.testing.assert_allclose(solve_care(F, Q, np.zeros((2, 2))), spread, atol=1e-12 * spread.max())
+    pool = solve_pool(Scenario(F, Q, np.array([[1.0, 0]]), np.array([1e-3]), np.ones(2)))
+    P = subset_covariance(pool, []) * np.outer(pool.scale, pool.scale)
+    np.testing.assert_allclose(P, spread, atol=1e-9 * spread.max())
+    with pytest.raises(NumericalError, match="not stable: an error grows at 1 1/s"):
+        solve_care(np.array([[1.0]]), np.array([[1.0]]), np.zeros((1, 1)))
+
+
 def test_units_of_states_and_strain_change_nothing(beam_of, scenarios_of):
     (scenario,) = scenarios_of(beam_of(20), ("Fz",), ("E",))
     d = 10.0 ** np.random.default_rng(1).uniform(-5, 5, len(scenario.F))

@@ -11,6 +11,7 @@ from strainsight.errors import InfeasibleError
 from strainsight.placement import elimination as room
 from strainsight.placement import layouts, witness
 from strainsight.placement.elimination import Scenario, eliminate
+from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import solve_pool
 from strainsight.placement.score import score
@@ -130,3 +131,20 @@ def test_beside_far_stronger_gauges_that_have_to_leave_the_weak_one_is_found():
     assert found.kept.tolist() == [2]
     np.testing.assert_allclose(found.trace[-1], score([solve_pool(scenario)], [2]), rtol=1e-9)
     np.testing.assert_allclose(found.trace[0] + found.rise.sum(), found.trace[-1], rtol=1e-9)
+
+
+def test_another_layout_is_looked_for_around_the_gauge_that_leaves():
+    """Four places in a row, each too near to the next, and 148 pairs elsewhere that are worth more: two of the four are kept,
+    and the only layout without 0 has 1 and 3. It takes two swaps at once, of gauges worth least of all."""
+    count = 300
+    chain, pairs = [(0, 1), (1, 2), (2, 3)], [(i, i + 1) for i in range(4, count, 2)]
+    limits = limits_of(count, 2 + len(pairs), near=np.array(chain + pairs))
+    scenario, _ = scattered(count, 0.0)
+    worth = np.concatenate([[3.0, 1.0, 4.0, 2.0], np.linspace(10, 20, count - 4)])
+    at_hand = witness.Witness(limits, Detection([solve_pool(scenario)]), worth, ())
+    assert at_hand.units[:4].tolist() == [True, False, True, False]
+    before = at_hand.units[4:].copy()
+    assert at_hand.spares(0, np.ones(count, dtype=bool), worth)
+    assert at_hand.units[:4].tolist() == [False, True, False, True]
+    assert np.array_equal(at_hand.units[4:], before)
+    assert limits.allows(at_hand.units)

@@ -12,6 +12,7 @@ import pyvista
 from typer.testing import CliRunner
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
+from strainsight.fem import memory
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -210,6 +211,16 @@ def test_a_clock_that_jumps_back_is_refused_with_its_line(project, tmp_path):
     code, said = estimated(project, write(tmp_path / "jump.csv", head, values))
     assert code == 2
     assert "jump.csv:202" in said
+
+
+def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(project, plain, monkeypatch):
+    """600 steps, with a covariance of the filter, one of the smoother and a Jacobian for each."""
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
+    code, said = estimated(project, project / "results" / "test" / "measured.csv", "estimate.start=moving")
+    assert code == 2
+    states, needed = re.search(r"600 steps of (\d+) states: (\S+) GiB of memory are needed, 9.31e-05 GiB", said).groups()
+    assert float(needed) == pytest.approx(3 * 8 * 600 * int(states) ** 2 / 2**30, rel=0.01)
+    assert "give a part of the record at a time" in said
 
 
 def test_whole_samples_that_are_missing_are_filled_and_said(project, plain, tmp_path):

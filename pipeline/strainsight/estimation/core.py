@@ -15,7 +15,7 @@ class StepModel(Protocol):
     to zero and `before` draws anew, so that a disturbed state still fulfils the constraints.
 
     size n; channels m; h [s]; sets: how many covariances the model asks for by itself (1, or B where channels or noise
-    differ from run to run); linear: A and J do not depend on x, so that runs share one covariance;
+    differ from run to run); linear: A and J are the same at every x and in every step, so that runs share one covariance;
     position: indices of the states whose joint covariance is recorded; loss: what it means that a run is lost, in words.
     """
 

@@ -15,8 +15,6 @@ from strainsight.estimation.model import FilterModel
 Part = Literal["process", "inputs", "model_error", "parameters", "noise"]
 DIFFERENCE = 0.02
 """Step of the central differences in the logarithm of a factor."""
-HOPELESS = 1e30
-"""Negative log-likelihood of factors at which a run is lost."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +71,18 @@ def tune(
         except NumericalError:  # every run lost: a place the search must leave
             value = np.full(len(probes), -np.inf)
         if not np.isfinite(value).all():
-            return HOPELESS, np.zeros(count)
+            return hopeless, np.zeros(count)
         return -float(value[0]), -(value[1 : 1 + count] - value[1 + count :]) / (2 * DIFFERENCE)
 
     start, bound = np.zeros(count), np.log(limit)
     first = likelihood(start)[0]
+    if not np.isfinite(first):
+        raise NumericalError(
+            "the filter is lost with the noise as stated: there is nothing to tune from",
+            remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
+        )
+    # worse than anywhere on the way, and no more: the search interpolates, and next to infinity would leave it no step
+    hopeless = abs(first) - first + 1.0
     found = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=[(-bound, bound)] * count)
     factors = {str(part): float(np.exp(value)) for part, value in zip(parts, found.x, strict=True)}
     at_limit = tuple(str(part) for part, value in zip(parts, found.x, strict=True) if abs(value) > bound - 1e-6)

@@ -20,6 +20,7 @@ from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
+from strainsight.fem.memory import require_memory
 from strainsight.signals.histories import instant_values
 from strainsight.stages.case.full_model import FILES, READS
 from strainsight.stages.case.measured import Measured, measured_of
@@ -37,6 +38,8 @@ from strainsight.stages.records.estimate import csv_of, estimate_datasets, estim
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
+
+SHORTER = "give a part of the record at a time, or a larger machine"
 
 
 @dataclass(frozen=True)
@@ -111,9 +114,12 @@ def _estimated(context: Context, problem: Problem, test: Measured) -> Estimated:
     at = np.flatnonzero(test.bias > 0)
     driven: Any = Driven(model, test.known)
     core = Biased(driven, at) if len(at) else driven
+    steps, kept = len(test.values) * test.every, 2 if core.linear else 3
+    # covariances of filter and smoother, and the Jacobians between them
+    require_memory(8.0 * kept * steps * core.size**2, f"{steps} steps of {core.size} states", SHORTER)
     start = np.zeros(core.size)
     covariance = np.diag(np.concatenate([np.diag(P), test.bias[at] ** 2]))
-    samples = np.full((len(test.values) * test.every, len(test.channels)), np.nan)
+    samples = np.full((steps, len(test.channels)), np.nan)
     samples[test.every - 1 :: test.every] = test.values
     run = filter_runs(core, start, covariance, samples, keep="all", **filter_options(problem))
     return Estimated(model, run, smooth(core, run, covariance=True), tuning, verdict(run.whitened[:, 0]))
@@ -193,7 +199,7 @@ def _message(summary: Mapping[str, Scalar], names: tuple[str, ...], units: Mappi
 
 ESTIMATE = Stage(
     "estimate",
-    version=1,
+    version=2,
     reads=(
         "seed",
         "loads",
