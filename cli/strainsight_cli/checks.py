@@ -65,7 +65,7 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
     """Cores of this process, and the variables that numerical libraries read."""
     there = cores or _cores()
     findings = [Finding("cores", GOOD, f"{there} for this process")]
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         given = environment.get(name)
         if given is None:
             continue
@@ -76,13 +76,6 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
             )
         elif int(head) > there:
             finding = Finding(name, WARNING, f"{head} threads on {there} cores", f"unset {name}, or give 1 to {there}")
-        elif name == "OPENBLAS_NUM_THREADS":
-            slow = "small dense matrices take longer with more than one"
-            finding = (
-                Finding(name, GOOD, "1, best for small dense matrices")
-                if head == "1"
-                else Finding(name, WARNING, f"{head}: {slow}", f"unset {name}: strainsight takes 1")
-            )
         elif int(head) < there:
             finding = Finding(name, GOOD, f"{head} of {there} cores: right where several runs go on at a time")
         else:

@@ -35,9 +35,9 @@ from strainsight_cli.view import view
 from strainsight_cli.work import Work, bring_up_to_date, say, show_results
 from strainsight_cli.works import loaded_config, work_of, work_of_one
 
-# The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate. Numpy reads this
-# when it is first imported, inside the commands. PARDISO has its own threads.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate, and changes the
+# last digits. Numpy reads this when it is first imported, inside the commands. PARDISO has its own threads.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -99,8 +99,6 @@ def test_a_renderer_that_dies_or_draws_nothing_fails(tmp_path, monkeypatch):
         ("OMP_NUM_THREADS", "8", WARNING),
         ("MKL_NUM_THREADS", "many", WARNING),
         ("MKL_NUM_THREADS", "0", WARNING),
-        ("OPENBLAS_NUM_THREADS", "1", GOOD),
-        ("OPENBLAS_NUM_THREADS", "2", WARNING),
     ],
 )
 def test_thread_variables(name, given, verdict):

@@ -189,3 +189,21 @@ def test_breathing_of_a_thick_hollow_sphere_fv42(midsides, mesh_of):
     K, M = model.stiffness.constant, model.mass.constant
     frequency, _ = modes(sparse.csr_array(radial.T @ (K @ radial)), sparse.csr_array(radial.T @ (M @ radial)), 5)
     assert np.allclose(frequency, [369.91, 838.03, 1451.2, 2117.0, 2795.8], rtol=2e-3)
+
+
+@pytest.mark.parametrize("length", [40, 400])
+def test_modes_of_one_frequency_are_not_left_to_rounding(length):
+    """Two equal chains, and a third of twice the stiffness: rounding of the matrices turns no pair, even where one is cut off."""
+    K, M, exact = chain(length)
+    turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    K = sparse.csr_array(sparse.kron(K, turn @ np.diag([1.0, 1.0, 2.0]) @ turn.T))
+    M = sparse.csr_array(sparse.kron(M, np.eye(3)))
+    rng, count = np.random.default_rng(0), 6
+    repeated = np.sort(np.concatenate([exact[:6], exact[:6], np.sqrt(2) * exact[:6]]))[:count]
+    assert np.allclose(modes(K, M, count)[0], repeated, rtol=1e-9)
+    first = modes(K, M, count)[1]
+    assert np.allclose(first.T @ (M @ first), np.eye(count), atol=1e-9)
+    for _ in range(3):
+        noise = sparse.random_array(K.shape, density=3 / len(first), rng=rng)
+        shaken = sparse.csr_array(K + 1e-14 * (noise + noise.T))
+        assert np.abs(modes(shaken, M, count)[1] - first).max() < 1e-8 * np.abs(first).max()

@@ -189,3 +189,11 @@ def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
     np.testing.assert_array_equal(result.kept, sorted(kept))
     np.testing.assert_allclose(result.snr, snr)
     np.testing.assert_array_equal(result.reason == "range", over)
+
+
+def test_no_rounding_orders_equal_signals():
+    """Pairs of equals of every size, each with its partner too near: of every pair the lower one stays."""
+    rng = np.random.default_rng(2)
+    strength, x = np.repeat(rng.uniform(0.1, 1.0, 20_000), 2), np.repeat(np.arange(20_000.0), 2)
+    shaken = strength * (1 + 1e-13 * rng.standard_normal(len(strength)))
+    np.testing.assert_array_equal(screen(shaken, 1.0, on_a_line(x), None, 0.5).kept, 2 * np.arange(20_000))

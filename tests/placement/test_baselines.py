@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import qr
 
 from strainsight.errors import ConfigError
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
@@ -50,6 +51,15 @@ def test_qr_takes_the_row_that_is_least_explained():
         rest = rest - np.outer(rest @ unit, unit)
     assert qr_pivoting(rows, 4).tolist() == sorted(taken)
     assert len(set(qr_pivoting(rows, 9).tolist())) == 9
+
+
+def test_qr_takes_the_pivots_of_lapack_and_then_those_of_the_gauges_left():
+    rows = np.random.default_rng(4).normal(size=(40, 6))
+    first = qr(rows.T, mode="r", pivoting=True)[1][:6]
+    left = np.setdiff1d(np.arange(40), first)
+    second = left[qr(rows[left].T, mode="r", pivoting=True)[1][:6]]
+    for keep in (3, 6, 9, 12):
+        assert qr_pivoting(rows, keep).tolist() == sorted([*first, *second][:keep])
 
 
 def test_d_optimal_raises_the_determinant_most_at_every_step():
@@ -160,3 +170,19 @@ def test_an_impossible_count_is_refused(keep):
     for rule in (lambda: random_sets(5, keep, 1, 0), lambda: qr_pivoting(np.ones((5, 2)), keep)):
         with pytest.raises(ConfigError, match="out of a pool of 5"):
             rule()
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_qr_takes_what_is_independent_in_any_unit(unit):
+    """Two motions, and a third that shows in one gauge by 1e-5 of what it reads; a gauge reads nothing. Beyond what is
+    independent the pivots of LAPACK are rounding: those of the gauges left are taken, and there are two."""
+    rng = np.random.default_rng(9)
+    rows = rng.normal(size=(12, 2)) @ rng.normal(size=(2, 5))
+    rows[3] = 0.0
+    first = qr(rows.T, mode="r", pivoting=True)[1][:2].tolist()
+    odd = next(g for g in range(12) if g not in (3, *first))
+    rows[odd] += 1e-5 * np.linalg.norm(rows[odd]) * rng.normal(size=5)
+    left = np.setdiff1d(np.arange(12), [*first, odd])
+    second = left[qr(rows[left].T, mode="r", pivoting=True)[1][:2]].tolist()
+    for keep in range(1, 6):
+        assert qr_pivoting(unit * rows, keep).tolist() == sorted([*first, odd, *second][:keep])

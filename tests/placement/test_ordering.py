@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.placement.ordering import HEAD, lowest_first
+from strainsight.placement.ordering import HEAD, first_of_largest, lowest_first, tied_order
 
 
 @pytest.mark.parametrize("count", [1, HEAD, 4 * HEAD, 4 * HEAD + 1, 5000])
@@ -19,3 +19,23 @@ def test_order_is_that_of_a_stable_sort(count):
         np.full(count, np.inf),
     ):
         assert list(lowest_first(values)) == np.argsort(values, kind="stable").tolist()
+
+
+def test_rounding_does_not_order_what_is_equal():
+    rng = np.random.default_rng(0)
+    values = np.array([3.0, 1.0, 2.0, 1.0, -np.inf, 3.0, np.inf, 1.0, 0.0, np.inf, -np.inf])
+    wanted = [4, 10, 8, 1, 3, 7, 2, 0, 5, 6, 9]
+    for _ in range(20):
+        shaken = values * (1 + 1e-13 * rng.standard_normal(len(values)))
+        assert tied_order(shaken).tolist() == wanted
+        assert first_of_largest(shaken[:4]) == 0
+    many = np.repeat(rng.random(500), 4)
+    assert (
+        list(lowest_first(many * (1 + 1e-13 * rng.standard_normal(2000)))) == np.argsort(many, kind="stable").tolist()
+    )
+
+
+def test_near_zero_the_larger_numbers_tell_what_is_rounding():
+    values = np.array([1e-17, 0.5, -2e-17, 0.0, 1e-3])
+    assert tied_order(values).tolist() == [2, 3, 0, 4, 1]
+    assert tied_order(values, 1e-12).tolist() == [0, 2, 3, 4, 1]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from scipy.linalg import cholesky, eigh, svdvals
 
 from strainsight.errors import InfeasibleError
-from strainsight.fem.affine import Parameter
+from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import FiniteElementModel, PointLoad, build_model, input_shape
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.rom import reduction as module
+from strainsight.rom import snapshots as snapshots_module
 from strainsight.rom.model import Damping, modal_basis
 from strainsight.rom.reduction import (
     energy_orthonormal,
@@ -327,3 +331,26 @@ def test_no_sample_at_all_is_refused(one):
     full, S = one
     with pytest.raises(InfeasibleError, match="0 parameter samples"):
         reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 0, 1e-8, DAMPING)
+
+
+def test_one_stiffness_stands_beside_the_factor(one, monkeypatch):
+    """That of its own θ: at a million unknowns each is as large as half the factor."""
+    full, S = one
+    made: list[weakref.ref] = []
+    beside = []
+    at, factorise = AffineOperator.at, snapshots_module.factorise
+
+    def watched(self, theta):
+        X = at(self, theta)
+        made.append(weakref.ref(X))
+        return X
+
+    def counted(K):
+        gc.collect()
+        beside.append(sum(reference() is not None for reference in made))
+        return factorise(K)
+
+    monkeypatch.setattr(AffineOperator, "at", watched)
+    monkeypatch.setattr(snapshots_module, "factorise", counted)
+    reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1.6e11, 2.4e11)}, 4, 1, 1e-8, DAMPING)
+    assert beside == [1]

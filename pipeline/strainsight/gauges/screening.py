@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 from strainsight.errors import InfeasibleError
 
 KEPT, WEAK, NEAR, BEYOND = "", "snr", "spacing", "range"
+TIE = 1e-9
+"""Signals that differ by less than this share of the strongest are ties."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,7 @@ def screen(
     already in place: kept whatever it reads; largest, the peak of the training response, and limit, what it can measure at
     most (inf: anything): a gauge with a channel beyond is dropped.
     keep: the number of gauges wanted, glued ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
-    gauges of one facet have no distance). Signals that differ by less than 1e-9 of the strongest are ties, which
-    the lower number wins.
+    gauges of one facet have no distance). Of ties the lower number wins.
     Raises InfeasibleError where fewer than `keep` are left or more are glued, for noise that is not positive and responses
     that are not finite.
     """
@@ -70,10 +71,12 @@ def screen(
             remedy=f"keep at least {max(1, there)}",
         )
     # Gauges that symmetry makes equal must not be ordered by rounding error.
-    strength = np.round(snr / (snr.max(initial=0.0) or 1.0), 9)
+    falling = np.argsort(-snr, kind="stable")
+    weakness = np.zeros(count, dtype=int)
+    weakness[falling[1:]] = np.cumsum(-np.diff(snr[falling]) > TIE * snr.max(initial=0.0))
     neighbours = cKDTree(place) if minimum_spacing > 0 else None
     kept: list[int] = []
-    for index in np.lexsort((-strength, ~fixed)):
+    for index in np.lexsort((weakness, ~fixed)):
         if not fixed[index] and reason[index] != WEAK:
             continue
         if len(kept) == wanted:

@@ -7,15 +7,19 @@ all channels of such a unit enter and leave as one. Channels of unlike quantity 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 
 import numpy as np
-from scipy.linalg import qr
 
 from strainsight.errors import ConfigError
-from strainsight.placement.ordering import lowest_first
+from strainsight.placement.ordering import first_of_largest, lowest_first
 
 VITAL = 1e-9
 """A mode is lost with a unit whose hat block has an eigenvalue of 1, up to this."""
+LEVEL = 1e-12
+"""Leverages closer than this are a tie: they are the rounding of the columns of length 1 that they are taken from."""
+DEPENDENT = 1e-8
+"""A vector depends on others where this share of it, or less, lies outside of their span."""
 TRIES = 200
 """Draws a set until the search for allowed ones is given up."""
 
@@ -64,29 +68,42 @@ def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
 def _least_leverage(basis: np.ndarray) -> int:
     """The unit of the smallest trace of its hat block among those that lose no mode; basis (units, c, k) orthonormal."""
     leverage = np.einsum("uck,uck->u", basis, basis)
-    spared = (at for at in lowest_first(leverage) if np.linalg.norm(basis[at], 2) ** 2 < 1 - VITAL)
-    return next(spared, int(np.argmin(leverage)))
+    order = lowest_first(leverage, LEVEL)
+    least = next(order)
+    spared = (at for at in chain([least], order) if np.linalg.norm(basis[at], 2) ** 2 < 1 - VITAL)
+    return next(spared, least)
 
 
 def qr_pivoting(rows: np.ndarray, keep: int) -> np.ndarray:
-    """The first `keep` gauges in the order of their first pivot of QR(Hᵀ); of QR(H Hᵀ) where its pivots are of fewer.
+    """The first `keep` gauges in the order of their first pivot of QR(Hᵀ); then of QR(Hᵀ) of the gauges left, and so on.
 
-    rows (pool, k) or (pool, c, k): reading of every channel in k modes. Returns `keep` gauges, ascending.
+    rows (pool, k) or (pool, c, k): reading of every channel in k modes. Returns `keep` gauges, ascending; the lower index
+    wins a tie.
     Source: Manohar, Brunton, Kutz and Brunton, IEEE Control Systems 38 (2018).
     """
     _check(len(rows), keep)
     blocks = _blocks(rows)
     c, k = blocks.shape[1:]
-    flat = blocks.reshape(-1, k)
-    taken = _in_order(qr(flat.T, mode="r", pivoting=True)[1][:k] // c)
-    if len(taken) < keep:
-        taken = _in_order(qr(flat @ flat.T, mode="r", pivoting=True)[1] // c)
+    taken: list[int] = []
+    while len(taken) < keep:
+        left = np.setdiff1d(np.arange(len(blocks)), taken)
+        pivots = left[_pivots(blocks[left].reshape(-1, k)) // c]
+        taken += list(dict.fromkeys(pivots.tolist())) or left.tolist()
     return np.sort(taken[:keep])
 
 
-def _in_order(units: np.ndarray) -> np.ndarray:
-    """Every unit once, in the order of its first appearance."""
-    return units[np.sort(np.unique(units, return_index=True)[1])]
+def _pivots(rows: np.ndarray) -> np.ndarray:
+    """Rows (m, k) in the order in which each is the longest beside the span of those before it, as many as are independent."""
+    rest = rows.copy()
+    taken: list[int] = []
+    length = np.sum(rest**2, axis=1)
+    while len(taken) < min(rows.shape) and length.max() > DEPENDENT**2 * np.sum(rows**2, axis=1).max():
+        taken.append(first_of_largest(length))
+        unit = rest[taken[-1]] / np.sqrt(length[taken[-1]])
+        rest -= np.outer(rest @ unit, unit)
+        rest[taken[-1]] = 0.0
+        length = np.sum(rest**2, axis=1)
+    return np.array(taken, dtype=int)
 
 
 def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: int) -> np.ndarray:
@@ -111,7 +128,7 @@ def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: i
         else:
             read = np.linalg.eigvalsh(np.einsum("gik,gjk->gij", answer.reshape(pool, c, k), blocks))
             gain = np.log1p(np.maximum(read, 0.0)).sum(axis=1)
-        best = int(np.argmax(np.where(free, gain, -np.inf)))
+        best = first_of_largest(np.where(free, gain, -np.inf))
         free[best] = False
         for channel in range(best * c, (best + 1) * c):
             # one channel after the other is the same update as all at once
@@ -134,7 +151,7 @@ def _independent(rows: np.ndarray) -> np.ndarray:
         for _ in range(2):
             for unit in columns:
                 rest -= unit * (unit @ rest)
-        if np.linalg.norm(rest) > 1e-8 * np.linalg.norm(column):
+        if np.linalg.norm(rest) > DEPENDENT * np.linalg.norm(column):
             columns.append(rest / np.linalg.norm(rest))
             kept.append(column / np.linalg.norm(column))
     if not kept:

@@ -73,7 +73,13 @@ def certify(
 
 
 def _descend(
-    relaxation: _Relaxation, w: np.ndarray, temperature: float, lower: float, relaxed: float, used: int, budget: int,
+    relaxation: _Relaxation,
+    w: np.ndarray,
+    temperature: float,
+    lower: float,
+    relaxed: float,
+    used: int,
+    budget: int,
     tolerance: float,
 ) -> tuple[np.ndarray, float, float, int]:
     """Spectral projected gradient at one temperature, from w, until the bound closes: w, lower, relaxed, used."""

@@ -10,12 +10,10 @@ import numpy as np
 
 from strainsight.placement.increment import Slopes, removal, sharper_bound, slopes, squares
 from strainsight.placement.information import information
+from strainsight.placement.ordering import TIE
 from strainsight.placement.remaining import Remaining
 from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
-
-TIE = 1e-9
-"""Two rises closer than this share of themselves are a tie; the lower gauge index leaves."""
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from scipy.linalg import solve_triangular
 
 from strainsight.augmentation.observability import undetectable_directions
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.placement.choice import TIE, rest
+from strainsight.placement.choice import rest
 from strainsight.placement.increment import removal, squares
-from strainsight.placement.ordering import lowest_first
+from strainsight.placement.ordering import TIE, lowest_first
 from strainsight.placement.remaining import Remaining
 from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop
 from strainsight.placement.scenario import Pool, refined

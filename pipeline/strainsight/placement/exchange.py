@@ -12,6 +12,7 @@ from strainsight.placement.fill import costs_of, gradients_of, with_gauge
 from strainsight.placement.increment import gauge_gradients, removal
 from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, Swaps, as_limits
+from strainsight.placement.ordering import tied_order
 from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import (
     Aggregate,
@@ -53,7 +54,8 @@ def exchange(
         swap (i out, j in):  f ≥ agg(f_s + min over i of φ_i − φ_j),   φ_g = tr(h_g P X P h_gᵀ) of the present set
 
     Gauges j are tried in the order of that bound and left where it promises nothing; j is then added exactly, and only
-    the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made.
+    the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made; of
+    equal ones, that of the lower indices.
     gauges: a set that detects every unknown; fixed: gauges that stay; limits: of which every set on the way breaks none;
     where they leave room for j beside all of them, j is added and none leaves. limit: of exact solves.
     """
@@ -107,7 +109,7 @@ def _first_gain(
     enough = cost * (1 - WORTH)
     hopeful = np.flatnonzero(promise < enough)
     solves = 0
-    for at in hopeful[np.argsort(promise[hopeful], kind="stable")]:
+    for at in hopeful[tied_order(promise[hopeful])]:
         into = int(others[at])
         may = swaps.out(into)
         if not may.any() and not swaps.room[into]:
@@ -131,7 +133,7 @@ def _first_gain(
             aggregate,
         )
         bounds[~may] = np.inf
-        for i in np.argsort(bounds, kind="stable"):
+        for i in tied_order(bounds):
             if bounds[i] >= enough:
                 break
             if solves + len(pools) > limit:

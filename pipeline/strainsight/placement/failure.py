@@ -13,6 +13,7 @@ from strainsight.placement.exchange import exchange
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import BUDGET, Limits, as_limits
 from strainsight.placement.losses import LossSearch, cost_of, covariances_of, measure
+from strainsight.placement.ordering import TIE
 from strainsight.placement.scenario import Aggregate, Pool, fewest_gauges
 
 
@@ -83,7 +84,12 @@ def robust_set(
         more = eliminate(scenarios, _twice(limits), aggregate).kept
         starts.append(search.reduced(more.tolist()))
     starts.append(exchange(pools, start, aggregate, limits=limits, limit=limit).gauges.tolist())
-    chosen, loss, swaps = min((search.swapped(s) for s in starts), key=lambda found: measure(found[1]))
+    chosen, loss, swaps = search.swapped(starts[0])
+    for other in starts[1:]:
+        fatal, largest = measure(loss)
+        found = search.swapped(other)
+        if measure(found[1]) < (fatal, largest * (1 - TIE)):
+            chosen, loss, swaps = found
     values = np.array([loss[g] for g in chosen])
     return RobustSet(
         gauges=np.array(chosen),

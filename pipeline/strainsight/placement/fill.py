@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.placement.increment import addition, gauge_gradients
 from strainsight.placement.limits import Limits
+from strainsight.placement.ordering import TIE
 from strainsight.placement.riccati import Loop, close_loop
 from strainsight.placement.scenario import (
     Aggregate,
@@ -81,12 +82,12 @@ def _most_telling(
 ) -> tuple[int, list[Loop]]:
     costs = costs_of(pools, loops)
     bounds = aggregated(costs[:, None] - gradients_of(pools, loops)[:, room], aggregate)
-    best, into, answer = np.inf, -1, list(loops)
+    best, exact = np.inf, {}
     for at in np.argsort(bounds, kind="stable"):
-        if bounds[at] > best:
+        if bounds[at] > best * (1 + TIE):
             break
         grown = with_gauge(pools, loops, int(room[at]))
-        cost = float(aggregated(costs_of(pools, grown), aggregate))
-        if (cost, int(room[at])) < (best, into):
-            best, into, answer = cost, int(room[at]), grown
-    return into, answer
+        exact[int(room[at])] = float(aggregated(costs_of(pools, grown), aggregate)), grown
+        best = min(best, exact[int(room[at])][0])
+    into = min(gauge for gauge, (cost, _) in exact.items() if cost <= best * (1 + TIE))
+    return into, exact[into][1]

@@ -10,6 +10,7 @@ from strainsight.errors import NumericalError
 from strainsight.placement.exchange import WORTH
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.limits import Limits, Swaps
+from strainsight.placement.ordering import TIE, tied_order
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of, subset_covariance, weighted_trace
 
 
@@ -30,7 +31,7 @@ class LossSearch:
             least, rest = (len(chosen), np.inf), chosen
             for out in (g for g in chosen if g not in self.limits.fixed and part[g] > 0):
                 others = [g for g in chosen if g != out]
-                loss = self.losses(others, least)
+                loss = self.losses(others, (least[0], least[1] * (1 - TIE)))
                 if loss:
                     least, rest = measure(loss), others
             chosen = rest
@@ -84,13 +85,13 @@ class LossSearch:
         movable = np.array([g not in self.limits.fixed for g in chosen])
         may = np.array([swaps.out(g) for g in others], dtype=bool).reshape(len(others), len(chosen)).T
         least = np.where(movable[:, None] & may, bounds.max(axis=0), np.inf)
-        for at in np.argsort(least, axis=None, kind="stable"):
+        for at in tied_order(least.ravel()):
             i, j = divmod(int(at), len(others))
             if least[i, j] >= enough or self.solves >= self.limit:
                 break
             out, into = chosen[i], others[j]
             swapped = sorted({*chosen, into} - {out})
-            likely = [chosen[g] for g in np.argsort(-bounds[:, i, j], kind="stable") if g != i]
+            likely = [chosen[g] for g in tied_order(-bounds[:, i, j]) if g != i]
             new = self.losses(swapped, (fatal, enough), [into, *likely], {into: loss[out]})
             if new:
                 return out, into, new
@@ -107,7 +108,7 @@ class LossSearch:
         least = np.full(len(room), -np.inf)
         for f, phi in self._failed(chosen) if np.inf not in loss.values() else ():
             least = np.maximum(least, aggregated(f[:, None] - phi[:, room], self.aggregate))
-        for at in np.argsort(least, kind="stable"):
+        for at in tied_order(least):
             if least[at] >= enough or self.solves >= self.limit:
                 break
             new = self.losses(sorted([*chosen, room[at]]), (fatal, enough))

@@ -13,6 +13,7 @@ from strainsight.placement.certificate import certify
 from strainsight.placement.cuts import Bound, Cut, cut_at, detects, lowest
 from strainsight.placement.exchange import exchange
 from strainsight.placement.limits import Limits
+from strainsight.placement.ordering import TIE, tied_order
 from strainsight.placement.remaining import twin_groups
 from strainsight.placement.scenario import Aggregate, Pool, aggregated
 from strainsight.placement.score import score
@@ -23,6 +24,8 @@ PAYS = 0.1
 """A further cut pays where the last one closed this share of the distance to the incumbent."""
 DULL = 100.0
 """No cut is taken where the relaxed cost is this many times the incumbent: its slope is too steep to be of use."""
+LEVEL = 1e-9
+"""Weights, of 0 to 1, closer than this are a tie."""
 TWIN = 1e-12
 """Rows h/√r that differ by less than this share of their length are one gauge twice."""
 
@@ -68,7 +71,7 @@ class Search:
                 self.tried.remove(tuple(gauges))
                 self.unsolved = min(self.unsolved, bound)
                 return
-            if not cost < self.cost:
+            if not cost < self.cost * (1 - TIE):
                 return
             self.best, self.cost = gauges, cost
             with suppress(NumericalError):
@@ -139,7 +142,7 @@ class Search:
     ) -> list[tuple[float, Node]]:
         """The sets with the most fractional gauge and those without it; of twins, the lowest index is taken first."""
         free = ~(inside | outside)
-        most = int(np.argmin(np.where(free, np.abs(node.centre - 0.5), np.inf)))
+        most = int(tied_order(np.where(free, np.abs(node.centre - 0.5), np.inf), LEVEL)[0])
         same = free & (self.twins == self.twins[most])
         gauge = int(np.flatnonzero(same)[0])
         with_it = inside.copy()
@@ -163,7 +166,7 @@ class Search:
 
     def _round(self, cuts: Sequence[Cut], weights: np.ndarray, inside: np.ndarray) -> None:
         """Offer the gauges of the largest weights as far as they fit, unless the cuts say that they cost too much."""
-        chosen = self.limits.packed(np.argsort(-weights, kind="stable"), inside)
+        chosen = self.limits.packed(tied_order(-weights, LEVEL), inside)
         if not self.limits.allows(chosen):
             return
         planes = np.array([cut.offset + cut.slope[:, chosen].sum(axis=1) for cut in cuts])

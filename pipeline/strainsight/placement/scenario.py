@@ -91,11 +91,9 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
             remedy="estimate fewer unknowns, or make a load, a mass or a stiffness known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
-    if undetectable_directions(scenario.F.T, _noise_rows(scenario.Q)).shape[1]:
-        raise InfeasibleError(
-            "a motion or an unknown that does not decay is reached by no process noise: no steady filter exists",
-            remedy="give the structure damping, or process noise to its velocities and to every unknown",
-        )
+    unreached = undetectable_directions(scenario.F.T, _noise_rows(scenario.Q))
+    if unreached.shape[1]:
+        raise _unreached(scenario.F, unreached, names)
     d, P = balance(scenario.F, scenario.Q, information(rows))
     balanced = scenario.scaled(d)
     residual = relative_residual(balanced.F, balanced.Q, information(balanced.rows.reshape(-1, size)), P)
@@ -110,6 +108,24 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
 def solved(names: Sequence[str], scenario: Scenario) -> Pool:
     """`solve_pool` as a task of a sweep."""
     return solve_pool(scenario, names)
+
+
+def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> InfeasibleError:
+    """What does not decay and is reached by no process noise, in words; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0.
+
+    A motion of the structure has λ ≠ 0, an unknown λ = 0.
+    """
+    moves = np.any(np.abs(directions.T @ F) > 1e-6 * (np.abs(directions.T) @ np.abs(F)), axis=1)
+    if moves.any():
+        return InfeasibleError(
+            "an undamped motion of the structure is reached by no process noise: no steady filter exists",
+            remedy="give the structure damping (a ratio of 1e-4 will do), or a load that excites this motion too: the noise of a "
+            "motion is a share of how the training run moves it",
+        )
+    return InfeasibleError(
+        f"{undetectable_in_words(directions, names)} is reached by no process noise, or next to none: no steady filter exists",
+        remedy="give it more, or the others less",
+    )
 
 
 def _noise_rows(Q: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.placement.layouts import NODES, Detection, best_layout, refusal
 from strainsight.placement.limits import BUDGET, Limits
+from strainsight.placement.ordering import tied_order
 
 EFFORT = 20
 """Nodes of the search of another layout; where they are not enough, the gauge stays while the layout at hand has it."""
@@ -120,7 +121,7 @@ class Witness:
 
     def _order(self, rest: np.ndarray, worth: np.ndarray) -> np.ndarray:
         places = np.flatnonzero(rest)
-        return places[np.argsort(-worth[places] / self._dear[places], kind="stable")]
+        return places[tied_order(-worth[places] / self._dear[places])]
 
     def _checked(self, found: np.ndarray) -> np.ndarray | None:
         full = int(self.limits.size[found].sum()) >= self._goal
@@ -177,7 +178,7 @@ class Guard:
         """The gauge worth least that a broken limit counts and the witness does without; as in `lets_go`."""
         worth = self._worth(index, bounds)
         out = np.flatnonzero(self.there & ~self._found(worth).units & (self.relief > 0))
-        return int(out[np.argmin(worth[out])])
+        return int(out[tied_order(worth[out])[0]])
 
     def _worth(self, index: np.ndarray, bounds: np.ndarray) -> np.ndarray:
         worth = np.zeros(len(self.there))

@@ -12,6 +12,7 @@ from scipy.linalg import eigh, svd
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.modes import turned
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
 from strainsight.rom.samples import Theta, parameter_samples
 from strainsight.rom.snapshots import Snapshots, only_scales, scaled, snapshots, snapshots_at
@@ -79,8 +80,8 @@ def reduce_model(
     if samples < 1:
         raise InfeasibleError(f"{samples} parameter samples", remedy="take at least 1, the reference")
     points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
-    K = full.stiffness.at(reference)
     first = snapshots(full, S, points[0], modes, known)
+    K = full.stiffness.at(reference)  # not before: beside the factor there would be two of it
     V, _ = energy_orthonormal(K, first.vectors)
     rest = [found.vectors for found in sweep(snapshots_at, points[1:], (full.stiffness, full.mass, S, modes))]
     sigma = np.zeros(0)
@@ -193,8 +194,11 @@ def _modal_coordinates(
                 )
             Y = Y[:, ::-1] / np.sqrt(inverse[::-1])
         else:
-            _, Y = eigh(K, M)
+            lam, Y = eigh(K, M)
         basis = basis @ Y
+        if not first:
+            T = turned(lam, basis)
+            Y, basis = Y @ T, basis @ T
         sign = _sign_of_largest(basis)
         stiffness, mass, basis = stiffness.project(Y * sign), mass.project(Y * sign), basis * sign
     return ReducedModel(mass, stiffness, basis.T @ S, tuple(inputs), dict(reference), damping), basis

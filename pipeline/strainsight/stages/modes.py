@@ -5,6 +5,7 @@ from __future__ import annotations
 from strainsight.errors import blame
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.stages.case.full_model import FILES, READS, full_model
+from strainsight.stages.case.scales import hertz
 from strainsight.stages.case.settings import parameters_of
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Table
@@ -32,12 +33,12 @@ def run(context: Context) -> Output:
             ),
         },
         summary={"unknowns": model.size, "modes": count, "first": float(frequency[0]), "last": float(frequency[-1])},
-        message=f"{count} modes of {model.size} unknowns, {frequency[0]:.2f} to {frequency[-1]:.0f} Hz",
+        message=f"{count} modes of {model.size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
         tables=(
             Table(
                 f"natural frequencies at {values}",
                 ("mode", "Hz"),
-                tuple((str(i), f"{f:.3f}") for i, f in enumerate(frequency, start=1)),
+                tuple((str(i), hertz(f, 3)) for i, f in enumerate(frequency, start=1)),
             ),
         ),
     )
@@ -45,7 +46,7 @@ def run(context: Context) -> Output:
 
 MODES = Stage(
     "modes",
-    version=1,
+    version=2,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

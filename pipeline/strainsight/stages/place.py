@@ -11,6 +11,7 @@ from strainsight.errors import blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.export import uff_text
 from strainsight.placement.elimination import Elimination, eliminate
+from strainsight.placement.ordering import tied_order
 from strainsight.placement.recommendation import worth_keeping
 from strainsight.placement.scenario import Scenario
 from strainsight.rom.model import modal_basis
@@ -104,9 +105,9 @@ def _find(context: Context, problem: Problem, candidates: Candidates) -> _Found:
 
 
 def _most_missed_first(pool: PoolRows, rows: np.ndarray, gauges: np.ndarray, importance: np.ndarray) -> np.ndarray:
-    """Pool rows in the order in which their gauges are missed."""
+    """Pool rows in the order in which their gauges are missed, the lower row first of those missed alike."""
     missed = [importance[np.isin(gauges, pool.gauges[row])].sum() for row in rows]
-    return rows[np.argsort(-np.array(missed), kind="stable")]
+    return rows[tied_order(-np.array(missed))]
 
 
 def _observability(context: Context, problem: Problem, scenario: Scenario, pool: PoolRows) -> Observability:
@@ -237,7 +238,7 @@ def _summary(found: _Found, selected: int) -> dict[str, Scalar]:
 
 PLACE = Stage(
     "place",
-    version=3,
+    version=4,
     reads=(
         "seed",
         "loads.*.signal",

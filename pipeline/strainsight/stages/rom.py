@@ -10,6 +10,7 @@ from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.rom.reduction import held_out_errors, reduce_model
 from strainsight.rom.samples import held_out_samples
 from strainsight.stages.case.full_model import FILES, READS, full_model
+from strainsight.stages.case.scales import hertz, refuse_damping
 from strainsight.stages.case.settings import damping_of, load_shapes, parameters_of
 from strainsight.stages.records.grids import vtkhdf_datasets
 from strainsight.stages.records.mesh import mesh_from
@@ -49,6 +50,7 @@ def run(context: Context) -> Output:
             (modes["/frequency"], modes["/shape"]),
             watched(context.sweep, lambda share: context.progress("parameter samples", 0.2 + 0.5 * share)),
         )
+    refuse_damping(reduction.model.damping, reduction.frequency)
     context.progress("held-out errors", 0.7)
     watch = watched(context.sweep, lambda share: context.progress("held-out errors", 0.7 + 0.3 * share))
     held_out = held_out_errors(model, S, reduction, held_out_samples(reference, ranges, HELD_OUT), watch)
@@ -103,7 +105,7 @@ def run(context: Context) -> Output:
             "basis_size": reduction.model.size,
             "projection_error": worst,
         },
-        message=f"{model.size} unknowns → {reduction.model.size}, first mode {reduction.frequency[0]:.2f} Hz, "
+        message=f"{model.size} unknowns → {reduction.model.size}, first mode {hertz(reduction.frequency[0], 2)} Hz, "
         f"held-out error {worst:.1e}",
         tables=(Table("the ready matrices", ("warning",), tuple((text,) for text in built.notes)),) * bool(built.notes),
     )
@@ -111,7 +113,7 @@ def run(context: Context) -> Output:
 
 ROM = Stage(
     "rom",
-    version=3,
+    version=4,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.errors import ConfigError, blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.screening import Screening, screen
+from strainsight.stages.case.scales import refuse_noise
 from strainsight.stages.case.settings import families
 from strainsight.stages.records.gauges import candidates_from
 from strainsight.workflow.output import Dataset, Output
@@ -22,13 +23,17 @@ def run(context: Context) -> Output:
     pool, strain = candidates_from(train), train["/strain"]
     rms, peak = np.sqrt(np.mean(strain**2, axis=0)), np.abs(strain).max(axis=0)
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
+    best = {}
     for i, (key, family) in enumerate(families(config).items()):
         own = pool.array == i
         # Of candidates: one glued in a loud place must not make all others noisier.
         free = own & ~pool.glued if (own & ~pool.glued).any() else own
         noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
+        if own.any():
+            best[key] = float(rms[own].max()), float(noise_std[own][0])
         if family.range is not None:
             limit[own] = float(family.range)
+    refuse_noise(best)
     with blame("screen.keep"):
         result = _screened(config.screen, pool, rms, peak, noise_std, limit)
     dropped = Counter(str(code) for code in result.reason if code)
@@ -103,7 +108,7 @@ def _noise_std(stated: Any, rms: np.ndarray, key: str) -> float:
 
 SCREEN = Stage(
     "screen",
-    version=2,
+    version=3,
     reads=(
         "screen",
         "gauges.noise_std",

@@ -13,6 +13,7 @@ from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.rom.snapshots import only_scales
 from strainsight.stages.case.full_model import FILES, READS, full_model
+from strainsight.stages.case.scales import hertz
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
@@ -36,7 +37,8 @@ def run(context: Context) -> Output:
         context.progress(f"{count} modes of {model.size} unknowns", 0.2)
         with blame("validate.truth.modes"):
             frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count)
-        said = f"{count} modes of {model.size} unknowns, {frequency[0]:.2f} to {frequency[-1]:.0f} Hz amid the ranges"
+        lowest, highest = hertz(frequency[0], 2), hertz(frequency[-1], 0)
+        said = f"{count} modes of {model.size} unknowns, {lowest} to {highest} Hz amid the ranges"
     return Output(
         datasets={
             "/frequency": Dataset(frequency, "Hz", "natural frequencies amid the ranges of the parameters"),
@@ -61,7 +63,7 @@ def _in_the_middle(config: Any, mesh: Mesh) -> tuple[Parameter, ...]:
 
 SPECTRUM = Stage(
     "spectrum",
-    version=1,
+    version=2,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

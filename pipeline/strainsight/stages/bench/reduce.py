@@ -135,7 +135,7 @@ def _frequencies(body: CraigBampton, reference: dict[str, float]) -> list[float]
 
 REDUCE = Stage(
     "reduce",
-    version=2,
+    version=3,
     reads=(
         "bodies.*.type",
         "bodies.*.modes",

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from strainsight.placement.certificate import Certificate
+from strainsight.placement.ordering import first_of_largest
 from strainsight.placement.recommendation import WORTH, gains, worth_keeping
 from strainsight.workflow.output import Table
 
@@ -112,7 +113,7 @@ def _failures(
         yield f"An unknown is lost if {' or '.join(lost)} fails."
     else:
         name, worst, growth = max(
-            ((name, int(np.argmax(values)), float(np.max(values)) / std[name]) for name, values in without.items()),
+            ((name, first_of_largest(values), float(np.max(values)) / std[name]) for name, values in without.items()),
             key=lambda found: found[2],
         )
         yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
