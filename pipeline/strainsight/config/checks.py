@@ -26,6 +26,7 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _optimum(config)
     yield from _input_models(config)
     yield from _fast(config)
+    yield from _wandering(config)
     yield from _validation(config)
 
 
@@ -133,6 +134,23 @@ def _fast(config: PlacementConfig) -> Iterator[Problem]:
             )
 
 
+def _wandering(config: PlacementConfig) -> Iterator[Problem]:
+    """Parameters that the filter would let wander, in their logarithm, by more than 1 in a step."""
+    step = max(config.train.time_step, config.validation.time_step)
+    for name, parameter in config.parameters.items():
+        if parameter.process_noise_scale * step**0.5 > 1:
+            yield Problem(
+                f"parameters.{name}.process_noise_scale",
+                f"{parameter.process_noise_scale:g} lets it wander by {100 * parameter.process_noise_scale * step**0.5:.3g} % "
+                f"in a step of {step:g} s",
+                f"take at most {step**-0.5:.2g}, a hundredth of it where nothing is known",
+            )
+
+
+LARGEST_START = 10.0
+"""σ of a parameter at the start, in its logarithm: a factor of exp(10) either way."""
+
+
 def _validation(config: PlacementConfig) -> Iterator[Problem]:
     parameters, known = list(config.parameters), [*config.parameters, *config.loads]
     for name, value in config.validation.truth.parameters.items():
@@ -152,7 +170,13 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
                 f"{value:g} lies outside parameters.{name}.range, {low:g} to {high:g}: no reduced model is made for it",
                 "correct the value, or widen the range",
             )
-    for name in config.validation.initial_std:
+    for name, std in config.validation.initial_std.items():
+        if name in parameters and std > LARGEST_START:
+            yield Problem(
+                f"validate.initial_std.{name}",
+                f"{std:g} times the guess, which the parameter's range is far within",
+                f"take at most {LARGEST_START:g}; 0.1 is ten per cent",
+            )
         if name not in known:
             yield Problem(
                 f"validate.initial_std.{name}",

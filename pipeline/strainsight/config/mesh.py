@@ -80,7 +80,7 @@ class MeshFile(Section):
     format: Literal["auto", "nastran", "abaqus", "gmsh", "meshio"] = Field(
         "auto", description="Which reader; auto goes by the name's ending."
     )
-    length_unit: Literal["m", "mm", "cm", "in", "ft"] = Field("m", description="Unit of length in the file.")
+    length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Unit of length in the file.")
     mass_unit: Literal["kg", "t", "g", "lb", "slug", "lbf*s2/in"] = Field(
         "kg",
         description="Unit of mass in the file; the time unit is s, so N and mm go with t, lbf and in with lbf*s2/in.",

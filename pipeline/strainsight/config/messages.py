@@ -140,10 +140,10 @@ def _choices(tags: str, model: type[BaseModel], path: tuple[str, ...], data: Any
 
 def _description(model: type[BaseModel], path: tuple[str, ...], data: Any) -> str:
     """What the models say about a key: "noise_std: Noise standard deviation of every gauge."."""
-    while path and path[-1].isdigit():
-        path = path[:-1]
-    for section in sections_at(model, path[:-1], data) if path else ():
-        field = fields_of(section).get(path[-1])
-        if field is not None and field.description:
-            return f"{path[-1]}: {field.description}"
+    while path:
+        for section in sections_at(model, path[:-1], data) if not path[-1].isdigit() else ():
+            field = fields_of(section).get(path[-1])
+            if field is not None and field.description:
+                return f"{path[-1]}: {field.description}"
+        path = path[:-1]  # an entry of a list, or of a mapping by names, is what its list or mapping is
     return ""

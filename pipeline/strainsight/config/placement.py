@@ -95,8 +95,10 @@ class ProcessNoise(Section):
         description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is; as_printed: "
         "those numbers, and σ² of the gauges, put into the Riccati equation as if they were intensities.",
     )
-    model_error: NotNegative = Field(
+    model_error: float = Field(
         0.01,
+        ge=0,
+        le=1e6,
         description="Noise on the velocities as a share of the training acceleration [-]: without it the filter is sure and "
         "wrong as soon as the damping is not exact.",
     )

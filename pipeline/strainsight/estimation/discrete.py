@@ -46,6 +46,8 @@ def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:
     halvings = max(0, int(np.ceil(np.log2(max(turns, 1e-300) / PART))))
     part = h / 2**halvings
     units = np.outer(scale, scale)
+    # Q_h is linear in Q, and a large Q would spoil the exponential of the rest
+    units = units * (float(np.abs(Q / units).max(initial=0.0)) or 1.0)
     generator = np.zeros((*Q.shape[:-2], 2 * n, 2 * n))
     generator[..., :n, :n], generator[..., n:, n:], generator[..., :n, n:] = -balanced, balanced.T, Q / units
     exponential = expm(generator * part)

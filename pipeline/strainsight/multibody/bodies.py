@@ -85,10 +85,12 @@ class FlexibleBody:
             )
         if not self.invariants.mass > 0:
             raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg")
-        least = float(np.linalg.eigvalsh(self.mass)[0])
+        size = np.sqrt(np.maximum(np.diag(self.mass), np.finfo(float).tiny))
+        least = float(np.linalg.eigvalsh(self.mass / np.outer(size, size))[0])  # of a microgram as of a tonne
         if not least > 0:
             raise InfeasibleError(
-                f"body {self.name}: the reduced mass is not positive definite (least eigenvalue {least:.3g})",
+                f"body {self.name}: the reduced mass is not positive definite (least eigenvalue {least:.3g}, of a diagonal "
+                "of 1)",
                 remedy="leave out the shapes that carry no mass",
             )
 

@@ -7,9 +7,11 @@ from scipy import sparse
 
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
+from strainsight.fem.memory import require_memory
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
 from strainsight.gauges.rows import channel_rows
+from strainsight.measurements.calibration import LARGE_STRAIN
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
@@ -18,12 +20,15 @@ from strainsight.signals.histories import hold_coefficients, instant_values
 from strainsight.stages.case.candidates import OnSurface, candidates_on_surface, zone_of
 from strainsight.stages.case.channels import readings
 from strainsight.stages.case.given_gauges import read_given
+from strainsight.stages.case.scales import refuse_readings, refuse_times
 from strainsight.stages.case.settings import signal_of
 from strainsight.stages.records.gauges import candidate_datasets, given_datasets
 from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.records.model import model_from
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage
+
+FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
 
 
 def run(context: Context) -> Output:
@@ -33,6 +38,7 @@ def run(context: Context) -> Output:
     model = model_from(rom)
     h = config.train.time_step
     steps = round(config.train.duration / h)
+    refuse_times(float(rom["/frequency"][0]), float(config.train.duration), float(h))
     with blame("train"):
         signals = [signal_of(name, config.loads[name].signal, context.files) for name in model.inputs]
         held = hold_coefficients(signals, 0.0, h, steps)
@@ -49,7 +55,11 @@ def run(context: Context) -> Output:
         pool, given = _given(context, mesh)
         rows = given @ rom["/matrices/basis"]
     moved = np.zeros(0) if surface is None else surface.moved
+    with blame("train"):
+        # the readings and their squares
+        require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
     strain = readings(model, model.reference, rows, pool.quantity, x, u)
+    refuse_readings(strain)
     rms = np.sqrt(np.mean(strain**2, axis=0))
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     return Output(
@@ -100,6 +110,8 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     words = ("candidates", "glued", "accelerometers", "displacement sensors")
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
     said = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
+    if strongest > LARGE_STRAIN:
+        said.append("far from small: are load and modulus in the right unit?")
     if surface is not None and len(surface.moved):
         said.append(f"glued ones moved by up to {1e3 * surface.moved.max():.2g} mm")
     if surface is not None and surface.left_out:

@@ -20,7 +20,7 @@ def answer(report: PlacementReport) -> str:
     many = f"{word}{'s' * (gauges != 1)}, {f'{count(glued)} of them glued already, ' if glued else ''}chosen"
     known = [unknown for unknown in report.unknowns if _sigma(unknown) is not None]
     parts = [f"{escape(unknown.name)} to within ±{share(_sigma(unknown))}" for unknown in known]
-    text = f"<strong>{count(gauges)} {many} from {count(pool)} candidates</strong>"
+    text = f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     relative = ", of a load relative to its RMS" if any(unknown.kind == "input" for unknown in known) else ""
     if parts:
         text += f" tell {_join(parts)} (one standard deviation{relative})."

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from strainsight.errors import blame
+from strainsight.errors import InfeasibleError, blame
 from strainsight.placement.baselines import random_sets
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate
@@ -24,6 +24,7 @@ from strainsight.stages.bench.layout.linear import LinearBench, linear_bench, sc
 from strainsight.stages.bench.layout.output import Found, output_of
 from strainsight.stages.bench.layout.placed import PLACED, layout_of
 from strainsight.stages.bench.layout.pool import GaugePool, gauge_pool
+from strainsight.stages.bench.layout.scales import refuse_sizes
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -39,6 +40,7 @@ def run(context: Context) -> Output:
     modal = bench.system.modal(place.body)
     context.progress("candidates", 0.1)
     pool = gauge_pool(meshes[place.body], reduced[place.body].basis, linear.static[modal], inputs, place)
+    refuse_sizes(linear, pool.response, float(place.noise), inputs)
     found = _find(context, bench, linear, pool, inputs, pool.rows @ q[modal])
     return output_of(found)
 
@@ -83,6 +85,12 @@ def _find(
     layouts = {
         name: layout_of(linear, scenario.weight, own, rows[own], noise, disturbance) for name, own in sets.items()
     }
+    if not np.isfinite(layouts[PLACED].std).all():
+        raise InfeasibleError(
+            f"a filter on the {place.keep} gauges comes to no steady σ of every input",
+            key="place.keep",
+            remedy="keep more gauges, or take larger increments (estimate.inputs)",
+        )
     units = tuple("N" if context.config.forces[name].type == "force" else "N m" for name in inputs)
     return Found(inputs, units, pool, resting, scenario, result, swapped, certificate, layouts)
 
@@ -96,7 +104,7 @@ def _limits(place: Any, position: np.ndarray) -> Limits:
 
 PLACE = Stage(
     "place",
-    version=1,
+    version=2,
     reads=(
         "seed",
         "bodies",

@@ -6,11 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from strainsight.errors import blame
+from strainsight.errors import ConfigError, blame
 from strainsight.signals.histories import evaluate
 from strainsight.stages.bench.case.bench import Bench
 from strainsight.stages.case.settings import signal_of
 from strainsight.workflow.stage import Context
+
+LARGEST = 1e50
+"""[N, N m] Its fourth power is still a number."""
 
 
 def loads_of(context: Context, bench: Bench) -> Callable[[np.ndarray], np.ndarray]:
@@ -25,6 +28,9 @@ def loads_of(context: Context, bench: Bench) -> Callable[[np.ndarray], np.ndarra
         for name, signal in signals.items():
             with blame(f"forces.{name}.signal"):
                 columns.append(evaluate(signal, time))
+                largest = float(np.abs(columns[-1]).max(initial=0.0))
+                if not largest <= LARGEST:
+                    raise ConfigError(f"{largest:.2g} N or N m, more than {LARGEST:g}", remedy="check its unit")
         return np.column_stack(columns) if columns else np.zeros((len(time), 0))
 
     return at

@@ -77,7 +77,9 @@ def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> d
         return {}
     numbers: dict[str, Scalar] = {f"mismatch.{name}": float(np.nanmax(share))}
     if len(share) > 1:
-        numbers |= {f"mismatch.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)}
+        numbers |= {
+            f"mismatch.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)
+        }
     return numbers
 
 
@@ -87,8 +89,10 @@ def _settled(*histories: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """slope, offset of y over x; a constant x has the slope of their means and no offset."""
+    size = float(np.abs(x).max(initial=0.0)) or 1.0  # of a load of 1e-200 N the square is none
+    x = x / size
     spread = x - x.mean()
-    if not np.any(np.abs(spread) > 1e-9 * np.abs(x).max(initial=0.0)):
-        return (float(y.mean() / x.mean()) if x.mean() else float("nan")), 0.0
+    if not np.any(np.abs(spread) > 1e-9):
+        return (float(y.mean() / x.mean() / size) if x.mean() else float("nan")), 0.0
     slope = float(spread @ y / (spread @ spread))
-    return slope, float(y.mean() - slope * x.mean())
+    return slope / size, float(y.mean() - slope * x.mean())

@@ -22,7 +22,7 @@ would try to explain."""
 SPAN = 1e-7
 """Share of what a load or parameter may move a reading by that its noise is raised to: squared, the digits of a number."""
 NOTHING = 1e-12
-"""Noise of a channel that reads nothing at all [its unit]."""
+"""Least noise of a channel, as of one that reads nothing at all [its unit]."""
 FAR = 100.0
 """Times that a stated noise may be raised by; beyond, it is a unit that is wrong."""
 FELT = 1e-3
@@ -88,9 +88,7 @@ def trial_of(
     return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, said)
 
 
-def _noise(
-    estimate: Any, used: Sensors, largest: np.ndarray, moved: np.ndarray
-) -> tuple[np.ndarray, tuple[str, ...]]:
+def _noise(estimate: Any, used: Sensors, largest: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
     noise, said = np.empty(len(largest)), []
     least = np.maximum(np.maximum(FLOOR * largest, SPAN * moved), NOTHING)
@@ -101,14 +99,25 @@ def _noise(
             continue
         low, high = float(stated[raised].min()), float(least[own][raised].max())
         if low > 0 and high > FAR * low:
-            raise ConfigError(
-                f"one σ of an unknown moves it by {moved[own].max():.3g}, {moved[own].max() / low:.1e} times its noise of "
-                f"{low:g}: more digits than a number has",
-                key=f"estimate.sensors.{name}.noise",
-                remedy="check the units of guesses, std and increments, or take smaller ones",
-            )
-        said.append(f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding")
+            raise _too_quiet(f"estimate.sensors.{name}.noise", low, float(moved[own].max()), float(largest[own].max()))
+        said.append(
+            f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding"
+        )
     return noise, tuple(said)
+
+
+def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
+    """The error for a stated noise far below what rounding leaves of the reading, of what an unknown moves it by, or of none."""
+    if max(SPAN * moved, FLOOR * largest) < NOTHING:
+        what, remedy = f"{noise:g} is less than {NOTHING:g}, the least of a channel", "take larger loads and noises"
+        return ConfigError(what, key=key, remedy=remedy)
+    by_unknown = SPAN * moved >= FLOOR * largest
+    what, reach = ("one σ of an unknown moves it by", moved) if by_unknown else ("it reads up to", largest)
+    return ConfigError(
+        f"{what} {reach:.3g}, {reach / noise:.1e} times its noise of {noise:g}: more digits than a number has",
+        key=key,
+        remedy=f"check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or take smaller ones",
+    )
 
 
 def _covariance(

@@ -38,8 +38,16 @@ def layout_of(
         trace = weighted_trace(solved, solved.P)
     except (InfeasibleError, NumericalError):
         trace = float("inf")
-    without = [expected_std(bench, np.delete(rows, i, axis=0), noise, acceleration) for i in range(len(rows))]
-    return Layout(gauges, trace, expected_std(bench, rows, noise, acceleration), np.array(without))
+    without = [_claimed(bench, np.delete(rows, i, axis=0), noise, acceleration) for i in range(len(rows))]
+    return Layout(gauges, trace, _claimed(bench, rows, noise, acceleration), np.array(without))
+
+
+def _claimed(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float) -> np.ndarray:
+    """`expected_std` (nu,), inf where it never settles."""
+    try:
+        return expected_std(bench, rows, noise, acceleration)
+    except NumericalError:
+        return np.full(len(bench.increment), np.inf)
 
 
 def layout_datasets(layouts: Mapping[str, Layout], candidates: Candidates) -> dict[str, Dataset]:

@@ -1,0 +1,99 @@
+"""Numbers that cannot be right, or that double precision cannot hold, are refused: which key, which value, what to do."""
+
+from __future__ import annotations
+
+import pytest
+
+from strainsight.errors import UserError
+
+from .beam import BENCH_CONFIG, RHO, bricks, finished, of_material
+
+COUNTS = (3, 1, 1)
+DAMPING = "damping"
+
+PLACEMENTS = [
+    # key, value in the message, changes
+    ("gauges.noise_std.value", "above 0", {"gauges.noise_std": {"value": 0.0}}),
+    ("gauges.noise_std", "1e-30 is", {"gauges.noise_std": {"value": 1e-30}}),
+    ("gauges.noise_std", "a noise of 1e+06", {"gauges.noise_std": {"value": 1e6}}),
+    ("gauges.noise_std", "a noise of 1e+300", {"gauges.noise_std": {"value": 1e300}}),
+    ("gauges.noise_std", "1e-320", {"gauges.noise_std": {"value": 1e-320}}),
+    ("validate.initial_std.E", "above 0", {"validate.initial_std.E": 0.0}),
+    ("validate.initial_std.E", "1e+06 times the guess", {"validate.initial_std.E": 1e6}),
+    ("parameters.E.process_noise_scale", "above 0", {"parameters.E.process_noise_scale": 0.0}),
+    ("parameters.E.process_noise_scale", "3.16e+06 %", {"parameters.E.process_noise_scale": 1e6}),
+    (
+        "place.estimate",
+        "E is reached by no process noise",
+        {"parameters.E.process_noise_scale": 1e-30, "screen.keep": "all"},
+    ),
+    ("process_noise.model_error", "at most 1e+06", {"process_noise.model_error": 1e30}),
+    ("damping.ratio", "1.0 has to be below 1", {"damping.ratio": 1.0}),
+    (DAMPING, "nothing would move", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
+    (DAMPING, "nothing would move", {DAMPING: {"type": "rayleigh", "alpha": 0.0, "beta": 1e30}}),
+    ("rom.modes", "at least 1", {"rom.modes": 0}),
+    ("rom.modes", "200 modes of a model with 30 unknowns", {"rom.modes": 200}),
+    ("loads", "more than 1e+50", {"loads.tip.signal.amplitude": 1e300}),
+    ("loads", "less than 1e-50", {"loads.tip.signal.amplitude": 1e-300}),
+    ("train.time_step", "1 steps", {"train.duration": 1e-3}),
+    ("place.keep", "8 is larger", {"place.keep": 8, "screen.keep": 4}),
+    ("mesh.length_unit", "'lightyear'", {"mesh.length_unit": "lightyear"}),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "changes"), PLACEMENTS)
+def test_a_placement_is_refused(tmp_path, key, value, changes):
+    refused(tmp_path, bricks(COUNTS), key, value, changes)
+
+
+@pytest.mark.parametrize(
+    ("modulus", "density", "key", "value"),
+    [
+        (1e-3, RHO, "train.duration", "periods of the first mode"),
+        (1e-30, RHO, "train.duration", "periods of the first mode"),
+        (1e30, RHO, "train.time_step", "periods of the first mode"),
+        (1e-100, 1e-107, "loads", "more than 1e+50"),
+        (1e100, 1e93, "loads", "less than 1e-50"),
+    ],
+)
+def test_a_material_that_the_run_cannot_show_is_refused(tmp_path, modulus, density, key, value):
+    """A modulus of 1e-3 Pa of a density of steel swings once in weeks, and one of 1e30 Pa 1e8 times a step."""
+    refused(tmp_path, bricks(COUNTS, modulus=modulus, density=density), key, value, of_material(modulus))
+
+
+BENCHES = [
+    ("place.noise", "1e-30: one increment", {"place.noise": 1e-30}),
+    ("place.noise", "1e+06: one increment", {"place.noise": 1e6}),
+    ("place.noise", "1e-07: one increment of side", {"estimate.inputs.side.increment": 1e-30}),
+    ("place.noise", "1e-07: one increment of side", {"estimate.inputs.side.increment": 1e30}),
+    ("estimate.inputs.side.std", "above 0", {"estimate.inputs.side.std": 0.0}),
+    ("estimate.sensors.gauges.noise", "1e-30 is less than 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
+    ("estimate.sensors.gauges.noise", "one σ of an unknown moves it by", {"estimate.inputs.side.std": 1e30}),
+    ("estimate.inputs.down", "no sensor feels it", {"estimate.sensors.gauges.noise": 1e6}),
+    ("estimate.sensors.gauges.noise", "it reads up to", {"forces.side.signal.amplitude": 1e12}),
+    ("forces.side.signal", "more than 1e+50", {"forces.side.signal.amplitude": 1e200}),
+    ("bodies.beam", "500 modes of a body with", {"bodies.beam.modes": 500}),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "changes"), BENCHES)
+def test_a_bench_is_refused(tmp_path, key, value, changes):
+    refused(tmp_path, bricks(COUNTS), key, value, changes, BENCH_CONFIG)
+
+
+@pytest.mark.parametrize("modulus", [1e-3, 1e-30, 1e30])
+def test_a_bench_of_an_absurd_modulus_is_refused(tmp_path, modulus):
+    refused(tmp_path, bricks(COUNTS, modulus=modulus), "place.noise", "one increment of down", {}, BENCH_CONFIG)
+
+
+def refused(folder, text, key, value, changes, *base):
+    """UserError, so that the command line ends with 2; it names the key at its line and the value, and has a remedy."""
+    with pytest.raises(UserError) as found:
+        finished(folder, "estimate" if base else "validate", text, changes, *base)
+    error = found.value
+    assert error.exit_code == 2
+    assert error.key == key
+    assert error.where is not None
+    assert "edge.yaml:" in error.where
+    assert value in str(error)
+    assert error.remedy
