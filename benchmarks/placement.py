@@ -104,7 +104,7 @@ def make_scenarios(pool: int, modes: int, inputs: tuple[str, ...], count: int, s
     unknowns = Unknowns(inputs, ("E",), {"Fz": 1e4, "Fy": 1e3}, {"E": E0, "rho": RHO})
     at = 63 + 97 * np.arange(count)
     F = linearise(model, unknowns, {"E": E0, "rho": RHO}, state[at], u[at])
-    Q = process_intensity(modes, unknowns, {"Fz": 20.0}, {"E": 0.05})
+    Q = process_intensity(modes, unknowns, {"Fz": 20.0, "Fy": 40.0}, {"E": 0.05})
     H, r = augment_rows(rows, unknowns), gauge_intensity(np.full(pool, NOISE), STEP)
     weight = whole_pool_weight(
         [Scenario(f, Q, H, r, np.zeros(len(Q))) for f in F], len(Q) - np.arange(unknowns.count, 0, -1)

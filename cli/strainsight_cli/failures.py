@@ -58,6 +58,10 @@ def failure_of(error: Exception) -> Failure:
         return Failure(USER, f"{error.filename}  {error.strerror}\n    {remedy}", details)
     if isinstance(error, OSError) and error.errno in FULL:
         return Failure(USER, f"{os.strerror(error.errno)}\n    make room on the disk, or write to another one", details)
+    if isinstance(error, MemoryError):
+        asked = f": {error}" if str(error) else ""
+        remedy = "take a coarser mesh or a larger machine, end other programs, or give --jobs 1"
+        return Failure(USER, f"there is not enough memory{asked}\n    {remedy}", details)
     said = f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
     return Failure(INTERNAL, said, details)
 

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -137,6 +138,19 @@ def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(
     message = done.output + (done.stderr or "")
     assert "internal error: RuntimeError: a bug" in message
     assert "Traceback" not in message
+
+
+def test_memory_that_runs_out_is_two_and_says_what_was_asked_for(call, monkeypatch):
+    def greedy(*_, **__):
+        np.empty(2**59)
+
+    monkeypatch.setattr(main, "loaded_config", greedy)
+    done = call("run", CONFIG)
+    assert done.exit_code == 2
+    message = done.output + (done.stderr or "")
+    assert "there is not enough memory: Unable to allocate 4.00 EiB" in message
+    assert "coarser mesh" in message
+    assert "internal error" not in message
 
 
 def test_a_folder_that_cannot_be_written_is_two(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError, UserError
+from strainsight.fem import memory
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble, mass_properties
 from strainsight.fem.elements import SOLID_KINDS
@@ -270,3 +271,13 @@ def test_missing_region_material_or_mass_is_refused(box):
 def test_parameters_that_contradict_are_refused(box, parameters, message):
     with pytest.raises(UserError, match=message):
         assemble(box("tet4", (1, 1, 1)), parameters)
+
+
+def test_too_little_memory_for_the_sum_is_refused_before_it_is_taken(box, monkeypatch):
+    """Eight hex20 have 1680 node pairs."""
+    mesh = box("hex20", (2, 2, 2))
+    monkeypatch.setattr(memory, "available_memory", lambda: 1680 * 81 - 1.0)
+    with pytest.raises(UserError, match=r"the stiffness of 81 nodes, at the very least: .* GiB of memory are needed"):
+        assemble(mesh)
+    monkeypatch.setattr(memory, "available_memory", lambda: 1680 * 81)
+    assemble(mesh)

@@ -10,6 +10,8 @@ import pytest
 import pyvista
 from scipy.linalg import solve_continuous_are
 
+from strainsight.errors import UserError
+from strainsight.fem import memory
 from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone
 from strainsight.stages.placement import PLACEMENT
 from strainsight.stages.train import zone_of
@@ -68,6 +70,18 @@ def test_every_kind_of_zone_is_taken_from_the_config():
 def test_training_strains_are_rows_times_coordinates(artefacts):
     train = artefacts["train"]
     assert np.allclose(train["/strain"], train["/coordinate"] @ train["/gauges/row"].T, rtol=1e-12, atol=0)
+
+
+def test_readings_that_no_memory_holds_are_refused_before_they_are_made(
+    artefacts, config, results, tmp_path, monkeypatch
+):
+    shutil.copytree(results, tmp_path / "results")
+    monkeypatch.setattr(memory, "available_memory", lambda: 16.0 * 608 * 421 - 1)
+    stages = [stage for stage in PLACEMENT if stage.name in ("import", "modes", "rom", "train")]
+    with pytest.raises(UserError, match=r"readings of 608 channels in 420 steps: .* are needed") as caught:
+        finished(job_of(config, tmp_path / "results", *SHORT, "train.duration=0.21"), stages)
+    assert "fewer candidates" in caught.value.remedy
+    assert caught.value.key == "train"
 
 
 def test_a_row_is_the_strain_of_the_basis_by_differences_along_the_facet(artefacts):

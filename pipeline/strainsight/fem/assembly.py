@@ -12,10 +12,13 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.element_matrices import element_masses, element_stiffnesses
+from strainsight.fem.memory import require_memory
 from strainsight.fem.point_masses import check
 from strainsight.mesh.model import CellBlock, Mesh
 
 CHUNK = 2048
+PAIR_BYTES = 9 * 8 + 8 + 1
+"""Of a node pair of an element while they are summed: its block, its place, and which way round it is."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,11 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
     D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³];
     everything else is in the constant part [N/m, kg]. Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an element turned inside out (ids named), a region or material that is missing or not physical,
-    and UserError for parameters that overlap or name no region.
+    and UserError for parameters that overlap or name no region, or where the memory cannot be enough.
     """
     check_mesh(mesh)
+    pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
+    require_memory(PAIR_BYTES * pairs, f"the stiffness of {len(mesh.position)} nodes, at the very least")
     moduli, densities = _targets(mesh, parameters, "youngs_modulus"), _targets(mesh, parameters, "density")
     shared: dict[frozenset[int], Pattern] = {}
 

@@ -12,13 +12,16 @@ GIB = 1024.0**3
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
-def require_memory(needed: float, what: str) -> None:
+SMALLER = "take a coarser mesh or a larger machine, or end other programs"
+
+
+def require_memory(needed: float, what: str, remedy: str = SMALLER) -> None:
     """Raise UserError where a step takes more than is available; needed [bytes]; what as in "the factor of 10 unknowns"."""
     there = available_memory()
     if needed > there:
         raise UserError(
             f"{what}: {needed / GIB:.3g} GiB of memory are needed, {there / GIB:.3g} GiB are available",
-            remedy="take a coarser mesh or a larger machine, or end other programs",
+            remedy=remedy,
         )
 
 
