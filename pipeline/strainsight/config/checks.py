@@ -14,6 +14,8 @@ from strainsight.errors import did_you_mean
 FEWEST_STEPS = 10
 MOST_STEPS = 10_000_000  # a time step in the wrong unit, rather than a run that anyone waits for
 FEWEST_STEPS_A_PERIOD = 8
+LARGEST_START = 10.0
+"""σ of a parameter at the start, in its logarithm: a factor of exp(10) either way."""
 
 
 def problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -145,10 +147,6 @@ def _wandering(config: PlacementConfig) -> Iterator[Problem]:
                 f"in a step of {step:g} s",
                 f"take at most {step**-0.5:.2g}, a hundredth of it where nothing is known",
             )
-
-
-LARGEST_START = 10.0
-"""σ of a parameter at the start, in its logarithm: a factor of exp(10) either way."""
 
 
 def _validation(config: PlacementConfig) -> Iterator[Problem]:

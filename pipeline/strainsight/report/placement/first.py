@@ -22,10 +22,11 @@ def answer(report: PlacementReport) -> str:
     parts = [f"{escape(unknown.name)} to within ±{share(_sigma(unknown))}" for unknown in known]
     text = f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     relative = ", of a load relative to its RMS" if any(unknown.kind == "input" for unknown in known) else ""
+    tell = "tells" if gauges == 1 else "tell"
     if parts:
-        text += f" tell {_join(parts)} (one standard deviation{relative})."
+        text += f" {tell} {_join(parts)} (one standard deviation{relative})."
     elif report.unknowns:
-        text += f" tell {_join([escape(unknown.name) for unknown in report.unknowns])}."
+        text += f" {tell} {_join([escape(unknown.name) for unknown in report.unknowns])}."
     else:
         text += "."
     if len(known) > 1:

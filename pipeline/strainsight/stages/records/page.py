@@ -43,7 +43,7 @@ def placement_report(context: Context) -> PlacementReport:
     mesh = mesh_from(up["import"])
     return PlacementReport(
         name=context.name,
-        title=f"{context.name}: {len(up['place']['/selected/final/gauge'])} {_word(up)} for {' and '.join(names)}",
+        title=f"{context.name}: {_number_of_gauges(up)} for {' and '.join(names)}",
         unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
         layout=layout_of_page(mesh, up, config.loads),
         trend=trend_of(up["place"]),
@@ -132,7 +132,8 @@ def _facts(up: Mapping[str, Artefact]) -> dict[str, str]:
     return {stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "validate")}
 
 
-def _word(up: Mapping[str, Artefact]) -> str:
-    """Gauges, or sensors where some of the layout are not."""
-    channels = up["place"]["/selected/final/channel"][:, 0]
-    return "gauges" if np.all(up["train"]["/gauges/quantity"][channels] == 0) else "sensors"
+def _number_of_gauges(up: Mapping[str, Artefact]) -> str:
+    """As "4 gauges", or "1 sensor" where some of the layout are no gauges."""
+    count, channels = len(up["place"]["/selected/final/gauge"]), up["place"]["/selected/final/channel"][:, 0]
+    word = "gauge" if np.all(up["train"]["/gauges/quantity"][channels] == 0) else "sensor"
+    return f"{count} {word}{'s' * (count != 1)}"
