@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from difflib import get_close_matches
 
 
@@ -44,6 +45,16 @@ def printable(text: str) -> str:
     """What a message shows of a text that may come from any file: no more than LONGEST signs, none that a terminal obeys."""
     cut = text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
     return "".join(sign if sign.isprintable() or sign == "\n" else ascii(sign)[1:-1] for sign in cut)
+
+
+def at_least(limit: float) -> str:
+    """A limit for a remedy in two digits, rounded up: what is taken from the message is accepted."""
+    return f"{Context(2, ROUND_CEILING).create_decimal_from_float(limit):g}"
+
+
+def at_most(limit: float) -> str:
+    """The same, rounded down."""
+    return f"{Context(2, ROUND_FLOOR).create_decimal_from_float(limit):g}"
 
 
 class UserError(StrainsightError):

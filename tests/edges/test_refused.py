@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from decimal import Decimal
+
 import pytest
 
-from strainsight.errors import UserError
+from strainsight.errors import UserError, at_least, at_most
 
 from .beam import BENCH_CONFIG, RHO, bricks, finished, of_material
 
@@ -49,8 +52,8 @@ def test_a_placement_is_refused(tmp_path, key, value, changes):
 @pytest.mark.parametrize(
     ("modulus", "density", "key", "value"),
     [
-        (1e-3, RHO, "train.duration", "periods of the first mode"),
-        (1e-30, RHO, "train.duration", "periods of the first mode"),
+        (1e-3, RHO, "train.duration", "periods of the last mode"),
+        (1e-30, RHO, "train.duration", "periods of the last mode"),
         (1e30, RHO, "train.time_step", "periods of the first mode"),
         (1e-100, 1e-107, "loads", "more than 1e+50"),
         (1e100, 1e93, "loads", "less than 1e-50"),
@@ -84,6 +87,34 @@ def test_a_bench_is_refused(tmp_path, key, value, changes):
 @pytest.mark.parametrize("modulus", [1e-3, 1e-30, 1e30])
 def test_a_bench_of_an_absurd_modulus_is_refused(tmp_path, modulus):
     refused(tmp_path, bricks(COUNTS, modulus=modulus), "place.noise", "one increment of down", {}, BENCH_CONFIG)
+
+
+DRIFT = "parameters.E.process_noise_scale"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "others"),
+    [
+        ("gauges.noise_std", {"value": 1e-30}, {}),
+        ("gauges.noise_std", {"value": 1e6}, {}),
+        (DRIFT, 1e9, {}),
+        (DRIFT, 1e9, {"process_noise.rule": "thesis"}),
+        (DRIFT, 1e9, {"process_noise.rule": "as_printed"}),
+    ],
+)
+def test_what_a_refusal_advises_is_accepted(tmp_path, key, value, others):
+    own = {"screen.keep": "all", "place.keep": 1, **others}
+    with pytest.raises(UserError) as found:
+        finished(tmp_path / "refused", "screen", bricks(COUNTS), {**own, key: value})
+    advised = float(re.search(r"take at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
+    accepted = {"value": advised} if isinstance(value, dict) else advised
+    finished(tmp_path / "accepted", "screen", bricks(COUNTS), {**own, key: accepted})
+
+
+@pytest.mark.parametrize("limit", [0.1, 1e-16, 31.622776, 123456.0, 3.17e300])
+def test_limits_are_rounded_to_the_side_that_is_accepted(limit):
+    assert Decimal(at_most(limit)) <= Decimal(limit) <= Decimal(at_least(limit))
+    assert Decimal(at_least(limit)) - Decimal(at_most(limit)) <= Decimal(limit) / 10
 
 
 def refused(folder, text, key, value, changes, *base):

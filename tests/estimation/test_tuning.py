@@ -109,3 +109,20 @@ def test_a_record_that_loses_the_filter_from_the_start_is_refused(make_beam, mak
     with pytest.raises(NumericalError, match="lost with the noise as stated"):
         tune(model, mean, P0, u, y, parts=("noise",))
     assert tune(model, mean, P0, u, y[:, 0], parts=("noise",)).gained >= 0
+
+
+def test_where_runs_of_one_side_are_lost_the_slope_is_that_of_the_other(make_beam, make_filter, monkeypatch):
+    """The stated noise is a quarter of the real one, and a filter told any less is lost."""
+    model, *rest = drawn(make_beam, make_filter)
+    stated = replace(model, r=model.r / 4)
+    expected = tune(stated, *rest, parts=("noise",)).factors["noise"]
+
+    def fragile(filtering, *arguments):
+        run = run_filter(filtering, *arguments)
+        lost = np.broadcast_to(filtering.r, (len(run.log_likelihood), 4)).min(axis=1) < 0.999 * stated.r.min()
+        return replace(run, log_likelihood=np.where(lost, -np.inf, run.log_likelihood))
+
+    monkeypatch.setattr(tuning, "run_filter", fragile)
+    found = tune(stated, *rest, parts=("noise",))
+    assert found.factors["noise"] == pytest.approx(expected, rel=0.02)
+    assert found.gained > 0

@@ -9,7 +9,7 @@ from strainsight.config.checks_model import model_problems
 from strainsight.config.loads import Load, MultiSine, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
-from strainsight.errors import did_you_mean
+from strainsight.errors import at_most, did_you_mean
 
 FEWEST_STEPS = 10
 MOST_STEPS = 10_000_000  # a time step in the wrong unit, rather than a run that anyone waits for
@@ -138,14 +138,16 @@ def _fast(config: PlacementConfig) -> Iterator[Problem]:
 
 def _wandering(config: PlacementConfig) -> Iterator[Problem]:
     """Parameters that the filter would let wander, in their logarithm, by more than 1 in a step."""
-    step = max(config.train.time_step, config.validation.time_step)
+    step, h = max(config.train.time_step, config.validation.time_step), config.train.time_step
+    # √(q h) of δ = 1, with the q of `augmentation.noise.process_intensity`
+    wander = (step * {"continuous": 1.0, "thesis": h, "as_printed": h * h}[config.process_noise.rule]) ** 0.5
     for name, parameter in config.parameters.items():
-        if parameter.process_noise_scale * step**0.5 > 1:
+        if parameter.process_noise_scale * wander > 1:
             yield Problem(
                 f"parameters.{name}.process_noise_scale",
-                f"{parameter.process_noise_scale:g} lets it wander by {100 * parameter.process_noise_scale * step**0.5:.3g} % "
+                f"{parameter.process_noise_scale:g} lets it wander by {100 * parameter.process_noise_scale * wander:.3g} % "
                 f"in a step of {step:g} s",
-                f"take at most {step**-0.5:.2g}, a hundredth of it where nothing is known",
+                f"take at most {at_most(1 / wander)}, a hundredth of it where nothing is known",
             )
 
 

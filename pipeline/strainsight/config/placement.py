@@ -44,7 +44,9 @@ class MaterialParameter(Section):
         description="[lowest, highest] value the reduced model is made for [Pa or kg/m³]."
     )
     process_noise_scale: Positive = Field(
-        0.05, description="δ: how fast the filter lets the parameter wander, relative to its guess [1/√s]."
+        0.05,
+        description="δ: how fast the filter lets the parameter wander, relative to its guess [1/√s; 1/s under the thesis's "
+        "rules of process_noise].",
     )
 
 

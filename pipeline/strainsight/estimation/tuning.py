@@ -70,13 +70,14 @@ def tune(
             value = likelihood(logarithms)
         except NumericalError:  # every run lost: a place the search must leave
             value = np.full(len(probes), -np.inf)
-        if not np.isfinite(value).all():
+        if _lost(value, count):
             return hopeless, np.zeros(count)
-        return -float(value[0]), -(value[1 : 1 + count] - value[1 + count :]) / (2 * DIFFERENCE)
+        return -float(value[0]), -_slope(value, count)
 
     start, bound = np.zeros(count), np.log(limit)
-    first = likelihood(start)[0]
-    if not np.isfinite(first):
+    around = likelihood(start)
+    first = around[0]
+    if _lost(around, count):
         raise NumericalError(
             "the filter is lost with the noise as stated: there is nothing to tune from",
             remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
@@ -87,6 +88,20 @@ def tune(
     factors = {str(part): float(np.exp(value)) for part, value in zip(parts, found.x, strict=True)}
     at_limit = tuple(str(part) for part, value in zip(parts, found.x, strict=True) if abs(value) > bound - 1e-6)
     return Tuning(factors, float(-found.fun - first), at_limit, int(found.nfev) + 1)
+
+
+def _lost(value: np.ndarray, count: int) -> bool:
+    """Whether there is no slope: the run itself is lost, or both beside it in some factor; value as of `_slope`."""
+    return not np.isfinite(value[0]) or bool(np.any(~np.isfinite(value[1:].reshape(2, count)).any(axis=0)))
+
+
+def _slope(value: np.ndarray, count: int) -> np.ndarray:
+    """Central differences (count,) of value (1 + 2 count,): at a point, beside it, and on the other side; of one side only
+    where the run on the other is lost."""
+    beside = value[1:].reshape(2, count)
+    there = np.isfinite(beside)
+    above, below = np.where(there, beside, value[0])
+    return np.asarray((above - below) / (DIFFERENCE * there.sum(axis=0)))
 
 
 def scale_noise(model: FilterModel, factors: Mapping[str, float]) -> FilterModel:

@@ -38,7 +38,7 @@ def run(context: Context) -> Output:
     model = model_from(rom)
     h = config.train.time_step
     steps = round(config.train.duration / h)
-    refuse_times(float(rom["/frequency"][0]), float(config.train.duration), float(h))
+    refuse_times(rom["/frequency"], float(config.train.duration), float(h))
     with blame("train"):
         signals = [signal_of(name, config.loads[name].signal, context.files) for name in model.inputs]
         held = hold_coefficients(signals, 0.0, h, steps)

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.errors import InfeasibleError
+from strainsight.errors import InfeasibleError, at_least, at_most
 from strainsight.rom.model import Damping
 
 LEAST_PERIODS = 1e-3
-"""Periods of the first mode in a training run. In fewer the stiffness adds less than (2π 1e-3)²/2, a fifty-thousandth, to
-what the mass does: no gauge tells a modulus, and the Riccati equation of 4e-5 periods is beyond double precision."""
+"""Periods of the last mode in a training run. In fewer the stiffness adds less than (2π 1e-3)²/2, a fifty-thousandth, to
+what the mass does, in every mode: no gauge tells a modulus, and the Riccati equation of 4e-5 periods is beyond double
+precision."""
 MOST_PERIODS = 1e6
 """Periods of the first mode in a time step: the motion is the static one to all digits."""
 READINGS = (1e-50, 1e50)
@@ -44,24 +45,25 @@ def refuse_damping(damping: Damping, frequency: np.ndarray) -> None:
         )
 
 
-def refuse_times(first: float, duration: float, step: float) -> None:
-    """Raise InfeasibleError where a training run is over before the structure moves, or a step as long as a million swings.
+def refuse_times(frequency: np.ndarray, duration: float, step: float) -> None:
+    """Raise InfeasibleError where a training run is over before any mode swings, or all swing a million times in a step.
 
-    first: lowest natural frequency [Hz]; duration, step [s].
+    frequency (modes,) [Hz], ascending; duration, step [s].
     """
+    first, last = float(frequency[0]), float(frequency[-1])
     units = "check mesh.length_unit, mesh.mass_unit, modulus and density"
-    if first * duration < LEAST_PERIODS:
+    if last * duration < LEAST_PERIODS:
         raise InfeasibleError(
-            f"{duration:g} s are {first * duration:.2g} periods of the first mode, {first:.4g} Hz: the structure's stiffness "
+            f"{duration:g} s are {last * duration:.2g} periods of the last mode, {last:.4g} Hz: the structure's stiffness "
             "is not felt in so short a run",
             key="train.duration",
-            remedy=f"take at least {LEAST_PERIODS / first:.2g} s, better a few periods; or {units}",
+            remedy=f"take at least {at_least(LEAST_PERIODS / last)} s, better a few periods of the first; or {units}",
         )
     if first * step > MOST_PERIODS:
         raise InfeasibleError(
             f"{step:g} s are {first * step:.2g} periods of the first mode, {first:.4g} Hz: only the static response is left",
             key="train.time_step",
-            remedy=f"take at most {MOST_PERIODS / first:.2g} s; or {units}",
+            remedy=f"take at most {at_most(MOST_PERIODS / first)} s; or {units}",
         )
 
 
@@ -91,11 +93,11 @@ def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
             f"a noise of {noise:.3g} is {noise / signal:.1g} of the largest RMS reading, {signal:.3g}: the model itself is "
             "rounded to more",
             key=f"{key}.noise_std",
-            remedy=f"take at least {signal / high:.1g}; it is a strain (1 µm/m is 1e-6), m/s² or m",
+            remedy=f"take at least {at_least(signal / high)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
         )
     if 0 < signal < low * noise:
         raise InfeasibleError(
             f"a noise of {noise:.3g} is {noise / signal:.1g} times the largest RMS reading, {signal:.3g}: nothing can be learnt",
             key=f"{key}.noise_std",
-            remedy=f"take at most {signal / low:.1g}; it is a strain (1 µm/m is 1e-6), m/s² or m",
+            remedy=f"take at most {at_most(signal / low)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
         )
