@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -273,11 +274,18 @@ def test_parameters_that_contradict_are_refused(box, parameters, message):
         assemble(box("tet4", (1, 1, 1)), parameters)
 
 
-def test_too_little_memory_for_the_sum_is_refused_before_it_is_taken(box, monkeypatch):
-    """Eight hex20 have 1680 node pairs."""
-    mesh = box("hex20", (2, 2, 2))
-    monkeypatch.setattr(memory, "available_memory", lambda: 1680 * 81 - 1.0)
-    with pytest.raises(UserError, match=r"the stiffness of 81 nodes, at the very least: .* GiB of memory are needed"):
-        assemble(mesh)
-    monkeypatch.setattr(memory, "available_memory", lambda: 1680 * 81)
+@pytest.mark.parametrize("kind", SOLID_KINDS)
+def test_too_little_memory_for_the_sum_is_refused_and_enough_is_not(box, kind, monkeypatch):
+    """What an assembly takes at its peak is enough for it; a twentieth of that is refused before it is taken."""
+    mesh = box(kind, (4, 4, 4))
+    assemble(mesh)  # what the first call leaves behind is not the assembly's
+    tracemalloc.start()
     assemble(mesh)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    monkeypatch.setattr(memory, "available_memory", lambda: float(peak))
+    assemble(mesh)
+    monkeypatch.setattr(memory, "available_memory", lambda: peak / 20)
+    words = rf"the stiffness of {len(mesh.position)} nodes, at the very least: .* GiB of memory are needed"
+    with pytest.raises(UserError, match=words):
+        assemble(mesh)

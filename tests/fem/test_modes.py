@@ -12,7 +12,7 @@ from strainsight.errors import NumericalError, UserError
 from strainsight.fem import memory
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
-from strainsight.fem.modes import modes
+from strainsight.fem.modes import REPEATED, modes, turned
 from strainsight.mesh.model import RigidElement
 
 
@@ -207,3 +207,52 @@ def test_modes_of_one_frequency_are_not_left_to_rounding(length):
         noise = sparse.random_array(K.shape, density=3 / len(first), rng=rng)
         shaken = sparse.csr_array(K + 1e-14 * (noise + noise.T))
         assert np.abs(modes(shaken, M, count)[1] - first).max() < 1e-8 * np.abs(first).max()
+
+
+@pytest.mark.parametrize("length", [20, 50])
+@pytest.mark.parametrize("count", [1, 8, 10])
+def test_no_copy_of_the_last_frequency_is_cut_off(length, count):
+    """Eight equal chains that do not touch: the copies of a frequency reach further than the modes found beside those wanted."""
+    K, M, exact = chain(length)
+    K, M = sparse.csr_array(sparse.kron(sparse.eye_array(8), K)), sparse.csr_array(sparse.eye_array(8 * length))
+    frequency, first = modes(K, M, count)
+    assert np.allclose(frequency, np.repeat(exact[:2], 8)[:count], rtol=1e-9)
+    assert np.allclose(first.T @ first, np.eye(count), atol=1e-9)
+    # each chain on its own, in their order
+    assert np.allclose(np.abs(first).reshape(8, length, count).sum(axis=1).argmax(axis=0), np.arange(count) % 8)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        noise = sparse.random_array(K.shape, density=3 / len(first), rng=rng)
+        shaken = sparse.csr_array(K + 1e-14 * (noise + noise.T))
+        assert np.abs(modes(shaken, M, count)[1] - first).max() < 1e-8
+
+
+@pytest.mark.parametrize("n", [60, 400])
+def test_any_number_of_modes_up_to_that_of_unknowns_with_mass(n):
+    """Thirty masses of a chain, against its flexibility; thirty equal oscillators, all of one frequency."""
+    at = np.linspace(2, n - 1, 30).astype(int)
+    mass = np.zeros(n)
+    mass[at] = np.linspace(1, 2, 30)
+    # one spring after another: the flexibility between two is that of the springs they share
+    shared = np.minimum.outer(at + 1.0, at + 1.0)
+    root = np.sqrt(mass[at])
+    exact = np.linalg.eigvalsh(root[:, None] * shared * root)[::-1]
+    for count in (1, 10, 29, 30):
+        frequency, shapes = modes(chain(n)[0], sparse.csr_array(sparse.diags_array(mass)), count)
+        assert np.allclose((2 * np.pi * frequency) ** -2, exact[:count], rtol=1e-9)
+        assert np.allclose((shapes.T * mass) @ shapes, np.eye(count), atol=1e-9)
+        one = sparse.csr_array(sparse.diags_array((mass > 0).astype(float)))
+        frequency, shapes = modes(sparse.csr_array(sparse.eye_array(n)), one, count)
+        assert np.allclose(2 * np.pi * frequency, 1.0, rtol=1e-12)
+        assert np.allclose(shapes, np.eye(n)[:, at[:count]], atol=1e-9)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_values_that_chain_are_not_one_frequency(sign):
+    """Sixty values, each nearer to the next than one frequency's: no two further apart than that are mixed."""
+    values = (1 + 0.9 * REPEATED * np.arange(60))[::sign]
+    T = turned(values, np.random.default_rng(0).standard_normal((200, 60)))
+    assert np.allclose(T.T @ T, np.eye(60), atol=1e-12)
+    apart = np.abs(values[:, None] - values) > 1.01 * REPEATED
+    assert np.all(T[apart] == 0)
+    assert np.count_nonzero(T) > 60

@@ -35,6 +35,14 @@ def test_rounding_does_not_order_what_is_equal():
     )
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("values", "place"), [([1.0, np.inf, np.inf], 1), ([-np.inf, -1.0], 1), ([-np.inf, -np.inf], 0), ([np.inf], 0)]
+)
+def test_an_infinity_is_the_largest_and_a_tie_with_others(values, place):
+    assert first_of_largest(np.array(values)) == place
+
+
 def test_near_zero_the_larger_numbers_tell_what_is_rounding():
     values = np.array([1e-17, 0.5, -2e-17, 0.0, 1e-3])
     assert tied_order(values).tolist() == [2, 3, 0, 4, 1]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.factorisation import factorise
@@ -13,7 +14,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.model import PointMass
 from strainsight.rom.craig_bampton import craig_bampton, floating_basis
 from strainsight.rom.inertia import inertia_invariants
-from strainsight.rom.residual_vectors import inertia_loads, rigid_field
+from strainsight.rom.residual_vectors import inertia_loads, residual_vectors, rigid_field
 
 from .bars import ROOT, SIDE, TIP, bar, gauge_rows, inertia_of, rigid
 
@@ -100,3 +101,18 @@ def test_an_interior_of_one_node_or_none_has_no_more_shapes_than_motions():
     assert none.cut == np.inf
     with pytest.raises(InfeasibleError, match="0 unknowns between"):
         craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=1)
+
+
+def test_rounding_does_not_flip_an_antisymmetric_vector():
+    """A symmetric chain under antisymmetric loads: of two components equally large the first is positive."""
+    n, rng = 41, np.random.default_rng(0)
+    K = sparse.csr_array(sparse.diags_array([np.full(n, 2.0), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]))
+    M = sparse.csr_array(sparse.eye_array(n))
+    s = np.linspace(-1, 1, n)
+    F = np.column_stack([s, -(s**3), np.sign(s), -np.sin(5 * s)])
+    for _ in range(5):
+        shaken = F * (1 + 1e-14 * rng.standard_normal(F.shape))
+        V = residual_vectors(shaken, M, factorise(K), np.zeros(0), np.zeros((n, 0)))
+        assert np.allclose(V, -V[::-1], atol=1e-9)
+        first = np.argmax(np.abs(V) > (1 - 1e-6) * np.abs(V).max(axis=0), axis=0)
+        assert np.all(V[first, np.arange(4)] > 0)

@@ -14,7 +14,7 @@ from strainsight.fem.memory import require_memory
 DENSE_LIMIT = 300
 GUARD = 4
 REPEATED = 1e-7
-"""Values ω² closer than this share of themselves are one frequency."""
+"""Values ω² closer to the first of them than this share of it are one frequency."""
 NEARLY = 1e-6
 """Components that differ by less than this share are equally large: symmetry makes them so, and the first counts."""
 
@@ -27,14 +27,13 @@ def modes(
         K φ = ω² M φ,     φᵀMφ = 1,     the largest component of φ positive
 
     Of modes of one frequency the first has the largest component that any combination of them has, and so on (`turned`):
-    no rounding chooses among the combinations.
+    no rounding chooses among the combinations. Small models, and those of which few unknowns have mass, are solved densely.
     K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M; shift σ ≤ 0
     [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid motions then come first); factor of
     K − σM, where there is one. Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
     Raises UserError for too large a count, for a mechanism (a mode without stiffness) and where the memory is not enough,
     NumericalError where a mode does not converge or K − σM is not positive definite.
     """
-    n = K.shape[0]
     massive = int(np.count_nonzero(M.diagonal() > 0))
     if not 1 <= count <= massive:
         raise UserError(
@@ -43,22 +42,37 @@ def modes(
     if shift > 0:
         raise ValueError("the shift must not be positive")
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
-    if n <= DENSE_LIMIT or 2 * (count + GUARD) >= n:
-        inverse, shapes = _dense(A, M, count)
-    else:
-        inverse, shapes = _lanczos(A, M, count, factor or factorise(A))
-    # a few modes more than asked for keep the copies of a repeated frequency from being cut off
+    inverse, shapes = _lowest(A, M, count, factor)
     inverse, shapes = inverse[:count], (shapes @ turned(inverse, shapes))[:, :count]
     lam = 1.0 / inverse + shift
     _check(A, M, lam - shift, shapes)
-    return np.sqrt(np.maximum(lam, 0.0)) / (2 * np.pi), _signed(shapes)
+    return np.sqrt(np.maximum(lam, 0.0)) / (2 * np.pi), shapes * signs(shapes)
 
 
-def _dense(A: sparse.csr_array, M: sparse.csr_array, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _lowest(
+    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """1/λ and φ of the modes, and of a few more: until no copy of the last frequency asked for is cut off."""
+    n, massive, guard = A.shape[0], int(np.count_nonzero(M.diagonal() > 0)), GUARD
+    while True:
+        wanted = min(count + guard, massive)
+        if n <= DENSE_LIMIT or _basis(wanted) > n:
+            require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of {n} unknowns")
+            inverse, shapes = _dense(A.toarray(), M.toarray(), count, wanted)
+        else:
+            factor = factor or factorise(A)
+            way = _lanczos if _basis(wanted) <= massive else _condensed
+            inverse, shapes = way(A, M, count, wanted, factor)
+        if _frequencies(inverse)[-1] >= count or len(inverse) < count + guard:
+            return inverse, shapes
+        guard *= 2
+
+
+def _dense(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple[np.ndarray, np.ndarray]:
     """M φ = (1/λ) A φ, because M may be singular and A is not."""
-    n = A.shape[0]
+    n = len(A)
     try:
-        inverse, V = eigh(M.toarray(), A.toarray(), subset_by_index=(max(n - count - GUARD, 0), n - 1))
+        inverse, V = eigh(M, A, subset_by_index=(n - wanted, n - 1))
     except np.linalg.LinAlgError:
         raise NumericalError(
             "the stiffness is not positive definite",
@@ -69,11 +83,30 @@ def _dense(A: sparse.csr_array, M: sparse.csr_array, count: int) -> tuple[np.nda
     return inverse[-found:][::-1], (V[:, -found:] / np.sqrt(inverse[-found:]))[:, ::-1]
 
 
-def _lanczos(A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor) -> tuple[np.ndarray, np.ndarray]:
+def _condensed(
+    A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor
+) -> tuple[np.ndarray, np.ndarray]:
+    """Few unknowns have mass: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y, and no others."""
+    n, massive = A.shape[0], np.flatnonzero(M.diagonal() > 0)
+    require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of {n} unknowns")
+    forces = np.zeros((n, len(massive)))
+    forces[massive, np.arange(len(massive))] = 1.0
+    Z = factor.solve(forces)
+    inverse, Y = _dense(0.5 * (Z[massive] + Z[massive].T), Z.T @ (M @ Z), count, wanted)
+    return inverse, Z @ Y
+
+
+def _basis(wanted: int) -> int:
+    """Vectors of the Lanczos iterations, which need as many unknowns with mass."""
+    return 2 * wanted + 10
+
+
+def _lanczos(
+    A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor
+) -> tuple[np.ndarray, np.ndarray]:
     n = A.shape[0]
-    wanted = min(count + GUARD, int(np.count_nonzero(M.diagonal() > 0)))
     start = M @ np.random.default_rng(0).standard_normal(n)
-    basis = min(n, 2 * wanted + 10)
+    basis = _basis(wanted)
     require_memory(8.0 * n * (basis + 3 * wanted), f"{count} modes of {n} unknowns")
     solve = LinearOperator((n, n), matvec=factor.solve, matmat=factor.solve, dtype=float)
     try:
@@ -116,9 +149,7 @@ def turned(values: np.ndarray, shapes: np.ndarray) -> np.ndarray:
     others a zero there; the second the largest that is left, and so on.
     """
     T = np.eye(len(values))
-    size = np.maximum(np.abs(values[1:]), np.abs(values[:-1]))
-    ends = np.flatnonzero(np.abs(np.diff(values)) > REPEATED * size) + 1
-    for own in np.split(np.arange(len(values)), ends):
+    for own in np.split(np.arange(len(values)), _frequencies(values)[1:]):
         for first in range(len(own) - 1):
             rest = own[first:]
             V = shapes[:, own] @ T[np.ix_(own, rest)]
@@ -127,10 +158,20 @@ def turned(values: np.ndarray, shapes: np.ndarray) -> np.ndarray:
     return T
 
 
-def _signed(shapes: np.ndarray) -> np.ndarray:
-    """The first of the largest components is positive, so that rounding cannot flip a symmetric shape."""
+def signs(shapes: np.ndarray) -> np.ndarray:
+    """±1 (k,): the sign of the first of the largest components of shapes (n, k), so that rounding cannot flip a symmetric
+    one."""
     first = _largest(np.abs(shapes))
-    return shapes * np.sign(shapes[first, np.arange(shapes.shape[1])])
+    return np.asarray(np.sign(shapes[first, np.arange(shapes.shape[1])]))
+
+
+def _frequencies(values: np.ndarray) -> list[int]:
+    """Where each frequency of the ordered values begins; the values of one are all `REPEATED` near to its first."""
+    first = [0]
+    for i, value in enumerate(values):
+        if abs(value - values[first[-1]]) > REPEATED * abs(values[first[-1]]):
+            first.append(i)
+    return first
 
 
 def _largest(size: np.ndarray) -> np.ndarray:

@@ -82,12 +82,15 @@ def _most_telling(
 ) -> tuple[int, list[Loop]]:
     costs = costs_of(pools, loops)
     bounds = aggregated(costs[:, None] - gradients_of(pools, loops)[:, room], aggregate)
-    best, exact = np.inf, {}
+    best, exact = np.inf, dict[int, tuple[float, list[Loop]]]()
     for at in np.argsort(bounds, kind="stable"):
         if bounds[at] > best * (1 + TIE):
             break
         grown = with_gauge(pools, loops, int(room[at]))
-        exact[int(room[at])] = float(aggregated(costs_of(pools, grown), aggregate)), grown
-        best = min(best, exact[int(room[at])][0])
-    into = min(gauge for gauge, (cost, _) in exact.items() if cost <= best * (1 + TIE))
+        cost = float(aggregated(costs_of(pools, grown), aggregate))
+        best = min(best, cost)
+        exact[int(room[at])] = cost, grown
+        # loops are matrices: only those that may still be taken are kept
+        exact = {gauge: found for gauge, found in exact.items() if found[0] <= best * (1 + TIE)}
+    into = min(exact)
     return into, exact[into][1]

@@ -27,9 +27,10 @@ def tied_order(values: np.ndarray, least: float = 0.0) -> np.ndarray:
 
 
 def first_of_largest(values: np.ndarray) -> int:
-    """The lowest place of the largest of the values (m,), one of which is finite at least."""
-    largest = values.max()
-    return int(np.argmax(values >= largest - TIE * abs(largest)))
+    """The lowest place of the largest of the values (m,); infinities are ties, no NaN."""
+    v = np.clip(values, -_LARGEST, _LARGEST)
+    largest = v.max()
+    return int(np.argmax(v >= largest - TIE * abs(largest)))
 
 
 def lowest_first(values: np.ndarray, least: float = 0.0) -> Iterator[int]:

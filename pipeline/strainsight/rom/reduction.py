@@ -12,7 +12,7 @@ from scipy.linalg import eigh, svd
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.model import FiniteElementModel
-from strainsight.fem.modes import turned
+from strainsight.fem.modes import signs, turned
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
 from strainsight.rom.samples import Theta, parameter_samples
 from strainsight.rom.snapshots import Snapshots, only_scales, scaled, snapshots, snapshots_at
@@ -199,16 +199,9 @@ def _modal_coordinates(
         if not first:
             T = turned(lam, basis)
             Y, basis = Y @ T, basis @ T
-        sign = _sign_of_largest(basis)
+        sign = signs(basis)
         stiffness, mass, basis = stiffness.project(Y * sign), mass.project(Y * sign), basis * sign
     return ReducedModel(mass, stiffness, basis.T @ S, tuple(inputs), dict(reference), damping), basis
-
-
-def _sign_of_largest(X: np.ndarray) -> np.ndarray:
-    # The first component within 1e-6 of the largest: rounding cannot flip a symmetric shape.
-    size = np.abs(X)
-    first = np.argmax(size >= (1 - 1e-6) * size.max(axis=0), axis=0)
-    return np.sign(X[first, np.arange(X.shape[1])])
 
 
 def _energy_norm(K: Any, X: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 
 from strainsight.fem.factorisation import Factor
 from strainsight.fem.model import FiniteElementModel
-from strainsight.fem.modes import turned
+from strainsight.fem.modes import signs, turned
 from strainsight.fem.point_masses import point_mass_matrix
 from strainsight.fem.ties import rigid_rows
 from strainsight.rom.inertia import scalar_mass
@@ -82,5 +82,5 @@ def residual_vectors(
     inverse, W = eigh(Y.T @ (M @ Y))
     inverse, W = inverse[::-1], W[:, ::-1]
     W = W @ turned(inverse, Y @ W)
-    W = W * np.sign(W[np.abs(W).argmax(axis=0), np.arange(len(inverse))])
-    return Y @ (W / np.sqrt(inverse))
+    V = Y @ (W / np.sqrt(inverse))
+    return V * signs(V)
