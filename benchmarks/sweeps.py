@@ -1,10 +1,10 @@
-"""What more processes and a Dask cluster of this machine bring: `python benchmarks/sweeps.py`.
+"""What more processes and a Dask cluster of this machine bring: `python benchmarks/sweeps.py [times]`.
 
 A bar of bricks in two materials (25 000 unknowns): `rom` with eleven points of the parameters (eight to build from, three to
-check), and `validate` with 322 runs of the filter in six batches. Each stage with one process, with two, and on two Dask workers
-(one thread each, on loopback). Printed are the seconds that it took, and the processor seconds of the process itself and of the
-busiest other: their sum is what it takes where every process has a core to itself, whatever else the machine does meanwhile.
-The artefacts are compared: they must be the same.
+check), and `validate` with 322 runs of the filter in six batches; times: so many times the points to build from, and the
+repeats. Each stage with one process, with two, and on two Dask workers (one thread each, on loopback). Printed are the seconds
+that it took, and the processor seconds of the process itself and of the busiest other: their sum is what it takes where every
+process has a core to itself, whatever else the machine does meanwhile. The artefacts are compared: they must be the same.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ import numpy as np
 import psutil
 
 COUNTS, SIZE, TIP = (60, 12, 10), (1.0, 0.1, 0.08), 100_000
-STAGES = {"rom": 8 + 3, "validate": 6}
-"""Stage → number of tasks."""
+STAGES = ("rom", "validate")
+SAMPLES, REPEATS = 8, 150
 SINGLE = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 CONFIG = """
 kind: placement
 name: beam
-mesh: {file: beam.bdf}
+mesh: {{file: beam.bdf}}
 parameters:
-  E: {property: youngs_modulus, region: 1, guess: 1.9e+11, range: [1.6e+11, 2.4e+11]}
-  E2: {property: youngs_modulus, region: 2, guess: 7.0e+10, range: [6.0e+10, 8.0e+10]}
+  E: {{property: youngs_modulus, region: 1, guess: 1.9e+11, range: [1.6e+11, 2.4e+11]}}
+  E2: {{property: youngs_modulus, region: 2, guess: 7.0e+10, range: [6.0e+10, 8.0e+10]}}
 loads:
-  tip: {node: 100000, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 20.0, amplitude: 1.0e+3}}
-damping: {type: modal, ratio: 0.01}
-rom: {modes: 6, parameter_samples: 9, tolerance: 1.0e-3}
-train: {duration: 0.3, time_step: 1.0e-3}
+  tip: {{node: 100000, direction: [0, 0, 1], known: true, signal: {{type: sine, frequency: 20.0, amplitude: 1.0e+3}}}}
+damping: {{type: modal, ratio: 0.01}}
+rom: {{modes: 6, parameter_samples: {samples}, tolerance: 1.0e-3}}
+train: {{duration: 0.3, time_step: 1.0e-3}}
 gauges:
-  direction: {type: axis, axis: [1, 0, 0]}
-  noise_std: {relative_to_strongest: 0.01}
-screen: {keep: 40, minimum_spacing: 0.02}
-place: {estimate: [E], keep: 4, instants: 2}
+  direction: {{type: axis, axis: [1, 0, 0]}}
+  noise_std: {{relative_to_strongest: 0.01}}
+screen: {{keep: 40, minimum_spacing: 0.02}}
+place: {{estimate: [E], keep: 4, instants: 2}}
 validate:
-  truth: {model: rom, parameters: {E: 2.1e+11}}
+  truth: {{model: rom, parameters: {{E: 2.1e+11}}}}
   time_step: 1.0e-3
   duration: 0.3
-  initial_std: {E: 0.1}
+  initial_std: {{E: 0.1}}
   random_sets: 10
-  repeats: 150
+  repeats: {repeats}
 """
 
 
-def write_project(folder: Path) -> None:
+def write_project(folder: Path, times: int) -> None:
     """The deck and its config."""
     grid = np.stack(np.meshgrid(*(np.arange(c + 1) for c in COUNTS), indexing="ij"), axis=-1)
     number = 1 + np.arange(grid[..., 0].size).reshape(grid.shape[:3])
@@ -72,7 +72,9 @@ def write_project(folder: Path) -> None:
     ]
     lines = ["SOL 103", "CEND", "SPC = 1", "BEGIN BULK", *map(written, cards), "ENDDATA", ""]
     (folder / "beam.bdf").write_text("\n".join(lines), encoding="ascii")
-    (folder / "beam.yaml").write_text(CONFIG, encoding="utf-8")
+    (folder / "beam.yaml").write_text(
+        CONFIG.format(samples=1 + SAMPLES * times, repeats=REPEATS * times), encoding="utf-8"
+    )
 
 
 def written(card: list[object]) -> str:
@@ -145,17 +147,17 @@ def spent(process: psutil.Process) -> float:
 def main() -> None:
     with tempfile.TemporaryDirectory() as name, cluster(Path(name)) as (address, workers):
         folder = Path(name)
-        write_project(folder)
+        write_project(folder, int(sys.argv[1]) if len(sys.argv) > 1 else 1)
         timed("validate", folder, [])
         ways = {"one process": ("--jobs", "1"), "two processes": ("--jobs", "2"), "two workers": ("--dask", address)}
-        print("stage     tasks                  seconds   processor: own   busiest other   sum   load")
-        for stage, tasks in STAGES.items():
+        print("stage                      seconds   processor: own   busiest other   sum   load")
+        for stage in STAGES:
             digests = set()
             for way, options in ways.items():
                 (seconds, own, busiest), digest = timed(stage, folder, workers, *options)
                 digests.add(digest)
                 print(
-                    f"{stage:9s} {tasks:5d}  {way:14s} {seconds:9.1f} {own:16.1f} {busiest:15.1f} {own + busiest:5.1f}"
+                    f"{stage:9s} {way:14s} {seconds:9.1f} {own:16.1f} {busiest:15.1f} {own + busiest:5.1f}"
                     f"   {os.getloadavg()[0]:.1f}",
                     flush=True,
                 )
