@@ -1,4 +1,4 @@
-"""python -m tests.mutants KERNEL [--count 200] [--seconds 20] [--seed 10]: small faults, one at a time, and who notices.
+"""python -m tests.mutants KERNEL [--only MODULE …] [--count 200] [--seconds 20] [--seed 10]: who notices small faults.
 
 A sample of the places where a comparison, an operator, a number or a condition of a kernel can be changed. Each fault is
 made in a copy and run by those of the kernel's fast tests that reach its line, quickest first, as many as take so many
@@ -126,11 +126,13 @@ def main() -> None:
     parser.add_argument("kernel")
     for name, default in (("--count", 200), ("--seconds", 20), ("--seed", 10)):
         parser.add_argument(name, type=int, default=default)
+    parser.add_argument("--only", nargs="+", metavar="MODULE")
     asked = parser.parse_args()
     copied = WORK.resolve() / "pipeline"
     shutil.copytree("pipeline", copied, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     measured, took = tests_by_line(asked.kernel)
     modules = sorted(Path("pipeline/strainsight", asked.kernel).rglob("*.py"))
+    modules = [module for module in modules if not asked.only or module.stem in asked.only]
     sample = [(module, *place) for module in modules for place in places(module.read_text())]
     random.Random(asked.seed).shuffle(sample)
     noticed = 0

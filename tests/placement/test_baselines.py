@@ -165,11 +165,48 @@ def test_d_optimal_adds_blocks_by_the_determinant():
     assert d_optimal(blocks, noise, prior, 6).tolist() == sorted(taken)
 
 
-@pytest.mark.parametrize("keep", [0, 6])
-def test_an_impossible_count_is_refused(keep):
-    for rule in (lambda: random_sets(5, keep, 1, 0), lambda: qr_pivoting(np.ones((5, 2)), keep)):
+@pytest.mark.parametrize("unit", [1e-3, 0.1, 1.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_d_optimal_where_the_prior_is_about_as_sharp_as_a_gauge(seed, unit):
+    """There the 1 of the update counts; by the definition, without the update."""
+    rng = np.random.default_rng(seed)
+    rows, prior = rng.normal(size=(15, 4)), unit * np.diag(rng.uniform(0.2, 2, 4))
+    taken = []
+    for _ in range(7):
+        gain = {g: np.linalg.slogdet(np.eye(4) + prior @ rows[[*taken, g]].T @ rows[[*taken, g]])[1] for g in range(15)}
+        taken.append(max(set(range(15)) - set(taken), key=gain.get))
+    assert d_optimal(rows, np.ones(15), prior, 7).tolist() == sorted(taken)
+
+
+def test_efi_uses_as_many_modes_as_any_gauges_left_have_channels():
+    rosettes = np.random.default_rng(6).normal(size=(9, 3, 8))
+    rosettes[:2, 2] = 0.0
+    # a motion that no gauge sees
+    rosettes[:, :, 6] = 0.0
+    left = list(range(9))
+    while len(left) > 2:
+        # two of two channels are four readings
+        hat = np.linalg.inv(sum(rosettes[g, :, :4].T @ rosettes[g, :, :4] for g in left))
+        leverage = [np.trace(rosettes[g, :, :4] @ hat @ rosettes[g, :, :4].T) for g in left]
+        left.pop(int(np.argmin(leverage)))
+    assert effective_independence(rosettes, 2).tolist() == left
+
+
+RULES = {
+    "random": lambda keep: random_sets(5, keep, 1, 0)[0],
+    "EFI": lambda keep: effective_independence(np.vander(np.arange(1.0, 6.0), 3), keep),
+    "QR": lambda keep: qr_pivoting(np.vander(np.arange(1.0, 6.0), 3), keep),
+    "D-optimal": lambda keep: d_optimal(np.vander(np.arange(1.0, 6.0), 3), np.ones(5), np.eye(3), keep),
+}
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_an_impossible_count_is_refused_and_the_whole_pool_is_none(rule):
+    for keep in (0, 6):
         with pytest.raises(ConfigError, match="out of a pool of 5"):
-            rule()
+            RULES[rule](keep)
+    assert RULES[rule](5).tolist() == list(range(5))
+    assert len(RULES[rule](1)) == 1
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])

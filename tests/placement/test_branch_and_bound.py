@@ -102,6 +102,27 @@ def test_out_of_time_it_still_has_a_set_and_a_bound(every_set, beam_of, scenario
     assert longer.nodes > 1
 
 
+def test_out_of_time_before_any_set_it_says_so(monkeypatch, six_loads):
+    """The greedy way is a dead end, and the first node halves before it meets a set."""
+    pools = [solve_pool(six_loads)]
+
+    def dead_end(*_, **__):
+        raise InfeasibleError("no way on", remedy="none")
+
+    monkeypatch.setattr(module, "eliminate", dead_end)
+    monkeypatch.setattr(room.Search, "_round", lambda *_: None)
+    found = branch_and_bound(pools, 2, time_limit=0.0)
+    assert len(found.gauges) == 0
+    assert found.cost == np.inf
+    assert not found.proven
+    assert found.nodes == 1
+    started = branch_and_bound(pools, 2, start=[1, 2], time_limit=0.0)
+    whole = branch_and_bound(pools, 2)
+    assert started.gauges.tolist() == whole.gauges.tolist() == [1, 2]
+    assert whole.proven
+    assert found.lower_bound <= whole.cost
+
+
 def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(every_set, beam_of, scenarios_of, monkeypatch):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(13, 3, seed=1), ("Fz", "Fy"), ("E",))]
     costs = every_set(pools, 3, "mean")

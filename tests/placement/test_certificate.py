@@ -6,10 +6,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.optimize import LinearConstraint, NonlinearConstraint, minimize
 
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
+from strainsight.placement.limits import limits_of
+from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
 CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
@@ -87,3 +90,65 @@ def test_glued_gauges_keep_their_weight(beam_of, scenarios_of):
     assert certificate.weights[bad] == 1.0
     assert certificate.lower_bound <= fixed.trace[-1]
     assert certificate.lower_bound >= certify(free.pools, free.kept, free.trace[-1]).lower_bound * (1 - 2e-4)
+
+
+def walks(q, unit):
+    """Three walks of intensities q (3,), gauge g reading walk READS[g] alone: tr(W P) = unit Σ √(qᵢ / Σ γ over its gauges)."""
+    return solve_pool(Scenario(np.zeros((3, 3)), np.diag(q), np.eye(3)[READS], 1 / PRECISION, np.full(3, unit)))
+
+
+READS = np.array([0, 1, 2, 0, 1, 2, 0, 1, 0, 2])
+PRECISION = np.array([1.0, 3.0, 2.0, 0.3, 5.0, 0.7, 2.5, 0.2, 1.4, 9.0])
+SPREAD = [np.array([1.0, 4.0, 0.2]), np.array([0.1, 9.0, 2.0])]
+
+
+def cost_of_walks(q, w):
+    return sum(np.sqrt(q[i] / max((w * PRECISION)[i == READS].sum(), 1e-9)) for i in range(3))
+
+
+BOUNDED = {
+    "count": {},
+    "glued": {"fixed": (3, 7)},
+    "pairs": {"size": np.array([2, 1] * 5)},
+    "budget": {"price": PRECISION, "budget": 9.0},
+    "spacing": {"near": np.array([(0, 3), (1, 2), (4, 5), (6, 8), (8, 9)])},
+}
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize("case", BOUNDED)
+def test_the_relaxation_of_walks_is_that_of_a_general_solver(case, aggregate, unit):
+    combine = {"mean": np.mean, "worst": np.max}[aggregate]
+    pools, limits = [walks(q, unit) for q in SPREAD], limits_of(10, 5, **BOUNDED[case])
+    gauges = limits.packed(np.array([4, 5, 6, 9, 1, 0, 2, 3, 7, 8]), np.array(sorted(limits.fixed), dtype=int))
+    cost = combine([cost_of_walks(q, np.isin(np.arange(10), gauges)) for q in SPREAD])
+    found = certify(pools, gauges, unit * cost, aggregate, limits=limits)
+    # w and t: least t with t ≥ f_s(w)
+    best = minimize(
+        lambda z: z[-1],
+        np.append(np.where(np.isin(np.arange(10), gauges), 0.7, 0.2), 2 * cost),
+        bounds=[(float(g in limits.fixed), 1) for g in range(10)] + [(0, None)],
+        constraints=[
+            LinearConstraint(np.hstack([limits.rows.toarray(), np.zeros((len(limits.most), 1))]), -np.inf, limits.most),
+            NonlinearConstraint(
+                lambda z: (
+                    z[-1] - np.array([combine([cost_of_walks(q, z[:-1]) for q in SPREAD])])
+                    if aggregate == "mean"
+                    else [z[-1] - cost_of_walks(q, z[:-1]) for q in SPREAD]
+                ),
+                0,
+                np.inf,
+            ),
+        ],
+        method="SLSQP",
+        options={"ftol": 1e-12, "maxiter": 500},
+    ).fun
+    best *= unit
+    assert found.lower_bound <= best * (1 + 1e-7)
+    assert found.relaxed >= best * (1 - 1e-7)
+    assert found.relaxed - found.lower_bound <= (1.001e-4 if aggregate == "mean" else 5e-3) * found.relaxed
+    assert found.iterations < (60 if aggregate == "mean" else 300)
+    np.testing.assert_allclose(found.gap, 1 - found.lower_bound / (unit * cost), atol=1e-12)
+    assert np.all(limits.rows @ found.weights <= limits.most + 1e-5)
+    assert unit * combine([cost_of_walks(q, found.weights) for q in SPREAD]) <= found.relaxed * 1.01

@@ -13,7 +13,8 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.placement import criteria
 from strainsight.placement.criteria import eliminate_by
 from strainsight.placement.elimination import Scenario, eliminate
-from strainsight.placement.scenario import solve_pool
+from strainsight.placement.remaining import Remaining
+from strainsight.placement.scenario import loop_of, solve_pool
 from strainsight.placement.score import score
 
 CASES = [(("Fz",), ("E",)), (("Fz", "Fy"), ("E",)), (("Fz",), ("E", "rho")), ((), ("E", "rho"))]
@@ -181,3 +182,33 @@ def test_a_rise_has_its_digits_however_small_it_is(size, gap, scale):
         }
     for criterion, expected in rise.items():
         assert criteria._rise(pool, P, D, criterion, unknown) == pytest.approx(float(expected), rel=1e-9)
+
+
+@pytest.mark.parametrize("criterion", ["log_determinant", "worst_eigenvalue"])
+def test_the_bound_of_a_rise_is_the_slope_in_the_weight_of_the_gauge_and_no_rise_is_less(
+    beam_of, scenarios_of, criterion
+):
+    """Oracle: whole pools, one gauge of which has a weight of 1 ± 1e-4, or of nothing."""
+    inputs, parameters = ("Fz", "Fy"), ("E",)
+    (scenario,) = scenarios_of(beam_of(9, 3, seed=5), inputs, parameters)
+    unknown = unknown_of(scenario, inputs, parameters)
+    first = solve_pool(scenario)
+    # unknowns in units in which they are known about equally well
+    units = np.ones(len(scenario.F))
+    units[unknown] = (np.sqrt(np.diag(first.P)) * first.scale)[unknown] * [1.0, 1.2, 0.9]
+    scenario = scenario.scaled(units)
+
+    def criterion_with(g, weight):
+        r = scenario.r.copy()
+        r[g] /= weight
+        pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
+        eigenvalues = np.linalg.eigvalsh((pool.P * np.outer(pool.scale, pool.scale))[np.ix_(unknown, unknown)])
+        return np.log(eigenvalues).sum() if criterion == "log_determinant" else eigenvalues[-1]
+
+    pool = solve_pool(scenario)
+    left = Remaining([pool], [])
+    found = criteria._bound(pool, loop_of(pool, np.arange(9), pool.P), left, 0, criterion, unknown)
+    for g in range(9):
+        slope = -(criterion_with(g, 1 + 1e-4) - criterion_with(g, 1 - 1e-4)) / 2e-4
+        np.testing.assert_allclose(np.expm1(found[g]) if criterion == "log_determinant" else found[g], slope, rtol=1e-4)
+        assert found[g] <= (criterion_with(g, 1e-12) - criterion_with(g, 1.0)) * (1 + 1e-6)

@@ -8,7 +8,7 @@ import pytest
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
 from strainsight.augmentation.noise import process_intensity
 from strainsight.errors import ConfigError, InfeasibleError
-from strainsight.placement import choice
+from strainsight.placement import choice, elimination
 from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
 from strainsight.placement.increment import removal
 from strainsight.placement.scenario import thesis_weight
@@ -166,3 +166,13 @@ def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units(
     plain = [Scenario(s.F, s.Q, s.H, s.r, weight) for s in scenarios]
     normalised = whole_pool_weight(scenarios, unknown)
     np.testing.assert_allclose(eliminate(plain, 19).blocks[0], [1e8 / normalised[-2], 4e22 / normalised[-1]], rtol=1e-6)
+
+
+def test_the_residual_is_the_largest_of_all_steps(beam_of, scenarios_of, monkeypatch):
+    scenarios = scenarios_of(beam_of(8, 3), ("Fz",), ("E",))
+    for residuals in ([1e-11, 3e-11, 2e-11], [1e-13, 1e-12, 4e-11], [5e-11, 1e-12, 1e-12]):
+        values = iter(residuals)
+        monkeypatch.setattr(elimination, "relative_residual", lambda *_, values=values: next(values))
+        found = eliminate(scenarios, 5)
+        assert found.residual == max(residuals)
+        assert found.residual > max(pool.residual for pool in found.pools)

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.placement import losses
+from strainsight.placement import failure, losses
 from strainsight.placement.branch_and_bound import branch_and_bound
+from strainsight.placement.elimination import eliminate
+from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails, robust_set
+from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 
 CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
@@ -188,3 +191,61 @@ def test_a_failure_whose_covariance_cannot_be_solved_counts_as_a_lost_unknown(be
     assert np.isfinite(plain).all()
     assert loss[1] == np.inf
     np.testing.assert_array_equal(loss[[0, 2]], plain[[0, 2]])
+
+
+def wandering(seed, pool, unknowns):
+    """Unknowns that wander, ẋ = w, and gauges drawn at random."""
+    H = np.random.default_rng(seed).normal(size=(pool, unknowns))
+    return solve_pool(Scenario(np.zeros((unknowns, unknowns)), np.eye(unknowns), H, np.ones(pool), np.ones(unknowns)))
+
+
+@pytest.mark.parametrize("seed", [10, 19, 28, 36])
+def test_of_the_two_starts_the_better_end_counts(seed):
+    """The swaps after an elimination to twice as many gauges end lower with two of these pools, those after the usual one
+    with the others."""
+    pool = wandering(seed, 14, 4)
+    found, (six, twelve) = robust_set([pool], 6), (eliminate([pool.scenario], keep).kept.tolist() for keep in (6, 12))
+    while len(twelve) > 6:
+        rests = {g: [o for o in twelve if o != g] for g in twelve}
+        twelve = min(rests.values(), key=lambda rest: loss_if_one_fails([pool], rest).max())
+    search = losses.LossSearch([pool], "mean", limits_of(14, 6), 20_000)
+    ends = [max(search.swapped(start)[1].values()) for start in (exchange([pool], six).gauges.tolist(), twelve)]
+    assert abs(ends[0] - ends[1]) > 0.005 * ends[0]
+    np.testing.assert_allclose(found.worst, min(ends), rtol=1e-9)
+
+
+def test_a_search_is_complete_only_where_no_swap_is_left_to_try():
+    pool = wandering(10, 14, 4)
+    start = exchange([pool], range(6)).gauges
+    whole = robust_set([pool], 6, start=start)
+    assert whole.complete
+    assert whole.swaps
+    ends = {limit: robust_set([pool], 6, start=start, limit=limit) for limit in range(10, whole.solves, 3)}
+    assert any(found.gauges.tolist() != whole.gauges.tolist() for found in ends.values())
+    # also where the last solve is the limit itself
+    assert any(found.solves == limit for limit, found in ends.items())
+    for found in ends.values():
+        assert not found.complete
+        assert found.worst >= whole.worst * (1 - 1e-9)
+    last = robust_set([pool], 6, start=start, limit=whole.solves + 1)
+    assert last.complete
+    assert last.gauges.tolist() == whole.gauges.tolist()
+
+
+def test_the_wider_start_is_twice_as_many_and_twice_as_dear_and_nothing_else():
+    price, zone = np.array([1.0, 2, 3, 4, 5, 6, 7]), ("place.at_most.0", np.arange(7) < 3, 1)
+    near = np.array([(5, 6)])
+    for keep, twice in ((2, 4), (3, 6), (4, 7), (7, 7)):
+        plain = failure._twice(limits_of(7, keep))
+        assert plain.plain
+        assert plain.keep == plain.least == plain.most[0] == twice
+        limits = failure._twice(limits_of(7, keep, price=price, budget=6.0, near=near, zones=[zone]))
+        for k in range(1, 7):
+            for gauges in map(list, combinations(range(7), k)):
+                may = k <= twice and price[gauges].sum() <= 12.0 and sum(g < 3 for g in gauges) <= 1
+                assert limits.allows(np.array(gauges)) == (may and not {5, 6} <= set(gauges))
+    sizes = np.array([2, 1, 1, 2, 1])
+    # a pair may leave a place over, and no fewer gauges than before are asked for
+    pairs = failure._twice(limits_of(5, 3, size=sizes))
+    assert (pairs.keep, pairs.most[0], pairs.least) == (6, 6, 2)
+    assert failure._twice(limits_of(5, 4, size=sizes)).keep == 7

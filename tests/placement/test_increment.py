@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from strainsight.placement import increment
 from strainsight.placement.increment import addition, gauge_gradients, removal, sharper_bound, slopes
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
 
@@ -128,3 +129,55 @@ def test_a_removal_that_costs_a_millionfold_is_still_finite_and_right(beam_of, s
     exact = own.scenario.weight @ np.diag(own.P)
     np.testing.assert_allclose(s.weight @ np.diag(pool.P + D), exact, rtol=1e-7)
     assert exact > 20 * (s.weight @ np.diag(pool.P))
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_bounds_are_in_the_unit_of_the_weight(beam_of, scenarios_of, unit):
+    (scenario,) = scenarios_of(beam_of(12), ("Fz",), ("E",))
+    pool = solve_pool(scenario)
+    loop, weight = loop_of(pool, np.arange(12), pool.P), pool.scenario.weight
+    np.testing.assert_allclose(
+        gauge_gradients(loop, pool.rows, unit * weight), unit * gauge_gradients(loop, pool.rows, weight), rtol=1e-9
+    )
+    for block in pool.rows:
+        np.testing.assert_allclose(
+            sharper_bound(slopes(loop, unit * weight), block),
+            unit * sharper_bound(slopes(loop, weight), block),
+            rtol=1e-6,
+        )
+
+
+@pytest.mark.parametrize("share", [1e-6, 0.1, 0.9])
+def test_both_bounds_of_a_walk_are_those_of_its_closed_form(share):
+    """One walk: p(w) = √q / √(g₀ + w g₁); its slope and its curvature at w = 1 are p g₁/2g and 3p g₁²/8g², g = g₀ + g₁."""
+    q, g = 3.0, 7.0
+    s = Scenario(
+        np.zeros((1, 1)), np.full((1, 1), q), np.sqrt([[g * (1 - share)], [g * share]]), np.ones(2), np.ones(1)
+    )
+    pool = solve_pool(s)
+    loop, weight = loop_of(pool, [0, 1], pool.P), pool.scenario.weight
+    p = np.sqrt(q / g)
+    a1, a2 = p * share / 2, 3 * p * share**2 / 8
+    np.testing.assert_allclose(gauge_gradients(loop, pool.rows, weight)[1], a1, rtol=1e-9)
+    np.testing.assert_allclose(sharper_bound(slopes(loop, weight), pool.rows[1]), a1**2 / (a1 - a2), rtol=1e-8)
+    D = removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[1], lambda: pool.rows[:1], pool.modes)
+    np.testing.assert_allclose(weight @ np.diag(D), p * ((1 - share) ** -0.5 - 1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("way", ["rounding ends it", "Newton", "anew"])
+@pytest.mark.parametrize("size", [3, 12])
+def test_every_way_to_an_increment_ends_at_the_same_one(monkeypatch, beam_of, scenarios_of, size, way):
+    (scenario,) = scenarios_of(beam_of(40), ("Fz",), ("E",))
+    pool = solve_pool(scenario)
+    s, few, many = pool.scenario, np.arange(size), np.append(np.arange(size), 39)
+    without, grown = (subset_covariance(pool, gauges) for gauges in (few, many))
+    if way == "rounding ends it":
+        monkeypatch.setattr(increment, "CONVERGED", 0.0)
+    else:
+        monkeypatch.setattr(increment, "_fixed_point", lambda *_: None)
+    if way == "anew":
+        monkeypatch.setattr(increment, "_newton", lambda *_: None)
+    D = addition(s.F, s.Q, loop_of(pool, few, without), pool.rows[39])
+    back = removal(s.F, s.Q, loop_of(pool, many, grown), pool.rows[39], lambda: pool.rows[few], pool.modes)
+    for found in (D, -back):
+        np.testing.assert_allclose(found, grown - without, atol=1e-8 * np.abs(without).max())

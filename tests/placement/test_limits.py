@@ -14,7 +14,7 @@ from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.fill import fill
-from strainsight.placement.limits import as_limits, limits_of
+from strainsight.placement.limits import Swaps, as_limits, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool, subset_covariance
 
 POOL = 11
@@ -159,6 +159,41 @@ def one_move_away(units, rules):
 
 
 @pytest.mark.parametrize("case", CASES)
+def test_what_fits_beside_a_set_what_fills_it_and_who_may_leave_for_whom(case):
+    rules, rng = CASES[case](), np.random.default_rng(7)
+    limits = rules.limits
+    for _ in range(8):
+        order = rng.permutation(POOL)
+        start = np.array(rules.fixed, dtype=int)
+        full = limits.packed(order, start)
+        chosen = list(rules.fixed)
+        for g in order.tolist():
+            if g not in chosen and rules.hold([*chosen, g], least=False):
+                chosen.append(g)
+        assert full.tolist() == sorted(chosen)
+        some = full[np.isin(full, start) | (rng.random(len(full)) < 0.7)]
+        for units in (full, some):
+            used, swaps = limits.used(units), Swaps(limits, units, np.setdiff1d(units, start))
+            np.testing.assert_allclose(used[0], rules.size[units].sum())
+            for g in np.setdiff1d(order, units).tolist():
+                fits = rules.hold([*units, g], least=False)
+                assert limits.fits(used, g) == fits
+                assert limits.too_large(used)[g] == (not fits)
+                assert swaps.room[g] == fits
+                leave = [rules.hold([*np.setdiff1d(units, [i]), g]) for i in np.setdiff1d(units, start)]
+                assert swaps.out(g).tolist() == leave
+            assert not swaps.room[units].any()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_rows_alike_stand_for_each_other_in_every_limit(case):
+    rules = CASES[case]()
+    for a, b in combinations(range(POOL), 2):
+        alike = rules.limits.alike[a] == rules.limits.alike[b]
+        assert alike == np.array_equal(*rules.limits.rows.toarray()[:, [a, b]].T)
+
+
+@pytest.mark.parametrize("case", CASES)
 def test_a_robust_layout_breaks_no_limit_and_no_move_helps(every_cost, case):
     rules = CASES[case]()
     _, pools, costs = every_cost("mean", paired(rules))
@@ -249,6 +284,8 @@ def test_a_plain_count_and_its_limits_are_one_thing(beam_of, scenarios_of):
     assert limits_of(30, 4).plain
     assert not limits_of(30, 4, near=np.array([[1, 2]])).plain
     assert limits_of(30, 4, near=np.array([[1, 2]]), fixed=(1, 2)).plain
+    # any two more beside the pair that is glued; but those are three rows of four gauges
+    assert not limits_of(30, 4, size=np.where(np.arange(30) == 3, 2, 1), fixed=(3,)).plain
 
 
 def test_what_is_glued_later_is_no_conflict_but_closes_its_surroundings():

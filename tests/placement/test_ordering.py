@@ -47,3 +47,8 @@ def test_near_zero_the_larger_numbers_tell_what_is_rounding():
     values = np.array([1e-17, 0.5, -2e-17, 0.0, 1e-3])
     assert tied_order(values).tolist() == [2, 3, 0, 4, 1]
     assert tied_order(values, 1e-12).tolist() == [0, 2, 3, 4, 1]
+
+
+def test_zero_may_be_the_largest():
+    assert first_of_largest(np.array([-1.0, 0.0, -2.0, 0.0])) == 1
+    assert first_of_largest(np.array([-np.inf, -np.inf, 0.0])) == 2

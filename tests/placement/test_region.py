@@ -54,6 +54,32 @@ def test_the_projection_is_the_nearest_point_and_the_least_that_of_a_program(see
         np.testing.assert_allclose(region.least(slope), least, rtol=1e-9)
 
 
+@pytest.mark.parametrize("case", ["plain", "plain, glued", "pairs", "pairs, glued", "budget", "budget in cents"])
+def test_weights_far_too_low_or_high_move_to_the_nearest_that_the_limits_allow(case):
+    """In words: 0 ≤ w ≤ 1, glued at 1, least ≤ Σ size·w ≤ keep, price·w ≤ budget."""
+    rng = np.random.default_rng(3)
+    fixed = (2, 7) if "glued" in case else ()
+    size = np.where(np.arange(10) % 2, 1, 2) if "pairs" in case else np.ones(10)
+    price, budget, unit = rng.uniform(0, 1, 10), 1.2, 1e-9 if "cents" in case else 1e9
+    asked = {"price": unit * price, "budget": unit * budget} if "budget" in case else {"size": size}
+    region = Region(limits_of(10, 6, fixed=fixed, **asked))
+    least = 0 if "budget" in case else 5 if "pairs" in case else 6
+    rows = [LinearConstraint(size, least, 6)]
+    rows += [LinearConstraint(price, -np.inf, budget)] if "budget" in case else []
+    for shift in (-1.0, 0.5, 2.0):
+        w = rng.normal(shift, 0.4, 10)
+        other = minimize(
+            lambda v, w=w: np.sum((v - w) ** 2),
+            np.full(10, 0.5),
+            jac=lambda v, w=w: 2 * (v - w),
+            bounds=[(float(g in fixed), 1) for g in range(10)],
+            constraints=rows,
+            method="SLSQP",
+            options={"ftol": 1e-14, "maxiter": 500},
+        )
+        np.testing.assert_allclose(region.project(w), other.x, atol=2e-5)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_cheapest_sum_is_that_of_a_linear_program(seed):
     rng = np.random.default_rng(seed)
@@ -76,6 +102,15 @@ def test_the_cheapest_sum_is_that_of_a_linear_program(seed):
             bounds=[((0, 0) if price < 0 else (1, 1)) if i == g else (0, 1) for i in range(7)],
         )
         assert other.status == 2 or other.fun >= value + abs(price) - 1e-9
+
+
+def test_where_all_may_be_taken_the_cheapest_sum_is_that_of_what_costs_less_than_nothing():
+    slope, size = np.array([-3.0, 2.0, -0.5, 0.0]), np.array([1, 2, 3, 1])
+    for most in (7, 8, 100):
+        assert cheapest(slope, size, 0, most) == (-3.5, 0.0)
+    assert cheapest(slope[:0], size[:0], 0, 3) == (0.0, 0.0)
+    assert cheapest(slope[:0], size[:0], 1, 3)[0] == np.inf
+    assert cheapest(slope, size, 7, 7)[0] == pytest.approx(-1.5)
 
 
 def test_what_swings_without_damping_needs_a_gauge_that_sees_either_part_of_it():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,37 @@ def test_twins_do_not_depend_on_the_unit(unit):
     rows = np.random.default_rng(6).normal(size=(5, 2, 3))[[0, 1, 2, 1, 0, 3, 4]]
     found = twin_groups([unit * rows])
     np.testing.assert_array_equal(found[:, None] == found, np.all(rows[:, None] == rows, axis=(2, 3)))
+
+
+def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_told_apart(beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(6, 2), ("Fz",), ("E",))
+    same = np.array([0, 1, 0, 2, 0, 1, 3, 0])
+    r = scenario.r[same]
+    pools = [solve_pool(Scenario(scenario.F, scenario.Q, scenario.H[same], r, scenario.weight))]
+    left = Remaining(pools, fixed=[4])
+    assert left.twins(0).tolist() == [0, 2, 7]
+    assert left.twins(1).tolist() == [1, 5]
+    assert left.twins(3).tolist() == [3]
+    assert sorted(left.one_of_each(np.array([1, 2, 3, 5, 6, 7]))) == [1, 2, 3, 6]
+    left.remove(2)
+    assert left.twins(0).tolist() == [0, int(np.flatnonzero(left.index == 7)[0])]
+    left.hold(np.arange(8) == 7)
+    assert left.index[left.movable].tolist() == [0, 1, 3, 5, 6]
+    assert left.twins(0).tolist() == [0]
+    left.hold(np.zeros(8, dtype=bool))
+    assert left.index[left.movable].tolist() == [0, 1, 3, 5, 6, 7]
+    # by what the limits say of them
+    labels = np.array([0, 0, 1, 0, 0, 1, 0, 1])
+    apart = Remaining(pools, fixed=[], apart=labels)
+    for at in range(8):
+        assert apart.twins(at).tolist() == [g for g in range(8) if (same[g], labels[g]) == (same[at], labels[at])]
+
+
+def test_what_a_sharp_gauge_leaves_behind_is_no_rounding():
+    # one gauge of 300 reads one of the states 1e9 times better than the others do
+    rows = np.random.default_rng(1).normal(size=(300, 1, 3))
+    rows[7, 0, 1] = 1e9
+    left = Remaining([SimpleNamespace(rows=rows)], fixed=[])
+    left.remove(7)
+    there = np.delete(rows[:, 0], 7, axis=0)
+    np.testing.assert_allclose(left.gram(0), there.T @ there, rtol=1e-12)

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.placement import riccati
 from strainsight.placement.information import Information, information
-from strainsight.placement.riccati import adjoint_lyapunov, balance, close_loop, lyapunov, relative_residual, solve_care
+from strainsight.placement.riccati import (
+    adjoint_lyapunov,
+    balance,
+    close_loop,
+    lyapunov,
+    relative_residual,
+    solve_anew,
+    solve_care,
+)
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
 
 
@@ -180,6 +189,55 @@ def test_balance_gives_unit_variance(beam_of, scenarios_of):
     d, P = balance(scenario.F, scenario.Q, rows.T @ rows)
     np.testing.assert_allclose(np.diag(P), 1.0, rtol=1e-6)
     assert np.ptp(np.log10(d)) > 2
+
+
+def test_what_no_noise_reaches_keeps_a_share_of_the_largest_scale_whatever_that_is():
+    """Two states that decay, of which noise of intensity q reaches the first: var x = q/2 without a gauge."""
+    F = np.diag([-1.0, -1.0])
+    for q in (1e-12, 1.0, 1e12):
+        d, P = balance(F, np.diag([q, 0.0]), np.zeros((2, 2)))
+        np.testing.assert_allclose(d, np.sqrt(q / 2) * np.array([1, 1e-8]), rtol=1e-6)
+        np.testing.assert_allclose(P, np.diag([1.0, 0.0]), atol=1e-6)
+
+
+@pytest.mark.parametrize("fault", ["none", "not solved", "far off", "always far off"])
+def test_where_the_coordinates_at_hand_fail_balanced_ones_are_taken(monkeypatch, beam_of, scenarios_of, fault):
+    (scenario,) = scenarios_of(beam_of(9, 3), ("Fz",), ("E",))
+    pool = solve_pool(scenario)
+    unit = 10.0 ** np.random.default_rng(0).uniform(-2, 2, len(scenario.F))
+    other, calls = scenario.scaled(unit), []
+
+    def at_fault(F, Q, G):
+        calls.append(1)
+        if fault == "always far off" or (fault == "far off" and len(calls) == 1):
+            return solve_care(F, Q, G) * 1.01
+        if fault == "not solved" and len(calls) == 1:
+            raise NumericalError("not solved")
+        return solve_care(F, Q, G)
+
+    monkeypatch.setattr(riccati, "solve_care", at_fault)
+    arguments = (other.F, other.Q, information(other.rows[:, 0]))
+    if fault == "always far off":
+        with pytest.raises(NumericalError, match=r"a set of gauges is solved to .* only"):
+            solve_anew(*arguments)
+        return
+    P = solve_anew(*arguments)
+    assert (len(calls) > 1) == (fault != "none")
+    np.testing.assert_allclose(P * np.outer(unit / pool.scale, unit / pool.scale), pool.P, atol=1e-9)
+
+
+def test_coordinates_that_do_not_settle_still_belong_to_their_covariance(monkeypatch, beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(9, 3), ("Fz",), ("E",))
+    d, P = balance(scenario.F, scenario.Q, information(scenario.rows[:, 0]))
+    factor = []
+
+    def unsettled(F, Q, G):
+        factor.append(3.0 ** (-1) ** len(factor))
+        return factor[-1] * solve_care(F, Q, G)
+
+    monkeypatch.setattr(riccati, "solve_care", unsettled)
+    other, Q = balance(scenario.F, scenario.Q, information(scenario.rows[:, 0]))
+    np.testing.assert_allclose(Q * np.outer(other / d, other / d), factor[-1] * P, atol=1e-9)
 
 
 def test_lyapunov_solutions_satisfy_their_equations_and_are_adjoint():

@@ -148,3 +148,96 @@ def test_another_layout_is_looked_for_around_the_gauge_that_leaves():
     assert at_hand.units[:4].tolist() == [False, True, False, True]
     assert np.array_equal(at_hand.units[4:], before)
     assert limits.allows(at_hand.units)
+
+
+def test_the_surplus_is_the_gauge_worth_least_that_a_broken_limit_counts_and_no_layout_needs():
+    scenario, _ = scattered(6, 0.0)
+    price = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])
+    guard = witness.Guard(limits_of(6, 6, price=price, budget=2.0), Detection([solve_pool(scenario)]), ())
+    index, bounds = np.arange(6), np.array([0.3, 0.04, 0.01, 0.02, 0.03, 0.4])
+    # 2 costs nothing and is no surplus; 0 and 5 are what the budget has room for
+    np.testing.assert_allclose(guard.relief, 3 / 4 * price)
+    for out in (3, 4, 1):
+        assert guard.broken
+        assert guard.surplus(index, bounds) == out
+        assert guard.lets_go(out, index, bounds)
+        bounds = bounds[index != out]
+        index = index[index != out]
+    assert not guard.broken
+    assert np.flatnonzero(guard.there).tolist() == [0, 2, 5]
+    assert not guard.held.any()
+
+
+def test_a_limit_of_nothing_counts_by_what_the_whole_pool_takes():
+    scenario, _ = scattered(5, 0.0)
+    zone = np.array([True, True, True, False, False])
+    guard = witness.Guard(limits_of(5, 2, zones=[("place.at_most.0", zone, 0)]), Detection([solve_pool(scenario)]), ())
+    np.testing.assert_allclose(guard.excess, [3, 3])
+    np.testing.assert_allclose(guard.relief, 3 / 2**2 + zone * 3 / 3**2)
+
+
+def two_loads(count, see_second):
+    """Two loads on two oscillators: every gauge sees the first, the second only those of `see_second` (count,) bool."""
+    F = np.zeros((6, 6))
+    F[:2, 2:4], F[2:4] = np.eye(2), np.hstack([-np.diag([1.0, 4.0]), -0.2 * np.eye(2), np.diag([1.0, 4.0])])
+    H = np.zeros((count, 2, 6))
+    H[:, 0, 0] = 1.0
+    H[see_second, 1, 1] = 1.0
+    return Scenario(
+        F, np.diag([0, 0, 0.01, 0.01, 0.1, 0.1]), H, np.full((count, 2), 1e-2), np.array([0, 0, 0, 0, 1.0, 1])
+    )
+
+
+@pytest.mark.parametrize("reach", [5, 40])
+def test_another_layout_is_looked_for_among_those_that_see_what_is_lost(monkeypatch, reach):
+    """Three of forty gauges see the second load; no limit joins them, and they are worth least of all."""
+    monkeypatch.setattr(witness, "REACH", reach)
+    sees = np.isin(np.arange(40), [3, 17, 29])
+    limits = limits_of(40, 4, near=np.array([(10, 11), (12, 13)]))
+    worth = np.where(sees, 0.5 + 0.001 * np.arange(40), 1.0 + np.arange(40))
+    at_hand = witness.Witness(limits, Detection([solve_pool(two_loads(40, sees))]), worth, ())
+    there = np.ones(40, dtype=bool)
+    for others_left in (True, True, False):
+        assert limits.allows(at_hand.units)
+        (kept,) = np.flatnonzero(at_hand.units & sees)
+        assert at_hand.spares(int(kept), there, worth) == others_left
+        assert at_hand.units[kept] != others_left
+        there[kept] = False
+
+
+def test_the_nearest_rows_are_those_that_share_a_limit_with_the_gauge_or_with_one_that_does(monkeypatch):
+    """A path 0 to 5, and 6 beside 2, 3 and 5. Without 0 there are {1, 3, 5} and {1, 4, 6}; of the three rows next to 0, of which
+    3 is worth more than 6, the first is found."""
+    monkeypatch.setattr(witness, "REACH", 3)
+    near = np.array([(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (2, 6), (3, 6), (5, 6)])
+    worth = np.array([7.0, 2, 8, 4, 1, 9, 3])
+    scenario, _ = scattered(7, 0.0)
+    at_hand = witness.Witness(limits_of(7, 3, near=near), Detection([solve_pool(scenario)]), worth, ())
+    assert np.flatnonzero(at_hand.units).tolist() == [0, 2, 5]
+    assert at_hand.spares(0, np.ones(7, dtype=bool), worth)
+    assert np.flatnonzero(at_hand.units).tolist() == [1, 3, 5]
+
+
+def test_where_another_gauge_fits_in_its_place_the_rest_of_the_layout_stays():
+    scenario, _ = scattered(10, 0.0)
+    limits = limits_of(10, 4, near=np.array([(i, i + 1) for i in range(9)]))
+    worth = np.array([1.0, 0, 9, 0, 8, 0, 7, 0, 6, 0])
+    at_hand = witness.Witness(limits, Detection([solve_pool(scenario)]), worth, ())
+    assert np.flatnonzero(at_hand.units).tolist() == [2, 4, 6, 8]
+    # by now others are worth more
+    assert at_hand.spares(8, np.ones(10, dtype=bool), np.array([1.0, 9, 0, 9, 0, 9, 0, 9, 0, 2]))
+    assert np.flatnonzero(at_hand.units).tolist() == [2, 4, 6, 9]
+
+
+def test_under_a_budget_the_first_layout_is_of_gauges_worth_most_for_what_they_take_of_count_and_budget():
+    scenario, _ = scattered(12, 0.0)
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        price, worth = rng.uniform(0, 0.4, 12), rng.uniform(0.1, 1, 12)
+        limits = limits_of(12, 5, price=price, budget=0.6)
+        found = witness.Witness(limits, Detection([solve_pool(scenario)]), worth, ()).units
+        chosen: list[int] = []
+        for g in sorted(range(12), key=lambda g: -worth[g] / (1 / 5 + price[g] / 0.6)):
+            if len(chosen) < 5 and price[[*chosen, g]].sum() <= 0.6:
+                chosen.append(g)
+        assert np.flatnonzero(found).tolist() == sorted(chosen)
