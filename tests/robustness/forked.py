@@ -10,6 +10,7 @@ import atexit
 import importlib
 import json
 import os
+import signal
 import sys
 from contextlib import suppress
 
@@ -42,6 +43,7 @@ def serve() -> None:
             pid = os.fork()
             if pid == 0:
                 os.setsid()  # whatever it starts is found by its session
+                signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests themselves may run under nohup
                 os.dup2(nowhere.fileno(), 0)
                 asked = json.loads(line)
                 out = os.open(asked["says"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
