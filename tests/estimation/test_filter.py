@@ -9,35 +9,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, solve_continuous_are, solve_discrete_are
 
-from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.augmentation.linearisation import linearise
 from strainsight.errors import NumericalError
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import covariance_recursion, predict, run_filter, update
-from strainsight.estimation.metrics import input_error, parameter_error
-from strainsight.estimation.model import physical
-from strainsight.estimation.motion import measure, step
-from strainsight.estimation.smoother import smooth
-from strainsight.rom.modal_step import simulate
+from strainsight.estimation.motion import step
+
+from .drawn import drawn, prior
 
 CASES = [(("tip",), ()), ((), ("E",)), (("tip",), ("E",))]
-
-
-def prior(model, std=0.1):
-    P = np.zeros((model.size, model.size))
-    unknown = range(2 * model.model.size, model.size)
-    P[unknown, unknown] = std**2
-    return P
-
-
-def drawn(make_filter, beam, sine, inputs, parameters, steps=60, runs=3, **options):
-    """A model with its prior, known load and measurements of its own."""
-    known = () if inputs else ("tip",)
-    model = make_filter(beam, inputs=inputs, parameters=parameters, known=known, **options)
-    u = sine(model.h * np.arange(steps), model.h, 1e4, 20.0)[:, :, : len(known)]
-    mean, P = np.zeros(model.size), prior(model)
-    truth, y = draw_truth(model, mean, P, u, range(runs))
-    return model, mean, P, u, truth, y
 
 
 def modal_scale(model):
@@ -207,101 +187,10 @@ def test_covariance_stays_positive_semidefinite_at_any_noise(make_beam, make_fil
     assert run.std[1:].min() > 0
 
 
-def test_the_claim_along_a_motion_is_what_a_filter_on_that_motion_claims(make_beam, make_filter, sine):
-    """Fed with strains free of noise and started at the truth, the filter stays on the motion: the two σ are one."""
-    beam, h, steps = make_beam(graded=True), 5e-4, 300
-    u = sine(h * np.arange(steps), h, 1e4, 20.0)
-    x = simulate(beam.model, beam.model.reference, u, h)
-    places = [(0.05, 0.3, 0.9, 1.5), (0.1, 0.2, 0.3, 0.4)]
-    for parameters in (("E",), ("rho", "E")):
-        model = make_filter(beam, parameters=parameters, known=("tip",), h=h)
-        H = np.stack([np.hstack([beam.rows(*p), np.zeros((4, model.size - 10))]) for p in places])
-        model = replace(model, H=H)
-        y = np.einsum("bmi,ki->kbm", H[..., :10], x[1:, :10])
-        run = run_filter(model, np.zeros(model.size), prior(model), u, y)
-        std = covariance_recursion(model, x, u, prior(model))
-        np.testing.assert_allclose(std[..., 20:], run.std[..., 20:], rtol=1e-5)
-
-
-def test_the_claim_for_inputs_needs_no_motion(make_beam, make_filter, sine):
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(), sine, ("tip",), ())
-    std = covariance_recursion(model, np.zeros((61, 20)), np.zeros((60, 3, 1)), P0)
-    np.testing.assert_allclose(std, run_filter(model, mean, P0, u, y).std[:, :1], rtol=1e-9, atol=1e-30)
-
-
-def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them(make_beam, make_filter, sine):
-    """Sixty gauges and nine states: what they say together is said by nine rows."""
-    gauges = tuple(np.linspace(0.02, 1.9, 60))
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), gauges=gauges)
-    std = covariance_recursion(model, np.zeros((61, 8)), np.zeros((60, 3, 1)), P0)
-    np.testing.assert_allclose(std[:, :, -1], run_filter(model, mean, P0, u, y).std[:, :1, -1], rtol=1e-7)
-
-
 def test_loads_that_end_before_the_samples_are_a_mistake_of_the_caller(make_beam, make_filter, sine):
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, (), ("E",))
     with pytest.raises(ValueError, match="known loads for 59 steps, samples for 60"):
         run_filter(model, mean, P0, u[:-1], y)
-
-
-def test_a_missing_gauge_is_one_of_endless_noise(make_beam, make_filter, sine):
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
-    broken = y.copy()
-    broken[:, 1, 2] = np.nan
-    broken[20:30, 0] = np.nan
-    run = run_filter(model, mean, P0, u, broken)
-    rest = replace(model, H=model.H[[0, 1, 3]], r=model.r[[0, 1, 3]])
-    without = run_filter(rest, mean, P0, u, y[:, 1][:, [0, 1, 3]])
-    np.testing.assert_allclose(run.mean[:, 1], without.mean[:, 0], rtol=1e-8, atol=1e-10 * np.abs(without.mean).max())
-    np.testing.assert_allclose(run.nis[:, 1], without.nis[:, 0], rtol=1e-8)
-    assert np.all(np.isnan(run.innovation[:, 1, 2]))
-    assert np.all(run.nis[20:30, 0] == 0)
-    assert np.all(np.diff(run.std[20:31, 0, 8]) > 0)
-
-
-def test_samples_missing_in_all_runs_leave_one_covariance(make_beam, make_filter, sine):
-    """And a step without any sample is a prediction, nothing else."""
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=3)
-    y[10:15], y[30, :, 2] = np.nan, np.nan
-    run = run_filter(model, mean, P0, u, y, keep="all")
-    assert run.covariance.shape[1] == 1
-    apart = run_filter(replace(model, H=np.stack([model.H] * 3)), mean, P0, u, y, keep="all")
-    np.testing.assert_allclose(run.mean, apart.mean, rtol=1e-8, atol=1e-9 * np.abs(apart.mean).max())
-    np.testing.assert_allclose(run.log_likelihood, apart.log_likelihood, rtol=1e-9)
-    assert np.isnan(run.whitened[10:15]).all()
-    A = run.jacobian[0, 0]
-    np.testing.assert_allclose(run.mean[12], run.mean[11] @ A.T, rtol=1e-12)
-    np.testing.assert_array_equal(run.covariance[12, 0], predict(run.covariance[11], A, model.process)[0])
-    together, single = smooth(model, run), smooth(model, apart)
-    np.testing.assert_allclose(together.mean, single.mean, rtol=1e-7, atol=1e-8 * np.abs(single.mean).max())
-
-
-@pytest.mark.parametrize("parameters", [(), ("E",)])
-def test_sampling_every_fourth_step_is_missing_the_others(make_beam, make_filter, sine, parameters):
-    """The same intensity r then means a fourth of the variance a sample."""
-    inputs, known = ((), ("tip",)) if parameters else (("tip",), ())
-    model = make_filter(make_beam(modes=4), inputs, parameters, known, every=4)
-    u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)[:, :, : len(known)]
-    truth, y = draw_truth(model, np.zeros(9), prior(model), u, [0, 1])
-    assert y.shape == (20, 2, 4)
-    assert np.std((y - truth[4::4] @ model.H.T) / np.sqrt(model.r / (4 * model.h))) == pytest.approx(1, abs=0.15)
-    run = run_filter(model, np.zeros(9), prior(model), u, y, keep="all")
-    sparse = np.full((80, 2, 4), np.nan)
-    sparse[3::4] = y
-    full = run_filter(replace(model, every=1, r=model.r / 4), np.zeros(9), prior(model), u, sparse, keep="all")
-    np.testing.assert_array_equal(run.mean, full.mean)
-    np.testing.assert_array_equal(smooth(model, run).mean, smooth(replace(model, every=1, r=model.r / 4), full).mean)
-
-
-def test_noise_by_a_schedule(make_beam, make_filter, sine):
-    """Twice the noise from step 30 on, told step by step, is two filters one after the other."""
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
-    schedule = np.where(np.arange(60)[:, None, None] < 30, 1.0, 2.0) * model.r
-    run = run_filter(replace(model, r=schedule), mean, P0, u, y)
-    first = run_filter(model, mean, P0, u[:30], y[:30])
-    second = run_filter(replace(model, r=2 * model.r), first.mean[-1], first.last, u[30:], y[30:])
-    np.testing.assert_allclose(run.mean[-1], second.mean[-1], rtol=1e-9, atol=1e-12 * np.abs(run.mean).max())
-    np.testing.assert_allclose(run.std[-1], second.std[-1], rtol=1e-9)
-    np.testing.assert_allclose(run.log_likelihood, first.log_likelihood + second.log_likelihood, rtol=1e-9)
 
 
 def test_a_covariance_at_rest_is_what_it_would_have_become(make_beam, make_filter, monkeypatch):
@@ -319,33 +208,6 @@ def test_a_covariance_at_rest_is_what_it_would_have_become(make_beam, make_filte
     d = restless.std[-1, 0]
     np.testing.assert_allclose(rested.covariance / np.outer(d, d), restless.covariance / np.outer(d, d), atol=1e-11)
     np.testing.assert_allclose(rested.mean / d, restless.mean / d, atol=1e-9)
-
-
-@pytest.mark.parametrize("parameters", [(), ("E",)])
-def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models(make_beam, make_filter, sine, parameters):
-    """As above, with an accelerometer whose rows vary along the motion, an oscillator load and samples every third step."""
-    beam, h, steps = make_beam(modes=5, graded=True, load_nodes=(16, 8)), 5e-4, 240
-    known = ("middle",)
-    model = make_filter(
-        beam,
-        ("tip",),
-        parameters,
-        known,
-        h,
-        models={"tip": Oscillator(20.0)},
-        accelerometers=2,
-        every=3,
-        q_velocity=0.1,
-    )
-    u = np.zeros((steps, 3, 2))
-    u[:, :, 1:] = sine(h * np.arange(steps), h, 1e4, 20.0)
-    x = simulate(beam.model, beam.model.reference, u, h)
-    full = np.hstack([x[1:], np.zeros((steps, model.size - 10))])
-    y = measure(model, full, u[:, :, 1].sum(axis=1)[:, None])[0][2::3]
-    P0 = np.diag([0.0] * 10 + [1e-4] * (model.size - 10))
-    run = run_filter(model, np.zeros(model.size), P0, u[:, :, 1:], y)
-    std = covariance_recursion(model, x, u, P0)
-    np.testing.assert_allclose(std[:, 0, 10:], run.std[:, 0, 10:], rtol=1e-4)
 
 
 def test_a_lost_run_is_said_and_leaves_the_others_alone(make_beam, make_filter, sine):
@@ -387,73 +249,3 @@ def test_a_refusal_names_the_first_sample_without_any_doubt(make_beam, make_filt
             run_filter(sure, mean, 0 * P0, u, y, form=form)
     with pytest.raises(NumericalError, match=r"not positive definite at 0\.001 s"):
         covariance_recursion(replace(sure, every=2), np.zeros((61, 8)), np.zeros((60, 3, 1)), 0 * P0)
-
-
-@pytest.mark.parametrize(("name", "truth", "hertz"), [("E", 2.1e11, 20.0), ("rho", 7850.0, 35.0)])
-@pytest.mark.parametrize("start", [-0.1, 0.1])
-def test_a_parameter_is_found_from_a_guess_ten_percent_off(make_beam, make_filter, sine, name, truth, hertz, start):
-    """Truth of 20 modes, filter of 10, noise of 1 %, the load known: within 0.2 % from either side."""
-    beam, rich, h, steps, gauges = make_beam(), make_beam(modes=20), 5e-4, 1500, (0.01, 0.05, 0.1, 0.3)
-    u = sine(h * np.arange(steps), h, 1e4, hertz)
-    clean = simulate(rich.model, rich.model.reference, u, h)[1:, :20] @ rich.rows(*gauges).T
-    noise = 0.01 * np.sqrt(np.mean(clean**2, axis=0)).max()
-    y = clean + noise * np.random.default_rng(5).standard_normal(clean.shape)
-    model = make_filter(
-        beam, parameters=(name,), known=("tip",), h=h, strain_noise=noise, noise_step=h, gauges=gauges, q_parameter=1e-4
-    )
-    mean = np.zeros(21)
-    mean[20] = start
-    run = run_filter(model, mean, prior(model), u, y)
-    assert parameter_error(physical(model, run.mean, run.std)[name][0][:, 0], truth) < 2e-3
-
-
-def test_sine_load_is_followed_as_well_as_claimed_and_better_when_smoothed(make_beam, make_filter, sine):
-    """A 20 Hz sine of 1e4 N is no random walk, so the filter's own σ holds only within 0.7-1.3; noise 1 %, κ = 0.1."""
-    beam, h, gauges = make_beam(), 2.5e-4, (0.3, 0.4, 0.5, 0.6)
-    steps = 4000
-    u = sine(h * np.arange(steps), h, 1e4, 20.0)
-    x = simulate(beam.model, beam.model.reference, u, h)
-    clean = x[1:, :10] @ beam.rows(*gauges).T
-    noise = 0.01 * np.sqrt(np.mean(clean**2, axis=0)).max()
-    model = make_filter(beam, inputs=("tip",), h=h, strain_noise=noise, noise_step=h, gauges=gauges)
-    y = clean + noise * np.random.default_rng(1).standard_normal(clean.shape)
-    nothing = np.zeros((steps, 3, 0))
-    run = run_filter(model, np.zeros(model.size), prior(model, 1.0), nothing, y, keep="all")
-    smoothed = smooth(model, run)
-    truth = np.sin(2 * np.pi * 20.0 * run.time)[:, None]
-    filtered_error = input_error(run.mean[:, 0, 20:], truth)[0]
-    smoothed_error = input_error(smoothed.mean[:, 0, 20:], truth)[0]
-    claimed = run.std[-1, 0, 20] * np.sqrt(2)
-    assert smoothed_error < 0.05
-    assert 0.7 < filtered_error / claimed < 1.3
-    assert smoothed_error < 0.5 * filtered_error
-
-
-LOADS = {
-    "integrated random walk": (IntegratedRandomWalk(20.0), 0.010),
-    "oscillator": (Oscillator(20.0), 0.0125),
-    "Matérn 5/2": (Matern(10.0, 2.5), 0.011),
-}
-
-
-@pytest.mark.parametrize("name", LOADS)
-def test_a_smooth_input_model_follows_a_sine_at_a_step_of_a_millisecond(make_beam, make_filter, sine, name):
-    """20 Hz below a first mode of 40 Hz, h = 1 ms, noise 1 %: smoothed to about one per cent, within the claim, and filtered
-    to under 12 %. A random walk ends at 3.5 % and 23 %. (A sine is none of these processes: the filtered error of the
-    integrated walk is 1.5 times its claim, that of the others 0.7 and 0.8.)"""
-    load, limit = LOADS[name]
-    beam, h, gauges, steps = make_beam(), 1e-3, (0.3, 0.4, 0.5, 0.6), 1000
-    u = sine(h * np.arange(steps), h, 1e4, 20.0)
-    clean = simulate(beam.model, beam.model.reference, u, h)[1:, :10] @ beam.rows(*gauges).T
-    noise = 0.01 * np.sqrt(np.mean(clean**2, axis=0)).max()
-    model = make_filter(beam, ("tip",), h=h, strain_noise=noise, noise_step=h, gauges=gauges, models={"tip": load})
-    P0 = np.diag([0.0] * 20 + [1.0] * (model.size - 20))
-    y = clean + noise * np.random.default_rng(1).standard_normal(clean.shape)
-    run = run_filter(model, np.zeros(model.size), P0, np.zeros((steps, 3, 0)), y, keep="all")
-    smoothed, at = smooth(model, run), model.position
-    truth = np.sin(2 * np.pi * 20.0 * run.time)[:, None]
-    errors = [input_error(each.mean[:, 0, at], truth)[0] for each in (run, smoothed)]
-    claim = np.sqrt(2 * np.mean(smoothed.std[100:-100, 0, at] ** 2))
-    assert errors[1] < limit
-    assert 0.7 < errors[1] / claim < 1
-    assert errors[0] < 0.12

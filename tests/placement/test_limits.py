@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from strainsight.errors import ConfigError, InfeasibleError
+from strainsight.errors import InfeasibleError
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate
@@ -17,7 +17,7 @@ from strainsight.placement.fill import fill
 from strainsight.placement.limits import Swaps, as_limits, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool, subset_covariance
 
-POOL = 11
+from .rules import CASES, NEAR, PAIRS, POOL, Rules, zone
 
 
 @pytest.fixture(scope="module")
@@ -51,67 +51,6 @@ def every_cost(oracle, beam_of, scenarios_of):
         return made[key]
 
     return costs
-
-
-class Rules:
-    """The limits once more, in words that a test can check."""
-
-    def __init__(self, keep, *, fixed=(), size=None, price=None, budget=None, near=(), zones=()):
-        self.keep, self.fixed, self.near, self.zones = keep, fixed, near, zones
-        self.size = np.ones(POOL, dtype=int) if size is None else size
-        self.price, self.budget = price, budget
-        self.limits = limits_of(
-            POOL, keep, fixed=fixed, size=size, price=price, budget=budget, near=np.array(near), zones=zones
-        )
-
-    def hold(self, units, least=True):
-        units = [int(u) for u in units]
-        total = sum(self.size[u] for u in units)
-        spare = 0 if self.size.max() == 1 else 1
-        return (
-            total <= self.keep
-            and (not least or self.budget is not None or total >= self.keep - spare)
-            and set(self.fixed) <= set(units)
-            # two that are glued are as they are
-            and not any({a, b} <= set(units) and (a == b or not {a, b} <= set(self.fixed)) for a, b in self.near)
-            and all(sum(int(members[u]) for u in units) <= most for _, members, most in self.zones)
-            and (self.budget is None or sum(self.price[u] for u in units) <= self.budget * (1 + 2e-9))
-        )
-
-
-def zone(name, members, most):
-    return (name, np.isin(np.arange(POOL), members), most)
-
-
-PRICE = np.array([3.0, 1.0, 2.5, 0.7, 1.1, 4.0, 0.0, 2.2, 1.3, 0.9, 5.0])
-PAIRS = np.array([2] * 6 + [1] * 5)
-NEAR = [(0, 1), (1, 2), (0, 2), (2, 3), (4, 5), (5, 6), (7, 10), (8, 9), (9, 10)]
-CASES = {
-    "count": lambda: Rules(4),
-    "fixed": lambda: Rules(4, fixed=(2, 9)),
-    "spacing": lambda: Rules(4, near=NEAR),
-    "spacing, fixed": lambda: Rules(4, near=NEAR, fixed=(5,)),
-    "zones": lambda: Rules(
-        4, zones=[zone("place.at_most.0", [0, 1, 2, 3, 4, 5], 1), zone("place.at_most.1", [5, 6, 7], 1)]
-    ),
-    "a fixed gauge in two zones": lambda: Rules(
-        4, fixed=(5,), zones=[zone("place.at_most.0", [0, 2, 5, 8], 1), zone("place.at_most.1", [3, 4, 5, 6], 2)]
-    ),
-    "budget": lambda: Rules(4, price=PRICE, budget=4.3),
-    "generous budget": lambda: Rules(3, price=PRICE, budget=100.0),
-    "tight budget": lambda: Rules(5, price=PRICE, budget=1.6),
-    "budget, zone, spacing": lambda: Rules(
-        4, price=PRICE, budget=5.0, near=NEAR, zones=[zone("place.at_most.0", [3, 6, 9], 1)]
-    ),
-    "all cost nothing": lambda: Rules(3, price=np.zeros(POOL), budget=0.0),
-    "pairs": lambda: Rules(4, size=PAIRS),
-    "pairs, odd": lambda: Rules(5, size=PAIRS),
-    "pairs, fixed": lambda: Rules(5, size=PAIRS, fixed=(1, 8)),
-    "pairs, spacing": lambda: Rules(4, size=PAIRS, near=NEAR),
-    "pairs too near to their mirror images": lambda: Rules(5, size=PAIRS, near=[*NEAR, (0, 0), (3, 3), (9, 9)]),
-    "fixed too near to one another": lambda: Rules(4, near=[*NEAR, (1, 3), (5, 9)], fixed=(1, 2, 3)),
-    "pairs, budget": lambda: Rules(5, size=PAIRS, price=PRICE, budget=5.2),
-}
 
 
 def paired(rules):
@@ -319,104 +258,6 @@ def test_a_swap_of_a_pair_leaves_room_that_is_used(every_cost):
     found = exchange(pools, pairs, limits=rules.limits)
     assert any(out == -1 for out, _ in found.swaps) or len(found.gauges) == 2
     assert rules.hold(found.gauges)
-
-
-REFUSED = {
-    "fixed in one zone": (
-        {"keep": 4, "fixed": (0, 1), "zones": [zone("place.at_most.0", [0, 1, 2], 1)]},
-        "place.at_most.0",
-        r"what is glued already \(gauges.fixed\) takes 2 gauges of the 1 that place.at_most.0 allows",
-    ),
-    "fixed too near to its own mirror image": (
-        {"keep": 5, "fixed": (3, 4), "near": [(3, 4), (4, 4), (6, 6)]},
-        "place.minimum_spacing",
-        "the gauges of row 4 of the pool are glued already",
-    ),
-    "too near to their own mirror images": (
-        {"keep": 4, "near": [(g, g) for g in range(8)]},
-        "place.minimum_spacing",
-        "place.minimum_spacing leaves room for 3 of the pool's 11",
-    ),
-    "fixed too dear": (
-        {"keep": 4, "fixed": (0, 10), "price": PRICE, "budget": 7.5},
-        "place.budget",
-        "takes 8 of the 7.5 that place.budget allows",
-    ),
-    "zones": (
-        {"keep": 4, "zones": [zone("place.at_most.0", range(6), 1), zone("place.at_most.1", range(5, 11), 2)]},
-        "place.at_most.1",
-        "place.at_most.1 together with place.at_most.0 leaves room for 3 of the pool's 11",
-    ),
-    "one zone": (
-        {"keep": 4, "zones": [zone("place.at_most.3", range(11), 2)]},
-        "place.at_most.3",
-        "4 gauges asked for, place.at_most.3 leaves room for 2 of the pool's 11",
-    ),
-    "spacing of what is fixed": (
-        {"keep": 3, "fixed": (0,), "near": [(0, i) for i in range(1, 10)]},
-        "place.minimum_spacing",
-        "place.minimum_spacing leaves room for 2 of the pool's 11",
-    ),
-    "budget": (
-        {"keep": 4, "price": PRICE + 1, "budget": 2.6},
-        "place.budget",
-        r"the cheapest gauges that detect every unknown cost 2\.7, place.budget is 2\.6",
-    ),
-    "budget of nothing": (
-        {"keep": 4, "price": PRICE, "budget": 0.0},
-        "place.budget",
-        "the cheapest gauges that detect every unknown cost 0.7, place.budget is 0",
-    ),
-    "count": ({"keep": 1}, None, r"1 gauges cannot observe 2 unknowns \(Fz, E\)"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_leaves_no_layout_is_named(every_cost, case):
-    asked, key, words = REFUSED[case]
-    scenarios, pools, _ = every_cost()
-    limits = Rules(**asked).limits
-    with pytest.raises(InfeasibleError, match=words) as refused:
-        eliminate(scenarios, limits, names=("Fz", "E"))
-    assert refused.value.key == key
-    assert refused.value.remedy
-    with pytest.raises(InfeasibleError):
-        branch_and_bound(pools, limits)
-
-
-def test_a_zone_around_all_that_see_an_unknown_is_named_with_it(beam_of, scenarios_of):
-    beam = beam_of(POOL, 3)
-    (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
-    H = scenario.H.copy()
-    sideways = np.flatnonzero(np.abs(beam.model.input_shape[:, 1]) > 1e-6 * np.abs(beam.model.input_shape).max())
-    H[np.ix_(np.arange(POOL) != 7, sideways)] = 0.0
-    scenario = Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)
-    closed = Rules(4, zones=[zone("place.at_most.0", [6, 7], 0)]).limits
-    with pytest.raises(InfeasibleError, match=r"kept within place.at_most.0, they cannot tell Fy") as refused:
-        eliminate([scenario], closed, names=("Fz", "Fy"))
-    assert refused.value.key == "place.at_most.0"
-    # gauge 7 is too dear for its neighbours: it stays, as every layout needs it
-    price = np.where(np.arange(POOL) == 7, 9.0, 1.0)
-    rules = Rules(4, price=price, budget=10.5, near=[(7, i) for i in (0, 1, 2, 3, 4)])
-    kept = eliminate([scenario], rules.limits).kept
-    assert 7 in kept
-    assert rules.hold(kept)
-    with pytest.raises(InfeasibleError, match=r"cost 10, place.budget is 9"):
-        eliminate([scenario], Rules(4, price=price, budget=9.0).limits)
-    # what is glued blinds the layout: three gauges of which none sees Fy
-    blind = Rules(3, fixed=(0, 1, 2), zones=[zone("place.at_most.0", range(POOL), 9)]).limits
-    with pytest.raises(InfeasibleError, match=r"the fewest of the pool .* within place.at_most.0 are 4") as refused:
-        eliminate([scenario], blind)
-    assert refused.value.key == "place.keep"
-
-
-def test_impossible_counts_keep_their_words():
-    with pytest.raises(ConfigError, match="12 gauges are to be kept of a pool of 11 with 0 fixed"):
-        limits_of(11, 12)
-    with pytest.raises(ConfigError, match="1 gauges are to be kept of a pool of 11 with 2 fixed"):
-        limits_of(11, 1, fixed=(3, 4))
-    with pytest.raises(ConfigError, match="18 gauges are to be kept of a pool of 17 with 4 fixed"):
-        limits_of(11, 18, size=PAIRS, fixed=(0, 1))
 
 
 def test_pairs_too_near_are_gathered_and_none_is_lost():
