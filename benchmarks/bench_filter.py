@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.bench.bench import bench_of, strain_sensor
 from strainsight.config.load import load_config
 from strainsight.estimation.filter import filter_runs
 from strainsight.multibody.forces import RelativeElement
@@ -37,12 +38,11 @@ from strainsight.multibody.inverse.start import start_covariance, white_force
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.static import static_equilibrium
-from strainsight.stages.bench.case.bench import bench_of, strain_sensor
+from strainsight.records.below import Below
+from strainsight.records.bodies import body_from
+from strainsight.records.mesh import mesh_from
 from strainsight.stages.bench.import_bodies import IMPORT
 from strainsight.stages.bench.reduce import REDUCE
-from strainsight.stages.records.below import Below
-from strainsight.stages.records.bodies import body_from
-from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
 from strainsight.workflow.slices import Slice

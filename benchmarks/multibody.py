@@ -219,15 +219,15 @@ def side_by_side(steps: int) -> None:
 
 def full_bench(steps: int) -> None:
     """The bench under its loads, from its equilibrium."""
+    from strainsight.cases.bench.bench import bench_of
     from strainsight.config.load import load_config
     from strainsight.multibody.forces import RelativeElement
     from strainsight.multibody.sensors import RelationSensor, readings
-    from strainsight.stages.bench.case.bench import bench_of
+    from strainsight.records.below import Below
+    from strainsight.records.bodies import body_from
+    from strainsight.records.mesh import mesh_from
     from strainsight.stages.bench.import_bodies import IMPORT
     from strainsight.stages.bench.reduce import REDUCE
-    from strainsight.stages.records.below import Below
-    from strainsight.stages.records.bodies import body_from
-    from strainsight.stages.records.mesh import mesh_from
     from strainsight.workflow.plan import Job
     from strainsight.workflow.runner import run
     from strainsight.workflow.slices import Slice

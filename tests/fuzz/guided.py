@@ -73,6 +73,7 @@ def _run(name: str, made: Path, seconds: int, seed: int, out: Path) -> None:
 
     warnings.simplefilter("ignore")
     with atheris.instrument_imports(include=["strainsight"]):
+        import strainsight.cases.structure.recorded
         import strainsight.config.load
         import strainsight.config.suite_runs
         import strainsight.decks.abaqus.deck
@@ -81,7 +82,6 @@ def _run(name: str, made: Path, seconds: int, seed: int, out: Path) -> None:
         import strainsight.decks.nastran.deck
         import strainsight.measurements.assemble
         import strainsight.measurements.reader
-        import strainsight.stages.case.recorded
         import strainsight.stages.import_mesh  # noqa: F401
     group = Group(name, made / "seeds" / name)
     folder, corpus = made / f"{name}-guided", made / f"{name}-corpus"

@@ -58,11 +58,11 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
 
 def read_measurement(path: Path, choice: int, apart: bool = True) -> None:
     """The channels on the clock of a filter; a table now and then as a load's history."""
+    from strainsight.cases.structure.recorded import recorded
     from strainsight.measurements import hdf5_file
     from strainsight.measurements.assemble import assemble
     from strainsight.measurements.calibration import ChannelSettings
     from strainsight.measurements.reader import read_recording
-    from strainsight.stages.case.recorded import recorded
 
     time: str | None = "time"
     if path.suffix == ".uff":

@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
 from strainsight.fem.affine import AffineOperator
+from strainsight.records.bodies import body_datasets, body_from
 from strainsight.rom.craig_bampton import CraigBampton
 from strainsight.rom.inertia import InertiaInvariants
 from strainsight.stages.bench import reduce
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.stages.records.bodies import body_datasets, body_from
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Output
 from strainsight.workflow.store import write_artefact

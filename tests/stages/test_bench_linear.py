@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eig
 
+from strainsight.cases.bench.layout.linear import LinearBench, expected_std, scenario_of, steady
 from strainsight.errors import NumericalError
-from strainsight.stages.bench.layout.linear import LinearBench, expected_std, scenario_of, steady
 
 R_STATES, NU = 4, 2
 

@@ -14,7 +14,7 @@ from strainsight.decks.reader import read_mesh
 from strainsight.fem.model import build_model, nodal
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
-from strainsight.stages.records.gauges import candidates_from
+from strainsight.records.gauges import candidates_from
 
 from .conftest import ROOT, SHORT, finished, job_of
 from .test_ready import numbering

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from strainsight.decks.reader import read_mesh
-from strainsight.stages.records.found import found_tables
+from strainsight.stages.pages.found import found_tables
 
 DECK = """\
 GRID,1

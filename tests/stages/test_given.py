@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from strainsight.cases.structure.given_gauges import read_given
 from strainsight.errors import DeckError, InfeasibleError
 from strainsight.gauges.given import without
 from strainsight.gauges.zones import Box, NearEdges
-from strainsight.stages.case.given_gauges import read_given
 
 HEAD = "gauge,x,y,z,dx,dy,dz\n"
 TABLE = HEAD + "7,100,0,25,2,0,0\n3,200,0,-25,,,\n5,300.5,0,25,0,3,4\n"

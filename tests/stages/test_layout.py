@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from strainsight.cases.structure.layout import layout_of
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
-from strainsight.stages.case.layout import layout_of
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from strainsight.cases.structure.recorded import recorded
 from strainsight.errors import UserError
-from strainsight.stages.case.recorded import recorded
 
 COLUMNS = {"time_column": "time", "value_column": "F"}
 KEY = "loads.tip.signal"

@@ -11,8 +11,8 @@ from scipy.sparse.linalg import eigsh, splu
 from strainsight.decks.reader import read_mesh
 from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
 from strainsight.gauges.rows import channel_matrix
+from strainsight.records.gauges import candidates_from
 from strainsight.stages.placement import PLACEMENT
-from strainsight.stages.records.gauges import candidates_from
 
 from .conftest import ROOT, SHORT, finished, job_of
 

@@ -12,8 +12,8 @@ from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.placement.data import Repeats, Unknown
 from strainsight.report.suite.data import SuiteReport, SuiteRun
 from strainsight.stages import suite as suite_stage
-from strainsight.stages.records.suite import nearest
-from strainsight.stages.records.suite_numbers import suite_datasets, suite_tables
+from strainsight.stages.pages.suite import nearest
+from strainsight.stages.pages.suite_numbers import suite_datasets, suite_tables
 from strainsight.stages.suite import SUITE, config_of_run
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run

@@ -11,6 +11,18 @@ import numpy as np
 from strainsight.augmentation.linearisation import linearisation_instants, linearise
 from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.observability import undetectable_directions, undetectable_in_words
+from strainsight.cases.structure.full_model import FILES, READS
+from strainsight.cases.structure.measured import Measured, measured_of
+from strainsight.cases.structure.problem import (
+    Problem,
+    filter_model,
+    filter_options,
+    initial_covariance,
+    problem_of,
+    scheme_in_words,
+)
+from strainsight.cases.structure.surface import FieldInTime, Virtual, field_in_time, virtual_gauges
+from strainsight.cases.structure.trial import PARAMETER_UNITS
 from strainsight.errors import InfeasibleError, blame
 from strainsight.estimation.biased import Biased
 from strainsight.estimation.consistency import Verdict, verdict
@@ -21,21 +33,9 @@ from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
+from strainsight.records.estimate import csv_of, estimate_datasets, estimate_table, resultants_of
+from strainsight.records.mesh import mesh_from
 from strainsight.signals.histories import instant_values
-from strainsight.stages.case.full_model import FILES, READS
-from strainsight.stages.case.measured import Measured, measured_of
-from strainsight.stages.case.problem import (
-    Problem,
-    filter_model,
-    filter_options,
-    initial_covariance,
-    problem_of,
-    scheme_in_words,
-)
-from strainsight.stages.case.surface import FieldInTime, Virtual, field_in_time, virtual_gauges
-from strainsight.stages.case.trial import PARAMETER_UNITS
-from strainsight.stages.records.estimate import csv_of, estimate_datasets, estimate_table, resultants_of
-from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -39,7 +39,7 @@ def figures_of(config: Mapping[str, Any], report: Stage, folder: Path, config_fi
 
 def _of_placement(context: Context) -> list[Drawing]:
     from strainsight.report.placement.figures import placement_figures
-    from strainsight.stages.records.page import placement_report
+    from strainsight.stages.pages.page import placement_report
 
     return list(placement_figures(placement_report(context)))
 

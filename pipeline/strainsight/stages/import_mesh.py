@@ -28,9 +28,9 @@ from strainsight.mesh.additions import (
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.suspicions import suspicions
 from strainsight.mesh.vtkhdf import unstructured_grid
-from strainsight.stages.records.found import found_tables
-from strainsight.stages.records.grids import vtkhdf_datasets
-from strainsight.stages.records.mesh import mesh_datasets
+from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.mesh import mesh_datasets
+from strainsight.stages.pages.found import found_tables
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 

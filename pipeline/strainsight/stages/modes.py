@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from strainsight.cases.structure.full_model import FILES, READS, full_model
+from strainsight.cases.structure.scales import hertz
+from strainsight.cases.structure.settings import parameters_of
 from strainsight.errors import blame
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.stages.case.full_model import FILES, READS, full_model
-from strainsight.stages.case.scales import hertz
-from strainsight.stages.case.settings import parameters_of
-from strainsight.stages.records.mesh import mesh_from
+from strainsight.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -8,13 +8,13 @@ from math import ceil
 import numpy as np
 
 from strainsight.augmentation.cases import Case, cases
+from strainsight.cases.structure.channels import channels_from, largest_of_quantity, readings
+from strainsight.cases.structure.settings import characteristic, signal_of
 from strainsight.errors import blame
+from strainsight.records.model import model_from
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import ReducedModel
 from strainsight.signals.histories import Sine, hold_coefficients, instant_values
-from strainsight.stages.case.channels import channels_from, largest_of_quantity, readings
-from strainsight.stages.case.settings import characteristic, signal_of
-from strainsight.stages.records.model import model_from
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage
 

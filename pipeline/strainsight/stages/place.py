@@ -7,6 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.augmentation.observability import Observability, observability
+from strainsight.cases.structure.advice import advice, advice_table
+from strainsight.cases.structure.channels import largest_of_quantity
+from strainsight.cases.structure.comparison import Comparison, comparison
+from strainsight.cases.structure.expectation import Expectation, alike_gauges, expectation
+from strainsight.cases.structure.gauge_list import gauge_csv, gauge_list, gauge_table
+from strainsight.cases.structure.layout import Layout, gauge_losses, layout_of
+from strainsight.cases.structure.pool import PoolRows, layout_cost, limits_of_config, pool_of
+from strainsight.cases.structure.problem import Problem, problem_of
+from strainsight.cases.structure.scenarios import scenarios_of
 from strainsight.errors import blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.export import uff_text
@@ -14,19 +23,9 @@ from strainsight.placement.elimination import Elimination, eliminate
 from strainsight.placement.ordering import tied_order
 from strainsight.placement.recommendation import worth_keeping
 from strainsight.placement.scenario import Scenario
-from strainsight.rom.model import modal_basis
-from strainsight.stages.case.channels import largest_of_quantity
-from strainsight.stages.case.comparison import Comparison, comparison
-from strainsight.stages.case.expectation import Expectation, alike_gauges, expectation
-from strainsight.stages.case.layout import Layout, gauge_losses, layout_of
-from strainsight.stages.case.pool import PoolRows, layout_cost, limits_of_config, pool_of
-from strainsight.stages.case.problem import Problem, problem_of
-from strainsight.stages.case.scenarios import scenarios_of
-from strainsight.stages.records.advice import advice, advice_table
-from strainsight.stages.records.gauge_list import gauge_csv, gauge_list, gauge_table
-from strainsight.stages.records.gauges import candidates_from
-from strainsight.stages.records.mesh import mesh_from
-from strainsight.stages.records.placement import (
+from strainsight.records.gauges import candidates_from
+from strainsight.records.mesh import mesh_from
+from strainsight.records.placement import (
     augmented_datasets,
     certificate_datasets,
     comparison_datasets,
@@ -38,6 +37,7 @@ from strainsight.stages.records.placement import (
     placed_grid,
     selection_datasets,
 )
+from strainsight.rom.model import modal_basis
 from strainsight.workflow.output import Dataset, Output, Scalar
 from strainsight.workflow.stage import Context, Stage
 

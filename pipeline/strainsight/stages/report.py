@@ -9,7 +9,7 @@ from strainsight.report.picture.scene import render
 from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
-from strainsight.stages.records.page import placement_report
+from strainsight.stages.pages.page import placement_report
 from strainsight.stages.view.placement import placement_view
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage

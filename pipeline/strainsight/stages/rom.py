@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.cases.structure.full_model import FILES, READS, full_model
+from strainsight.cases.structure.scales import hertz, refuse_damping
+from strainsight.cases.structure.settings import damping_of, load_shapes, parameters_of
 from strainsight.errors import blame
 from strainsight.fem.model import nodal
 from strainsight.mesh.vtkhdf import unstructured_grid
+from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.mesh import mesh_from
+from strainsight.records.model import model_datasets
 from strainsight.rom.reduction import held_out_errors, reduce_model
 from strainsight.rom.samples import held_out_samples
-from strainsight.stages.case.full_model import FILES, READS, full_model
-from strainsight.stages.case.scales import hertz, refuse_damping
-from strainsight.stages.case.settings import damping_of, load_shapes, parameters_of
-from strainsight.stages.records.grids import vtkhdf_datasets
-from strainsight.stages.records.mesh import mesh_from
-from strainsight.stages.records.model import model_datasets
 from strainsight.sweep.sweep import watched
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.structure.scales import refuse_noise
+from strainsight.cases.structure.settings import families
 from strainsight.errors import ConfigError, blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.screening import Screening, screen
-from strainsight.stages.case.scales import refuse_noise
-from strainsight.stages.case.settings import families
-from strainsight.stages.records.gauges import candidates_from
+from strainsight.records.gauges import candidates_from
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
 

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.structure.full_model import FILES, READS, full_model
+from strainsight.cases.structure.scales import hertz
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
+from strainsight.records.mesh import mesh_from
 from strainsight.rom.snapshots import only_scales
-from strainsight.stages.case.full_model import FILES, READS, full_model
-from strainsight.stages.case.scales import hertz
-from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.structure.trial import PARAMETER_UNITS
 from strainsight.errors import StrainsightError
 from strainsight.report.picture.scene import pack, render_all
 from strainsight.report.suite.data import SuiteReport
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.stages.case.trial import PARAMETER_UNITS
-from strainsight.stages.records.suite import suite_report
-from strainsight.stages.records.suite_numbers import suite_datasets, suite_tables
+from strainsight.stages.pages.suite import suite_report
+from strainsight.stages.pages.suite_numbers import suite_datasets, suite_tables
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 

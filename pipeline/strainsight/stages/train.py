@@ -5,6 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface, zone_of
+from strainsight.cases.structure.channels import readings
+from strainsight.cases.structure.given_gauges import read_given
+from strainsight.cases.structure.scales import refuse_readings, refuse_times
+from strainsight.cases.structure.settings import signal_of
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
 from strainsight.fem.memory import require_memory
@@ -15,16 +20,11 @@ from strainsight.measurements.calibration import LARGE_STRAIN
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
+from strainsight.records.gauges import candidate_datasets, given_datasets
+from strainsight.records.mesh import mesh_from
+from strainsight.records.model import model_from
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import hold_coefficients, instant_values
-from strainsight.stages.case.candidates import OnSurface, candidates_on_surface, zone_of
-from strainsight.stages.case.channels import readings
-from strainsight.stages.case.given_gauges import read_given
-from strainsight.stages.case.scales import refuse_readings, refuse_times
-from strainsight.stages.case.settings import signal_of
-from strainsight.stages.records.gauges import candidate_datasets, given_datasets
-from strainsight.stages.records.mesh import mesh_from
-from strainsight.stages.records.model import model_from
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -6,18 +6,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.cases.structure.full_model import FILES, READS
+from strainsight.cases.structure.measured_csv import measured_csv
+from strainsight.cases.structure.problem import filter_model, filter_options, sample_std, scheme_in_words
+from strainsight.cases.structure.studies import Study, identified, ranks, sample_noise, studies_of, study_datasets
+from strainsight.cases.structure.sweeps import sweep_datasets, sweep_table, sweeps_of
+from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.estimation.consistency import chi_square_band, nees, nis, verdict, whiteness
 from strainsight.estimation.filter import FilterRun, output_std, run_filter
 from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
-from strainsight.stages.case.full_model import FILES, READS
-from strainsight.stages.case.problem import filter_model, filter_options, sample_std, scheme_in_words
-from strainsight.stages.case.studies import Study, identified, ranks, sample_noise, studies_of, study_datasets
-from strainsight.stages.case.sweeps import sweep_datasets, sweep_table, sweeps_of
-from strainsight.stages.case.trial import Trial, real_and_claimed, scaled_error, trial_of
-from strainsight.stages.records.grids import gauge_grid
-from strainsight.stages.records.measured import measured_csv
+from strainsight.records.grids import gauge_grid
 from strainsight.sweep.sweep import watched
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.bench.bench import bearing_of
 from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.equilibrium import displacement
@@ -21,7 +22,6 @@ from strainsight.report.bench.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.stages.bench.case.bench import bearing_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.flexible import flexible_bodies
+from strainsight.cases.bench.inverse.output import estimate_output
+from strainsight.cases.bench.inverse.rest import free_zero, zero_of
+from strainsight.cases.bench.inverse.trial import Trial, trial_of
+from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
+from strainsight.cases.bench.inverse.unknowns import Unknowns, free_properties, unknowns_of
+from strainsight.cases.bench.loads import loads_of
+from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
 from strainsight.estimation.filter import FilterRun, filter_runs
-from strainsight.stages.bench.case.bench import Bench, bench_of
-from strainsight.stages.bench.case.flexible import flexible_bodies
-from strainsight.stages.bench.case.loads import loads_of
-from strainsight.stages.bench.case.sensors import Sensors, sensors_of, some_of
-from strainsight.stages.bench.inverse.output import estimate_output
-from strainsight.stages.bench.inverse.rest import free_zero, zero_of
-from strainsight.stages.bench.inverse.trial import Trial, trial_of
-from strainsight.stages.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
-from strainsight.stages.bench.inverse.unknowns import Unknowns, free_properties, unknowns_of
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 

@@ -14,11 +14,11 @@ from strainsight.fem.stress import surface_model, surface_state
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.vtkhdf import facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
+from strainsight.records.below import Below
+from strainsight.records.bodies import body_from
+from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.mesh import mesh_from
 from strainsight.stages.bench.reduce import moduli_of
-from strainsight.stages.records.below import Below
-from strainsight.stages.records.bodies import body_from
-from strainsight.stages.records.grids import vtkhdf_datasets
-from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Scalar
 from strainsight.workflow.stage import Context, Stage
 

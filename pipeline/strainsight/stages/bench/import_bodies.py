@@ -7,10 +7,10 @@ from pathlib import Path
 
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspicions import suspicions
+from strainsight.records.below import below
+from strainsight.records.mesh import mesh_datasets
 from strainsight.stages.import_mesh import checked, mesh_of
-from strainsight.stages.records.below import below
-from strainsight.stages.records.found import found_tables
-from strainsight.stages.records.mesh import mesh_datasets
+from strainsight.stages.pages.found import found_tables
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -9,6 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.flexible import flexible_bodies
+from strainsight.cases.bench.layout.linear import LinearBench, linear_bench, scenario_of
+from strainsight.cases.bench.layout.output import Found, output_of
+from strainsight.cases.bench.layout.placed import PLACED, layout_of
+from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
+from strainsight.cases.bench.layout.scales import refuse_sizes
+from strainsight.cases.bench.loads import loads_of
+from strainsight.cases.bench.start import start_of
 from strainsight.errors import InfeasibleError, blame
 from strainsight.placement.baselines import random_sets
 from strainsight.placement.certificate import certify
@@ -16,15 +25,6 @@ from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
 from strainsight.placement.limits import Limits, limits_of
 from strainsight.placement.scenario import whole_pool_weight
-from strainsight.stages.bench.case.bench import Bench, bench_of
-from strainsight.stages.bench.case.flexible import flexible_bodies
-from strainsight.stages.bench.case.loads import loads_of
-from strainsight.stages.bench.case.start import start_of
-from strainsight.stages.bench.layout.linear import LinearBench, linear_bench, scenario_of
-from strainsight.stages.bench.layout.output import Found, output_of
-from strainsight.stages.bench.layout.placed import PLACED, layout_of
-from strainsight.stages.bench.layout.pool import GaugePool, gauge_pool
-from strainsight.stages.bench.layout.scales import refuse_sizes
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 

@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
+from strainsight.cases.structure.settings import damping_of
 from strainsight.errors import ConfigError, blame
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import FiniteElementModel, build_model, nodal
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
+from strainsight.records.below import Below
+from strainsight.records.bodies import body_datasets
+from strainsight.records.mesh import mesh_from
 from strainsight.rom.craig_bampton import (
     CraigBampton,
     craig_bampton,
@@ -21,10 +25,6 @@ from strainsight.rom.craig_bampton import (
     rows_of,
 )
 from strainsight.rom.inertia import inertia_invariants
-from strainsight.stages.case.settings import damping_of
-from strainsight.stages.records.below import Below
-from strainsight.stages.records.bodies import body_datasets
-from strainsight.stages.records.mesh import mesh_from
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -12,7 +12,7 @@ from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import space_section
 from strainsight.report.view.viewing import screenshot
-from strainsight.stages.records.bench_run import estimate_of, motion_of, placement_of, warnings_in
+from strainsight.stages.pages.bench_run import estimate_of, motion_of, placement_of, warnings_in
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.flexible import flexible_bodies
+from strainsight.cases.bench.loads import loads_of
+from strainsight.cases.bench.rings import rings_in_time
+from strainsight.cases.bench.sensors import reading_datasets, sensors_of
+from strainsight.cases.bench.start import start_of
 from strainsight.errors import blame
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.simulate import Trajectory, simulate
 from strainsight.multibody.spectrum import coupled_frequencies
-from strainsight.stages.bench.case.bench import Bench, bench_of
-from strainsight.stages.bench.case.flexible import flexible_bodies
-from strainsight.stages.bench.case.loads import loads_of
-from strainsight.stages.bench.case.rings import rings_in_time
-from strainsight.stages.bench.case.sensors import reading_datasets, sensors_of
-from strainsight.stages.bench.case.start import start_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

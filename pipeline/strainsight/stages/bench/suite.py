@@ -11,8 +11,8 @@ from strainsight.errors import ConfigError, did_you_mean
 from strainsight.report.bench.data import BenchClaim, BenchRun, BenchStudy, BenchSuite
 from strainsight.report.bench.studies import study_figures
 from strainsight.report.bench.suite_page import bench_suite_page
-from strainsight.stages.records.bench_run import estimate_of, motion_of, warnings_in
-from strainsight.stages.records.bench_suite_numbers import suite_datasets, suite_tables
+from strainsight.stages.pages.bench_run import estimate_of, motion_of, warnings_in
+from strainsight.stages.pages.bench_suite_numbers import suite_datasets, suite_tables
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.bench.layout.placed import PLACED, placed_layout
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.records.below import Below
+from strainsight.records.mesh import mesh_from
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
-from strainsight.stages.bench.layout.placed import PLACED, placed_layout
-from strainsight.stages.records.below import Below
-from strainsight.stages.records.mesh import mesh_from
 from strainsight.stages.view.placement import bare
 from strainsight.stages.view.surface import modes_view, stress_view
 from strainsight.workflow.artefact import Artefact

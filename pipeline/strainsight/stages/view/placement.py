@@ -11,11 +11,11 @@ import numpy as np
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.records.gauges import candidates_from
+from strainsight.records.mesh import mesh_from
 from strainsight.report.picture.layout import Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
-from strainsight.stages.records.gauges import candidates_from
-from strainsight.stages.records.mesh import mesh_from
-from strainsight.stages.records.page_layout import layout_of_page, loads_of_page, loose_nodes
+from strainsight.stages.pages.page_layout import layout_of_page, loads_of_page, loose_nodes
 from strainsight.stages.view.surface import modes_view, stress_view
 from strainsight.workflow.artefact import Artefact
 

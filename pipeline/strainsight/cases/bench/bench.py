@@ -1,0 +1,218 @@
+"""The bench of a config as bodies, frames, joints, forces and sensors of the kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.bench.layout.placed import placed_layout
+from strainsight.errors import ConfigError, blame
+from strainsight.gauges.glued import GluedEntry, glued
+from strainsight.gauges.rows import channel_rows
+from strainsight.mesh.additions import node_index
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.multibody import joints as kinds
+from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
+from strainsight.multibody.bearing.law import BearingLaw
+from strainsight.multibody.bodies import Body, RigidBody
+from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement, SpringDamper
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.initial import Pose
+from strainsight.multibody.joints import Joint
+from strainsight.multibody.relations import bearing_displacements, coincidence, dot, offset
+from strainsight.multibody.sensors import RelationSensor, Sensor, StrainSensor, axis_sensor, position_sensor
+from strainsight.multibody.system import System, assemble
+from strainsight.records.bodies import ReducedBody
+from strainsight.workflow.artefact import Artefact
+
+TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+"""Axes in a cyclic order that ends with the one meant: joints turn and slide about the z axis of their frames."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """system; frames and bearings by name; joined: kind and frames of every joint, its axis their z; poses of the bodies at
+    the start; theta (nθ,) values of the system's parameters, a bearing's called BEARING.PROPERTY."""
+
+    system: System
+    frames: Mapping[str, Frame]
+    bearings: Mapping[str, Bearing]
+    joined: Mapping[str, tuple[str, Frame, Frame]]
+    poses: Mapping[str, Pose]
+    theta: np.ndarray
+
+
+def bench_of(
+    config: Any,
+    reduced: Mapping[str, ReducedBody],
+    meshes: Mapping[str, Mesh],
+    free: Mapping[str, Sequence[str]] | None = None,
+) -> Bench:
+    """The whole bench; reduced and meshes: of the flexible bodies, by name; free: bearing → its properties that are
+    parameters of the system."""
+    bodies: list[Body] = []
+    poses: dict[str, Pose] = {}
+    for name, entry in config.bodies.items():
+        with blame(f"bodies.{name}"):
+            bodies.append(_rigid(name, entry) if entry.type == "rigid" else reduced[name].body)
+        held = entry.type == "flexible" and reduced[name].body.clamped
+        if held and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
+            raise ConfigError(
+                f"'{name}' is held on the ground by the supports of its deck",
+                key=f"bodies.{name}",
+                remedy="leave pose, velocity and spin out, or take the supports out of the deck",
+            )
+        if not held:
+            poses[name] = Pose(
+                np.array(entry.pose.origin), axes_of(entry.pose), np.array(entry.velocity), np.array(entry.spin)
+            )
+    frames = {name: _frame(name, entry, reduced, meshes) for name, entry in config.frames.items()}
+    bearings = {}
+    for name, entry in config.bearings.items():
+        with blame(f"bearings.{name}"):
+            bearings[name] = bearing_of(entry)
+    joined = {name: _joined(entry, frames) for name, entry in config.joints.items()}
+    joints = [_joint(name, config.joints[name], i, j) for name, (_, i, j) in joined.items()]
+    forces = [_force(name, entry, frames, bearings, free or {}) for name, entry in config.forces.items()]
+    with blame("joints"):
+        system = assemble(bodies, joints, forces)
+    values = {key: m.value for entry in config.bodies.values() if "moduli" in entry for key, m in entry.moduli.items()}
+    for name, bearing in bearings.items():
+        values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
+    theta = np.array([float(values[name]) for name in system.parameters])
+    return Bench(system, frames, bearings, joined, poses, theta)
+
+
+def bearing_of(entry: Any) -> Bearing:
+    """A bearing of the config; angles there are in degrees."""
+    plain = (
+        "balls",
+        "ball_diameter",
+        "pitch_diameter",
+        "radius_inner_left",
+        "radius_inner_right",
+        "radius_outer_left",
+        "radius_outer_right",
+        "preload",
+        "groove_centres",
+        "youngs_modulus",
+        "poisson_ratio",
+        "density",
+        "speed",
+    )
+    values: dict[str, Any] = {name: entry[name] for name in plain}
+    return Bearing(**values, contact_angle=np.deg2rad(entry.contact_angle), first_ball=np.deg2rad(entry.first_ball))
+
+
+def axes_of(pose: Any) -> np.ndarray:
+    """Right-handed orthonormal axes (3, 3), columns x, y, z, from the x axis and the part of the y axis across it."""
+    x = np.asarray(pose.x_axis, dtype=float)
+    x = x / np.linalg.norm(x)
+    y = np.asarray(pose.y_axis, dtype=float)
+    y = y - (x @ y) * x
+    y = y / np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])
+
+
+def strain_sensor(
+    name: str, entry: Any, reduced: ReducedBody, mesh: Mesh, placed: Artefact | None = None
+) -> tuple[StrainSensor, np.ndarray]:
+    """The gauges of a sensor on the nearest places of the body's surface, and how far (gauges,) [m] each was moved there."""
+    key = f"sensors.{name}.gauges"
+    if entry.layout is None:
+        entries = [GluedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+    else:
+        assert placed is not None
+        key = f"sensors.{name}.layout"
+        entries = [GluedEntry(x, d) for x, d in zip(*placed_layout(placed, entry.layout), strict=True)]
+    facets = exterior_facets(mesh)
+    with blame(key):
+        there, moved = glued(mesh, facets, entries, float(entry.snap_tolerance), key)
+        return StrainSensor(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
+
+
+def motion_sensor(name: str, entry: Any, frames: Mapping[str, Frame]) -> Sensor:
+    """A sensor of relative or absolute motion."""
+    if entry.type == "relative":
+        i, j = (frames[frame] for frame in entry.frames)
+        return RelationSensor(name, bearing_displacements(i, j))
+    frame = frames[entry.frame]
+    if entry.quantity in ("position", "velocity"):
+        return position_sensor(name, frame, rate=entry.quantity == "velocity")
+    return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
+
+
+def _rigid(name: str, entry: Any) -> RigidBody:
+    """The inertia of the config is about the centre of mass, that of the kernel about the origin."""
+    I, c = entry.inertia, np.asarray(entry.centre, dtype=float)
+    central = np.array([[I.xx, I.xy, I.xz], [I.xy, I.yy, I.yz], [I.xz, I.yz, I.zz]])
+    return RigidBody(name, float(entry.mass), c, central + entry.mass * (c @ c * np.eye(3) - np.outer(c, c)))
+
+
+def _frame(name: str, entry: Any, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> Frame:
+    axes = axes_of(entry.pose)
+    if entry.body == "ground":
+        return Frame(name, None, np.array(entry.pose.origin), axes)
+    if entry.body not in reduced:
+        return Frame(name, entry.body, np.array(entry.pose.origin), axes)
+    with blame(f"frames.{name}.node"):
+        mesh = meshes[entry.body]
+        origin = mesh.position[node_index(mesh, int(entry.node))]
+        rows = reduced[entry.body].interface[int(entry.node)]
+    return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
+
+
+def _joined(entry: Any, frames: Mapping[str, Frame]) -> tuple[str, Frame, Frame]:
+    """Kind and frames of a joint, turned so that z is the axis it turns about or slides along."""
+    i, j = (frames[frame] for frame in entry.frames)
+    if entry.type in ("revolute", "prismatic"):
+        i, j = _turned(i, entry.axis), _turned(j, entry.axis)
+    return entry.type, i, j
+
+
+def _joint(name: str, entry: Any, i: Frame, j: Frame) -> Joint:
+    match entry.type:
+        case "spherical":
+            return kinds.spherical(name, i, j)
+        case "fixed":
+            return kinds.fixed(name, i, j)
+        case "revolute":
+            return kinds.revolute(name, i, j)
+        case "prismatic":
+            return kinds.prismatic(name, i, j)
+        case "coincidence":
+            return Joint(name, tuple(coincidence(i, j, "xyz".index(k)) for k in entry.components))
+    axis = "xyz".index(entry.axis)
+    return Joint(name, (offset(i, axis, j) if entry.to == "offset" else dot(i, axis, j, "xyz".index(entry.to)),))
+
+
+def _turned(frame: Frame, axis: str) -> Frame:
+    return replace(frame, axes=frame.axes[:, TURNED[axis]])
+
+
+def _force(
+    name: str,
+    entry: Any,
+    frames: Mapping[str, Frame],
+    bearings: Mapping[str, Bearing],
+    free: Mapping[str, Sequence[str]],
+) -> Force:
+    match entry.type:
+        case "gravity":
+            return Gravity(np.array(entry.acceleration), name)
+        case "spring":
+            first, second = (frames[frame] for frame in entry.frames)
+            return SpringDamper(name, first, second, entry.stiffness, entry.damping, entry.length)
+        case "bearing":
+            relations = bearing_displacements(frames[entry.outer], frames[entry.inner])
+            own = tuple(free.get(entry.bearing, ()))
+            names = tuple(f"{entry.bearing}.{key}" for key in own)
+            return RelativeElement(name, relations, BearingLaw(bearings[entry.bearing], own), names)
+    direction = np.asarray(entry.direction, dtype=float)
+    direction = direction / np.linalg.norm(direction)
+    kind = PointForce if entry.type == "force" else PointMoment
+    return kind(name, frames[entry.frame], direction[:, None], (name,))

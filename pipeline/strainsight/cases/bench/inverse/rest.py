@@ -1,0 +1,95 @@
+"""What the bench at rest says before a filter runs: zeros of gauges, loads that explain a reading, what moves it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.bench.bench import Bench
+from strainsight.cases.bench.inverse.unknowns import Unknowns
+from strainsight.cases.bench.sensors import Sensors
+from strainsight.cases.bench.start import start_of
+from strainsight.errors import NumericalError, UserError, blame
+from strainsight.multibody.inverse.start import static_response
+from strainsight.multibody.inverse.zeroed import Zero, zero_at_rest
+from strainsight.multibody.sensors import Readings
+
+FITS, SETTLED = 20, 1e-9
+"""Gauss-Newton steps to loads at rest, and the share of their σ below which they are found."""
+
+
+def zero_of(
+    config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, theta: np.ndarray, zeroing: np.ndarray
+) -> np.ndarray:
+    """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
+    if not sensors.zeroed.any():
+        return np.zeros(len(sensors.zeroed))
+    with blame("estimate"):
+        q, v = start_of(replace(bench, theta=theta), config.simulate, zeroing)
+    return np.where(sensors.zeroed, sensors.readings.read(q, v)[0], 0.0)
+
+
+def free_zero(config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, zeroing: np.ndarray) -> Zero | None:
+    """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
+    if not (sensors.zeroed.any() and unknowns.free and config.simulate.start == "equilibrium"):
+        return None
+    q, _ = start_of(replace(bench, theta=unknowns.starts[0]), config.simulate, zeroing)
+    return zero_at_rest(bench.system, sensors.readings, sensors.zeroed, q, zeroing, unknowns.coordinates)
+
+
+def loads_at_rest(
+    config: Any,
+    bench: Bench,
+    channels: Readings,
+    unknowns: Unknowns,
+    guess: np.ndarray,
+    first: np.ndarray,
+    noise: np.ndarray,
+) -> np.ndarray:
+    """Loads (nu,) under which the bench at rest reads what was measured first, by Gauss-Newton from the guess:
+
+        min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
+    """
+    free = [i for i, entry in enumerate(config.estimate.inputs.values()) if entry.guess is None]
+    columns, u, theta = unknowns.inputs[free], guess.copy(), unknowns.starts[0]
+    for _ in range(FITS if free else 0):
+        with blame("estimate.measured"):
+            q, v = start_of(replace(bench, theta=theta), config.simulate, u)
+            by_u, _ = static_response(bench.system, q, u, theta)
+        read, H, _ = channels.read(q, v)
+        W = np.concatenate([(H @ by_u[:, columns]) / noise[:, None], np.diag(1 / unknowns.std_u[free])])
+        r = np.concatenate([(first - read) / noise, (guess - u)[columns] / unknowns.std_u[free]])
+        du = np.linalg.lstsq(W, r, rcond=None)[0]
+        u[columns] += du
+        if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):
+            break
+    return u
+
+
+def moved_at_rest(
+    config: Any, bench: Bench, channels: Readings, unknowns: Unknowns, under: tuple[np.ndarray, ...]
+) -> np.ndarray:
+    """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
+    these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest."""
+    most = np.zeros((len(channels.channels), len(unknowns.std_u) + len(unknowns.std)))
+    if config.simulate.start != "equilibrium":
+        return most
+    theta = unknowns.starts[0]
+    std = np.concatenate([
+        np.maximum(unknowns.std_u, unknowns.increment_u), np.maximum(unknowns.std, unknowns.increment)
+    ])  # fmt: skip
+    free = [bench.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
+    for i, u in enumerate(under):
+        try:
+            with blame("estimate"):
+                q, v = start_of(replace(bench, theta=theta), config.simulate, u)
+                by_u, by_theta = static_response(bench.system, q, u, theta)
+        except (UserError, NumericalError):
+            if i == 0:
+                raise
+            continue  # loads that rest cannot carry say nothing
+        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
+        most = np.maximum(most, np.abs(channels.read(q, v)[1] @ response) * std)
+    return most

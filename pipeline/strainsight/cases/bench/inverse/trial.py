@@ -1,0 +1,157 @@
+"""A bench's filter before it runs: its model, where it starts, the noise of its channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.bench.bench import Bench
+from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
+from strainsight.cases.bench.inverse.unknowns import Unknowns
+from strainsight.cases.bench.sensors import Sensors
+from strainsight.cases.bench.start import start_of
+from strainsight.errors import ConfigError, blame
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.inverse.start import start_covariance, white_force
+
+FLOOR = 1e-8
+"""Share of a sensor's largest reading that its noise is raised to: a tenth of that is the rounding of a step, which a filter
+would try to explain."""
+SPAN = 1e-7
+"""Share of what a load or parameter may move a reading by that its noise is raised to: squared, the digits of a number."""
+NOTHING = 1e-12
+"""Least noise of a channel, as of one that reads nothing at all [its unit]."""
+FAR = 100.0
+"""Times that a stated noise may be raised by; beyond, it is a unit that is wrong."""
+FELT = 1e-3
+"""σ of its noise by which one σ of an unknown must move a reading to be felt."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; noise (m,) σ of the
+    readings; said: what was done to the config's wishes, in words."""
+
+    model: AugmentedStep
+    start: np.ndarray
+    covariance: np.ndarray
+    noise: np.ndarray
+    said: tuple[str, ...]
+
+
+def trial_of(
+    config: Any,
+    bench: Bench,
+    used: Sensors,
+    unknowns: Unknowns,
+    known: np.ndarray,
+    largest: np.ndarray,
+    heaviest: np.ndarray,
+    zeroing: np.ndarray,
+    first: np.ndarray | None,
+    h: float,
+) -> Trial:
+    """The filter of `estimate`; known (T + 1, nu) all loads as the filter knows them, guesses in the columns of unknown ones;
+    largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt;
+    zeroing (nu,): those under which gauges were zeroed at rest, which a test knows; first (m,): what was measured at the
+    start, which guesses that the config leaves open have to explain at rest.
+
+    Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
+    equilibrium, its covariance says what badly known loads and parameters do to it.
+    """
+    channels, guess, runs = used.readings, known[0].copy(), int(config.estimate.runs)
+    model = AugmentedStep(
+        bench.system, channels, np.zeros(len(largest)), h, known[1:], unknowns.inputs, unknowns.coordinates,
+        white_force(bench.system, float(config.estimate.disturbance)), unknowns.increment_u**2,
+        unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
+    )  # fmt: skip
+    raised_by = guess.copy()
+    raised_by[unknowns.inputs] += unknowns.std_u
+    moved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
+    noise, raised = _noise(config.estimate, used, largest, moved.max(axis=1, initial=0.0))
+    said = (*raised, *_felt(config, unknowns, used, moved / noise[:, None]))
+    if first is not None and config.simulate.start == "equilibrium":
+        guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
+    states, covariances, offsets = [], [], []
+    for theta in unknowns.starts:
+        with blame("estimate"):
+            q, v = start_of(replace(bench, theta=theta), config.simulate, guess)
+            states.append(model.pack(q, v, guess[unknowns.inputs], theta))
+            covariances.append(_covariance(config, model, unknowns, q, guess, theta))
+        offsets.append(zero_of(config, bench, used, unknowns, theta, zeroing))
+    zero = free_zero(config, bench, used, unknowns, zeroing)
+    if zero is not None:
+        model, offsets = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
+    model = replace(model, offset=np.tile(offsets, (runs, 1)), R=noise**2)
+    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, said)
+
+
+def _noise(estimate: Any, used: Sensors, largest: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
+    noise, said = np.empty(len(largest)), []
+    least = np.maximum(np.maximum(FLOOR * largest, SPAN * moved), NOTHING)
+    for name, own in used.channels.items():
+        stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), own.stop - own.start)
+        noise[own] = np.maximum(stated, least[own])
+        if not (raised := stated < least[own]).any():
+            continue
+        low, high = float(stated[raised].min()), float(least[own][raised].max())
+        if low > 0 and high > FAR * low:
+            raise _too_quiet(f"estimate.sensors.{name}.noise", low, float(moved[own].max()), float(largest[own].max()))
+        said.append(
+            f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding"
+        )
+    return noise, tuple(said)
+
+
+def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
+    """The error for a stated noise far below what rounding leaves of the reading, of what an unknown moves it by, or of none."""
+    if max(SPAN * moved, FLOOR * largest) < NOTHING:
+        what, remedy = f"{noise:g} is less than {NOTHING:g}, the least of a channel", "take larger loads and noises"
+        return ConfigError(what, key=key, remedy=remedy)
+    by_unknown = SPAN * moved >= FLOOR * largest
+    what, reach = ("one σ of an unknown moves it by", moved) if by_unknown else ("it reads up to", largest)
+    return ConfigError(
+        f"{what} {reach:.3g}, {reach / noise:.1e} times its noise of {noise:g}: more digits than a number has",
+        key=key,
+        remedy=f"check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or take smaller ones",
+    )
+
+
+def _covariance(
+    config: Any, model: AugmentedStep, unknowns: Unknowns, q: np.ndarray, u: np.ndarray, theta: np.ndarray
+) -> np.ndarray:
+    spread = unknowns.coordinates.covariance(theta, unknowns.std)
+    if config.simulate.start == "equilibrium":
+        return start_covariance(
+            model.system, q, u, theta, unknowns.coordinates, unknowns.inputs, unknowns.std_u, spread
+        )
+    P = np.zeros((model.size, model.size))
+    P[model.u, model.u], P[model.xi, model.xi] = np.diag(unknowns.std_u**2), spread
+    return P
+
+
+def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> tuple[str, ...]:
+    """Refuse an unknown that no sensor feels at rest, name sensors that feel none and loads that rest cannot tell apart;
+    moved (m, nu + p) in σ of the noise.
+
+    Where the start is no equilibrium, or a sensor measures a velocity, rest says nothing.
+    """
+    quantities = [config.sensors[name].get("quantity") for name in used.channels]
+    if config.simulate.start != "equilibrium" or "velocity" in quantities:
+        return ()
+    names = [f"inputs.{name}" for name in config.estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]
+    for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
+        if column.max() < FELT:
+            raise ConfigError(
+                f"no sensor feels it: one σ of it ({std:.3g}) moves every reading by less than {FELT:g} σ of its noise",
+                key=f"estimate.{name}",
+                remedy="give the filter a sensor on a body that it deforms or moves, or make it known",
+            )
+    return tuple(
+        f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"
+        for name, own in used.channels.items()
+        if moved[own].max() < FELT
+    )

@@ -1,0 +1,178 @@
+"""What stands for reality in a bench's estimate: its own simulation, finer or not, or what another bench's sensors read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.bench.bench import Bench
+from strainsight.cases.bench.sensors import unit_of
+from strainsight.cases.bench.start import start_of
+from strainsight.errors import ArtefactError, ConfigError, NumericalError, blame, did_you_mean
+from strainsight.estimation.update import covariance_factor
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.sensors import Readings
+from strainsight.multibody.simulate import simulate
+from strainsight.workflow.artefact import Artefact
+
+NOISE = 1
+"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
+DRAWN = 2
+"""Last word of the seed of every drawn truth."""
+FEW = 1e-6
+"""Share of a step by which two clocks may differ."""
+
+
+@dataclass(frozen=True)
+class Reality:
+    """inputs (T + 1, r, nu) of the system, r = 1 or one a run [N, N m]; theta (r, nθ); readings (T, r, all channels) of every
+    sensor at h, 2h, …, NaN where nothing was read."""
+
+    inputs: np.ndarray
+    theta: np.ndarray
+    readings: np.ndarray
+
+
+def simulated(
+    bench: Bench,
+    sensors: Readings,
+    zeroed: np.ndarray,
+    settings: Any,
+    loads: Callable[[np.ndarray], np.ndarray],
+    h: float,
+    steps: int,
+    substeps: int,
+    progress: Callable[[float], None],
+) -> Reality:
+    """The bench with its own parameters, integrated with h/substeps; loads: time (k,) → (k, nu); zeroed (channels,)."""
+    fine = h / substeps * np.arange(steps * substeps + 1)
+    u = loads(fine)
+    count = len(fine) - 1
+    with blame("estimate.truth"):
+        q0, v0 = start_of(bench, settings, u[0])
+        found = simulate(
+            bench.system, q0, v0, u[1:], h / substeps, bench.theta,
+            lambda k: progress(k / count) if k % 50 == 0 else None,
+        )  # fmt: skip
+    read = np.array([sensors.read(q, v)[0] for q, v in zip(found.q[::substeps], found.v[::substeps], strict=True)])
+    read = read - np.where(zeroed, read[0], 0.0)
+    return Reality(u[::substeps, None], bench.theta[None], read[1:, None])
+
+
+def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
+    """Truths of the filter's own model: the start from N(x̂, P), inputs, parameters and disturbance from `before`.
+
+    start (B, size), P (B, size, size), known (T + 1, all inputs). The drawn starts are put back on the constraints.
+    Raises NumericalError where a drawn step cannot be solved.
+    """
+    steps = len(known) - 1
+    x = np.empty((runs, model.size))
+    draws = [np.random.default_rng((seed, run, DRAWN)) for run in range(runs)]
+    for run, draw in enumerate(draws):
+        which = run % len(start)
+        spread = covariance_factor(P[which])
+        x[run] = start[which] + spread @ draw.standard_normal(spread.shape[1])
+    x = model.projected(x)
+    inputs = np.repeat(known[:, None], runs, axis=1)
+    inputs[0][:, model.inputs] = x[:, model.u]
+    readings = np.empty((steps, runs, model.channels))
+    factor = covariance_factor(model.before(0))
+    for k in range(steps):
+        noise = np.array([draw.standard_normal(factor.shape[1]) for draw in draws])
+        x = model.step(x + noise @ factor.T, k)[0]
+        if not np.all(np.isfinite(x)):
+            raise NumericalError(
+                f"a drawn truth cannot be stepped at {k * model.h:g} s",
+                remedy="give smaller increments, or a smaller std at the start",
+            )
+        inputs[k + 1][:, model.inputs] = x[:, model.u]
+        readings[k] = model.measure(x, k)[0]
+    theta = np.array([model.coordinates.theta(own)[0] for own in x[:, model.xi]])
+    return Reality(inputs, theta, readings)
+
+
+def measurements(
+    readings: np.ndarray, noise: np.ndarray, runs: int, starts: int, seed: int, noisy: bool
+) -> np.ndarray:
+    """What the filter is given (T, runs · starts, m): readings (T, 1 or runs, m), noise drawn anew for every run, the same for
+    all starts of one."""
+    steps, m = len(readings), len(noise)
+    found = np.broadcast_to(readings, (steps, runs, m)).copy()
+    if noisy:
+        for run in range(runs):
+            found[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
+    return np.repeat(found, starts, axis=1)
+
+
+def from_run(
+    path: Path, settings: Any, own: Mapping[str, tuple[Any, int]], units: Mapping[str, str], h: float, steps: int
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names.
+
+    own: sensors of the filter with their number of channels; units: of the unknown loads; settings:
+    `estimate.measured`. Lengths are multiplied by
+    `scale`: the displacements of a relative motion and positions, not tilts, strains or axes. Raises ConfigError for a
+    sensor or an instant that it lacks, and for one of another kind.
+    """
+    key = "estimate.measured.from"
+    there = Artefact(path)
+    if there.header.stage != "simulate":
+        raise ArtefactError(f"{path.name} is of stage '{there.header.stage}', not of a simulation", key=key)
+    clock = there["/time"]
+    pace = clock[1] - clock[0]
+    every = round(h / pace)
+    if abs(every * pace - h) > FEW * pace or every < 1:
+        raise ConfigError(
+            f"its samples are {pace:g} s apart, which does not divide the filter's step of {h:g} s",
+            key=key,
+            remedy=f"set estimate.time_step to a multiple of {pace:g}",
+        )
+    if every * steps > len(clock) - 1:
+        raise ConfigError(
+            f"it ends after {clock[-1]:g} s, the estimate after {h * steps:g} s",
+            key=key,
+            remedy=f"set estimate.duration to at most {clock[-1]:g}",
+        )
+    rows = every * np.arange(steps + 1)
+    read = {}
+    for name, (entry, channels) in own.items():
+        path_there = _there(there, "sensors", settings.sensors.get(name, name), f"estimate.measured.sensors.{name}")
+        values, unit = there[path_there], there.attributes(path_there)["units"]
+        if (unit, values.shape[1]) != (unit_of(entry)[0], channels):
+            raise ConfigError(
+                f"'{name}' has {channels} channels in {unit_of(entry)[0]}, {path_there[1:]} there {values.shape[1]} in {unit}",
+                key="estimate.measured",
+                remedy="name a sensor of the same kind and size under estimate.measured.sensors",
+            )
+        lengths = slice(3) if entry.type == "relative" or entry.get("quantity") in ("position", "velocity") else slice(0)
+        values = np.array(values[rows], dtype=float)
+        values[:, lengths] *= settings.scale
+        read[name] = values
+    loads = {}
+    for name in units:
+        wanted = settings.inputs.get(name, name)
+        if name in settings.inputs or f"/inputs/{wanted}" in there:
+            path_there = _there(there, "inputs", wanted, f"estimate.measured.inputs.{name}")
+            if there.attributes(path_there)["units"] != units[name]:
+                unit = there.attributes(path_there)["units"]
+                raise ConfigError(
+                    f"'{name}' is in {units[name]}, '{wanted}' there in {unit}",
+                    key=f"estimate.measured.inputs.{name}",
+                    remedy="name a load of the same kind",
+                )
+            loads[name] = there[path_there][rows]
+    return read, loads
+
+
+def _there(there: Artefact, group: str, name: str, key: str) -> str:
+    if f"/{group}/{name}" not in there:
+        listed = list(there.children(f"/{group}"))
+        raise ConfigError(
+            f"that run has no {group[:-1]} '{name}'", key=key, remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}")
+        )
+    return f"/{group}/{name}"
+

@@ -1,0 +1,82 @@
+"""The unknowns of a bench's estimate: which of its parameters the filter has wrong, and which of these it estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.bench.bench import Bench
+from strainsight.errors import blame
+from strainsight.multibody.bearing.geometry import PARAMETERS
+from strainsight.multibody.inverse.parameters import ParameterCoordinates, parameter_coordinates
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """inputs (nu,): places of the unknown loads in `system.inputs`, with their σ at the start and a step [N, N m];
+    parameters: name in the config → name in the system; free: those of them that are estimated; starts (s, nθ): what the
+    filter takes θ for, one row a start; std, increment (p,) of the free ones [m, Pa]; coordinates of them."""
+
+    inputs: np.ndarray
+    std_u: np.ndarray
+    increment_u: np.ndarray
+    parameters: Mapping[str, str]
+    free: tuple[str, ...]
+    starts: np.ndarray
+    std: np.ndarray
+    increment: np.ndarray
+    coordinates: ParameterCoordinates
+
+
+def free_properties(estimate: Any) -> dict[str, tuple[str, ...]]:
+    """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
+    found: dict[str, list[str]] = {}
+    for entry in estimate.parameters.values():
+        if entry.bearing is not None:
+            found.setdefault(entry.bearing, []).append(entry.property)
+    return {bearing: tuple(sorted(own, key=PARAMETERS.index)) for bearing, own in found.items()}
+
+
+def unknowns_of(estimate: Any, bench: Bench, h: float) -> Unknowns:
+    """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
+    system = bench.system
+    a_step = h if estimate.increments == "second" else 1.0
+    entries = list(estimate.inputs.values())
+    places = {name: _system_name(name, entry) for name, entry in estimate.parameters.items()}
+    theta = bench.theta.copy()
+    for name, entry in estimate.parameters.items():
+        if entry.guess is not None:
+            theta[system.parameters.index(places[name])] = entry.guess
+    free = tuple(name for name, entry in estimate.parameters.items() if entry.std is not None)
+    starts = [theta]
+    for name in free:
+        for value in estimate.parameters[name].starts:
+            starts.append(theta.copy())
+            starts[-1][system.parameters.index(places[name])] = value
+    with blame("estimate.parameters"):
+        coordinates = parameter_coordinates(
+            system.parameters,
+            [places[name] for name in free],
+            theta,
+            {name: bearing.parameters for name, bearing in bench.bearings.items()},
+        )
+        for start in starts:
+            coordinates.xi(start)
+    return Unknowns(
+        np.array([system.inputs.index(name) for name in estimate.inputs], dtype=int),
+        np.array([float(entry.std) for entry in entries]),
+        np.array([float(entry.increment) * a_step for entry in entries]),
+        places,
+        free,
+        np.array(starts),
+        np.array([float(estimate.parameters[name].std) for name in free]),
+        np.array([float(estimate.parameters[name].increment) * a_step for name in free]),
+        coordinates,
+    )
+
+
+def _system_name(name: str, entry: Any) -> str:
+    return name if entry.bearing is None else f"{entry.bearing}.{entry.property}"

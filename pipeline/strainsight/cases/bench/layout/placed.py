@@ -1,0 +1,86 @@
+"""Layouts of gauges on a bench: the placed one beside those drawn at random, and how sensors take them over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.bench.layout.linear import LinearBench, expected_std, scenario_of
+from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.gauges.candidates import Candidates
+from strainsight.placement.scenario import solve_pool, weighted_trace
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.output import Dataset, Table
+
+PLACED = "place"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """gauges (k,): numbers of its candidates; trace: tr(W P), inf where an input is lost; std (nu,) [N, N m]: σ that a filter
+    on it comes to claim; without (k, nu): the same without each gauge."""
+
+    gauges: np.ndarray
+    trace: float
+    std: np.ndarray
+    without: np.ndarray
+
+
+def layout_of(
+    bench: LinearBench, weight: np.ndarray, gauges: np.ndarray, rows: np.ndarray, noise: float, acceleration: float
+) -> Layout:
+    """The layout of these gauges with what it is worth; weight (n*,) of the trace, rows (k, n) strain per coordinate."""
+    own = scenario_of(bench, rows, noise, acceleration)
+    try:
+        solved = solve_pool(replace(own, weight=weight))
+        trace = weighted_trace(solved, solved.P)
+    except (InfeasibleError, NumericalError):
+        trace = float("inf")
+    without = [_claimed(bench, np.delete(rows, i, axis=0), noise, acceleration) for i in range(len(rows))]
+    return Layout(gauges, trace, _claimed(bench, rows, noise, acceleration), np.array(without))
+
+
+def _claimed(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float) -> np.ndarray:
+    """`expected_std` (nu,), inf where it never settles."""
+    try:
+        return expected_std(bench, rows, noise, acceleration)
+    except NumericalError:
+        return np.full(len(bench.increment), np.inf)
+
+
+def layout_datasets(layouts: Mapping[str, Layout], candidates: Candidates) -> dict[str, Dataset]:
+    """Where every layout's gauges are, and what it is expected to know; gauges of one layout in its order."""
+    record: dict[str, Dataset] = {}
+    for name, layout in layouts.items():
+        own, place = layout.gauges, f"/layouts/{name}"
+        record |= {
+            f"{place}/candidate": Dataset(own, "1", "number of every gauge among the candidates"),
+            f"{place}/position": Dataset(candidates.position[own], "m", "position (gauge × xyz)"),
+            f"{place}/direction": Dataset(candidates.direction[own], "1", "measuring direction (gauge × xyz)"),
+            f"{place}/trace": Dataset(np.array(layout.trace), "1", "tr(W P); inf where an input is lost"),
+            f"{place}/std": Dataset(
+                layout.std, "N or N m", "σ of every input that a filter is expected to claim", ("/inputs",)
+            ),
+            f"{place}/without": Dataset(
+                layout.without, "N or N m", "the same without each gauge (gauge × input)", ("", "/inputs")
+            ),
+        }
+    return record
+
+
+def layout_table(layouts: Mapping[str, Layout], inputs: tuple[str, ...]) -> Table:
+    rows = tuple(
+        (name, f"{layout.trace:.4g}", *(f"{value:.4g}" for value in layout.std)) for name, layout in layouts.items()
+    )
+    return Table("layouts", ("layout", "tr(W P)", *(f"σ({name})" for name in inputs)), rows)
+
+
+def placed_layout(artefact: Artefact, which: str) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (k, 3) [m] and directions (k, 3) of a layout of place.h5, for a sensor with `layout: which`.
+
+    "place": the placed one; "random": the first of those drawn, which is no worse a draw than another.
+    """
+    place = f"/layouts/{PLACED if which == PLACED else 'random-1'}"
+    return artefact[f"{place}/position"], artefact[f"{place}/direction"]

@@ -1,0 +1,81 @@
+"""Gauges that a bench's flexible body could carry, and those worth an exact ranking."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.structure.candidates import BASE_ANGLES, zone_of
+from strainsight.errors import InfeasibleError, blame
+from strainsight.gauges.candidates import Candidates, candidates
+from strainsight.gauges.principal import principal_angles
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.screening import screen
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+
+UNFELT = 1e-12
+"""Share of the strongest input's strain below which that of another is rounding."""
+
+
+@dataclass(frozen=True)
+class GaugePool:
+    """candidates, m of them, a gauge each; rows (m, r) strain per coordinate of the body; response (m, nu) strain per unit of
+    every unknown input, at rest; kept (p,) ascending: which enter the elimination."""
+
+    candidates: Candidates
+    rows: np.ndarray
+    response: np.ndarray
+    kept: np.ndarray
+
+
+def gauge_pool(mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequence[str], place: Any) -> GaugePool:
+    """Every candidate that `place` of a bench allows, and the strongest under each input in turn, so far apart as it says.
+
+    basis (3 nodes, r) displacement per coordinate; static (r, nu) coordinates per unit of every unknown input, at rest; inputs:
+    their names.
+    One measure of strength for all inputs would keep what sees the strongest, and none for a load along the blade.
+    Raises InfeasibleError where no facet is left, or an input strains none of them.
+    """
+    facets, key = exterior_facets(mesh), "place"
+    include, exclude = ([zone_of(entry) for entry in zones] for zones in (place.include, place.exclude))
+    axis, turn = place.direction.get("axis"), None
+    zones = {"exclude": exclude, "surface": place.surface, "include": include, "key": key}
+    with blame("place.surface"):
+        if axis is None:
+            base = candidates(mesh, facets, None, BASE_ANGLES, rosette=True, **zones)
+            rows = channel_rows(mesh.position, base, basis, facets=facets)
+            alike = static / _strength(rows @ static, inputs)
+            turn = principal_angles(rows.reshape(-1, len(BASE_ANGLES), basis.shape[1]), alike @ alike.T)
+        pool = candidates(mesh, facets, axis, place.direction.angles, turn=turn, **zones)
+    rows = channel_rows(mesh.position, pool, basis, facets=facets)
+    response = rows @ static
+    size = np.abs(response) / _strength(response, inputs)
+    with blame("place.spacing"):
+        ranked = [_ranked(column, pool.position, float(place.spacing)) for column in size.T]
+    in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
+    kept = list(in_turn)[: int(place.pool)]
+    return GaugePool(pool, rows, response, np.array(sorted(kept)))
+
+
+def _ranked(strength: np.ndarray, position: np.ndarray, spacing: float) -> np.ndarray:
+    """Candidates that far apart, the strongest first."""
+    found = screen(strength, 1.0, position, None, spacing)
+    return found.kept[np.argsort(-found.snr[found.kept], kind="stable")]
+
+
+def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
+    """Largest strain under every input (nu,)."""
+    largest = np.abs(response).max(axis=0)
+    lost = [name for name, size in zip(inputs, largest, strict=True) if size <= UNFELT * largest.max(initial=0.0)]
+    if lost:
+        raise InfeasibleError(
+            f"{', '.join(lost)} strain{'s' * (len(lost) == 1)} no candidate",
+            key="place.body",
+            remedy="place gauges on a body that carries them, or take them out of estimate.inputs",
+        )
+    return np.asarray(largest)

@@ -1,0 +1,144 @@
+"""Every sensor of a config on the surface of the mesh: strain gauges, glued gauges, sensors of motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.structure.settings import families
+from strainsight.errors import ConfigError, blame
+from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
+from strainsight.gauges.glued import GluedEntry, glued
+from strainsight.gauges.motion import motion_candidates
+from strainsight.gauges.principal import principal_angles
+from strainsight.gauges.rows import channel_rows, fits
+from strainsight.gauges.surface import facet_centres
+from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, Zone, inside
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.model import Mesh
+
+BASE_ANGLES = (0.0, 45.0, 90.0)
+
+
+@dataclass(frozen=True)
+class OnSurface:
+    """candidates: all channels that the config allows, glued gauges first; moved (glued,) [m]: how far each of these was moved
+    to the surface; left_out: places where a grid would run over a sharp edge; empty: keys of zones that take no facet."""
+
+    candidates: Candidates
+    moved: np.ndarray
+    left_out: int
+    empty: tuple[str, ...]
+
+
+def candidates_on_surface(mesh: Mesh, config: Any, basis: np.ndarray, q: np.ndarray) -> OnSurface:
+    """Every sensor of the config on the exterior facets.
+
+    basis (3 nodes, n) displacement per reduced coordinate; q (steps, n): the training run, for principal directions.
+    """
+    if not mesh.blocks:
+        raise ConfigError(
+            "the mesh has no solids, and so no surface",
+            key="gauges.surface",
+            remedy="give mesh.matrices and gauges.given: strain rows of the gauges",
+        )
+    facets, parts, distance = exterior_facets(mesh), [], np.zeros(0)
+    if config.gauges.fixed:
+        with blame("gauges.fixed"):
+            there, distance = glued(mesh, facets, _entries(config.gauges), float(config.gauges.snap_tolerance))
+        parts.append(there)
+    own, left_out = _strain_gauges(mesh, facets, config.gauges, basis, q)
+    parts.append(own)
+    for array, (key, sensors) in enumerate(families(config).items()):
+        if array == 0:
+            continue
+        with blame(key):
+            parts.append(
+                motion_candidates(
+                    mesh,
+                    facets,
+                    ACCELERATION if sensors.quantity == "acceleration" else DISPLACEMENT,
+                    sensors.axes,
+                    surface=sensors.surface,
+                    include=[zone_of(entry) for entry in sensors.include],
+                    exclude=[zone_of(entry) for entry in sensors.exclude],
+                    every=sensors.every,
+                    array=array,
+                    key=key,
+                )
+            )
+    return OnSurface(concatenate(parts), distance, left_out, _empty_zones(mesh, facets, config))
+
+
+def _empty_zones(mesh: Mesh, facets: Facets, config: Any) -> tuple[str, ...]:
+    """Keys of excluded zones without a facet in them: a box in millimetres, more often than not."""
+    centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
+    found = []
+    for key, sensors in families(config).items():
+        for i, entry in enumerate(sensors.exclude):
+            with blame(f"{key}.exclude.{i}"):
+                if not inside(zone_of(entry), mesh, facets, centre, normal).any():
+                    found.append(f"{key}.exclude.{i}")
+    return tuple(found)
+
+
+def _entries(gauges: Any) -> list[GluedEntry]:
+    return [
+        GluedEntry(e.position, e.direction, float(gauges.grid_length if e.length is None else e.length), e.angles)
+        for e in gauges.fixed
+    ]
+
+
+def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Any, basis: np.ndarray, q: np.ndarray) -> tuple[Candidates, int]:
+    """Candidates of strain, and how many were left out because their grid would run over a sharp edge."""
+    direction, length = gauges.direction, float(gauges.grid_length)
+    include, exclude = ([zone_of(entry) for entry in zones] for zones in (gauges.include, gauges.exclude))
+    axis, turn = direction.get("axis"), None
+    with blame("gauges.surface"):
+        if axis is None:
+            base = candidates(
+                mesh, facets, None, BASE_ANGLES, exclude, gauges.surface, include=include, rosette=True, length=0.0
+            )
+            rows = channel_rows(mesh.position, base, basis, facets=facets).reshape(-1, len(BASE_ANGLES), basis.shape[1])
+            turn = principal_angles(rows, q.T @ q / len(q))
+        pool = candidates(
+            mesh,
+            facets,
+            axis,
+            direction.angles,
+            exclude,
+            gauges.surface,
+            include=include,
+            rosette=gauges.rosette,
+            length=length,
+            turn=turn,
+        )
+    if length == 0:
+        return pool, 0
+    well = fits(mesh.position, pool, facets)
+    if not well.any():
+        raise ConfigError(
+            f"a grid of {length:g} m runs over a sharp edge at every one of {len(pool)} places",
+            key="gauges.grid_length",
+            remedy="a shorter grid",
+        )
+    kept = pool.take(np.flatnonzero(well))
+    return kept, pool.gauges - kept.gauges
+
+
+def zone_of(entry: Mapping[str, Any]) -> Zone:
+    """A zone of a config."""
+    (kind, value), *_ = entry.items()
+    match kind:
+        case "box":
+            return Box(*value)
+        case "cylinder":
+            return Cylinder(value.point, value.axis, value.radius)
+        case "normal_cone":
+            return NormalCone(value.axis, value.angle)
+        case "near_set":
+            return NearSet(value.set, value.distance)
+    return NearEdges(float(value))

@@ -1,0 +1,73 @@
+"""What a filter on a layout is expected to claim along the training run, with all gauges and without each; which read alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.structure.problem import SILENT, Problem, filter_model, initial_covariance
+from strainsight.errors import NumericalError
+from strainsight.estimation.filter import covariance_recursion
+from strainsight.placement.recommendation import alike
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """σ of every unknown relative to its scale: std, name → σ; without, name → (k,) σ without each gauge in turn."""
+
+    std: dict[str, float]
+    without: dict[str, np.ndarray]
+
+    @property
+    def importance(self) -> np.ndarray:
+        """How much σ grows without each gauge, summed over the unknowns (k,)."""
+        return np.asarray(sum(values / self.std[name] for name, values in self.without.items()))
+
+    def ordered(self, order: np.ndarray) -> Expectation:
+        """The same with the gauges in another order."""
+        return Expectation(self.std, {name: values[order] for name, values in self.without.items()})
+
+
+def expectation(problem: Problem, gauges: np.ndarray) -> Expectation:
+    """σ along the training run from a 100 % prior: RMS over its last half.
+
+    gauges (k,) numbers. A gauge that is left out has its noise raised until it says nothing.
+    """
+    channels = problem.channels.of(gauges)
+    there = channels >= 0
+    flat, owner = channels[there], np.nonzero(there)[0]
+    silent = np.where(owner == np.arange(-1, len(gauges))[:, None], SILENT, 1.0)
+    model = filter_model(problem, np.broadcast_to(flat, silent.shape), problem.h)
+    model = replace(model, r=model.r * silent)
+    start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0))
+    std = covariance_recursion(model, problem.x, problem.u, start)
+    if not np.isfinite(std).all():
+        raise NumericalError(
+            "the σ that the filter is to claim along the training run is not finite",
+            key="train.time_step",
+            remedy="the noises lie too far apart, or an unknown load is modelled as faster than the step: check both",
+        )
+    level = np.sqrt(np.mean(std[len(std) // 2 :, :, model.position] ** 2, axis=0))
+    names = problem.unknowns.names
+    return Expectation(
+        {name: float(level[0, i]) for i, name in enumerate(names)},
+        {name: level[1:, i] for i, name in enumerate(names)},
+    )
+
+
+def alike_gauges(problem: Problem, gauges: np.ndarray) -> list[tuple[int, ...]]:
+    """Groups of gauges (k,), by their places in the list, that read the same quantity alike in the training run.
+
+    Rows R L on coordinates that are uncorrelated and of unit size there, L Lᵀ = cov(q).
+    """
+    values, V = np.linalg.eigh(np.cov(problem.x[:, : problem.model.size], rowvar=False))
+    L = V * np.sqrt(np.maximum(values, 0.0))
+    channels = problem.channels.of(gauges)
+    quantity = problem.channels.quantity[channels[:, 0]]
+    groups = []
+    for kind in np.unique(quantity):
+        own = np.flatnonzero(quantity == kind)
+        rows = np.where((channels[own] >= 0)[..., None], problem.channels.rows[channels[own]], 0.0)
+        groups += [tuple(int(own[i]) for i in group) for group in alike(rows @ L)]
+    return sorted(groups)

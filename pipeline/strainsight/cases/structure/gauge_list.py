@@ -1,0 +1,137 @@
+"""The gauges of a layout for people: a table, a CSV file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.cases.structure.channels import UNITS, Channels
+from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.output import Table
+
+
+@dataclass(frozen=True)
+class GaugeList:
+    """The gauges of a layout, k of them in its order.
+
+    labels "G1", …; kind: in words; unit of its readings; element, facet ids; position, normal (k, 3); directions: of each
+    (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of its grid; glued (k,); family: "gauges", or the
+    name among the motion sensors; peak (k,): largest training reading, peaks: that of each channel; range (k,): what it can
+    measure, NaN where not stated.
+    """
+
+    labels: tuple[str, ...]
+    kind: tuple[str, ...]
+    unit: tuple[str, ...]
+    element: np.ndarray
+    facet: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    directions: tuple[np.ndarray, ...]
+    angles: tuple[np.ndarray, ...]
+    length: np.ndarray
+    glued: np.ndarray
+    family: tuple[str, ...]
+    peak: np.ndarray
+    peaks: tuple[np.ndarray, ...]
+    range: np.ndarray
+
+
+def gauge_list(
+    gauges: np.ndarray, channels: Channels, candidates: Candidates, upstream: Mapping[str, Artefact]
+) -> GaugeList:
+    """Gauges (k,) by their numbers, as a layout lists them."""
+    names = upstream["screen"]["/family"].tolist()
+    own = [row[row >= 0] for row in channels.of(gauges)]
+    first = np.array([row[0] for row in own])
+    reading, limit = upstream["train"]["/strain"], upstream["screen"]["/range"]
+    stated = np.array([limit[c].min() for c in own])
+    return GaugeList(
+        labels=tuple(f"G{i + 1}" for i in range(len(gauges))),
+        kind=tuple(_kind(int(candidates.quantity[c[0]]), len(c)) for c in own),
+        unit=tuple(UNITS[int(candidates.quantity[c])] for c in first),
+        element=candidates.element[first],
+        facet=candidates.facet[first],
+        position=candidates.position[first],
+        normal=candidates.normal[first],
+        directions=tuple(candidates.direction[c] for c in own),
+        angles=tuple(candidates.angle[c] for c in own),
+        length=candidates.length[first],
+        glued=candidates.glued[first],
+        family=tuple(names[int(candidates.array[c])] for c in first),
+        peak=np.array([np.abs(reading[:, c]).max() for c in own]),
+        peaks=tuple(np.abs(reading[:, c]).max(axis=0) for c in own),
+        range=np.where(np.isfinite(stated), stated, np.nan),
+    )
+
+
+def channel_labels(listed: GaugeList) -> tuple[str, ...]:
+    """A label for every channel: that of its gauge, with the angle or axis where it has several."""
+    said = []
+    for label, kind, angles, directions in zip(
+        listed.labels, listed.kind, listed.angles, listed.directions, strict=True
+    ):
+        if len(angles) == 1:
+            said.append(label)
+        elif kind == "rosette":
+            said += [f"{label} {angle:g}°" for angle in angles]
+        else:
+            said += [f"{label} axis {i + 1}" for i in range(len(directions))]
+    return tuple(said)
+
+
+def _kind(quantity: int, channels: int) -> str:
+    if quantity == STRAIN:
+        return "strain gauge" if channels == 1 else "rosette"
+    return "accelerometer" if quantity == ACCELERATION else "displacement sensor"
+
+
+def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray]) -> Table:
+    """Where every gauge goes, and what each unknown would be known to without it."""
+    kinds = listed.glued.any() or set(listed.kind) != {"strain gauge"}
+    rows = tuple(
+        (
+            listed.labels[i],
+            *([listed.kind[i] + ", glued" * bool(listed.glued[i])] if kinds else []),
+            str(listed.element[i]),
+            str(listed.facet[i]),
+            " ".join(f"{x:.4f}" for x in listed.position[i]),
+            " ".join(f"{round(x, 3) + 0.0:g}" for x in listed.directions[i][0]),
+            " ".join(f"{angle:g}°" for angle in listed.angles[i])
+            if listed.kind[i] in ("strain gauge", "rosette")
+            else "",
+            *(f"{100 * values[i]:.3g} %" for values in without.values()),
+        )
+        for i in range(len(listed.labels))
+    )
+    columns = (
+        "gauge",
+        *(["kind"] if kinds else []),
+        "element",
+        "facet",
+        "x y z [m]",
+        "direction",
+        "angle",
+        *(f"σ({name}) without it" for name in without),
+    )
+    return Table("gauges", columns, rows)
+
+
+def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray]) -> bytes:
+    """The layout for whoever glues it: a line a channel, lengths in m, σ of every unknown without the gauge relative to its
+    scale, the largest training reading in the unit of the channel."""
+    axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
+    head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
+    lines = [",".join([*head, *(f"std_{name}_without" for name in without)])]
+    for i, label in enumerate(listed.labels):
+        for direction, angle, peak in zip(listed.directions[i], listed.angles[i], listed.peaks[i], strict=True):
+            vectors = np.round([*listed.position[i], *listed.normal[i], *direction], 12) + 0.0
+            numbers = [*vectors, angle, listed.length[i], peak]
+            glued = "yes" if listed.glued[i] else "no"
+            words = [label, listed.kind[i], listed.family[i], glued, str(listed.element[i]), str(listed.facet[i])]
+            missing = [f"{values[i]:.9g}" for values in without.values()]
+            lines.append(",".join([*words, *(f"{x:.9g}" for x in numbers), listed.unit[i], *missing]))
+    return ("\n".join(lines) + "\n").encode()

@@ -1,0 +1,87 @@
+"""From the elimination's set to the layout: exchanges, a proof, failures, and a bound on what any layout could reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.structure.problem import Problem
+from strainsight.cases.structure.scenarios import scenarios_of
+from strainsight.placement.branch_and_bound import BranchAndBound, branch_and_bound
+from strainsight.placement.certificate import Certificate, certify
+from strainsight.placement.exchange import Exchange, exchange
+from strainsight.placement.failure import loss_if_one_fails, robust_set
+from strainsight.placement.fill import fill
+from strainsight.placement.limits import Limits
+from strainsight.placement.scenario import Pool, Scenario, solve_pool
+from strainsight.placement.score import score
+
+
+@dataclass(frozen=True)
+class Layout:
+    """gauges (k,) pool rows, ascending; trace: their aggregate of tr(W P); exchange, certificate and proof where they were
+    asked for."""
+
+    gauges: np.ndarray
+    trace: float
+    exchange: Exchange | None
+    certificate: Certificate | None
+    proof: BranchAndBound | None
+
+
+def layout_of(
+    pools: Sequence[Pool],
+    greedy: np.ndarray,
+    limits: Limits,
+    settings: Any,
+    progress: Callable[[str, float], None],
+) -> Layout:
+    """The set of least trace, or of least loss after one failure, as settings (`place` of a config) ask for.
+
+    Raises InfeasibleError where a robust layout is asked for of so few gauges that every failure loses an unknown.
+    """
+    aggregate = settings.aggregate
+    progress("exchange", 0.5)
+    # Under a budget the elimination leaves money over.
+    greedy = fill(pools, greedy, limits, aggregate)
+    swapped, proof = None, None
+    if settings.optimise == "worst_failure":
+        gauges = robust_set(pools, limits, aggregate).gauges
+    else:
+        swapped = exchange(pools, greedy, aggregate, limits=limits) if settings.exchange else None
+        gauges = swapped.gauges if swapped else greedy
+    if settings.prove > 0:  # never beside worst_failure: the config refuses that
+        progress("proof", 0.6)
+        proof = branch_and_bound(pools, limits, aggregate, start=gauges, time_limit=settings.prove)
+        gauges = proof.gauges
+    trace = score(pools, gauges, aggregate)
+    progress("certificate", 0.7)
+    certificate = certify(pools, gauges, trace, aggregate, limits=limits) if settings.certificate else None
+    if certificate and proof and proof.lower_bound > certificate.lower_bound:
+        lower = min(proof.lower_bound, trace)
+        certificate = replace(certificate, lower_bound=lower, gap=(trace - lower) / trace)
+    return Layout(gauges, trace, swapped, certificate, proof)
+
+
+def gauge_losses(
+    problem: Problem,
+    scenarios: Sequence[Scenario],
+    pools: Sequence[Pool],
+    rows: np.ndarray,
+    gauges: np.ndarray,
+    settings: Mapping[str, Any],
+    ranges: Mapping[str, Sequence[float]],
+    seed: int,
+) -> np.ndarray:
+    """tr(W P) of the layout when each of its gauges fails (k,), inf where an unknown is lost.
+
+    rows: its pool rows; gauges (k,) their numbers, in the same order. Of a mirrored pair one gauge fails, not both.
+    """
+    aggregate = settings["aggregate"]
+    if len(rows) == len(gauges):
+        return loss_if_one_fails(pools, rows, aggregate)
+    alone = scenarios_of(problem, problem.channels.of(gauges), settings, ranges, seed, scenarios[0].weight)
+    return loss_if_one_fails([solve_pool(s) for s in alone], np.arange(len(gauges)), aggregate)

@@ -1,0 +1,214 @@
+"""A test as the filter needs it: what its channels measured, on the clock of the filter, and which gauges they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.structure.problem import Problem
+from strainsight.errors import ConfigError, UserError, blame, did_you_mean
+from strainsight.measurements.assemble import Signals, assemble
+from strainsight.measurements.bridges import Bridge
+from strainsight.measurements.calibration import ChannelSettings
+from strainsight.measurements.csv_layout import TextFormat
+from strainsight.measurements.reader import read_recording
+from strainsight.rom.oscillator import HOLD
+from strainsight.workflow.artefact import Artefact
+
+LONGEST_GAP = 10
+"""Samples of a known load that may be missing in a row; they are put on a straight line."""
+QUANTITY = ("strain", "acceleration", "displacement")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """time (T + 1,) [s] of the samples, the first of which starts the filter; h [s] of the filter, a sample every `every`-th
+    step; known (T·every, HOLD, n_known) [N]; values (T, m) of the samples after the first [strain, m/s² or m], NaN where
+    missing; channels (m,) rows of train.h5; labels (m,); std (m,) of a sample, NaN where the config's own holds; bias (m,)
+    σ of an unknown offset, 0 for none; notes: sentences."""
+
+    time: np.ndarray
+    h: float
+    every: int
+    known: np.ndarray
+    values: np.ndarray
+    channels: np.ndarray
+    labels: tuple[str, ...]
+    std: np.ndarray
+    bias: np.ndarray
+    notes: tuple[str, ...]
+
+
+def measured_of(settings: Any, path: Path, problem: Problem, place: Artefact) -> Measured:
+    """Read and calibrate the channels that `estimate` of a config names.
+
+    Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
+    a gap, and UserError for what the file contradicts.
+    """
+    channels = np.array([_channel(i, entry, problem, place) for i, entry in enumerate(settings.channels)])
+    if len(np.unique(channels)) < len(channels):
+        raise ConfigError(
+            "two channels are one grid of a gauge", key="estimate.channels", remedy="check `gauge` and `grid` of each"
+        )
+    for name in problem.known:
+        if name not in settings.inputs:
+            raise ConfigError(
+                f"the known load '{name}' has no channel",
+                key="estimate.inputs",
+                remedy=f"give inputs: {{{name}: {{channel: …, unit: N}}}}, or set loads.{name}.known: false and estimate it",
+            )
+    wanted = {f"estimate.channels.{i}": entry for i, entry in enumerate(settings.channels)}
+    wanted |= {f"estimate.inputs.{name}": settings.inputs[name] for name in problem.known}
+    signals = _signals(settings, path, wanted)
+    _check_quantities(wanted, signals, problem, channels)
+    dt = float(signals.time[1] - signals.time[0])
+    every = 1 if settings.time_step is None else round(dt / float(settings.time_step))
+    if every < 1 or (settings.time_step is not None and abs(every * float(settings.time_step) / dt - 1) > 1e-6):
+        raise ConfigError(
+            f"{settings.time_step:g} s is no whole part of the sampling interval, {dt:.9g} s",
+            key="estimate.time_step",
+            remedy=f"leave it out, or give {dt / max(every, 1):.9g} s",
+        )
+    m = len(channels)
+    loads, notes = _without_gaps(signals, problem.known, m)
+    return Measured(
+        time=signals.time,
+        h=dt / every,
+        every=every,
+        known=_held(loads, every),
+        values=signals.values[1:, :m],
+        channels=channels,
+        labels=tuple(_label(entry) for entry in settings.channels),
+        std=np.array([np.nan if e.noise_std is None else float(e.noise_std) for e in settings.channels]),
+        bias=np.array([0.0 if e.bias is None else float(e.bias) for e in settings.channels]),
+        notes=(*signals.notes, *notes),
+    )
+
+
+def _label(entry: Any) -> str:
+    grid = f".{entry.grid}" if entry.grid > 1 else ""
+    return f"{entry.gauge if isinstance(entry.gauge, str) else f'gauge {entry.gauge}'}{grid}"
+
+
+def _channel(i: int, entry: Any, problem: Problem, place: Artefact) -> int:
+    """The row of train.h5 that a channel of the file measures."""
+    numbers = place["/selected/final/number"]
+    labels = {f"G{j + 1}": int(number) for j, number in enumerate(numbers)}
+    key = f"estimate.channels.{i}"
+    if isinstance(entry.gauge, str):
+        if entry.gauge not in labels:
+            raise ConfigError(
+                f"no gauge '{entry.gauge}' in the layout",
+                key=f"{key}.gauge",
+                remedy=did_you_mean(entry.gauge, labels, f"there are {', '.join(labels)} (gauges.csv)"),
+            )
+        number = labels[entry.gauge]
+    else:
+        number = int(entry.gauge)
+        if number >= problem.channels.gauges:
+            raise ConfigError(
+                f"gauge {number} of {problem.channels.gauges} candidates",
+                key=f"{key}.gauge",
+                remedy=f"give a label of the layout, or a number up to {problem.channels.gauges - 1}",
+            )
+    own = problem.channels.of(np.array([number]))[0]
+    own = own[own >= 0]
+    if entry.grid > len(own):
+        raise ConfigError(
+            f"grid {entry.grid} of a gauge that has {len(own)}", key=f"{key}.grid", remedy=f"give 1 to {len(own)}"
+        )
+    return int(own[entry.grid - 1])
+
+
+def _signals(settings: Any, path: Path, wanted: Mapping[str, Any]) -> Signals:
+    """The channels in the order of `wanted` (config key → settings)."""
+    text = settings.text
+    names = [entry.channel for entry in wanted.values()]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ConfigError(
+                f"channel {name!r} of the file is used twice", key=f"{list(wanted)[i]}.channel", remedy="check both"
+            )
+    with blame("estimate.text"):
+        form = TextFormat(text.delimiter, text.decimal, text.comment, text.header_line, tuple(text.missing))
+    with blame("estimate.file"):
+        recording = read_recording(
+            path,
+            names,
+            time=settings.time.channel,
+            time_unit=settings.time.unit if settings.time.channel is not None else None,
+            format=settings.format,
+            form=form,
+        )
+        stated = {}
+        for key, entry in wanted.items():
+            with blame(key):
+                stated[entry.channel] = _calibration(entry)
+        keys = {entry.channel: key for key, entry in wanted.items()}
+        try:
+            return assemble(recording, stated)
+        except UserError as error:
+            error.key = keys.get(error.key or "", error.key)
+            raise
+
+
+def _calibration(entry: Any) -> ChannelSettings:
+    bridge = entry.bridge
+    return ChannelSettings(
+        unit=entry.unit,
+        bridge=None if bridge is None else Bridge(bridge.arrangement, bridge.gauge_factor, bridge.poisson_ratio),
+        offset=float(entry.offset),
+        drift=float(entry.drift),
+        zero=None if entry.zero is None else (float(entry.zero[0]), float(entry.zero[1])),
+        scale=float(entry.scale),
+        sign=int(entry.sign),
+        override=bool(entry.override),
+    )
+
+
+def _check_quantities(wanted: Mapping[str, Any], signals: Signals, problem: Problem, channels: np.ndarray) -> None:
+    expected = [QUANTITY[int(problem.channels.quantity[c])] for c in channels] + ["force"] * len(problem.known)
+    for (key, entry), found, should in zip(wanted.items(), signals.quantities, expected, strict=True):
+        if found != should:
+            raise ConfigError(
+                f"the channel is in {entry.unit}, {found}, but it is to be a {should}",
+                key=f"{key}.unit",
+                remedy="check the unit, and which gauge or load the channel is",
+            )
+
+
+def _without_gaps(signals: Signals, known: Sequence[str], first: int) -> tuple[np.ndarray, list[str]]:
+    """Known loads (T + 1, n_known), short gaps put on straight lines, and what was done."""
+    loads, notes = signals.values[:, first:].copy(), []
+    index = np.arange(len(loads))
+    for i, name in enumerate(known):
+        missing = np.isnan(loads[:, i])
+        if not missing.any():
+            continue
+        there = np.flatnonzero(~missing)
+        longest = int(np.diff(there).max(initial=1)) - 1 if len(there) > 1 else len(loads)
+        at_ends = missing[0] or missing[-1]
+        if longest > LONGEST_GAP or at_ends:
+            where = signals.time[np.argmax(missing)]
+            raise ConfigError(
+                f"the known load '{name}' lacks {missing.sum()} samples, "
+                + ("at an end of the record" if at_ends else f"{longest} in a row, the first at {where:g} s"),
+                key=f"estimate.inputs.{name}",
+                remedy="cut the record, or estimate this load",
+            )
+        loads[missing, i] = np.interp(index[missing], there, loads[there, i])
+        notes.append(f"{name}: {missing.sum()} missing samples were put on straight lines")
+    return loads, notes
+
+
+def _held(loads: np.ndarray, every: int) -> np.ndarray:
+    """Hold coefficients (T·every, HOLD, n) of loads sampled (T + 1, n), straight between samples."""
+    slope = np.diff(loads, axis=0) / every
+    start = loads[:-1, None] + slope[:, None] * np.arange(every)[None, :, None]
+    held = np.zeros((len(slope) * every, HOLD, loads.shape[1]))
+    held[:, 0], held[:, 1] = start.reshape(-1, loads.shape[1]), np.repeat(slope, every, axis=0)
+    return held

@@ -1,0 +1,26 @@
+"""What the layout measured in a validation, as a file of a test that `estimate` reads."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.cases.structure.trial import Trial
+
+UNITS = ("m/m", "m/s2", "m")
+"""Of strain, acceleration and displacement, as a measurement file writes them."""
+
+
+def measured_csv(trial: Trial, measured: np.ndarray, channels: np.ndarray) -> bytes:
+    """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
+
+    measured (T, m) in the order of channels (k, c), rows of train.h5, −1 where a gauge has fewer.
+    """
+    which, grid = np.nonzero(channels >= 0)
+    quantity = trial.problem.channels.quantity[channels[which, grid]]
+    names = [f"G{i + 1}{f'.{j + 1}' if j else ''} [{UNITS[q]}]" for i, j, q in zip(which, grid, quantity, strict=True)]
+    loads = [f"{name} [N]" for name in trial.problem.known]
+    first = np.concatenate([trial.time[:1], np.full(len(names), np.nan), trial.known[0, 0]])
+    rows = np.vstack([first, np.column_stack([trial.time[1:], measured, trial.known.sum(axis=1)])])
+    lines = [",".join(["time [s]", *names, *loads])]
+    lines += [",".join("" if np.isnan(x) else f"{x:.12g}" for x in row) for row in rows]
+    return ("\n".join(lines) + "\n").encode()

@@ -1,0 +1,179 @@
+"""What place and validate share: the unknowns, their process noise, and the filter's model of a set of gauges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from strainsight.augmentation.noise import Rule, channel_intensity, process_intensity
+from strainsight.augmentation.unknowns import Unknowns
+from strainsight.cases.structure.channels import Channels, accelerations, channels_from
+from strainsight.cases.structure.settings import characteristic, signal_of, unknowns_of
+from strainsight.errors import blame
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.update import Form
+from strainsight.gauges.candidates import STRAIN
+from strainsight.records.model import model_from
+from strainsight.rom.model import ReducedModel, modal_basis
+from strainsight.rom.schemes import Scheme, scheme_bias
+from strainsight.signals.histories import Signal, hold_coefficients
+from strainsight.workflow.stage import Context
+
+REST_SHARE = 1e-3
+"""Initial σ of every state as a share of its largest training amplitude: the structure is known to be at rest."""
+
+
+SILENT = 1e12
+"""Factor on a channel's noise intensity that makes it say nothing."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One estimation problem before its gauges are chosen.
+
+    model; unknowns; signals of all inputs by name; x (steps + 1, 2n) and u (steps, HOLD, n_u) of the training run at
+    step h [s]; Q (n*, n*) process intensity of the filter, frozen_Q that of the placement, which differs where the
+    thesis's printed numbers are asked for; printed: whether they are; channels of all candidates; scheme of the time step,
+    form of the covariance and iterations of the update of the filter.
+    """
+
+    model: ReducedModel
+    unknowns: Unknowns
+    signals: Mapping[str, Signal]
+    x: np.ndarray
+    u: np.ndarray
+    h: float
+    Q: np.ndarray
+    frozen_Q: np.ndarray
+    printed: bool
+    channels: Channels
+    scheme: Scheme
+    form: Form
+    iterations: int
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Inputs whose history the filter is given."""
+        return tuple(name for name in self.model.inputs if name not in self.unknowns.inputs)
+
+    def columns(self, names: Sequence[str]) -> list[int]:
+        return [self.model.inputs.index(name) for name in names]
+
+
+def problem_of(context: Context) -> Problem:
+    """Gather the estimation problem from the artefacts of rom, train and screen and from the config."""
+    config, rom, train = context.config, context.upstream["rom"], context.upstream["train"]
+    model = model_from(rom)
+    h, duration = float(config.train.time_step), float(config.train.duration)
+    with blame("train"):
+        # In the order of the reduced model: that of the config may have changed since, which is no change of the config.
+        signals = {name: signal_of(name, config.loads[name].signal, context.files) for name in model.inputs}
+        u = hold_coefficients(list(signals.values()), 0.0, h, round(duration / h))
+    x = np.hstack([train["/coordinate"], train["/velocity"]])
+    unknowns = unknowns_of(config.place.estimate, config.loads, signals, model.reference, duration)
+    rule = str(config.process_noise.rule)
+    rules: tuple[Rule, Rule] = (
+        ("intensity", "intensity")
+        if rule == "continuous"
+        else ("thesis", "as_printed" if rule == "as_printed" else "thesis")
+    )
+    with blame("process_noise"):
+        Q, frozen_Q = (
+            process_intensity(
+                model.size,
+                unknowns,
+                {name: characteristic(config.loads[name], signals[name], duration)[0] for name in unknowns.inputs},
+                {name: float(config.parameters[name].process_noise_scale) for name in unknowns.parameters},
+                rule=one,
+                h=h,
+                kappa=np.array([config.loads[name].process_noise.kappa or KAPPA for name in unknowns.inputs]),
+                velocity=model_error_intensity(model, x, u[:, 0], config.process_noise.model_error),
+            )
+            for one in rules
+        )
+    channels = channels_from(train, context.upstream["screen"])
+    own = config.filter
+    return Problem(
+        model,
+        unknowns,
+        signals,
+        x,
+        u,
+        h,
+        Q,
+        frozen_Q,
+        rule == "as_printed",
+        channels,
+        own.scheme,
+        own.form,
+        int(own.iterations),
+    )
+
+
+KAPPA = 0.1
+"""κ of a random walk where the config gives none."""
+
+
+def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, share: float) -> np.ndarray:
+    """q_v = (share · rms q̈)² / ω₁ (n,) [kg m²/s³]: a white acceleration for what the model leaves out.
+
+    share [-] of the RMS training acceleration, correlated over 1/ω₁ of the first mode; x (T + 1, 2n); u (T, n_u) [N].
+    """
+    acceleration = accelerations(model, model.reference, x[: len(u)], u)
+    lam, _ = modal_basis(model, model.reference)
+    return share**2 * np.mean(acceleration**2, axis=0) / np.sqrt(lam[0])
+
+
+def filter_model(problem: Problem, channels: np.ndarray, h: float, noise_factor: Any = 1.0) -> FilterModel:
+    """The filter with these channels at step h [s]: channels (k,) or (B, k) rows of train.h5, −1 for none, which reads
+    nothing; noise_factor scalar or (B,)."""
+    own, there = problem.channels, channels >= 0
+    rows = np.where(there[..., None], own.rows[channels], 0.0)
+    quantity = np.where(there, own.quantity[channels], STRAIN)
+    std = np.asarray(noise_factor)[..., None] * own.noise_std[channels]
+    H = np.concatenate(
+        [rows, np.zeros((*channels.shape, problem.unknowns.size(problem.model) - rows.shape[-1]))], axis=-1
+    )
+    r = channel_intensity(std, problem.h, rows, quantity, problem.Q)
+    fixed = {name: value for name, value in problem.model.reference.items() if name not in problem.unknowns.parameters}
+    return FilterModel(
+        problem.model, problem.unknowns, problem.known, fixed, H, problem.Q, r, h, quantity, problem.scheme
+    )
+
+
+def filter_options(problem: Problem) -> dict[str, Any]:
+    """How the filter is to be run."""
+    return {"form": problem.form, "iterations": problem.iterations}
+
+
+def scheme_in_words(problem: Problem, h: float) -> str:
+    """What the time step of the filter does to the lowest mode; empty where it is exact."""
+    if problem.scheme == "exact":
+        return ""
+    lam, _ = modal_basis(problem.model, problem.model.reference)
+    longer, damped = (values[0] for values in scheme_bias(lam, problem.model.damping, h, problem.scheme))
+    return (
+        f"the {problem.scheme.replace('_', ' ')} step of {h:g} s lengthens the period of the first mode by "
+        f"{100 * longer:.2g} %, so that a modulus comes out {200 * longer:.2g} % off, and adds {100 * damped:.2g} % of damping"
+    )
+
+
+def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: Any = 1.0) -> np.ndarray:
+    """σ of one sample every h [s] of channels (k,) or (B, k) [unit of the channel], 1 where there is none."""
+    own = problem.channels.noise_std[channels] * np.sqrt(problem.h / h)
+    return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * own, 1.0)
+
+
+def initial_covariance(problem: Problem, relative_std: Mapping[str, float], moving: bool = False) -> np.ndarray:
+    """P₀ (n*, n*): unknowns as stated, relative to amplitude and guess; every state known to be at rest up to REST_SHARE of
+    its largest training amplitude, or moving with all of it."""
+    unknowns = problem.unknowns
+    std = np.zeros(unknowns.size(problem.model))
+    std[: problem.x.shape[1]] = (1.0 if moving else REST_SHARE) * np.abs(problem.x).max(axis=0)
+    # The rates that an input's model has beside it may be anything at first: all of them are of order one.
+    std[problem.x.shape[1] :] = 1.0
+    std[unknowns.position(problem.model)] = [relative_std[name] for name in unknowns.names]
+    return np.diag(std**2)

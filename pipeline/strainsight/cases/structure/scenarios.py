@@ -1,0 +1,81 @@
+"""The scenarios of a placement: instants of the training motion, at one or several parameter values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from strainsight.augmentation.linearisation import linearisation_instants, linearise
+from strainsight.augmentation.measurement import measurement_rows
+from strainsight.augmentation.noise import Rule, channel_intensity
+from strainsight.cases.structure.problem import Problem
+from strainsight.placement.scenario import Scenario, thesis_weight, whole_pool_weight
+from strainsight.rom.modal_step import simulate
+from strainsight.signals.histories import instant_values
+from strainsight.sweep.sweep import Sweep, serial
+
+
+def scenarios_of(
+    problem: Problem,
+    channels: np.ndarray,
+    settings: Mapping[str, Any],
+    ranges: Mapping[str, Sequence[float]],
+    seed: int,
+    weight: np.ndarray | None = None,
+    sweep: Sweep = serial,
+) -> tuple[Scenario, ...]:
+    """One frozen linearisation an instant and parameter sample, all with one weight, by default as `place.weights` asks for.
+
+    channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
+    (lowest, highest) [SI]; sweep: solves them with the whole pool, where the weights ask for that.
+    """
+    p = problem
+    u = instant_values(p.u)
+    plain: list[Scenario] = []
+    for theta in parameter_samples(p.model.reference, ranges, int(settings["parameter_samples"]), seed):
+        x = p.x if theta == p.model.reference else simulate(p.model, theta, p.u, p.h)
+        # One instant is the thesis's case: any of them, also where a parameter hardly acts.
+        share = 0.0 if settings["instants"] == 1 else 0.5
+        chosen = linearisation_instants(p.model, p.unknowns, theta, x, u, int(settings["instants"]), seed, share)
+        for F in linearise(p.model, p.unknowns, theta, x[chosen], u[chosen]):
+            H, r = _measured(p, channels, F)
+            plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
+    own = _weight(p, plain, str(settings["weights"]), sweep) if weight is None else weight
+    return tuple(Scenario(s.F, s.Q, s.H, s.r, own) for s in plain)
+
+
+def _weight(problem: Problem, scenarios: Sequence[Scenario], rule: str, sweep: Sweep) -> np.ndarray:
+    unknowns, position = problem.unknowns, problem.unknowns.position(problem.model)
+    if rule == "thesis":
+        return thesis_weight(len(scenarios[0].F), position, unknowns.scale)
+    return whole_pool_weight(scenarios, position, unknowns.state_names, sweep)
+
+
+def parameter_samples(
+    reference: Mapping[str, float], ranges: Mapping[str, Sequence[float]], count: int, seed: int
+) -> list[dict[str, float]]:
+    """The guess, then count − 1 points of the box of ranges, evenly by a scrambled Halton sequence; name → value [SI]."""
+    names = sorted(reference)
+    if count == 1 or not names:
+        return [dict(reference)]
+    from scipy.stats import qmc  # a quarter of a second to import, which most runs need not spend
+
+    low, high = (np.array([float(ranges[name][end]) for name in names]) for end in (0, 1))
+    points = low + (high - low) * qmc.Halton(len(names), seed=seed).random(count - 1)
+    return [dict(reference), *({n: float(v) for n, v in zip(names, row, strict=True)} for row in points)]
+
+
+def _measured(problem: Problem, channels: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """H* (pool, c, n*) and r (pool, c), or (pool, n*) and (pool,) where every pool row has one channel."""
+    own, there = problem.channels, channels >= 0
+    used = np.unique(channels[there])
+    rows, quantity = own.rows[used], own.quantity[used]
+    rule: Rule = "as_printed" if problem.printed else "intensity"
+    H = measurement_rows(rows, quantity, F)
+    r = channel_intensity(own.noise_std[used], problem.h, rows, quantity, problem.frozen_Q, rule)
+    at = np.searchsorted(used, channels)
+    at[~there] = 0
+    blocks, intensity = np.where(there[..., None], H[at], 0.0), r[at]
+    return (blocks[:, 0], intensity[:, 0]) if channels.shape[1] == 1 else (blocks, intensity)

@@ -1,0 +1,191 @@
+"""What a config says, in the terms of the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strainsight.augmentation.input_models import InputModel, IntegratedRandomWalk, Matern, Oscillator, RandomWalk
+from strainsight.augmentation.unknowns import Unknowns
+from strainsight.cases.structure.recorded import recorded
+from strainsight.errors import ArtefactError, ConfigError, blame
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
+from strainsight.mesh.additions import region_ids
+from strainsight.mesh.model import Mesh
+from strainsight.rom.model import Damping
+from strainsight.signals.histories import Constant, MultiSine, Signal, Sine, Sweep, evaluate
+from strainsight.workflow.artefact import Artefact
+
+
+def parameters_of(
+    config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Path], matrices: Any = None
+) -> tuple[Parameter, ...]:
+    """The free material properties, each with the regions it belongs to and its reference value [SI].
+
+    matrices: the config's ready matrices, whose terms say what belongs to a parameter; it has no regions then.
+    Raises ConfigError where a region does not exist, a guess is far from the file's value or cannot be taken from another
+    run.
+    """
+    found = []
+    for name, entry in config.items():
+        value, (low, high) = reference_value(name, entry.guess, files), entry.range
+        if not low <= value <= high:
+            raise ConfigError(
+                f"the guess of {name}, {value:.6g}, lies outside its range {low:g} to {high:g}",
+                key=f"parameters.{name}.range",
+                remedy="widen the range, or take the guess from another run",
+            )
+        if matrices is not None:
+            _check_against_terms(name, value, matrices)
+            found.append(Parameter(name, entry.property, (), value))
+            continue
+        with blame(f"parameters.{name}.region"):
+            regions = region_ids(mesh, entry.region if isinstance(entry.region, tuple) else (entry.region,))
+        for region in regions:
+            deck = float(getattr(mesh.materials[mesh.regions[region].material], entry.property))
+            if not 0.1 <= value / deck <= 10:
+                raise ConfigError(
+                    f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in region {region} (SI units)",
+                    key=f"parameters.{name}.guess",
+                    remedy="check mesh.length_unit and mesh.mass_unit, or the guess",
+                )
+        found.append(Parameter(name, entry.property, regions, value))
+    return tuple(found)
+
+
+def _check_against_terms(name: str, value: float, matrices: Any) -> None:
+    terms = [
+        (f"mesh.matrices.{kind}.{i}", term)
+        for kind in ("stiffness", "mass")
+        for i, term in enumerate(matrices[kind])
+        if term.parameter == name
+    ]
+    for key, term in terms:
+        if term.at is not None and not 0.1 <= value / term.at <= 10:
+            raise ConfigError(
+                f"the guess of {name} is {value:.4g}, the matrix was made at {term.at:.4g} (SI units)",
+                key=f"{key}.at",
+                remedy="give both in SI units",
+            )
+
+
+def reference_value(name: str, guess: Any, files: Mapping[str, Path]) -> float:
+    """A guess [SI]: a number, or what another run estimated for the parameter of the same name (thesis 6.1.3)."""
+    if isinstance(guess, int | float):
+        return float(guess)
+    key = f"parameters.{name}.guess.from"
+    with blame(key):
+        summary = Artefact(files[key]).summary
+    if f"estimate.{name}" not in summary:
+        raise ArtefactError(
+            f"{files[key].name} of run '{files[key].parent.name}' estimates no parameter '{name}'",
+            key=key,
+            remedy="name a run that has it under place.estimate",
+        )
+    return float(summary[f"estimate.{name}"])
+
+
+def load_shapes(model: FiniteElementModel, config: Mapping[str, Any]) -> np.ndarray:
+    """Input shape S (n_free, n_u) [-] of every load, in the order of the config."""
+    columns = []
+    for name, entry in config.items():
+        with blame(f"loads.{name}"):
+            direction = entry.get("direction")
+            load = PointLoad(
+                name,
+                None if direction is None else tuple(direction),
+                entry.get("node"),
+                entry.get("set"),
+                entry.get("deck_load"),
+            )
+            columns.append(input_shape(model, (load,)))
+    return np.hstack(columns)
+
+
+def families(config: Any) -> dict[str, Any]:
+    """Config key → kinds of sensors in the order of `Candidates.array`: the strain gauges, the motion sensors by name.
+
+    By name, because the order in a config is none: two configs that differ only by it are the same.
+    """
+    return {"gauges": config.gauges} | {
+        f"motion_sensors.{name}": config.motion_sensors[name] for name in sorted(config.motion_sensors)
+    }
+
+
+def damping_of(config: Mapping[str, Any]) -> Damping:
+    """The damping law."""
+    if config["type"] == "modal":
+        return Damping("modal", ratio=float(config["ratio"]))
+    return Damping("rayleigh", alpha=float(config["alpha"]), beta=float(config["beta"]))
+
+
+def signal_of(name: str, config: Mapping[str, Any], files: Mapping[str, Path], section: str = "loads") -> Signal:
+    """A load history, of the entry `name` of a section of the config."""
+    match config["type"]:
+        case "constant":
+            return Constant(config["value"])
+        case "sine":
+            return Sine(config["frequency"], config["amplitude"], config["phase"])
+        case "sweep":
+            return Sweep(config["start_frequency"], config["end_frequency"], config["duration"], config["amplitude"])
+        case "multisine":
+            return MultiSine(config["lowest"], config["highest"], config["count"], config["amplitude"], config["seed"])
+    key = f"{section}.{name}.signal"
+    return recorded(key, config, files[f"{key}.file"])
+
+
+def characteristic(entry: Mapping[str, Any], signal: Signal, duration: float) -> tuple[float, float]:
+    """Frequency [Hz] and amplitude that set an unknown input's process noise (5.16): as stated, else as the signal has them."""
+    noise = entry["process_noise"]
+    match signal:
+        case Sine():
+            own = (signal.frequency, signal.amplitude)
+        case Sweep():
+            own = (max(signal.start, signal.stop), signal.amplitude)
+        case MultiSine():
+            own = (signal.highest, signal.amplitude)
+        case _:
+            t = np.linspace(0, duration, 2001)
+            own = (float("nan"), float(np.abs(evaluate(signal, t)).max()))
+    frequency = noise["frequency"] if noise["frequency"] is not None else own[0]
+    amplitude = noise["amplitude"] if noise["amplitude"] is not None else own[1]
+    return float(frequency), float(amplitude)
+
+
+def unknowns_of(
+    estimate: Sequence[str],
+    loads: Mapping[str, Any],
+    signals: Mapping[str, Signal],
+    reference: Mapping[str, float],
+    duration: float,
+) -> Unknowns:
+    """The inputs and parameters to estimate, with the scale of each: an amplitude, a guess."""
+    inputs = tuple(name for name in estimate if name in loads)
+    typical = {name: characteristic(loads[name], signals[name], duration) for name in inputs}
+    return Unknowns(
+        inputs=inputs,
+        parameters=tuple(name for name in estimate if name not in loads),
+        amplitude={name: amplitude for name, (_, amplitude) in typical.items()},
+        guess={name: reference[name] for name in estimate if name not in loads},
+        models={name: input_model(loads[name]["process_noise"], typical[name][0]) for name in inputs},
+    )
+
+
+SMOOTHNESS: dict[str, Any] = {"1/2": 0.5, "3/2": 1.5, "5/2": 2.5}
+
+
+def input_model(noise: Mapping[str, Any], frequency: float) -> InputModel:
+    """How an unknown input moves in time; frequency [Hz]: its typical one."""
+    match noise["model"]:
+        case "integrated_random_walk":
+            kappa = {} if noise["kappa"] is None else {"kappa": float(noise["kappa"])}
+            return IntegratedRandomWalk(frequency, **kappa)
+        case "matern":
+            return Matern(frequency, SMOOTHNESS[noise["smoothness"]])
+        case "oscillator":
+            return Oscillator(frequency, float(noise["damping"]))
+    return RandomWalk()

@@ -1,0 +1,1 @@
+"""What becomes of artefacts on pages: rows, numbers, words."""

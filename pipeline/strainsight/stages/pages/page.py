@@ -1,0 +1,139 @@
+"""Everything that the page shows, gathered from the artefacts of all stages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from strainsight import __version__
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.suspicions import only_control, suspicions
+from strainsight.records.gauges import given_from
+from strainsight.records.mesh import mesh_from
+from strainsight.report.placement.data import PlacementReport, RandomSets
+from strainsight.stages.pages.page_layout import is_ready, layout_of_page
+from strainsight.stages.pages.page_numbers import (
+    cases_of,
+    consistency_of,
+    criteria_of,
+    history_of,
+    noise_rows,
+    repeats_of,
+    signals_of,
+    trend_of,
+    unknown_of,
+)
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.stage import Context
+
+POOLS: tuple[tuple[str, Literal["all candidates", "screened"]], ...] = (
+    ("all", "all candidates"),
+    ("screened", "screened"),
+)
+
+
+def placement_report(context: Context) -> PlacementReport:
+    """The page's content, from the artefacts of all stages."""
+    up, config = context.upstream, context.config
+    names = [str(name) for name in config.place.estimate]
+    kinds = {name: "input" if name in config.loads else "parameter" for name in names}
+    validate = up["validate"]
+    mesh = mesh_from(up["import"])
+    return PlacementReport(
+        name=context.name,
+        title=f"{context.name}: {_number_of_gauges(up)} for {' and '.join(names)}",
+        unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
+        layout=layout_of_page(mesh, up, config.loads),
+        trend=trend_of(up["place"]),
+        histories=tuple(history_of(name, validate) for name in names),
+        gauge_signals=signals_of(up),
+        random_sets=tuple(
+            RandomSets(
+                name,
+                label,
+                validate[f"/random_sets/{key}/error/{name}"],
+                validate[f"/random_sets/{key}/estimate/{name}"].T,
+                float(validate.summary[f"error.{name}"]),
+            )
+            for name in names
+            for key, label in POOLS
+            if len(validate[f"/random_sets/{key}/error/{name}"])
+        ),
+        noise=noise_rows(names, up),
+        repeats=repeats_of(names, validate),
+        frequencies=tuple(up["rom"]["/frequency"].tolist()),
+        criteria=criteria_of(names, up["place"]),
+        cases=cases_of(up["observe"]),
+        advice=tuple(up["place"]["/advice"].tolist()),
+        observability={
+            name: float(value) for name, value in up["place"].children("/observability").items() if np.ndim(value) == 0
+        },
+        truth_description=str(validate.summary["description"]),
+        consistency=consistency_of(validate),
+        warnings=warnings_of(up, names, mesh),
+        not_tested=_not_tested(up["train"], config),
+        facts=_facts(up),
+        seconds={
+            stage: artefact.header.seconds for stage, artefact in up.items() if artefact.header.seconds is not None
+        },
+        provenance={"strainsight": __version__, "seed": str(context.seed)}
+        | {f"{stage} artefact": up[stage].key[:16] for stage in up},
+    )
+
+
+def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
+    """What a reader has to know: of the model, and once they were validated, of the estimates."""
+    ready = "rom" in up and is_ready(up["rom"])
+    said = [f"{text}." for text in (up["rom"]["/matrices/notes"] if ready else suspicions(mesh))]
+    cards = [card for card in map(str, up["import"]["/ignored/card"]) if not only_control(card)]
+    if cards:
+        but = ": what they add must be in the matrices" * ready
+        said.append(f"Not taken over from the deck: {', '.join(cards)}{but}.")
+    return (*said, *(_doubts(up["validate"], names) if "validate" in up else ()))
+
+
+def _doubts(validate: Artefact, names: list[str]) -> list[str]:
+    said = []
+    summary = validate.summary
+    for name in names:
+        if summary.get(f"identified.{name}") is False:
+            said.append(f"{name} is not identified: other starting values end more than 3 σ apart.")
+        error, std = float(summary[f"error.{name}"]), float(summary[f"std.{name}"])
+        if error > 3 * std:
+            said.append(
+                f"{name} is off by {100 * error:.2g} %, more than three times the {100 * std:.2g} % that the filter claims."
+            )
+        random = validate[f"/random_sets/all/std/{name}"]
+        if len(random) and np.nanmedian(random) < 0.9 * std:
+            said.append(
+                f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
+                f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
+            )
+    if lost := int(summary["lost_runs"]):
+        said.append(f"{lost} runs of the studies diverged and are left out of the medians.")
+    return said
+
+
+def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
+    said = ["No measured data: the truth is simulated."]
+    if config.validate.truth.model == "rom":
+        said.append("The truth is the filter's own model: no model error was tested.")
+    elif config.validate.truth.model == "modes":
+        said.append("Damping and gauge positions are exact in this truth; choose truth model rich to test them.")
+    elif given_from(train) is not None:
+        said.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
+    said.append("Temperature, gauge factor, drift and glue are outside this model.")
+    return tuple(said)
+
+
+def _facts(up: Mapping[str, Artefact]) -> dict[str, str]:
+    return {stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "validate")}
+
+
+def _number_of_gauges(up: Mapping[str, Artefact]) -> str:
+    """As "4 gauges", or "1 sensor" where some of the layout are no gauges."""
+    count, channels = len(up["place"]["/selected/final/gauge"]), up["place"]["/selected/final/channel"][:, 0]
+    word = "gauge" if np.all(up["train"]["/gauges/quantity"][channels] == 0) else "sensor"
+    return f"{count} {word}{'s' * (count != 1)}"

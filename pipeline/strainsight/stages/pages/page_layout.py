@@ -1,0 +1,112 @@
+"""The structure, the layout and the loads as the page draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.structure.channels import channels_from
+from strainsight.cases.structure.gauge_list import GaugeList, gauge_list
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.records.gauges import candidates_from
+from strainsight.report.placement.data import Gauge, Layout, Load
+from strainsight.workflow.artefact import Artefact
+
+
+def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
+    place, train = up["place"], up["train"]
+    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
+    candidates = candidates_from(train)
+    # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
+    without = {
+        name: values * placed_scale(name, place) / size(name, up) for name, values in place.children("/without").items()
+    }
+    listed = listed_gauges(up)
+    row = place["/selected/final/gauge"]
+    mirror = [next((listed.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), "") for i in range(len(row))]
+    nodes = candidates.nodes[candidates.first[place["/selected/final/number"]]]
+    gauges = tuple(
+        Gauge(
+            label=listed.labels[i],
+            element=int(listed.element[i]),
+            facet=int(listed.facet[i]),
+            position=listed.position[i],
+            direction=listed.directions[i][0],
+            normal=listed.normal[i],
+            angle=float(listed.angles[i][0]),
+            without={name: float(values[i]) for name, values in without.items()},
+            nodes=tuple(int(mesh.node_ids[n]) for n in nodes[i] if n >= 0),
+            kind=listed.kind[i],
+            directions=listed.directions[i],
+            glued=bool(listed.glued[i]),
+            peak=float(listed.peak[i]),
+            range=None if np.isnan(listed.range[i]) else float(listed.range[i]),
+            unit=listed.unit[i],
+            mirror=mirror[i],
+        )
+        for i in range(len(listed.labels))
+    )
+    pool = place["/pool/gauges"]
+    return Layout(
+        points=mesh.position,
+        faces=faces,
+        pool=candidates.position[candidates.first[pool[pool >= 0]]],
+        gauges=gauges,
+        loads=loads_of_page(mesh, loads),
+        fixed=mesh.position[np.unique(mesh.fixed[:, 0])],
+        loose=loose_nodes(mesh) if is_ready(up["rom"]) else np.empty((0, 3)),
+    )
+
+
+def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
+    channels = channels_from(up["train"], up["screen"])
+    return gauge_list(up["place"]["/selected/final/number"], channels, candidates_from(up["train"]), up)
+
+
+def is_ready(rom: Artefact) -> bool:
+    """Whether the model came as matrices."""
+    return "/matrices/notes" in rom
+
+
+def loads_of_page(mesh: Mesh, loads: Mapping[str, Any]) -> tuple[Load, ...]:
+    """The loads of a config as arrows."""
+    return tuple(Load(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items())
+
+
+def loose_nodes(mesh: Mesh) -> np.ndarray:
+    """Nodes that no solid has (l, 3) [m]: of shells and beams, which only the matrices know."""
+    alone = np.ones(len(mesh.position), dtype=bool)
+    for block in mesh.blocks:
+        alone[block.nodes] = False
+    return mesh.position[alone]
+
+
+def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Where a load is drawn and along what: a load of the deck at the mean of its nodes, weighted by their forces."""
+    if entry.get("deck_load") is not None:
+        forces = mesh.loads[entry.deck_load]
+        size = np.linalg.norm(forces.force, axis=1)
+        return size @ mesh.position[forces.nodes] / size.sum(), forces.force.sum(axis=0)
+    direction = np.array(entry.direction, float)
+    if entry.get("node") is not None:
+        return mesh.position[mesh.node_index(int(entry.node))], direction
+    members = mesh.node_sets[entry.set]
+    return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0), direction
+
+
+def placed_scale(name: str, place: Artefact) -> float:
+    """What place.h5 has an unknown relative to: a parameter's guess, an input's amplitude."""
+    return float(place.attributes(f"/expected_std/{name}")["scale"])
+
+
+def size(name: str, up: Mapping[str, Artefact]) -> float:
+    """What the page shows an unknown relative to: its truth, or before it was validated its scale at placement."""
+    return true_size(name, up["validate"]) if "validate" in up else placed_scale(name, up["place"])
+
+
+def true_size(name: str, validate: Artefact) -> float:
+    """What errors are relative to: a parameter's true value, the RMS of an input's true history."""
+    return float(np.sqrt(np.mean(validate[f"/truth/{name}"] ** 2)))

@@ -1,0 +1,153 @@
+"""The numbers of the page: unknowns, trend, histories, criteria, cases, noise, consistency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from strainsight.cases.structure.gauge_list import channel_labels
+from strainsight.records.placement import RULES
+from strainsight.report.placement.data import (
+    Case,
+    Consistency,
+    Criteria,
+    GaugeSignal,
+    History,
+    NoiseRow,
+    Repeats,
+    Trend,
+    Unknown,
+)
+from strainsight.stages.pages.page_layout import listed_gauges, placed_scale, true_size
+from strainsight.workflow.artefact import Artefact
+
+
+def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
+    validate, place = up["validate"], up["place"]
+    units = validate.attributes(f"/estimate/{name}")["units"]
+    summary = validate.summary
+    truth = validate[f"/truth/{name}"]
+    return Unknown(
+        name=name,
+        unit=str(units),
+        kind=kind,
+        guess=placed_scale(name, place),
+        truth=float(truth[-1]) if kind == "parameter" else float(np.sqrt(np.mean(truth**2))),
+        estimate=float(summary[f"estimate.{name}"]),
+        error=float(summary[f"error.{name}"]),
+        std=float(summary[f"std.{name}"]),
+        smoothed_error=float(summary[f"smoothed.{name}"]),
+        expected_std=float(place[f"/expected_std/{name}"]) / true_size(name, validate),
+    )
+
+
+def trend_of(place: Artefact) -> Trend:
+    trace = place["/elimination/trace"]
+    blocks = place["/elimination/blocks"]
+    summary = place.summary
+    certified = "lower_bound" in summary
+    return Trend(
+        count=np.arange(int(summary["pool"]), int(summary["pool"]) - len(trace), -1),
+        trace=trace,
+        blocks={str(name): blocks[:, i] for i, name in enumerate(place["/elimination/unknowns"])},
+        final_trace=float(summary["trace_final"]),
+        lower_bound=float(summary["lower_bound"]) if certified else None,
+        gap=float(summary["gap"]) if certified else None,
+    )
+
+
+def history_of(name: str, validate: Artefact) -> History:
+    return History(
+        name,
+        str(validate.attributes(f"/estimate/{name}")["units"]),
+        validate["/time"],
+        validate[f"/truth/{name}"],
+        validate[f"/estimate/{name}"],
+        validate[f"/std/{name}"],
+        validate[f"/smoothed/{name}"],
+        validate[f"/smoothed_std/{name}"],
+    )
+
+
+def repeats_of(names: list[str], validate: Artefact) -> tuple[Repeats, ...]:
+    return tuple(
+        Repeats(
+            name,
+            validate[f"/repeats/error/{name}"],
+            validate[f"/repeats/std/{name}"],
+            "identified" if validate.summary[f"identified.{name}"] else "not identified",
+        )
+        for name in names
+        if f"identified.{name}" in validate.summary
+    )
+
+
+def signals_of(up: Mapping[str, Artefact]) -> tuple[GaugeSignal, ...]:
+    validate, listed = up["validate"], listed_gauges(up)
+    time = validate["/gauge/time"]
+    measured, true, estimated, std = (validate[f"/gauge/{key}"] for key in ("measured", "true", "estimated", "std"))
+    units = [unit for unit, own in zip(listed.unit, listed.angles, strict=True) for _ in own]
+    return tuple(
+        GaugeSignal(label, time, measured[:, i], true[:, i], estimated[:, i], std[:, i], units[i])
+        for i, label in enumerate(channel_labels(listed))
+    )
+
+
+def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
+    """This layout, then the others by their trace; of the random sets the one in the middle."""
+    rules = place["/criteria/rule"].tolist()
+    trace, log_determinant, worst = (
+        place[f"/criteria/{key}"] for key in ("trace", "log_determinant", "worst_eigenvalue")
+    )
+    std = {name: place[f"/criteria/std/{name}"] for name in names}
+    drawn = sorted((i for i, rule in enumerate(rules) if rule not in RULES), key=lambda i: trace[i])
+    shown = {i: RULES[rule] for i, rule in enumerate(rules) if rule in RULES}
+    if drawn:
+        shown[drawn[(len(drawn) - 1) // 2]] = f"random, median of {len(drawn)}"
+    return tuple(
+        Criteria(
+            words, float(trace[i]), float(log_determinant[i]), float(worst[i]), {n: float(std[n][i]) for n in names}
+        )
+        for i, words in shown.items()
+    )
+
+
+def cases_of(observe: Artefact) -> tuple[Case, ...]:
+    unknowns = [tuple(text.split(", ")) for text in observe["/unknowns"].tolist()]
+    condition, raw, lost = (observe[f"/{key}"] for key in ("condition", "condition_raw", "lost"))
+    return tuple(
+        Case(unknowns[j], excitation, float(condition[i, j]), float(raw[i, j]), str(lost[i, j]))
+        for j in range(len(unknowns))
+        for i, excitation in enumerate(observe["/excitation"].tolist())
+    )
+
+
+def noise_rows(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, ...]:
+    validate = up["validate"]
+    strongest = float(up["train"].summary["strongest_rms"])
+    level = float(up["screen"].summary["noise_std"]) / strongest
+    rows = [
+        NoiseRow(
+            level,
+            1.0,
+            {n: float(validate.summary[f"error.{n}"]) for n in names},
+            {n: float(validate.summary[f"std.{n}"]) for n in names},
+        )
+    ]
+    for i, factor in enumerate(validate["/noise/factor"].tolist()):
+        rows.append(
+            NoiseRow(
+                level * factor,
+                factor,
+                {n: float(validate[f"/noise/error/{n}"][i]) for n in names},
+                {n: float(validate[f"/noise/std/{n}"][i]) for n in names},
+            )
+        )
+    return tuple(sorted(rows, key=lambda row: row.factor))
+
+
+def consistency_of(validate: Artefact) -> Consistency:
+    nees_band, nis_band = ((float(low), float(high)) for low, high in validate["/consistency/band"])
+    return Consistency(float(validate.summary["nees"]), nees_band, float(validate.summary["nis"]), nis_band)
