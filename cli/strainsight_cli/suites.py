@@ -38,7 +38,7 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
         works.append(
             Work(
                 stages,
-                Job(data, run.config.path.parent, results, run.config.locate),
+                Job(data, run.config.path.parent, results, run.config.locate, run.config.model),
                 data["name"],
                 f"run {run.place + 1} of {len(runs)} {data['name']}",
                 where,

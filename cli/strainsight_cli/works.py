@@ -26,7 +26,7 @@ def work_of(config: LoadedConfig, results: Path) -> Work:
     from strainsight.workflow.plan import Job
 
     data: dict[str, Any] = config.data
-    return Work(pipelines.stages_of(data), Job(data, config.path.parent, results, config.locate))
+    return Work(pipelines.stages_of(data), Job(data, config.path.parent, results, config.locate, config.model))
 
 
 def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] | None, stage: str) -> Work:

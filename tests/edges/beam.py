@@ -181,7 +181,7 @@ def finished(
     path = folder / "edge.yaml"
     path.write_text(yaml.safe_dump(config_of(base, changes)), encoding="utf-8")
     loaded = load_config(path, ())
-    job = Job(loaded.data, folder, folder / "results", loaded.locate)
+    job = Job(loaded.data, folder, folder / "results", loaded.locate, loaded.model)
     stages = PLACEMENT if base["kind"] == "placement" else bench_stages(job.config)
     found: dict[str, Artefact] = {}
     for event in run(stages[: [stage.name for stage in stages].index(until) + 1], job):

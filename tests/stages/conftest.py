@@ -25,7 +25,7 @@ SHORT = (
 
 def job_of(config: Path, results: Path, *overrides: str) -> Job:
     loaded = load_config(config, overrides)
-    return Job(loaded.data, config.parent, results, loaded.locate)
+    return Job(loaded.data, config.parent, results, loaded.locate, loaded.model)
 
 
 def finished(job: Job, stages=PLACEMENT):

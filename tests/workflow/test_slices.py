@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from strainsight.workflow.slices import Slice, canonical, differences, expand, look_up, prune
+from strainsight.workflow.slices import Slice, canonical, declared, differences, expand, look_up, prune
 
 CONFIG = {
     "seed": 1,
@@ -58,3 +59,34 @@ def test_equal_values_have_one_text_and_nan_has_none():
     assert canonical({"b": 1.0, "a": [1, 2]}) == canonical({"a": (1, 2), "b": 1.0})
     with pytest.raises(ValueError):
         canonical(float("nan"))
+
+
+class Place(BaseModel):
+    model_config = ConfigDict(frozen=True)
+    keep: int
+    estimate: tuple[str, ...] = ("E",)
+
+
+class Load(BaseModel):
+    node: int | None = None
+    signal: str = "sine"
+
+
+class Whole(BaseModel):
+    place: Place
+    loads: dict[str, Load]
+    validation: Place = Field(alias="validate")
+
+
+def test_a_declared_model_keeps_its_types_and_only_the_declared_keys():
+    model = Whole.model_validate({"place": {"keep": 4}, "loads": {"tip": {"node": 2}}, "validate": {"keep": 9}})
+    data = prune(model.model_dump(mode="json", by_alias=True), ("place.keep", "loads.*.node", "validate"))
+    own = declared(model, data)
+    assert isinstance(own, Whole)
+    assert isinstance(own.loads["tip"], Load)
+    assert (own.place.keep, own.loads["tip"].node, own.validation.estimate) == (4, 2, ("E",))
+    for missing in (lambda: own.place.estimate, lambda: own.loads["tip"].signal):
+        with pytest.raises(AttributeError):
+            missing()
+    with pytest.raises(ValidationError, match="frozen"):
+        own.place.keep = 5

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from strainsight.errors import ArtefactError, ConfigError, StrainsightError
 from strainsight.workflow.artefact import Artefact, file_digest
 from strainsight.workflow.slices import canonical, differences, expand, look_up, prune
@@ -29,12 +31,14 @@ class Job:
     base     folder that relative input paths start from (the config file's)
     results  the results folder
     locate   dotted key → "file:line:column", for messages
+    model    the same config as its frozen model, where it has one
     """
 
     config: Mapping[str, Any]
     base: Path
     results: Path
     locate: Locate = lambda key: None
+    model: BaseModel | None = None
 
     @property
     def folder(self) -> Path:

@@ -16,7 +16,7 @@ from strainsight.workflow.artefact import Artefact, Header, file_digest
 from strainsight.workflow.borrow import borrowed
 from strainsight.workflow.lock import computing, locked
 from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge
-from strainsight.workflow.slices import Slice
+from strainsight.workflow.slices import Slice, declared
 from strainsight.workflow.stage import Context, Stage
 from strainsight.workflow.store import remove_unfinished, write_artefact
 
@@ -103,6 +103,7 @@ def _execute(
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(
         config=Slice(inputs.config, stage.name),
+        settings=None if job.model is None else declared(job.model, inputs.config),
         upstream=upstream,
         files=inputs.files,
         progress=lambda doing, share: progress(stage.name, doing, share),

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
+
+M = TypeVar("M", bound=BaseModel)
 
 
 class Slice(Mapping[str, Any]):
@@ -48,6 +52,32 @@ class Slice(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return f"Slice({self._data!r})"
+
+
+def declared(model: M, data: Mapping[str, Any]) -> M:
+    """The same config model with no more than the keys of `data`, its pruned JSON form; all else is an AttributeError.
+
+    Frozen models stay what they are: their types hold, and a key that a stage did not declare is not there to be read.
+    """
+    fields = type(model).model_fields
+    kept = {
+        name: _declared(getattr(model, name), data[info.alias or name])
+        for name, info in fields.items()
+        if (info.alias or name) in data
+    }
+    own = type(model).__new__(type(model))
+    for name, value in (("__dict__", kept), ("__pydantic_fields_set__", set(kept)), ("__pydantic_extra__", None)):
+        object.__setattr__(own, name, value)
+    object.__setattr__(own, "__pydantic_private__", None)
+    return own
+
+
+def _declared(value: Any, data: Any) -> Any:
+    if isinstance(value, BaseModel):
+        return declared(value, data)
+    if isinstance(value, dict):
+        return {key: _declared(value[key], data[key]) for key in data}
+    return value  # lists are declared whole
 
 
 def _view(value: Any, stage: str, path: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact
@@ -20,6 +21,7 @@ class Context:
     upstream  stage name → Artefact, opened when asked for
     files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file
     progress  progress("elimination", 0.4): what is being done and the share that is done
+    settings  the same slice as the frozen config model: `settings.place.keep`
     sweep     runs one function at many points, wherever the user wants that: the results are the same
     """
 
@@ -28,6 +30,7 @@ class Context:
     files: Mapping[str, Path]
     progress: Callable[[str, float], None]
     sweep: Sweep = serial
+    settings: Any = None
 
     @property
     def name(self) -> str:

@@ -1,0 +1,250 @@
+"""Typed artefacts: a frozen dataclass whose fields say where they stand in the file, in which unit and along which axes.
+
+    @record
+    class Train:
+        time: np.ndarray = dataset("/time", "s", "/time", "time of the training run")
+        strain: np.ndarray = dataset("/strain", "strain", "/time × channel", "reading of every channel")
+
+Writing (`written`), reading (`read`), the checks of shapes against each other and docs/artefacts.md (`listed`) come from there.
+A field may be an array, a number, text (`str`, `tuple[str, ...]`), another record below a group, a `dict` of any of these by
+name (`<name>` in its path), or None where it may be absent. A dataclass of a kernel stands in a file through a record of its
+own (`Form`), which says what its columns are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import EllipsisType, UnionType
+from typing import Any, Protocol, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from strainsight.errors import ArtefactError
+from strainsight.workflow.output import Dataset
+
+Record = TypeVar("Record")
+NAME = "<name>"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a field stands.
+
+    path   below the group of its record; `<name>` stands for the keys of a mapping
+    unit   "m", "1"; "unit of <name>": looked up by the name when it is written
+    axes   what each axis counts: equal words are equal lengths, a path is the dataset that labels the axis, a number
+           is the length itself
+    what   one line for people
+    """
+
+    path: str
+    unit: str
+    axes: tuple[str, ...]
+    what: str
+
+
+class Form(Protocol):
+    """A record through which an object of a kernel is written, and made again."""
+
+    @classmethod
+    def of(cls, value: Any) -> Any: ...
+    def made(self) -> Any: ...
+
+
+class Source(Protocol):
+    """What records are read from: an artefact."""
+
+    def __getitem__(self, path: str) -> np.ndarray: ...
+    def __contains__(self, path: str) -> bool: ...
+    def children(self, path: str) -> dict[str, np.ndarray]: ...
+    def groups(self, path: str) -> tuple[str, ...]: ...
+
+
+def dataset(path: str, unit: str, axes: str, what: str, *, default: EllipsisType | None = ...) -> Any:
+    """A field that is one dataset, or one for every name; axes: "/time × channel", "" of a number; default=None: optional."""
+    return _field(Place(path, unit, tuple(axes.split(" × ")) if axes else (), what), None, default)
+
+
+def group(path: str, through: Any = None, *, default: EllipsisType | None = ...) -> Any:
+    """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file."""
+    return _field(Place(path, "", (), ""), through, default)
+
+
+def _field(place: Place, through: Any, default: EllipsisType | None) -> Any:
+    metadata = {"place": place, "through": through}
+    if default is ...:
+        return dataclasses.field(metadata=metadata)
+    # A factory and no default: `read` is asked only for attributes that the class itself does not have.
+    return dataclasses.field(metadata=metadata, default_factory=lambda: None)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(dataset, group))
+def record(kind: type[Record]) -> type[Record]:
+    """A frozen dataclass of such fields, given by name."""
+    return dataclass(frozen=True, kw_only=True)(kind)
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What a field holds: leaf, its type; record: what stands in the file, None of a dataset; whether by name, or optional."""
+
+    leaf: Any
+    record: Any
+    named: bool
+    optional: bool
+
+
+_KNOWN: dict[Any, dict[str, tuple[Place, _Kind]]] = {}
+_LAZY: dict[Any, Any] = {}
+
+
+def _fields(kind: Any) -> dict[str, tuple[Place, _Kind]]:
+    if kind not in _KNOWN:
+        hints = get_type_hints(kind)
+        own = [f for f in dataclasses.fields(kind) if "place" in f.metadata]
+        _KNOWN[kind] = {f.name: (f.metadata["place"], _kind(hints[f.name], f.metadata["through"])) for f in own}
+    return _KNOWN[kind]
+
+
+def _kind(hint: Any, through: Any) -> _Kind:
+    optional = get_origin(hint) in (Union, UnionType)
+    if optional:
+        (hint,) = (part for part in get_args(hint) if part is not type(None))
+    named = get_origin(hint) is dict
+    leaf = get_args(hint)[1] if named else hint
+    return _Kind(leaf, through or (leaf if dataclasses.is_dataclass(leaf) else None), named, optional)
+
+
+def written(own: Any, units: Mapping[str, str] | None = None, below: str = "") -> dict[str, Dataset]:
+    """The datasets of a record, by path, their shapes checked against each other.
+
+    units: of every name, for fields whose unit is that of a name. Raises ValueError where two lengths contradict.
+    """
+    lengths: dict[str, tuple[int, str]] = {}
+    found: dict[str, Dataset] = {}
+    for name, (place, kind) in _fields(type(own)).items():
+        value = getattr(own, name)
+        if value is None and not kind.optional:
+            raise ValueError(f"{below}{place.path} of {type(own).__name__} is missing")
+        for key, part in _parts(value, kind):
+            path = below + place.path.replace(NAME, key)
+            if kind.record is not None:
+                form = part if kind.record is kind.leaf else kind.record.of(part)
+                found |= written(form, units, path)
+                continue
+            array = _array(part)
+            if wrong := _contradiction(place, array, lengths, path):
+                raise ValueError(wrong)
+            unit = (units or {})[key] if NAME in place.unit else place.unit
+            scales = tuple(below + axis if axis.startswith("/") and axis != place.path else "" for axis in place.axes)
+            found[path] = Dataset(array, unit, place.what.replace(NAME, key), scales if any(scales) else ())
+    return found
+
+
+def _parts(value: Any, kind: _Kind) -> Iterator[tuple[str, Any]]:
+    if kind.named:
+        yield from (value or {}).items()
+    elif value is not None:
+        yield "", value
+
+
+def _array(value: Any) -> np.ndarray:
+    if isinstance(value, str) or (isinstance(value, tuple) and all(isinstance(entry, str) for entry in value)):
+        return np.array(value, dtype=np.str_)
+    return np.asarray(value)
+
+
+def _contradiction(place: Place, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
+    """In words where the shape is not that of the axes; empty where it is."""
+    if array.ndim != len(place.axes):
+        return f"{path} has {array.ndim} axes, not {len(place.axes)} ({' × '.join(place.axes) or 'a number'})"
+    for axis, length in zip(place.axes, array.shape, strict=True):
+        expected, first = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, path))
+        if length != expected:
+            return f"{path} has {length} along '{axis}' and {first} has {expected}"
+    return ""
+
+
+def read(kind: type[Record], source: Source, below: str = "") -> Record:
+    """The record of this kind in an artefact, or below one of its groups; each field is read when it is first asked for.
+
+    Raises ArtefactError, then, where a dataset is absent or its shape contradicts those read before.
+    """
+    if kind not in _LAZY:
+        # pickled and copied as what it is, with all fields read
+        members = {"__getattr__": _load, "__reduce__": _whole, "__module__": kind.__module__}
+        _LAZY[kind] = type(kind.__name__, (kind,), members)
+    own: Record = object.__new__(_LAZY[kind])
+    own.__dict__.update(_kind=kind, _source=source, _below=below, _lengths={})
+    return own
+
+
+def _whole(lazy: Any) -> Any:
+    kind = lazy.__dict__["_kind"]
+    return _made, (kind, {name: getattr(lazy, name) for name in _fields(kind)})
+
+
+def _made(kind: Any, values: dict[str, Any]) -> Any:
+    return kind(**values)
+
+
+def _load(lazy: Any, name: str) -> Any:
+    own = lazy.__dict__
+    if "_kind" not in own or name not in _fields(own["_kind"]):
+        raise AttributeError(f"{type(lazy).__name__} has no field '{name}'")
+    place, kind = _fields(own["_kind"])[name]
+    value = _named(own, place, kind) if kind.named else _single(own, place, kind, own["_below"] + place.path)
+    own[name] = value
+    return value
+
+
+def _single(own: Mapping[str, Any], place: Place, kind: _Kind, path: str) -> Any:
+    if kind.optional and path not in own["_source"]:
+        return None
+    if kind.record is not None:
+        return _record(own, kind, path)
+    return _value(own, place, kind, own["_source"][path], path)
+
+
+def _named(own: Mapping[str, Any], place: Place, kind: _Kind) -> dict[str, Any]:
+    """By name, but for the names that have a field of their own."""
+    source, parent = own["_source"], (own["_below"] + place.path).removesuffix(f"/{NAME}")
+    if parent not in source:
+        return {}
+    if kind.record is not None:
+        return {key: _record(own, kind, f"{parent}/{key}") for key in source.groups(parent)}
+    taken = {own["_below"] + other.path for other, _ in _fields(own["_kind"]).values()}
+    arrays = {f"{parent}/{key}": array for key, array in source.children(parent).items()}
+    return {
+        path.removeprefix(f"{parent}/"): _value(own, place, kind, array, path)
+        for path, array in arrays.items()
+        if path not in taken
+    }
+
+
+def _record(own: Mapping[str, Any], kind: _Kind, path: str) -> Any:
+    form = read(kind.record, own["_source"], path)
+    return form if kind.record is kind.leaf else form.made()
+
+
+def _value(own: Mapping[str, Any], place: Place, kind: _Kind, array: np.ndarray, path: str) -> Any:
+    if wrong := _contradiction(place, array, own["_lengths"], path):
+        raise ArtefactError(f"shapes contradict each other: {wrong}", remedy="run the stage again with --force")
+    if kind.leaf is np.ndarray:
+        return array
+    if get_origin(kind.leaf) is tuple:
+        return tuple(str(entry) for entry in array)
+    return kind.leaf(array[()])
+
+
+def listed(kind: type, below: str = "") -> list[tuple[str, str, str, str]]:
+    """Every dataset of a record for docs/artefacts.md: path, axes, unit, what."""
+    rows = []
+    for place, field in _fields(kind).values():
+        if field.record is not None:
+            rows += listed(field.record, below + place.path)
+        else:
+            rows.append((below + place.path, " × ".join(place.axes) or "scalar", place.unit, place.what))
+    return rows
