@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import EllipsisType, UnionType
 from typing import Any, Protocol, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
@@ -67,9 +67,12 @@ def dataset(path: str, unit: str, axes: str, what: str, *, default: EllipsisType
     return _field(Place(path, unit, tuple(axes.split(" × ")) if axes else (), what), None, default)
 
 
-def group(path: str, through: Any = None, *, default: EllipsisType | None = ...) -> Any:
-    """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file."""
-    return _field(Place(path, "", (), ""), through, default)
+def group(path: str, through: Any = None, unit: str = "", what: str = "", *, default: EllipsisType | None = ...) -> Any:
+    """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file.
+
+    unit, what: stand for `<unit>` and `<what>` in the fields of that record, which several groups may share.
+    """
+    return _field(Place(path, unit, (), what), through, default)
 
 
 def _field(place: Place, through: Any, default: EllipsisType | None) -> Any:
@@ -117,14 +120,20 @@ def _kind(hint: Any, through: Any) -> _Kind:
     return _Kind(leaf, through or (leaf if dataclasses.is_dataclass(leaf) else None), named, optional)
 
 
-def written(own: Any, units: Mapping[str, str] | None = None, below: str = "") -> dict[str, Dataset]:
+ROOT = Place("", "", (), "")
+
+
+def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) -> dict[str, Dataset]:
     """The datasets of a record, by path, their shapes checked against each other.
 
-    units: of every name, for fields whose unit is that of a name. Raises ValueError where two lengths contradict.
+    units: of every name, for fields whose unit is that of a name; at: the group that the record stands below. Raises
+    ValueError where two lengths contradict.
     """
+    below = at.path
     lengths: dict[str, tuple[int, str]] = {}
     found: dict[str, Dataset] = {}
-    for name, (place, kind) in _fields(type(own)).items():
+    fields = _fields(type(own))
+    for name, (place, kind) in fields.items():
         value = getattr(own, name)
         if value is None and not kind.optional:
             raise ValueError(f"{below}{place.path} of {type(own).__name__} is missing")
@@ -132,15 +141,33 @@ def written(own: Any, units: Mapping[str, str] | None = None, below: str = "") -
             path = below + place.path.replace(NAME, key)
             if kind.record is not None:
                 form = part if kind.record is kind.leaf else kind.record.of(part)
-                found |= written(form, units, path)
+                found |= written(form, units, replace(_within(place, at), path=path))
                 continue
             array = _array(part)
             if wrong := _contradiction(place, array, lengths, path):
                 raise ValueError(wrong)
-            unit = (units or {})[key] if NAME in place.unit else place.unit
-            scales = tuple(below + axis if axis.startswith("/") and axis != place.path else "" for axis in place.axes)
-            found[path] = Dataset(array, unit, place.what.replace(NAME, key), scales if any(scales) else ())
+            stated = _within(place, at)
+            unit = (units or {})[key] if NAME in stated.unit else stated.unit
+            scales = tuple(_label(axis, place, fields, below) for axis in place.axes)
+            found[path] = Dataset(array, unit, stated.what.replace(NAME, key), scales if any(scales) else ())
     return found
+
+
+def _label(axis: str, place: Place, fields: Mapping[str, tuple[Place, _Kind]], below: str) -> str:
+    """The dataset that labels an axis: of the record itself or else of the root; "" where there is none."""
+    if not axis.startswith("/") or axis == place.path:
+        return ""
+    return below + axis if any(axis == other.path for other, _ in fields.values()) else axis
+
+
+def _within(place: Place, at: Place) -> Place:
+    """A field's place in the words of the group that its record stands below."""
+    return replace(
+        place,
+        path=at.path + place.path,
+        unit=place.unit.replace("<unit>", at.unit),
+        what=place.what.replace("<what>", at.what),
+    )
 
 
 def _parts(value: Any, kind: _Kind) -> Iterator[tuple[str, Any]]:
@@ -239,12 +266,13 @@ def _value(own: Mapping[str, Any], place: Place, kind: _Kind, array: np.ndarray,
     return kind.leaf(array[()])
 
 
-def listed(kind: type, below: str = "") -> list[tuple[str, str, str, str]]:
+def listed(kind: type, at: Place = ROOT) -> list[tuple[str, str, str, str]]:
     """Every dataset of a record for docs/artefacts.md: path, axes, unit, what."""
     rows = []
     for place, field in _fields(kind).values():
+        own = _within(place, at)
         if field.record is not None:
-            rows += listed(field.record, below + place.path)
+            rows += listed(field.record, own)
         else:
-            rows.append((below + place.path, " × ".join(place.axes) or "scalar", place.unit, place.what))
+            rows.append((own.path, " × ".join(own.axes) or "scalar", own.unit, own.what))
     return rows

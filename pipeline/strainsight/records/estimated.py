@@ -1,0 +1,76 @@
+"""estimate.h5: the filter on the measurements of a test."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.records.record import dataset, group, record
+
+
+@record
+class Channels:
+    """The channels of the file."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "sampling times of the channels, the first one starts the filter")
+    label: tuple[str, ...] = dataset("/label", "1", "/label", "gauge and grid of every channel")
+    channel: np.ndarray = dataset("/channel", "1", "/label", "row of train.h5 of every channel")
+    measured: np.ndarray = dataset(
+        "/measured", "strain", "/time × /label", "calibrated samples, of motion in m/s² or m"
+    )
+    estimated: np.ndarray = dataset("/estimated", "strain", "/time × /label", "their estimate")
+    std: np.ndarray = dataset("/std", "strain", "/time × /label", "its claimed σ")
+
+
+@record
+class Offsets:
+    """Channels whose offset is unknown."""
+
+    channel: np.ndarray = dataset("/channel", "1", "channel", "channels with an unknown offset")
+    mean: np.ndarray = dataset("/mean", "strain", "channel", "their offsets, of motion in m/s² or m")
+    std: np.ndarray = dataset("/std", "strain", "channel", "claimed σ of these")
+
+
+@record
+class Resultant:
+    """The vector sum of the unknown loads at one place."""
+
+    force: np.ndarray = dataset("/force", "N", "/time × 3", "sum of the loads there")
+    magnitude: np.ndarray = dataset("/magnitude", "N", "/time", "its size")
+    std: np.ndarray = dataset("/std", "N", "/time", "claimed σ of its size")
+
+
+@record
+class VirtualStrain:
+    """Strain where no gauge is."""
+
+    strain: np.ndarray = dataset("/strain", "strain", "/time × grid", "smoothed strain where no gauge is")
+    std: np.ndarray = dataset("/std", "strain", "/time × grid", "its claimed σ")
+    position: np.ndarray = dataset("/position", "m", "grid × 3", "where")
+    direction: np.ndarray = dataset("/direction", "1", "grid × 3", "along what")
+
+
+@record
+class Estimated:
+    """estimate.h5 of a placement."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "time of the estimates, on the clock of the file")
+    estimate: dict[str, np.ndarray] = dataset(
+        "/estimate/<name>", "unit of <name>", "/time", "filtered estimate of <name>"
+    )
+    std: dict[str, np.ndarray] = dataset(
+        "/std/<name>", "unit of <name>", "/time", "claimed standard deviation of the filtered <name>"
+    )
+    smoothed: dict[str, np.ndarray] = dataset(
+        "/smoothed/<name>", "unit of <name>", "/time", "smoothed estimate of <name>"
+    )
+    smoothed_std: dict[str, np.ndarray] = dataset(
+        "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
+    )
+    gauge: Channels = group("/gauge")
+    whitened: np.ndarray = dataset(
+        "/consistency/whitened", "1", "sample × channel", "innovations over their σ, white if the model is true"
+    )
+    bias: Offsets | None = group("/bias", default=None)
+    resultant: dict[str, Resultant] = group("/resultant/<name>")
+    virtual: VirtualStrain | None = group("/virtual", default=None)
+    notes: tuple[str, ...] = dataset("/notes", "1", "sentence", "what was done to the measurements, and doubts")

@@ -1,0 +1,130 @@
+"""modes.h5, spectrum.h5 and rom.h5: modes, and the finite-element model reduced to a few coordinates (5.1-5.10)."""
+
+from __future__ import annotations
+
+from typing import Literal, cast
+
+import numpy as np
+
+from strainsight.fem.affine import AffineOperator
+from strainsight.records.record import dataset, group, record
+from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
+
+
+@record
+class Modes:
+    """modes.h5: of the full model at the reference. spectrum.h5: amid the ranges, empty where two materials vary apart."""
+
+    frequency: np.ndarray = dataset("/frequency", "Hz", "/frequency", "natural frequencies")
+    shape: np.ndarray = dataset(
+        "/shape", "kg^-1/2", "free unknown × /frequency", "mass-normalised shapes on the free unknowns"
+    )
+
+
+@record
+class AffineTerms:
+    """`AffineOperator`, dense."""
+
+    constant: np.ndarray = dataset("/constant", "<unit>", "coordinate × coordinate", "<what>: constant term")
+    terms: dict[str, np.ndarray] = dataset(
+        "/<name>", "<unit> per SI unit", "coordinate × coordinate", "<what>: slope in <name>"
+    )
+
+    @classmethod
+    def of(cls, operator: AffineOperator) -> AffineTerms:
+        return cls(constant=operator.constant, terms=dict(operator.terms))
+
+    def made(self) -> AffineOperator:
+        return AffineOperator(self.constant, self.terms)
+
+
+@record
+class DampingLaw:
+    """`Damping`: what holds along the parameters."""
+
+    kind: str = dataset("/kind", "1", "", "modal: the same ratio in every mode; rayleigh: αM + βK")
+    ratio: float = dataset("/ratio", "1", "", "damping ratio ζ")
+    alpha: float = dataset("/alpha", "1/s", "", "α")
+    beta: float = dataset("/beta", "s", "", "β")
+
+
+@record
+class ModelTerms:
+    """`ReducedModel` (5.3); its damping matrix is the one at the reference."""
+
+    mass: AffineOperator = group("/mass", AffineTerms, "1", "reduced mass")
+    stiffness: AffineOperator = group("/stiffness", AffineTerms, "1/s^2", "reduced stiffness")
+    damping: AffineOperator = group("/damping", AffineTerms, "1/s", "reduced damping at the reference")
+    law: DampingLaw = group("/law")
+    input_shape: np.ndarray = dataset("/input_shape", "kg^-1/2", "coordinate × /inputs", "input shape S")
+    inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every input")
+    parameters: tuple[str, ...] = dataset("/parameters", "1", "/parameters", "name of every parameter")
+    reference: np.ndarray = dataset(
+        "/reference", "SI", "/parameters", "parameter values at which the coordinates are modal"
+    )
+
+    @classmethod
+    def of(cls, model: ReducedModel) -> ModelTerms:
+        slopes = {name: damping_derivative(model, model.reference, name) for name in model.parameters}
+        law = model.damping
+        return cls(
+            mass=model.mass,
+            stiffness=model.stiffness,
+            damping=AffineOperator(damping_matrix(model, model.reference), slopes),
+            law=DampingLaw(kind=law.kind, ratio=law.ratio, alpha=law.alpha, beta=law.beta),
+            input_shape=model.input_shape,
+            inputs=model.inputs,
+            parameters=model.parameters,
+            reference=np.array(list(model.reference.values()), dtype=float),
+        )
+
+    def made(self) -> ReducedModel:
+        law = self.law
+        kind = cast(Literal["modal", "rayleigh"], law.kind)
+        return ReducedModel(
+            mass=self.mass,
+            stiffness=self.stiffness,
+            input_shape=self.input_shape,
+            inputs=self.inputs,
+            reference=dict(zip(self.parameters, self.reference.tolist(), strict=True)),
+            damping=Damping(kind, law.ratio, law.alpha, law.beta),
+        )
+
+
+@record
+class HeldOut:
+    """Parameter values that the basis was not built from, and the errors there."""
+
+    parameters: np.ndarray = dataset(
+        "/parameters", "SI", "point × parameter", "parameter values that the basis was not built from"
+    )
+    frequency: np.ndarray = dataset("/frequency", "1", "point × mode", "relative error of the frequencies there")
+    static: np.ndarray = dataset(
+        "/static", "1", "point × input", "relative energy-norm error of the static responses there"
+    )
+
+
+@record
+class ReadyBasis:
+    """Where stiffness and mass came as ready matrices."""
+
+    basis: np.ndarray = dataset("/basis", "kg^-1/2", "row × coordinate", "basis Ψ on the rows of the matrices")
+    notes: tuple[str, ...] = dataset("/notes", "1", "note", "how the matrices were read")
+
+
+@record
+class Reduced:
+    """rom.h5."""
+
+    model: ReducedModel = group("/reduced", ModelTerms)
+    frequency: np.ndarray = dataset(
+        "/frequency", "Hz", "/frequency", "natural frequencies of the full model at the reference"
+    )
+    basis: np.ndarray = dataset(
+        "/basis", "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ on the nodes (3 node + component)"
+    )
+    static: np.ndarray = dataset(
+        "/static", "m/N", "free unknown × input", "static response to each input on the free unknowns"
+    )
+    error: HeldOut = group("/error")
+    matrices: ReadyBasis | None = group("/matrices", default=None)

@@ -1,0 +1,55 @@
+"""train.h5 and screen.h5: candidates, their readings under the training load, and which of them go on (5.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.gauges.candidates import Candidates
+from strainsight.records.candidates import CandidateColumns, GivenRows
+from strainsight.records.record import dataset, group, record
+
+
+@record
+class Training:
+    """train.h5."""
+
+    candidates: Candidates = group("/gauges", CandidateColumns)
+    rows: np.ndarray = dataset(
+        "/gauges/row",
+        "strain/(kg^1/2 m)",
+        "channel × coordinate",
+        "strain, or displacement [m], per reduced coordinate",
+    )
+    given: sparse.csr_array | None = group("/gauges/given", GivenRows, default=None)
+    moved: np.ndarray | None = dataset(
+        "/glued/distance", "m", "bonded gauge", "how far every bonded gauge was moved to the surface", default=None
+    )
+    time: np.ndarray = dataset("/time", "s", "/time", "time of the training run")
+    load: np.ndarray = dataset("/input", "N", "/time × input", "training load")
+    coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "/time × coordinate", "reduced coordinates q")
+    velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
+    reading: np.ndarray = dataset(
+        "/strain", "strain", "/time × channel", "reading of every channel, of motion sensors in m/s² or m"
+    )
+
+
+@record
+class Screened:
+    """screen.h5."""
+
+    kept: np.ndarray = dataset("/kept", "1", "kept", "number of every kept gauge, ascending")
+    snr: np.ndarray = dataset("/snr", "1", "gauge", "RMS training reading over noise of every gauge")
+    reason: np.ndarray = dataset("/reason", "1", "gauge", "why a gauge was dropped; empty where it was kept")
+    noise_std: np.ndarray = dataset(
+        "/noise_std",
+        "strain",
+        "channel",
+        "noise of one sample of every channel at the training time step, of motion sensors in m/s² or m",
+    )
+    range: np.ndarray = dataset(
+        "/range", "strain", "channel", "what every channel can measure, of motion sensors in m/s² or m; inf: not stated"
+    )
+    family: tuple[str, ...] = dataset(
+        "/family", "1", "kind", "name of every kind of sensor, as /gauges/array of train.h5 counts them"
+    )

@@ -1,0 +1,116 @@
+"""validate.h5: the filter on a simulated truth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.records.record import dataset, group, record
+
+
+@record
+class Channels:
+    """The channels of the layout."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "sampling times of the gauges")
+    measured: np.ndarray = dataset(
+        "/measured", "strain", "/time × channel", "measured by every channel, with noise, of motion in m/s² or m"
+    )
+    true: np.ndarray = dataset("/true", "strain", "/time × channel", "the same without noise")
+    estimated: np.ndarray = dataset("/estimated", "strain", "/time × channel", "its estimate")
+    std: np.ndarray = dataset("/std", "strain", "/time × channel", "its claimed standard deviation")
+
+
+@record
+class Consistency:
+    nees: np.ndarray = dataset(
+        "/nees", "1", "sample", "normalised estimation error squared of the unknowns over their number"
+    )
+    nis: np.ndarray = dataset("/nis", "1", "sample", "normalised innovation squared over the number of gauges")
+    band: np.ndarray = dataset(
+        "/band", "1", "2 × 2", "95 % bands (one instant of NEES, mean NIS of the run × low, high)"
+    )
+
+
+@record
+class Field:
+    """Every candidate at the instant of the largest true strain."""
+
+    instant: float = dataset("/instant", "s", "", "instant of the largest true strain")
+    true: np.ndarray = dataset(
+        "/true", "strain", "candidate", "true strain at that instant, of displacement sensors in m, else NaN"
+    )
+    strain: np.ndarray = dataset("/strain", "strain", "candidate", "the same as estimated")
+    std: np.ndarray = dataset("/std", "strain", "candidate", "its claimed standard deviation")
+
+
+@record
+class NoiseStudy:
+    factor: np.ndarray = dataset("/factor", "1", "level", "noise over the configured noise")
+    error: dict[str, np.ndarray] = dataset("/error/<name>", "1", "level", "real error of <name> for every noise level")
+    std: dict[str, np.ndarray] = dataset("/std/<name>", "1", "level", "claimed error of <name> for every noise level")
+
+
+@record
+class Starts:
+    """Repeated runs: `<what>`."""
+
+    error: dict[str, np.ndarray] = dataset("/error/<name>", "1", "run", "real error of <name> for every <what>")
+    std: dict[str, np.ndarray] = dataset("/std/<name>", "1", "run", "claimed error of <name> for every <what>")
+    start: dict[str, np.ndarray] = dataset(
+        "/start/<name>", "1", "run", "start of <name> for every <what>, relative to its scale (parameters: logarithm)"
+    )
+
+
+@record
+class RandomSets:
+    """Random sets of `<what>`."""
+
+    candidate: np.ndarray = dataset(
+        "/candidate", "1", "set × channel", "rows of train.h5 of every random set of <what>, −1 for none"
+    )
+    error: dict[str, np.ndarray] = dataset(
+        "/error/<name>", "1", "set", "real error of <name> for every random set of <what>"
+    )
+    std: dict[str, np.ndarray] = dataset(
+        "/std/<name>", "1", "set", "claimed error of <name> for every random set of <what>"
+    )
+    estimate: dict[str, np.ndarray] = dataset(
+        "/estimate/<name>", "unit of <name>", "time × set", "estimate of <name> by every random set of <what>"
+    )
+
+
+@record
+class SweepTable:
+    key: tuple[str, ...] = dataset("/key", "1", "/key", "time_step, process_noise, or a wrong parameter")
+    value: np.ndarray = dataset("/value", "1", "/key", "the time step [s], or the factor")
+    error: dict[str, np.ndarray] = dataset("/error/<name>", "1", "/key", "real error of <name>")
+    std: dict[str, np.ndarray] = dataset("/std/<name>", "1", "/key", "claimed error of <name>")
+
+
+@record
+class Validated:
+    """validate.h5."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "time of the validation run")
+    truth: dict[str, np.ndarray] = dataset("/truth/<name>", "unit of <name>", "/time", "true history of <name>")
+    estimate: dict[str, np.ndarray] = dataset(
+        "/estimate/<name>", "unit of <name>", "/time", "filtered estimate of <name>"
+    )
+    std: dict[str, np.ndarray] = dataset(
+        "/std/<name>", "unit of <name>", "/time", "claimed standard deviation of the filtered <name>"
+    )
+    smoothed: dict[str, np.ndarray] = dataset(
+        "/smoothed/<name>", "unit of <name>", "/time", "smoothed estimate of <name>"
+    )
+    smoothed_std: dict[str, np.ndarray] = dataset(
+        "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
+    )
+    gauge: Channels = group("/gauge")
+    consistency: Consistency = group("/consistency")
+    field: Field = group("/field")
+    noise: NoiseStudy = group("/noise")
+    repeats: Starts = group("/repeats", what="seed and start")
+    starts: Starts = group("/starts", what="start on one measurement")
+    screened: RandomSets = group("/random_sets/screened", what="the screened pool")
+    all: RandomSets = group("/random_sets/all", what="all candidates")
+    sweep: SweepTable | None = group("/sweep", default=None)
