@@ -45,7 +45,6 @@ from strainsight.stages.bench.import_bodies import IMPORT
 from strainsight.stages.bench.reduce import REDUCE
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
-from strainsight.workflow.slices import Slice
 
 CONFIG = Path(__file__).parents[1] / "configs" / "bench-full.yaml"
 NOISE = 1e-11
@@ -65,13 +64,13 @@ def in_turns(work: dict[str, Callable[[], Any]], repeat: int) -> tuple[dict[str,
 
 def prepared(free: tuple[str, ...]) -> tuple[Any, Any]:
     """The bench with these parameters of its bearing free, and its sensors."""
-    data = load_config(CONFIG).data
+    loaded = load_config(CONFIG)
     with tempfile.TemporaryDirectory() as folder:
-        job = Job(data, CONFIG.parent, Path(folder))
+        job = Job(loaded.data, CONFIG.parent, Path(folder), model=loaded.model)
         made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
         mesh = mesh_from(Below(made["import"], "/bodies/hub"))
         reduced = body_from(made["reduce"], "hub")
-        config = Slice(data)
+        config = loaded.model
         bench = bench_of(config, {"hub": reduced}, {"hub": mesh}, {"pitch-bearing": free} if free else None)
         gauges, _ = strain_sensor("gauges", config.sensors["gauges"], reduced, mesh)
     element = next(e.force for e in bench.system.elements if isinstance(e.force, RelativeElement))

@@ -230,14 +230,14 @@ def full_bench(steps: int) -> None:
     from strainsight.stages.bench.reduce import REDUCE
     from strainsight.workflow.plan import Job
     from strainsight.workflow.runner import run
-    from strainsight.workflow.slices import Slice
 
-    data = load_config(CONFIG).data
+    loaded = load_config(CONFIG)
+    data = loaded.data
     with tempfile.TemporaryDirectory() as folder:
-        job = Job(data, CONFIG.parent, Path(folder))
+        job = Job(data, CONFIG.parent, Path(folder), model=loaded.model)
         made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
         reduced = {"hub": body_from(made["reduce"], "hub")}
-        bench = bench_of(Slice(data), reduced, {"hub": mesh_from(Below(made["import"], "/bodies/hub"))})
+        bench = bench_of(loaded.model, reduced, {"hub": mesh_from(Below(made["import"], "/bodies/hub"))})
     system, theta, h = bench.system, bench.theta, float(data["simulate"]["time_step"])
     table = np.genfromtxt(CONFIG.parent / "bench-load.csv", delimiter=",", names=True)
     u = np.column_stack([table[name] for name in system.inputs])[: steps + 1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from strainsight_cli import pipelines
 from strainsight_cli.failures import reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
-from strainsight_cli.view import refuse_kind, say_stale
+from strainsight_cli.view import say_stale, viewable
 
 
 def figures(
@@ -20,10 +20,10 @@ def figures(
         from strainsight.stages.figures import figures_of
 
         loaded = load_config(config, overrides or ())
-        refuse_kind(loaded, config)
+        model = viewable(loaded, config)
         folder = results / str(loaded.data["name"])
         report = pipelines.stages_of(loaded.data)[-1]
-        files = figures_of(loaded.data, report, folder, str(config))
+        files = figures_of(model, report, folder, str(config))
         say_stale(loaded, results, report.upstream)
         write_figures(folder / "figures", files)
         count = sum(name.endswith(".svg") for name in files)

@@ -14,7 +14,9 @@ from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, V
 from strainsight_cli.work import note
 
 if TYPE_CHECKING:
+    from strainsight.config.bench.bench import BenchConfig
     from strainsight.config.load import LoadedConfig
+    from strainsight.config.placement import PlacementConfig
 
 
 class What(StrEnum):
@@ -49,13 +51,13 @@ def view(
 
         _refuse_name(screenshot)
         loaded = load_config(config, overrides or ())
-        refuse_kind(loaded, config)
+        model = viewable(loaded, config)
         stages = pipelines.stages_of(loaded.data)
         from strainsight.stages.view.views import view_of
 
         folder = results / str(loaded.data["name"])
         names = [stage.name for stage in stages]
-        shown, read = view_of(loaded.data, names, folder, str(config), what and what.value, at, body)
+        shown, read = view_of(model, names, folder, str(config), what and what.value, at, body)
         say_stale(loaded, results, read)
         from strainsight.report.view import viewing
 
@@ -78,19 +80,20 @@ def _refuse_name(screenshot: Path | None) -> None:
         raise UserError("no such folder", where=str(screenshot.parent), remedy="make it, or give another path")
 
 
-def refuse_kind(loaded: LoadedConfig, config: Path) -> None:
-    """Raise UserError for a config that is neither a placement nor a bench."""
+def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfig:
+    """The model of a placement or a bench. Raises UserError for any other."""
+    from strainsight.config.bench.bench import BenchConfig
+    from strainsight.config.placement import PlacementConfig
     from strainsight.errors import UserError
 
-    kind = loaded.data["kind"]
-    if kind == "suite":
+    model = loaded.model
+    if isinstance(model, PlacementConfig | BenchConfig):
+        return model
+    if model.kind == "suite":
         raise UserError(
             "a suite has no picture of its own", where=str(config), remedy="view the config of one of its runs"
         )
-    if kind == "bearing":
-        raise UserError(
-            "a bearing alone has no mesh", where=str(config), remedy="its curves and balls are in bearing.html"
-        )
+    raise UserError("a bearing alone has no mesh", where=str(config), remedy="its curves and balls are in bearing.html")
 
 
 def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...]) -> None:

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 
 import numpy as np
 import pytest
 import pyvista
+from pydantic import TypeAdapter
 from scipy.linalg import solve_continuous_are
 
+from strainsight.config.zones import Zone
 from strainsight.errors import UserError
 from strainsight.fem import memory
 from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone
 from strainsight.stages.placement import PLACEMENT
 from strainsight.stages.train import zone_of
 from strainsight.workflow.plan import plan
-from strainsight.workflow.slices import Slice
 
 from .conftest import ROOT, SHORT, finished, job_of
 
@@ -64,7 +66,8 @@ def test_every_kind_of_zone_is_taken_from_the_config():
         ({"near_edges": 0.02}, NearEdges(0.02)),
         ({"near_set": {"set": "tip", "distance": 0.3}}, NearSet("tip", 0.3)),
     ]
-    assert [zone_of(Slice(entry)) for entry, _ in entries] == [zone for _, zone in entries]
+    stated = [TypeAdapter(Zone).validate_json(json.dumps(entry)) for entry, _ in entries]
+    assert [zone_of(entry) for entry in stated] == [zone for _, zone in entries]
 
 
 def test_training_strains_are_rows_times_coordinates(artefacts):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError
 from strainsight.report.view.viewed import DOTS, FACETS
 from strainsight.stages.bench.pipeline import bench_stages
@@ -21,7 +22,7 @@ NAMES = ("import", "rom", "train", "screen", "place", "validate", "report")
 @pytest.fixture(scope="module")
 def placement(artefacts, config, results):
     job = job_of(config, results, *SHORT)
-    return lambda what=None, **asked: view_of(job.config, NAMES, job.folder, "own.yaml", what, **asked)[0]
+    return lambda what=None, **asked: view_of(job.model, NAMES, job.folder, "own.yaml", what, **asked)[0]
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def beam(tmp_path_factory):
     stages = bench_stages(job.config)
     names = [stage.name for stage in stages]
     done = {name: artefact for name, (_, _, artefact) in finished(job, stages).items()}
-    return done, lambda what=None, **asked: view_of(job.config, names, job.folder, "own.yaml", what, **asked)[0]
+    return done, lambda what=None, **asked: view_of(job.model, names, job.folder, "own.yaml", what, **asked)[0]
 
 
 def test_a_layout_has_the_gauges_of_the_artefact(placement, artefacts):
@@ -126,15 +127,15 @@ def test_candidates_of_a_bench_are_coloured_by_the_step_of_their_removal(beam):
 def test_what_is_not_there_is_said_with_what_to_run(tmp_path, config, results):
     job = job_of(config, results, *SHORT)
     with pytest.raises(UserError, match="nothing to show yet") as caught:
-        view_of(job.config, NAMES, tmp_path, "own.yaml")
+        view_of(job.model, NAMES, tmp_path, "own.yaml")
     assert "strainsight import own.yaml" in str(caught.value)
     with pytest.raises(UserError, match=r"import\.h5") as caught:
-        view_of(job.config, NAMES, tmp_path, "own.yaml", "modes")
+        view_of(job.model, NAMES, tmp_path, "own.yaml", "modes")
     assert "strainsight rom own.yaml" in str(caught.value)
 
 
 def test_the_furthest_thing_there_is_comes_first(tmp_path, config, results):
-    offers = offers_of(job_of(config, results, *SHORT).config, NAMES)
+    offers = offers_of(job_of(config, results, *SHORT).model, NAMES)
     for stages, wanted in (
         (("import",), "mesh"),
         (("rom", "train", "screen"), "mesh"),
@@ -151,7 +152,7 @@ def test_what_a_config_does_not_have_is_refused_with_the_section_to_add(beam):
     with pytest.raises(UserError, match="no flexible body") as caught:
         view(body="beem")
     assert "did you mean beam" in str(caught.value)
-    bench = {"kind": "bench", "sensors": {}, "place": None, "field": None, "bodies": {}}
+    bench = BenchConfig.model_construct(sensors={}, place=None, field=None, bodies={})
     offers = offers_of(bench, ("import", "reduce", "simulate", "report"), "beam")
     assert set(offers.stages) == {"mesh", "modes"}
     assert "section `field`" in offers.absent["field"]

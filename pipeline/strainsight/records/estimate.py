@@ -40,8 +40,8 @@ def resultants_of(
     places: dict[str, list[str]] = {}
     for name in inputs:
         entry = loads[name]
-        if entry.get("direction") is not None:
-            where = f"node {entry.node}" if entry.get("node") is not None else f"set {entry.set}"
+        if entry.direction is not None:
+            where = f"node {entry.node}" if entry.node is not None else f"set {entry.set}"
             places.setdefault(where, []).append(name)
     found = {}
     for where, names in places.items():

@@ -70,7 +70,7 @@ def run(context: Context) -> Output:
     field = (
         None
         if settings.field is None
-        else field_in_time(context, mesh, basis, found.model, found.smoothed, settings.field.get("every"))
+        else field_in_time(context, mesh, basis, found.model, found.smoothed, settings.field.every)
     )
     return _output(context, problem, test, found, virtual, field, doubt)
 
@@ -102,7 +102,7 @@ def _estimated(context: Context, problem: Problem, test: Measured) -> Estimated:
     r = np.where(np.isnan(test.std), model.r, np.nan_to_num(test.std) ** 2 * test.h * test.every)
     model = replace(model, r=r)
     names = problem.unknowns.names
-    initial = {name: float(context.config.validate.initial_std[name]) for name in names}
+    initial = {name: float(context.config.validation.initial_std[name]) for name in names}
     initial |= {name: float(value) for name, value in settings.initial_std.items()}
     P = initial_covariance(problem, initial, moving=settings.start == "moving")
     mean, tuning = np.zeros(model.size), None

@@ -6,19 +6,19 @@ on every run; a run has some thirty figures, and drawing them as PNG takes as lo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+
+from pydantic import BaseModel
 
 from strainsight.errors import UserError
 from strainsight.report.chart.drawing import Drawing, kept
 from strainsight.report.chart.files import figure_files
 from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.slices import Slice, prune
+from strainsight.workflow.slices import declared, prune
 from strainsight.workflow.stage import Context, Stage
 
 
-def figures_of(config: Mapping[str, Any], report: Stage, folder: Path, config_file: str) -> dict[str, bytes]:
+def figures_of(config: BaseModel, report: Stage, folder: Path, config_file: str) -> dict[str, bytes]:
     """File name → content of every figure of the page that `report`, the last stage of a placement or a bench, would write.
 
     Raises UserError with the command to run where artefacts are missing.
@@ -31,9 +31,10 @@ def figures_of(config: Mapping[str, Any], report: Stage, folder: Path, config_fi
             remedy=f"run first: strainsight run {config_file}",
         )
     upstream = {name: Artefact(folder / f"{name}.h5") for name in report.upstream}
-    context = Context(Slice(prune(config, report.reads), report.name), upstream, {}, lambda doing, share: None)
+    data = config.model_dump(mode="json", by_alias=True)
+    context = Context(declared(config, prune(data, report.reads)), upstream, {}, lambda doing, share: None)
     with kept() as drawn:
-        drawings = _of_bench(context) if config["kind"] == "bench" else _of_placement(context)
+        drawings = _of_bench(context) if data["kind"] == "bench" else _of_placement(context)
         return figure_files(drawings, drawn)
 
 

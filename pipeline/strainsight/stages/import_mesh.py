@@ -73,9 +73,7 @@ def mesh_of(config: Any, path: Path, key: str = "mesh") -> Mesh:
     return with_additions(mesh, config, key)
 
 
-def checked(
-    mesh: Mesh, config: Any, key: str = "mesh"
-) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...]]:
+def checked(mesh: Mesh, config: Any, key: str = "mesh") -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...]]:
     """Mass [kg] with centre (3,) [m], where solids carry the model, and the shapes of the elements, once all is sound."""
     weight = None
     with blame(f"{key}.file"), mesh.located(), _config_ties(mesh, key):

@@ -18,7 +18,7 @@ def run(context: Context) -> Output:
     mesh = mesh_from(context.upstream["import"])
     parameters = parameters_of(config.parameters, mesh, context.files, config.mesh.matrices)
     context.progress("assembly", 0.0)
-    model = full_model(config, mesh, parameters, context.files).model
+    model = full_model(config.mesh, mesh, parameters, context.files).model
     reference = {p.name: p.reference for p in parameters}
     count = int(config.rom.modes)
     context.progress(f"{count} modes of {model.size} unknowns", 0.2)

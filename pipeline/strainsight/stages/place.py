@@ -70,7 +70,7 @@ def run(context: Context) -> Output:
 def _find(context: Context, problem: Problem, candidates: Candidates) -> _Found:
     config, settings = context.config, context.config.place
     channels, unknowns = problem.channels, problem.unknowns
-    pool = pool_of(context.upstream["screen"]["/kept"], channels, candidates, settings.get("symmetry"))
+    pool = pool_of(context.upstream["screen"]["/kept"], channels, candidates, settings.symmetry)
     mesh = mesh_from(context.upstream["import"])
     with blame("place.keep"):
         limits = limits_of_config(config, pool, mesh, channels, candidates)

@@ -29,11 +29,11 @@ def run(context: Context) -> Output:
     mesh = mesh_from(context.upstream["import"])
     parameters = parameters_of(config.parameters, mesh, context.files, config.mesh.matrices)
     context.progress("assembly", 0.0)
-    built = full_model(config, mesh, parameters, context.files)
+    built = full_model(config.mesh, mesh, parameters, context.files)
     model = built.model
     S = load_shapes(model, config.loads)
     reference = {p.name: p.reference for p in parameters}
-    ranges = {name: tuple(entry.range) for name, entry in config.parameters.items()}
+    ranges = {name: entry.range for name, entry in config.parameters.items()}
     context.progress("static responses", 0.2)
     modes = context.upstream["modes"]
     with blame("rom.modes"):

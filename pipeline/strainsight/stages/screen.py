@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.structure.scales import refuse_noise
 from strainsight.cases.structure.settings import families
+from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
+from strainsight.config.placement import Screen
 from strainsight.errors import ConfigError, blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.screening import Screening, screen
@@ -66,10 +67,10 @@ def run(context: Context) -> Output:
 
 
 def _screened(
-    settings: Any, pool: Candidates, rms: np.ndarray, peak: np.ndarray, noise_std: np.ndarray, limit: np.ndarray
+    settings: Screen, pool: Candidates, rms: np.ndarray, peak: np.ndarray, noise_std: np.ndarray, limit: np.ndarray
 ) -> Screening:
     """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge."""
-    keep = None if settings.keep == "all" else int(settings.keep)
+    keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
     kept, snr, reason = [], np.empty(pool.gauges), np.empty(pool.gauges, dtype="<U7")
     for kind in np.unique(kinds):
@@ -92,10 +93,10 @@ def _screened(
     return Screening(np.sort(np.concatenate(kept)), snr, reason)
 
 
-def _noise_std(stated: Any, rms: np.ndarray, key: str) -> float:
+def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:
     """σ of a family of sensors: as stated, or a share of its strongest candidate."""
-    if "value" in stated:
-        return float(stated["value"])
+    if isinstance(stated, AbsoluteNoise):
+        return stated.value
     strongest = float(rms.max())
     if strongest <= 0:
         raise ConfigError(
@@ -103,7 +104,7 @@ def _noise_std(stated: Any, rms: np.ndarray, key: str) -> float:
             key=key,
             remedy="give {value: …}, or load the structure",
         )
-    return float(stated.relative_to_strongest * strongest)
+    return stated.relative_to_strongest * strongest
 
 
 SCREEN = Stage(

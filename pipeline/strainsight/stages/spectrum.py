@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from strainsight.cases.structure.full_model import FILES, READS, full_model
 from strainsight.cases.structure.scales import hertz
+from strainsight.cases.structure.settings import named_regions
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.modes import modes as lowest_modes
@@ -28,12 +28,12 @@ def run(context: Context) -> Output:
     mesh = mesh_from(context.upstream["import"])
     parameters = _in_the_middle(config, mesh)
     context.progress("assembly", 0.0)
-    model = full_model(config, mesh, parameters, context.files).model
+    model = full_model(config.mesh, mesh, parameters, context.files).model
     frequency, shape = np.zeros(0), np.zeros((model.size, 0))
     said = "two materials vary apart: the modes of the truth are found with it"
     if only_scales(model):
         theta = {p.name: p.reference for p in parameters}
-        count = int(config.validate.truth.modes)
+        count = int(config.validation.truth.modes)
         context.progress(f"{count} modes of {model.size} unknowns", 0.2)
         with blame("validate.truth.modes"):
             frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count)
@@ -49,14 +49,14 @@ def run(context: Context) -> Output:
     )
 
 
-def _in_the_middle(config: Any, mesh: Mesh) -> tuple[Parameter, ...]:
+def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]:
     """The free material properties at the geometric mean of their ranges."""
     found = []
     for name, entry in config.parameters.items():
         regions: tuple[int, ...] = ()
         if config.mesh.matrices is None:
             with blame(f"parameters.{name}.region"):
-                regions = region_ids(mesh, entry.region if isinstance(entry.region, tuple) else (entry.region,))
+                regions = region_ids(mesh, named_regions(entry.region))
         found.append(Parameter(name, entry.property, regions, float(np.sqrt(entry.range[0] * entry.range[1]))))
     return tuple(found)
 

@@ -43,7 +43,7 @@ def run(context: Context) -> Output:
     )
     smoothed = smooth(model, main)
     context.progress("noise levels, repeats, random sets", 0.4)
-    settings, kept = context.config.validate, context.upstream["screen"]["/kept"]
+    settings, kept = context.config.validation, context.upstream["screen"]["/kept"]
     watch = watched(
         context.sweep, lambda share: context.progress("noise levels, repeats, random sets", 0.4 + 0.4 * share)
     )
@@ -61,7 +61,7 @@ def run(context: Context) -> Output:
         nis(main.whitened[:, 0]),
     )
     summary: dict[str, Scalar] = {
-        "truth": str(context.config.validate.truth.model),
+        "truth": str(context.config.validation.truth.model),
         "description": trial.truth.description
         + (f"; {words}" if (words := scheme_in_words(trial.problem, trial.h)) else "")
         + (f"; {trial.stopped} of the layout stopped at an edge" if trial.stopped else ""),

@@ -102,8 +102,7 @@ def _execute(
 ) -> Artefact:
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(
-        config=Slice(inputs.config, stage.name),
-        settings=None if job.model is None else declared(job.model, inputs.config),
+        config=Slice(inputs.config, stage.name) if job.model is None else declared(job.model, inputs.config),
         upstream=upstream,
         files=inputs.files,
         progress=lambda doing, share: progress(stage.name, doing, share),

@@ -10,37 +10,35 @@ from typing import Any
 from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Output
-from strainsight.workflow.slices import Slice
 
 
 @dataclass(frozen=True)
 class Context:
     """All that a stage may look at.
 
-    config    the declared slice only: `config.place.keep`, `config.loads["tip"].node`; all else is an AttributeError
+    config    the frozen config model with the declared keys only: `config.place.keep`, `config.loads["tip"].node`; all else
+              is an AttributeError. Of a job without a model, a `Slice` of its data
     upstream  stage name → Artefact, opened when asked for
     files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file
     progress  progress("elimination", 0.4): what is being done and the share that is done
-    settings  the same slice as the frozen config model: `settings.place.keep`
     sweep     runs one function at many points, wherever the user wants that: the results are the same
     """
 
-    config: Slice
+    config: Any
     upstream: Mapping[str, Artefact]
     files: Mapping[str, Path]
     progress: Callable[[str, float], None]
     sweep: Sweep = serial
-    settings: Any = None
 
     @property
     def name(self) -> str:
         """The run's name; the stage must declare "name" in `reads`."""
-        return self.config.name
+        return str(self.config.name)
 
     @property
     def seed(self) -> int:
         """The run's seed; the stage must declare "seed" in `reads`."""
-        return self.config.seed
+        return int(self.config.seed)
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,9 @@ def bench_of(
     forces = [_force(name, entry, frames, bearings, free or {}) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)
-    values = {key: m.value for entry in config.bodies.values() if "moduli" in entry for key, m in entry.moduli.items()}
+    values = {
+        key: m.value for entry in config.bodies.values() if entry.type == "flexible" for key, m in entry.moduli.items()
+    }
     for name, bearing in bearings.items():
         values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
@@ -104,7 +106,7 @@ def bearing_of(entry: Any) -> Bearing:
         "density",
         "speed",
     )
-    values: dict[str, Any] = {name: entry[name] for name in plain}
+    values: dict[str, Any] = {name: getattr(entry, name) for name in plain}
     return Bearing(**values, contact_angle=np.deg2rad(entry.contact_angle), first_ball=np.deg2rad(entry.first_ball))
 
 

@@ -72,14 +72,11 @@ def _channels(compiled: Readings) -> dict[str, slice]:
 
 def unit_of(entry: Any) -> tuple[str, str]:
     """Unit of a sensor's readings, and what they are."""
-    return {
-        "strain": ("strain", "strain of every gauge (time × gauge)"),
-        "relative": ("m or rad", "displacements x, y, z and tilts about y, z (time × component)"),
-        "motion": (
-            MOTION_UNITS.get(entry.get("quantity"), "1"),
-            f"{entry.get('quantity')} in global axes (time × xyz)",
-        ),
-    }[entry.type]
+    if entry.type == "strain":
+        return "strain", "strain of every gauge (time × gauge)"
+    if entry.type == "relative":
+        return "m or rad", "displacements x, y, z and tilts about y, z (time × component)"
+    return MOTION_UNITS.get(entry.quantity, "1"), f"{entry.quantity} in global axes (time × xyz)"
 
 
 def reading_datasets(config: Any, sensors: Sensors, measured: np.ndarray) -> dict[str, Dataset]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.structure.settings import families
+from strainsight.config import zones as stated
+from strainsight.config.gauges import AxisDirection, Gauges
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
 from strainsight.gauges.glued import GluedEntry, glued
@@ -34,7 +35,7 @@ class OnSurface:
     empty: tuple[str, ...]
 
 
-def candidates_on_surface(mesh: Mesh, config: Any, basis: np.ndarray, q: np.ndarray) -> OnSurface:
+def candidates_on_surface(mesh: Mesh, config: PlacementConfig, basis: np.ndarray, q: np.ndarray) -> OnSurface:
     """Every sensor of the config on the exterior facets.
 
     basis (3 nodes, n) displacement per reduced coordinate; q (steps, n): the training run, for principal directions.
@@ -53,7 +54,7 @@ def candidates_on_surface(mesh: Mesh, config: Any, basis: np.ndarray, q: np.ndar
     own, left_out = _strain_gauges(mesh, facets, config.gauges, basis, q)
     parts.append(own)
     for array, (key, sensors) in enumerate(families(config).items()):
-        if array == 0:
+        if isinstance(sensors, Gauges):
             continue
         with blame(key):
             parts.append(
@@ -73,7 +74,7 @@ def candidates_on_surface(mesh: Mesh, config: Any, basis: np.ndarray, q: np.ndar
     return OnSurface(concatenate(parts), distance, left_out, _empty_zones(mesh, facets, config))
 
 
-def _empty_zones(mesh: Mesh, facets: Facets, config: Any) -> tuple[str, ...]:
+def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:
     """Keys of excluded zones without a facet in them: a box in millimetres, more often than not."""
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
     found = []
@@ -85,18 +86,21 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: Any) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _entries(gauges: Any) -> list[GluedEntry]:
+def _entries(gauges: Gauges) -> list[GluedEntry]:
     return [
         GluedEntry(e.position, e.direction, float(gauges.grid_length if e.length is None else e.length), e.angles)
         for e in gauges.fixed
     ]
 
 
-def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Any, basis: np.ndarray, q: np.ndarray) -> tuple[Candidates, int]:
+def _strain_gauges(
+    mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, q: np.ndarray
+) -> tuple[Candidates, int]:
     """Candidates of strain, and how many were left out because their grid would run over a sharp edge."""
-    direction, length = gauges.direction, float(gauges.grid_length)
+    direction, length = gauges.direction, gauges.grid_length
+    assert direction is not None  # the config asks for one where gauges are not given
     include, exclude = ([zone_of(entry) for entry in zones] for zones in (gauges.include, gauges.exclude))
-    axis, turn = direction.get("axis"), None
+    axis, turn = direction.axis if isinstance(direction, AxisDirection) else None, None
     with blame("gauges.surface"):
         if axis is None:
             base = candidates(
@@ -129,16 +133,15 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Any, basis: np.ndarray, q
     return kept, pool.gauges - kept.gauges
 
 
-def zone_of(entry: Mapping[str, Any]) -> Zone:
+def zone_of(entry: stated.Zone) -> Zone:
     """A zone of a config."""
-    (kind, value), *_ = entry.items()
-    match kind:
-        case "box":
-            return Box(*value)
-        case "cylinder":
-            return Cylinder(value.point, value.axis, value.radius)
-        case "normal_cone":
-            return NormalCone(value.axis, value.angle)
-        case "near_set":
-            return NearSet(value.set, value.distance)
-    return NearEdges(float(value))
+    match entry:
+        case stated.BoxZone(box=(low, high)):
+            return Box(low, high)
+        case stated.InCylinder(cylinder=own):
+            return Cylinder(own.point, own.axis, own.radius)
+        case stated.FacingZone(normal_cone=cone):
+            return NormalCone(cone.axis, cone.angle)
+        case stated.NearSetZone(near_set=near):
+            return NearSet(near.set, near.distance)
+    return NearEdges(entry.near_edges)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from scipy import sparse
 
+from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.decks.matrices.files import NOTED, read_matrix, read_numbering, symmetric
 from strainsight.errors import DeckError, blame
 from strainsight.fem.affine import Parameter
@@ -31,28 +31,28 @@ class FullModel:
     notes: tuple[str, ...] = ()
 
 
-def full_model(config: Any, mesh: Mesh, parameters: Sequence[Parameter], files: Mapping[str, Path]) -> FullModel:
+def full_model(config: MeshFile, mesh: Mesh, parameters: Sequence[Parameter], files: Mapping[str, Path]) -> FullModel:
     """Assemble, or read matrices where `mesh.matrices` says so; either way constrained and affine in the parameters.
 
-    config: a slice that has READS.
+    config: the section `mesh`, of which READS are read.
     """
-    if config.mesh.matrices is None:
+    if config.matrices is None:
         with blame("mesh.file"), mesh.located():
             return FullModel(build_model(mesh, parameters))
-    ready, said = _read(config.mesh, files)
+    ready, said = _read(config.matrices, config, files)
     with blame("mesh.matrices.numbering"), mesh.located():
         built = build_ready_model(mesh, ready)
     return FullModel(built.model, built.motion, (*said, *built.notes))
 
 
-def _read(config: Any, files: Mapping[str, Path]) -> tuple[ReadyMatrices, list[str]]:
+def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tuple[ReadyMatrices, list[str]]:
     with blame("mesh.matrices.numbering"):
         path = files["mesh.matrices.numbering"]
         node_ids, components = read_numbering(path)
     said: list[str] = []
     terms: dict[str, list[Term]] = {"stiffness": [], "mass": []}
-    for kind, found in terms.items():
-        for i, entry in enumerate(config.matrices[kind]):
+    for kind, own in (("stiffness", matrices.stiffness), ("mass", matrices.mass)):
+        for i, entry in enumerate(own):
             key = f"mesh.matrices.{kind}.{i}.file"
             with blame(key):
                 X = read_matrix(files[key], entry.name)
@@ -67,7 +67,7 @@ def _read(config: Any, files: Mapping[str, Path]) -> tuple[ReadyMatrices, list[s
                 said.append(
                     f"{files[key].name} is off symmetry by {off:.1e} of its largest entry and is made symmetric"
                 )
-            found.append(Term(X, entry.parameter, 1.0 if entry.at is None else float(entry.at)))
+            terms[kind].append(Term(X, entry.parameter, 1.0 if entry.at is None else entry.at))
     with blame("mesh.matrices"):
         ready = ready_matrices(
             node_ids,

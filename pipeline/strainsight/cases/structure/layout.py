@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.scenarios import scenarios_of
+from strainsight.config.placement import Place
 from strainsight.placement.branch_and_bound import BranchAndBound, branch_and_bound
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.exchange import Exchange, exchange
@@ -36,7 +36,7 @@ def layout_of(
     pools: Sequence[Pool],
     greedy: np.ndarray,
     limits: Limits,
-    settings: Any,
+    settings: Place,
     progress: Callable[[str, float], None],
 ) -> Layout:
     """The set of least trace, or of least loss after one failure, as settings (`place` of a config) ask for.
@@ -72,7 +72,7 @@ def gauge_losses(
     pools: Sequence[Pool],
     rows: np.ndarray,
     gauges: np.ndarray,
-    settings: Mapping[str, Any],
+    settings: Place,
     ranges: Mapping[str, Sequence[float]],
     seed: int,
 ) -> np.ndarray:
@@ -80,7 +80,7 @@ def gauge_losses(
 
     rows: its pool rows; gauges (k,) their numbers, in the same order. Of a mirrored pair one gauge fails, not both.
     """
-    aggregate = settings["aggregate"]
+    aggregate = settings.aggregate
     if len(rows) == len(gauges):
         return loss_if_one_fails(pools, rows, aggregate)
     alone = scenarios_of(problem, problem.channels.of(gauges), settings, ranges, seed, scenarios[0].weight)

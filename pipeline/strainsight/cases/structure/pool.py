@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,6 +10,7 @@ from scipy.spatial import cKDTree
 from strainsight.cases.structure.candidates import zone_of
 from strainsight.cases.structure.channels import Channels
 from strainsight.cases.structure.settings import families
+from strainsight.config.placement import PlacementConfig, Symmetry
 from strainsight.errors import InfeasibleError, blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.symmetry import mirror_partners
@@ -44,9 +43,7 @@ class PoolRows:
         return found[found >= 0]
 
 
-def pool_of(
-    kept: np.ndarray, channels: Channels, candidates: Candidates, symmetry: Mapping[str, Any] | None
-) -> PoolRows:
+def pool_of(kept: np.ndarray, channels: Channels, candidates: Candidates, symmetry: Symmetry | None) -> PoolRows:
     """The kept gauges as pool rows: each alone, or with a plane of symmetry in mirrored pairs.
 
     kept (k,) gauge numbers. Those on the plane that are their own mirror image are alone, as are glued ones; others without
@@ -55,7 +52,7 @@ def pool_of(
     if symmetry is None:
         return PoolRows(kept[:, None], channels.of(kept), 0)
     with blame("place.symmetry"):
-        partner = mirror_partners(candidates, symmetry["point"], symmetry["normal"])
+        partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
     glued = np.zeros(channels.gauges, dtype=bool)
     glued[candidates.gauge[candidates.glued]] = True
     there = np.zeros(channels.gauges, dtype=bool)
@@ -79,24 +76,26 @@ def pool_of(
     return PoolRows(gauges, _left_aligned(np.hstack([first, second])), len(kept) - int((gauges >= 0).sum()))
 
 
-def limits_of_config(config: Any, pool: PoolRows, mesh: Mesh, channels: Channels, candidates: Candidates) -> Limits:
+def limits_of_config(
+    config: PlacementConfig, pool: PoolRows, mesh: Mesh, channels: Channels, candidates: Candidates
+) -> Limits:
     """What a layout may be, as `place` says: its size, glued gauges, spacing, zones, budget."""
     place = config.place
     gauge, which = _flat(pool)
     first = np.searchsorted(channels.gauge, gauge)
     position, normal = candidates.position[first], candidates.normal[first]
-    near = _near(position, which, float(place.minimum_spacing))
+    near = _near(position, which, place.minimum_spacing)
     zones = []
     facets = exterior_facets(mesh) if mesh.blocks and place.at_most else None
     for i, limit in enumerate(place.at_most):
         key = f"place.at_most.{i}"
         with blame(f"{key}.zone"):
             within = inside(zone_of(limit.zone), mesh, facets, position, normal)
-        zones.append((key, np.bincount(which, weights=within, minlength=len(pool.gauges)), int(limit.count)))
+        zones.append((key, np.bincount(which, weights=within, minlength=len(pool.gauges)), limit.count))
     price = np.bincount(which, weights=_prices(config, candidates, first), minlength=len(pool.gauges))
     return limits_of(
         len(pool.gauges),
-        int(place.keep),
+        place.keep,
         fixed=np.flatnonzero(
             np.bincount(which, weights=candidates.glued[first], minlength=len(pool.gauges)) > 0
         ).tolist(),
@@ -108,14 +107,14 @@ def limits_of_config(config: Any, pool: PoolRows, mesh: Mesh, channels: Channels
     )
 
 
-def layout_cost(config: Any, candidates: Candidates, gauges: np.ndarray) -> tuple[float, float] | None:
+def layout_cost(config: PlacementConfig, candidates: Candidates, gauges: np.ndarray) -> tuple[float, float] | None:
     """What the gauges (k,) of a layout cost and may cost; None without a budget."""
     if config.place.budget is None:
         return None
-    return float(_prices(config, candidates, candidates.first[gauges]).sum()), float(config.place.budget)
+    return float(_prices(config, candidates, candidates.first[gauges]).sum()), config.place.budget
 
 
-def _prices(config: Any, candidates: Candidates, first: np.ndarray) -> np.ndarray:
+def _prices(config: PlacementConfig, candidates: Candidates, first: np.ndarray) -> np.ndarray:
     """Price of the gauges whose first channels these are; those already glued cost nothing."""
     family = np.array([float(entry.price) for entry in families(config).values()])
     return np.where(candidates.glued[first], 0.0, family[candidates.array[first]])

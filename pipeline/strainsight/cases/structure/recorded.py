@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from strainsight.config.loads import Recorded
 from strainsight.errors import ConfigError, UserError, blame
 from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import TextFormat
@@ -19,15 +18,15 @@ from strainsight.signals.histories import FromSamples
 LOADS = ("force", "moment")
 
 
-def recorded(key: str, config: Mapping[str, Any], path: Path) -> FromSamples:
+def recorded(key: str, config: Recorded, path: Path) -> FromSamples:
     """The history that the text table at `path` holds in the columns that the config names; key: of the signal.
 
     Time in s, values in N or N m, or in the unit that stands behind the name of the column, as in "F [kN]".
     Raises UserError with file:line for what is no table, a sample that is missing, and a time that does not increase.
     """
-    column = str(config["value_column"])
+    column = config.value_column
     with blame(key):
-        found = _read(path, str(config["time_column"]), column)
+        found = _read(path, config.time_column, column)
         values = found.channels[column]
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from strainsight.augmentation.linearisation import linearisation_instants, linea
 from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.noise import Rule, channel_intensity
 from strainsight.cases.structure.problem import Problem
+from strainsight.config.placement import Place
 from strainsight.placement.scenario import Scenario, thesis_weight, whole_pool_weight
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import instant_values
@@ -20,7 +20,7 @@ from strainsight.sweep.sweep import Sweep, serial
 def scenarios_of(
     problem: Problem,
     channels: np.ndarray,
-    settings: Mapping[str, Any],
+    settings: Place,
     ranges: Mapping[str, Sequence[float]],
     seed: int,
     weight: np.ndarray | None = None,
@@ -34,15 +34,15 @@ def scenarios_of(
     p = problem
     u = instant_values(p.u)
     plain: list[Scenario] = []
-    for theta in parameter_samples(p.model.reference, ranges, int(settings["parameter_samples"]), seed):
+    for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, seed):
         x = p.x if theta == p.model.reference else simulate(p.model, theta, p.u, p.h)
         # One instant is the thesis's case: any of them, also where a parameter hardly acts.
-        share = 0.0 if settings["instants"] == 1 else 0.5
-        chosen = linearisation_instants(p.model, p.unknowns, theta, x, u, int(settings["instants"]), seed, share)
+        share = 0.0 if settings.instants == 1 else 0.5
+        chosen = linearisation_instants(p.model, p.unknowns, theta, x, u, settings.instants, seed, share)
         for F in linearise(p.model, p.unknowns, theta, x[chosen], u[chosen]):
             H, r = _measured(p, channels, F)
             plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
-    own = _weight(p, plain, str(settings["weights"]), sweep) if weight is None else weight
+    own = _weight(p, plain, settings.weights, sweep) if weight is None else weight
     return tuple(Scenario(s.F, s.Q, s.H, s.r, own) for s in plain)
 
 

@@ -11,6 +11,20 @@ import numpy as np
 from strainsight.augmentation.input_models import InputModel, IntegratedRandomWalk, Matern, Oscillator, RandomWalk
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.structure.recorded import recorded
+from strainsight.config.bench.connections import Constant as StatedConstant
+from strainsight.config.gauges import Gauges, MotionSensors
+from strainsight.config.loads import InputNoise, Load, Recorded
+from strainsight.config.loads import MultiSine as StatedMultiSine
+from strainsight.config.loads import Sine as StatedSine
+from strainsight.config.loads import Sweep as StatedSweep
+from strainsight.config.mesh import Matrices, RegionKey
+from strainsight.config.placement import (
+    GuessFrom,
+    MaterialParameter,
+    ModalDamping,
+    PlacementConfig,
+    RayleighDamping,
+)
 from strainsight.errors import ArtefactError, ConfigError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
@@ -20,9 +34,12 @@ from strainsight.rom.model import Damping
 from strainsight.signals.histories import Constant, MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
+StatedSignal = StatedConstant | StatedSine | StatedSweep | StatedMultiSine | Recorded
+"""A load history, as a config states it."""
+
 
 def parameters_of(
-    config: Mapping[str, Any], mesh: Mesh, files: Mapping[str, Path], matrices: Any = None
+    config: Mapping[str, MaterialParameter], mesh: Mesh, files: Mapping[str, Path], matrices: Matrices | None = None
 ) -> tuple[Parameter, ...]:
     """The free material properties, each with the regions it belongs to and its reference value [SI].
 
@@ -44,7 +61,7 @@ def parameters_of(
             found.append(Parameter(name, entry.property, (), value))
             continue
         with blame(f"parameters.{name}.region"):
-            regions = region_ids(mesh, entry.region if isinstance(entry.region, tuple) else (entry.region,))
+            regions = region_ids(mesh, named_regions(entry.region))
         for region in regions:
             deck = float(getattr(mesh.materials[mesh.regions[region].material], entry.property))
             if not 0.1 <= value / deck <= 10:
@@ -57,11 +74,18 @@ def parameters_of(
     return tuple(found)
 
 
-def _check_against_terms(name: str, value: float, matrices: Any) -> None:
+def named_regions(region: RegionKey | tuple[RegionKey, ...] | None) -> tuple[RegionKey, ...]:
+    """The regions that a config names, which may be one."""
+    if region is None:
+        return ()
+    return region if isinstance(region, tuple) else (region,)
+
+
+def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:
     terms = [
         (f"mesh.matrices.{kind}.{i}", term)
-        for kind in ("stiffness", "mass")
-        for i, term in enumerate(matrices[kind])
+        for kind, own in (("stiffness", matrices.stiffness), ("mass", matrices.mass))
+        for i, term in enumerate(own)
         if term.parameter == name
     ]
     for key, term in terms:
@@ -73,9 +97,9 @@ def _check_against_terms(name: str, value: float, matrices: Any) -> None:
             )
 
 
-def reference_value(name: str, guess: Any, files: Mapping[str, Path]) -> float:
+def reference_value(name: str, guess: float | GuessFrom, files: Mapping[str, Path]) -> float:
     """A guess [SI]: a number, or what another run estimated for the parameter of the same name (thesis 6.1.3)."""
-    if isinstance(guess, int | float):
+    if not isinstance(guess, GuessFrom):
         return float(guess)
     key = f"parameters.{name}.guess.from"
     with blame(key):
@@ -89,58 +113,49 @@ def reference_value(name: str, guess: Any, files: Mapping[str, Path]) -> float:
     return float(summary[f"estimate.{name}"])
 
 
-def load_shapes(model: FiniteElementModel, config: Mapping[str, Any]) -> np.ndarray:
+def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.ndarray:
     """Input shape S (n_free, n_u) [-] of every load, in the order of the config."""
     columns = []
     for name, entry in config.items():
         with blame(f"loads.{name}"):
-            direction = entry.get("direction")
-            load = PointLoad(
-                name,
-                None if direction is None else tuple(direction),
-                entry.get("node"),
-                entry.get("set"),
-                entry.get("deck_load"),
-            )
+            load = PointLoad(name, entry.direction, entry.node, entry.set, entry.deck_load)
             columns.append(input_shape(model, (load,)))
     return np.hstack(columns)
 
 
-def families(config: Any) -> dict[str, Any]:
+def families(config: PlacementConfig) -> dict[str, Gauges | MotionSensors]:
     """Config key → kinds of sensors in the order of `Candidates.array`: the strain gauges, the motion sensors by name.
 
     By name, because the order in a config is none: two configs that differ only by it are the same.
     """
-    return {"gauges": config.gauges} | {
-        f"motion_sensors.{name}": config.motion_sensors[name] for name in sorted(config.motion_sensors)
-    }
+    others = {f"motion_sensors.{name}": config.motion_sensors[name] for name in sorted(config.motion_sensors)}
+    return {"gauges": config.gauges, **others}
 
 
-def damping_of(config: Mapping[str, Any]) -> Damping:
+def damping_of(config: ModalDamping | RayleighDamping) -> Damping:
     """The damping law."""
-    if config["type"] == "modal":
-        return Damping("modal", ratio=float(config["ratio"]))
-    return Damping("rayleigh", alpha=float(config["alpha"]), beta=float(config["beta"]))
+    if config.type == "modal":
+        return Damping("modal", ratio=config.ratio)
+    return Damping("rayleigh", alpha=config.alpha, beta=config.beta)
 
 
-def signal_of(name: str, config: Mapping[str, Any], files: Mapping[str, Path], section: str = "loads") -> Signal:
+def signal_of(name: str, config: StatedSignal, files: Mapping[str, Path], section: str = "loads") -> Signal:
     """A load history, of the entry `name` of a section of the config."""
-    match config["type"]:
-        case "constant":
-            return Constant(config["value"])
-        case "sine":
-            return Sine(config["frequency"], config["amplitude"], config["phase"])
-        case "sweep":
-            return Sweep(config["start_frequency"], config["end_frequency"], config["duration"], config["amplitude"])
-        case "multisine":
-            return MultiSine(config["lowest"], config["highest"], config["count"], config["amplitude"], config["seed"])
+    if config.type == "constant":
+        return Constant(config.value)
+    if config.type == "sine":
+        return Sine(config.frequency, config.amplitude, config.phase)
+    if config.type == "sweep":
+        return Sweep(config.start_frequency, config.end_frequency, config.duration, config.amplitude)
+    if config.type == "multisine":
+        return MultiSine(config.lowest, config.highest, config.count, config.amplitude, config.seed)
     key = f"{section}.{name}.signal"
     return recorded(key, config, files[f"{key}.file"])
 
 
-def characteristic(entry: Mapping[str, Any], signal: Signal, duration: float) -> tuple[float, float]:
+def characteristic(entry: Load, signal: Signal, duration: float) -> tuple[float, float]:
     """Frequency [Hz] and amplitude that set an unknown input's process noise (5.16): as stated, else as the signal has them."""
-    noise = entry["process_noise"]
+    noise = entry.process_noise
     match signal:
         case Sine():
             own = (signal.frequency, signal.amplitude)
@@ -151,14 +166,14 @@ def characteristic(entry: Mapping[str, Any], signal: Signal, duration: float) ->
         case _:
             t = np.linspace(0, duration, 2001)
             own = (float("nan"), float(np.abs(evaluate(signal, t)).max()))
-    frequency = noise["frequency"] if noise["frequency"] is not None else own[0]
-    amplitude = noise["amplitude"] if noise["amplitude"] is not None else own[1]
+    frequency = noise.frequency if noise.frequency is not None else own[0]
+    amplitude = noise.amplitude if noise.amplitude is not None else own[1]
     return float(frequency), float(amplitude)
 
 
 def unknowns_of(
     estimate: Sequence[str],
-    loads: Mapping[str, Any],
+    loads: Mapping[str, Load],
     signals: Mapping[str, Signal],
     reference: Mapping[str, float],
     duration: float,
@@ -171,21 +186,20 @@ def unknowns_of(
         parameters=tuple(name for name in estimate if name not in loads),
         amplitude={name: amplitude for name, (_, amplitude) in typical.items()},
         guess={name: reference[name] for name in estimate if name not in loads},
-        models={name: input_model(loads[name]["process_noise"], typical[name][0]) for name in inputs},
+        models={name: input_model(loads[name].process_noise, typical[name][0]) for name in inputs},
     )
 
 
 SMOOTHNESS: dict[str, Any] = {"1/2": 0.5, "3/2": 1.5, "5/2": 2.5}
 
 
-def input_model(noise: Mapping[str, Any], frequency: float) -> InputModel:
+def input_model(noise: InputNoise, frequency: float) -> InputModel:
     """How an unknown input moves in time; frequency [Hz]: its typical one."""
-    match noise["model"]:
+    match noise.model:
         case "integrated_random_walk":
-            kappa = {} if noise["kappa"] is None else {"kappa": float(noise["kappa"])}
-            return IntegratedRandomWalk(frequency, **kappa)
+            return IntegratedRandomWalk(frequency, **({} if noise.kappa is None else {"kappa": noise.kappa}))
         case "matern":
-            return Matern(frequency, SMOOTHNESS[noise["smoothness"]])
+            return Matern(frequency, SMOOTHNESS[noise.smoothness])
         case "oscillator":
-            return Oscillator(frequency, float(noise["damping"]))
+            return Oscillator(frequency, noise.damping)
     return RandomWalk()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.structure.problem import filter_model, filter_options, sample_std
 from strainsight.cases.structure.trial import Trial, real_and_claimed, without_truth
+from strainsight.config.validation import Validate
 from strainsight.estimation.consistency import not_identified
 from strainsight.estimation.filter import all_lost, run_filter
 from strainsight.estimation.model import physical
@@ -44,7 +44,7 @@ CHOICES = 1 << 31
 
 
 def studies_of(
-    trial: Trial, settings: Mapping[str, Any], kept: np.ndarray, seed: int, sweep: Sweep = serial
+    trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sweep: Sweep = serial
 ) -> dict[str, Study]:
     """All studies of a validation, filtered in batches of at most BATCH runs.
 
@@ -57,9 +57,9 @@ def studies_of(
     settings: the config's validate section.
     """
     rng = np.random.default_rng([seed, CHOICES])
-    spread = np.array([float(settings["initial_std"][name]) for name in trial.names])
-    repeats, count = int(settings["repeats"]), int(settings["random_sets"])
-    factors = np.array(settings["noise_factors"], dtype=float)
+    spread = np.array([float(settings.initial_std[name]) for name in trial.names])
+    repeats, count = settings.repeats, settings.random_sets
+    factors = np.array(settings.noise_factors, dtype=float)
     starts = spread * rng.standard_normal((repeats, len(spread)))
     home = np.zeros_like(spread)
     own = np.zeros(max(len(factors), repeats, count), dtype=int)

@@ -61,7 +61,7 @@ def _gone(_u: np.ndarray, _h: float) -> Motion:
 def trial_of(context: Context) -> Trial:
     """Simulate the truth of the config at the time step of `validate`."""
     config, problem = context.config, problem_of(context)
-    settings, names = config.validate, problem.unknowns.names
+    settings, names = config.validation, problem.unknowns.names
     truth = truth_of(context, problem, mesh_from(context.upstream["import"]))
     place = context.upstream["place"]
     chosen = place["/selected/final/channel"]

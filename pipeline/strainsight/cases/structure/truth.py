@@ -82,7 +82,7 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     rich   that, with other damping and gauges off their places
     full   all degrees of freedom of the finite-element model in time, gauges in place
     """
-    stated = context.config.validate.truth
+    stated = context.config.validation.truth
     theta = {**problem.model.reference, **{name: float(value) for name, value in stated.parameters.items()}}
     values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "the same parameters"
     pool = candidates_from(context.upstream["train"])
@@ -91,7 +91,7 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(context.config.parameters, mesh, context.files, context.config.mesh.matrices))
-    built = full_model(context.config, mesh, parameters, context.files)
+    built = full_model(context.config.mesh, mesh, parameters, context.files)
     with blame("validate.truth"):
         S = load_shapes(built.model, {name: context.config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
@@ -99,9 +99,7 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     rich = stated.model == "rich"
     damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
     with blame("validate.truth.modes"):
-        model, basis = modal_model(
-            built.model, S, problem.model.inputs, theta, stated.modes, damping, _shapes(context)
-        )
+        model, basis = modal_model(built.model, S, problem.model.inputs, theta, stated.modes, damping, _shapes(context))
     words = f"{stated.modes} modes of the full model with static terms, {values}"
     if rich:
         words += f", damping × {stated.damping_factor:g}"
@@ -157,7 +155,7 @@ def _full(
 
     K, M, stated = built.model.stiffness.at(theta), built.model.mass.at(theta), problem.model.damping
     if stated.kind == "modal":
-        viscous = modal_damping(K, M, stated.ratio, int(context.config.validate.truth.modes))
+        viscous = modal_damping(K, M, stated.ratio, int(context.config.validation.truth.modes))
     else:
         viscous = ViscousDamping(stated.alpha, stated.beta)
     given = given_from(context.upstream["train"])

@@ -127,9 +127,7 @@ def _expected(
     return reading
 
 
-def _walked(
-    trial: Trial, used: Sensors, sensors: Sensors, known: np.ndarray, runs: int, seed: int
-) -> Reality:
+def _walked(trial: Trial, used: Sensors, sensors: Sensors, known: np.ndarray, runs: int, seed: int) -> Reality:
     """Drawn truths; sensors that the filter has not are not read."""
     found = drawn(trial.model, trial.start[:runs], trial.covariance[:runs], known, runs, seed)
     readings = np.full((len(known) - 1, runs, len(sensors.zeroed)), np.nan)

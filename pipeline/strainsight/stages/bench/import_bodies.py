@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from strainsight.config.bench.bodies import FlexibleBody
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspicions import suspicions
 from strainsight.records.below import below
@@ -22,7 +23,7 @@ def run(context: Context) -> Output:
     tables: list[Table] = []
     included: list[Path] = []
     parts = []
-    flexible = {name: body for name, body in context.config.bodies.items() if "mesh" in body}
+    flexible = {name: body for name, body in context.config.bodies.items() if isinstance(body, FlexibleBody)}
     for i, (name, body) in enumerate(flexible.items()):
         context.progress(name, i / len(flexible))
         key = f"bodies.{name}.mesh"

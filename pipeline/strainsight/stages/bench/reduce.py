@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from strainsight.cases.structure.settings import damping_of
+from strainsight.cases.structure.settings import damping_of, named_regions
 from strainsight.errors import ConfigError, blame
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import FiniteElementModel, build_model, nodal
@@ -85,7 +85,7 @@ def moduli_of(name: str, moduli: Any, mesh: Mesh) -> tuple[Parameter, ...]:
     found = []
     for key, modulus in moduli.items():
         with blame(f"bodies.{name}.moduli.{key}.region"):
-            regions = region_ids(mesh, modulus.region if isinstance(modulus.region, tuple) else (modulus.region,))
+            regions = region_ids(mesh, named_regions(modulus.region))
         found.append(Parameter(key, "youngs_modulus", regions, float(modulus.value)))
     return tuple(found)
 

@@ -118,9 +118,9 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
 
 def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
     said = ["No measured data: the truth is simulated."]
-    if config.validate.truth.model == "rom":
+    if config.validation.truth.model == "rom":
         said.append("The truth is the filter's own model: no model error was tested.")
-    elif config.validate.truth.model == "modes":
+    elif config.validation.truth.model == "modes":
         said.append("Damping and gauge positions are exact in this truth; choose truth model rich to test them.")
     elif given_from(train) is not None:
         said.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")

@@ -86,12 +86,12 @@ def loose_nodes(mesh: Mesh) -> np.ndarray:
 
 def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
     """Where a load is drawn and along what: a load of the deck at the mean of its nodes, weighted by their forces."""
-    if entry.get("deck_load") is not None:
+    if entry.deck_load is not None:
         forces = mesh.loads[entry.deck_load]
         size = np.linalg.norm(forces.force, axis=1)
         return size @ mesh.position[forces.nodes] / size.sum(), forces.force.sum(axis=0)
     direction = np.array(entry.direction, float)
-    if entry.get("node") is not None:
+    if entry.node is not None:
         return mesh.position[mesh.node_index(int(entry.node))], direction
     members = mesh.node_sets[entry.set]
     return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0), direction

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.cases.bench.layout.placed import PLACED, placed_layout
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -21,12 +22,12 @@ from strainsight.stages.view.surface import modes_view, stress_view
 from strainsight.workflow.artefact import Artefact
 
 
-def body_of(config: Mapping[str, Any], asked: str | None) -> str:
+def body_of(config: BenchConfig, asked: str | None) -> str:
     """The flexible body to show: the one asked for, else that of the field, of the placement, or the first.
 
     Raises UserError where there is none, or none of that name.
     """
-    flexible = [name for name, body in config["bodies"].items() if body["type"] == "flexible"]
+    flexible = [name for name, body in config.bodies.items() if body.type == "flexible"]
     if not flexible:
         raise UserError("no body of this bench is flexible", remedy="there is no mesh to show: see report.html")
     if asked is not None and asked not in flexible:
@@ -35,11 +36,11 @@ def body_of(config: Mapping[str, Any], asked: str | None) -> str:
             f"--body {asked}: this bench has no flexible body of that name",
             remedy=did_you_mean(asked, flexible, f"flexible bodies are {names}"),
         )
-    wanted = [asked, *((config.get(section) or {}).get("body") for section in ("field", "place")), flexible[0]]
-    return next(str(name) for name in wanted if name is not None)
+    wanted = [asked, *(section.body for section in (config.field, config.place) if section is not None), flexible[0]]
+    return next(name for name in wanted if name is not None)
 
 
-def bench_view(config: Any, what: str, body: str, up: Mapping[str, Artefact], at: float | None) -> View:
+def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artefact], at: float | None) -> View:
     """What is asked for of the body, from the artefacts that `offers` names; at [s]: the instant of a field."""
     mesh = mesh_from(Below(up["import"], f"/bodies/{body}"))
     title = f"{config.name}: {body}"
@@ -53,6 +54,7 @@ def bench_view(config: Any, what: str, body: str, up: Mapping[str, Artefact], at
         return _candidates(title, layout, up["place"])
     layout = replace(layout, gauges=_gauges(config, body, mesh, up))
     if what == "field":
+        assert config.field is not None
         how = "as simulated" if config.field.of == "simulate" else "as estimated"
         return stress_view(f"{title}, {how}", up["field"], layout, at)
     return View(f"{title}, {len(layout.gauges)} gauges", layout)
@@ -89,7 +91,7 @@ def _candidates(title: str, layout: Layout, place: Artefact) -> View:
     )
 
 
-def _gauges(config: Any, body: str, mesh: Mesh, up: Mapping[str, Artefact]) -> tuple[Gauge, ...]:
+def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefact]) -> tuple[Gauge, ...]:
     """The gauges of every strain sensor on the body, named as config and pages name them; without a sensor, the placed ones."""
     places: list[tuple[str, np.ndarray, np.ndarray]] = []
     for name, entry in config.sensors.items():

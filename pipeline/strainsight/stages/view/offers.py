@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ArtefactError, UserError
 from strainsight.workflow.artefact import Artefact
 
@@ -23,12 +24,11 @@ class Offers:
     absent: Mapping[str, str]
 
 
-def offers_of(config: Mapping[str, Any], names: Sequence[str], body: str = "") -> Offers:
+def offers_of(config: PlacementConfig | BenchConfig, names: Sequence[str], body: str = "") -> Offers:
     """What a placement or a bench with these stages could show; body: the flexible body of a bench."""
-    if config["kind"] == "bench":
+    if isinstance(config, BenchConfig):
         return _of_bench(config, names, body)
-    estimate = config.get("estimate") or {}
-    in_time = "estimate" in names and estimate.get("field")
+    in_time = "estimate" in names and config.estimate is not None and config.estimate.field is not None
     placed = ("import", "rom", "train", "screen", "place")
     return Offers(
         {
@@ -42,10 +42,10 @@ def offers_of(config: Mapping[str, Any], names: Sequence[str], body: str = "") -
     )
 
 
-def _of_bench(config: Mapping[str, Any], names: Sequence[str], body: str) -> Offers:
-    strains = [s for s in config["sensors"].values() if s["type"] == "strain" and s["body"] == body]
-    placed_here = "place" in names and config["place"]["body"] == body
-    placed = ("place",) * (placed_here or any(sensor.get("layout") for sensor in strains))
+def _of_bench(config: BenchConfig, names: Sequence[str], body: str) -> Offers:
+    strains = [s for s in config.sensors.values() if s.type == "strain" and s.body == body]
+    placed_here = "place" in names and config.place is not None and config.place.body == body
+    placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))
     stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "reduce")}
     absent = {}
     if placed_here:
@@ -56,7 +56,7 @@ def _of_bench(config: Mapping[str, Any], names: Sequence[str], body: str) -> Off
         stages["layout"] = ("import", *placed)
     else:
         absent["layout"] = f"there is no gauge on '{body}': give the config a strain sensor, or a section `place`"
-    if "field" in names and config["field"]["body"] == body:
+    if "field" in names and config.field is not None and config.field.body == body:
         stages["field"] = ("import", *placed, "field")
     else:
         absent["field"] = f"no field of '{body}' is written: give the config a section `field`"

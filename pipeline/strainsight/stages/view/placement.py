@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from strainsight.config.loads import Load
+from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -22,7 +23,7 @@ from strainsight.workflow.artefact import Artefact
 MICRO = 1e6
 
 
-def placement_view(config: Any, what: str, up: Mapping[str, Artefact], at: float | None) -> View:
+def placement_view(config: PlacementConfig, what: str, up: Mapping[str, Artefact], at: float | None) -> View:
     """What is asked for, from the artefacts that `offers` names; at [s]: the instant of a field in time."""
     name, mesh = str(config.name), mesh_from(up["import"])
     if what == "modes":
@@ -42,7 +43,7 @@ def placement_view(config: Any, what: str, up: Mapping[str, Artefact], at: float
     return _strain(f"{name}: estimate of the validation", layout, up)
 
 
-def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
+def bare(mesh: Mesh, loads: Mapping[str, Load]) -> Layout:
     """The structure with its loads and clamped nodes, no gauge."""
     faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
     fixed = mesh.position[np.unique(mesh.fixed[:, 0])]

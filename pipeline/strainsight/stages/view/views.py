@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.report.view.viewed import View
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.offers import chosen, offers_of, opened
 from strainsight.stages.view.placement import placement_view
-from strainsight.workflow.slices import Slice
 
 
 def view_of(
-    config: Mapping[str, Any],
+    config: PlacementConfig | BenchConfig,
     stages: Sequence[str],
     folder: Path,
     config_file: str,
@@ -29,10 +29,9 @@ def view_of(
     None: the furthest of field, layout and mesh that is there; at [s]: instant of a field in time; body: of a bench.
     Raises UserError for what the run does not have or has not computed yet.
     """
-    bench = config["kind"] == "bench"
-    if body is not None and not bench:
+    if body is not None and not isinstance(config, BenchConfig):
         raise UserError(f"--body {body}: a placement has one body", where=config_file, remedy="leave it out")
-    shown = body_of(config, body) if bench else ""
+    shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
     offers = offers_of(config, stages, shown)
     picked = chosen(offers, folder, what, config_file)
     read = offers.stages[picked]
@@ -42,6 +41,6 @@ def view_of(
         )
         raise UserError(f"--at {at:g}: this view of {picked} has no time", where=config_file, remedy=remedy)
     up = opened(offers, folder, picked)
-    own = Slice(config, "view")
-    view = bench_view(own, picked, shown, up, at) if bench else placement_view(own, picked, up, at)
-    return view, read
+    if isinstance(config, BenchConfig):
+        return bench_view(config, picked, shown, up, at), read
+    return placement_view(config, picked, up, at), read

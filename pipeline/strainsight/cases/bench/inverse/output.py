@@ -28,7 +28,11 @@ METHODS = {
     "one_shot": "one-shot, put back onto the constraints",
     "undamped": "iterated without damping",
 }
-TRUTHS = {"fine": "the bench with h/{substeps}", "own": "the filter's own step", "walk": "drawn from the filter's own model"}
+TRUTHS = {
+    "fine": "the bench with h/{substeps}",
+    "own": "the filter's own step",
+    "walk": "drawn from the filter's own model",
+}
 
 
 def estimate_output(config: Any, found: Estimated) -> Output:
@@ -99,7 +103,9 @@ def _inputs(config: Any, found: Estimated) -> tuple[dict[str, Dataset], dict[str
                 each = np.broadcast_to(np.repeat(true, mean.shape[1] // true.shape[1], axis=1), mean.shape)
                 half = len(mean) // 2
                 error = np.sqrt(np.mean((mean - each)[half:] ** 2, axis=0))
-                datasets[f"/runs/inputs/{name}/error"] = Dataset(error, unit, "rms error over the second half, of every run")
+                datasets[f"/runs/inputs/{name}/error"] = Dataset(
+                    error, unit, "rms error over the second half, of every run"
+                )
                 numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean(((mean - each)[half:] / std[half:]) ** 2)))
         if name in found.elsewhere:
             there = found.elsewhere[name]
@@ -216,5 +222,3 @@ def _command_history(time: np.ndarray, loads: Mapping[str, np.ndarray]) -> bytes
 
 def _said(value: Scalar) -> bool:
     return not isinstance(value, float) or bool(np.isfinite(value))
-
-

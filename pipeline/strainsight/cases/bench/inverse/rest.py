@@ -50,7 +50,7 @@ def loads_at_rest(
 ) -> np.ndarray:
     """Loads (nu,) under which the bench at rest reads what was measured first, by Gauss-Newton from the guess:
 
-        min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
+    min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
     """
     free = [i for i, entry in enumerate(config.estimate.inputs.values()) if entry.guess is None]
     columns, u, theta = unknowns.inputs[free], guess.copy(), unknowns.starts[0]

@@ -139,7 +139,7 @@ def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> 
 
     Where the start is no equilibrium, or a sensor measures a velocity, rest says nothing.
     """
-    quantities = [config.sensors[name].get("quantity") for name in used.channels]
+    quantities = [sensor.quantity for name in used.channels if (sensor := config.sensors[name]).type == "motion"]
     if config.simulate.start != "equilibrium" or "velocity" in quantities:
         return ()
     names = [f"inputs.{name}" for name in config.estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]

@@ -95,9 +95,7 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
     return Reality(inputs, theta, readings)
 
 
-def measurements(
-    readings: np.ndarray, noise: np.ndarray, runs: int, starts: int, seed: int, noisy: bool
-) -> np.ndarray:
+def measurements(readings: np.ndarray, noise: np.ndarray, runs: int, starts: int, seed: int, noisy: bool) -> np.ndarray:
     """What the filter is given (T, runs · starts, m): readings (T, 1 or runs, m), noise drawn anew for every run, the same for
     all starts of one."""
     steps, m = len(readings), len(noise)
@@ -148,7 +146,11 @@ def from_run(
                 key="estimate.measured",
                 remedy="name a sensor of the same kind and size under estimate.measured.sensors",
             )
-        lengths = slice(3) if entry.type == "relative" or entry.get("quantity") in ("position", "velocity") else slice(0)
+        lengths = (
+            slice(3)
+            if entry.type == "relative" or (entry.type == "motion" and entry.quantity in ("position", "velocity"))
+            else slice(0)
+        )
         values = np.array(values[rows], dtype=float)
         values[:, lengths] *= settings.scale
         read[name] = values
@@ -172,7 +174,8 @@ def _there(there: Artefact, group: str, name: str, key: str) -> str:
     if f"/{group}/{name}" not in there:
         listed = list(there.children(f"/{group}"))
         raise ConfigError(
-            f"that run has no {group[:-1]} '{name}'", key=key, remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}")
+            f"that run has no {group[:-1]} '{name}'",
+            key=key,
+            remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}"),
         )
     return f"/{group}/{name}"
-

@@ -48,7 +48,7 @@ def warnings_of(
         for name in config.estimate.sensors:
             mismatch = _float(numbers, f"mismatch.{name}")
             if mismatch > MATCHES:
-                there = config.estimate.measured["from"]
+                there = config.estimate.measured.run
                 yield f"these loads do not make {name} read as on {there}: it is {100 * mismatch:.3g} % off"
 
 
@@ -60,7 +60,9 @@ def message_of(config: Any, free: tuple[str, ...], numbers: Mapping[str, Scalar]
             said.append(f"{name} to {100 * numbers[f'error.{name}']:.2g} % (σ {100 * numbers[f'std.{name}']:.2g} %)")
         elif f"ratio_slope.{name}" in numbers:
             offset = _float(numbers, f"ratio_offset.{name}")
-            said.append(f"{name} = {numbers[f'ratio_slope.{name}']:.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}")
+            said.append(
+                f"{name} = {numbers[f'ratio_slope.{name}']:.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}"
+            )
     if config.estimate.measured is not None:
         worst = max((_float(numbers, f"mismatch.{name}") for name in config.estimate.sensors), default=np.nan)
         said.insert(0, f"sensors {100 * worst:.2g} % off")

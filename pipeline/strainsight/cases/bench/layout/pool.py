@@ -43,7 +43,7 @@ def gauge_pool(mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequen
     """
     facets, key = exterior_facets(mesh), "place"
     include, exclude = ([zone_of(entry) for entry in zones] for zones in (place.include, place.exclude))
-    axis, turn = place.direction.get("axis"), None
+    axis, turn = place.direction.axis if place.direction.type == "axis" else None, None
     zones = {"exclude": exclude, "surface": place.surface, "include": include, "key": key}
     with blame("place.surface"):
         if axis is None:
