@@ -38,7 +38,6 @@ from strainsight.multibody.inverse.start import start_covariance, white_force
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.static import static_equilibrium
-from strainsight.records.below import Below
 from strainsight.records.bodies import body_from
 from strainsight.records.mesh import mesh_from
 from strainsight.stages.bench.import_bodies import IMPORT
@@ -68,7 +67,7 @@ def prepared(free: tuple[str, ...]) -> tuple[Any, Any]:
     with tempfile.TemporaryDirectory() as folder:
         job = Job(loaded.data, CONFIG.parent, Path(folder), model=loaded.model)
         made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
-        mesh = mesh_from(Below(made["import"], "/bodies/hub"))
+        mesh = mesh_from(made["import"], "/bodies/hub")
         reduced = body_from(made["reduce"], "hub")
         config = loaded.model
         bench = bench_of(config, {"hub": reduced}, {"hub": mesh}, {"pitch-bearing": free} if free else None)

@@ -223,7 +223,6 @@ def full_bench(steps: int) -> None:
     from strainsight.config.load import load_config
     from strainsight.multibody.forces import RelativeElement
     from strainsight.multibody.sensors import RelationSensor, readings
-    from strainsight.records.below import Below
     from strainsight.records.bodies import body_from
     from strainsight.records.mesh import mesh_from
     from strainsight.stages.bench.import_bodies import IMPORT
@@ -237,7 +236,7 @@ def full_bench(steps: int) -> None:
         job = Job(data, CONFIG.parent, Path(folder), model=loaded.model)
         made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
         reduced = {"hub": body_from(made["reduce"], "hub")}
-        bench = bench_of(loaded.model, reduced, {"hub": mesh_from(Below(made["import"], "/bodies/hub"))})
+        bench = bench_of(loaded.model, reduced, {"hub": mesh_from(made["import"], "/bodies/hub")})
     system, theta, h = bench.system, bench.theta, float(data["simulate"]["time_step"])
     table = np.genfromtxt(CONFIG.parent / "bench-load.csv", delimiter=",", names=True)
     u = np.column_stack([table[name] for name in system.inputs])[: steps + 1]

@@ -1,4 +1,4 @@
-"""A `Mesh` as datasets of an artefact, and back."""
+"""import.h5: a `Mesh` by columns; lists of unequal length stand one behind the other with their offsets."""
 
 from __future__ import annotations
 
@@ -17,232 +17,316 @@ from strainsight.mesh.model import (
     Region,
     RigidElement,
 )
-from strainsight.records.below import Below
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.output import Dataset
+from strainsight.records.record import Source, dataset, group, read, record
+
+ALL = ", all lists one behind the other"
+OFFSET = "list i is [offset[i], offset[i + 1])"
 
 
-def mesh_datasets(mesh: Mesh) -> dict[str, Dataset]:
-    """Everything of a mesh, under the paths that `mesh_from` reads; lists of unequal length as offset and members."""
-    record = {
-        "/nodes/id": Dataset(mesh.node_ids, "1", "id of every node in the deck"),
-        "/nodes/position": Dataset(mesh.position, "m", "position of every node (node × xyz)", ("/nodes/id", "")),
-        "/constraints/fixed": Dataset(
-            mesh.fixed, "1", "components held at zero (row × [node index, component]; 0-2 motions, 3-5 rotations)"
-        ),
-    }
-    for block in mesh.blocks:
-        place = f"/cells/{block.kind}"
-        record[f"{place}/id"] = Dataset(block.ids, "1", f"id of every {block.kind} in the deck")
-        record[f"{place}/nodes"] = Dataset(block.nodes, "1", "node indices in VTK order (element × node)")
-        record[f"{place}/region"] = Dataset(block.region, "1", "region id of every element")
-    regions, materials = list(mesh.regions.values()), list(mesh.materials.values())
-    record |= _columns(
-        "/regions",
-        "region",
-        {
-            "id": ("1", [r.id for r in regions], int),
-            "name": ("1", [r.name for r in regions], str),
-            "material": ("1", [r.material for r in regions], int),
-        },
+@record
+class Nodes:
+    id: np.ndarray = dataset("/id", "1", "/id", "id of every node in the deck")
+    position: np.ndarray = dataset("/position", "m", "/id × 3", "position of every node")
+
+
+@record
+class Cells:
+    id: np.ndarray = dataset("/id", "1", "element", "id of every element of that kind in the deck")
+    nodes: np.ndarray = dataset("/nodes", "1", "element × node", "node indices in VTK order")
+    region: np.ndarray = dataset("/region", "1", "element", "region id of every element")
+
+
+@record
+class Regions:
+    id: np.ndarray = dataset("/id", "1", "region", "id of every region")
+    name: tuple[str, ...] = dataset("/name", "1", "region", "name of every region")
+    material: np.ndarray = dataset("/material", "1", "region", "material id of every region")
+
+
+@record
+class Materials:
+    id: np.ndarray = dataset("/id", "1", "material", "id of every material")
+    youngs_modulus: np.ndarray = dataset("/youngs_modulus", "Pa", "material", "Young's modulus of every material")
+    poisson_ratio: np.ndarray = dataset("/poisson_ratio", "1", "material", "Poisson's ratio of every material")
+    density: np.ndarray = dataset("/density", "kg/m^3", "material", "density of every material")
+    name: tuple[str, ...] = dataset(
+        "/name", "1", "material", "name of every material, in the words of the file or config"
     )
-    record |= _columns(
-        "/materials",
-        "material",
-        {
-            "id": ("1", [m.id for m in materials], int),
-            "youngs_modulus": ("Pa", [m.youngs_modulus for m in materials], float),
-            "poisson_ratio": ("1", [m.poisson_ratio for m in materials], float),
-            "density": ("kg/m^3", [m.density for m in materials], float),
-            "name": ("1", [m.name for m in materials], str),
-        },
+
+
+@record
+class RigidElements:
+    """RBE2."""
+
+    id: np.ndarray = dataset("/id", "1", "rigid element", "id of every rigid element (RBE2)")
+    reference: np.ndarray = dataset("/reference", "1", "rigid element", "reference node index of every rigid element")
+    components: tuple[str, ...] = dataset("/components", "1", "rigid element", "components 1-6 of its dependent nodes")
+    name: tuple[str, ...] = dataset("/name", "1", "rigid element", "its name in the words of the file")
+    nodes: np.ndarray = dataset("/nodes", "1", "dependent node", "dependent node indices" + ALL)
+    nodes_offset: np.ndarray = dataset("/nodes_offset", "1", "rigid element + 1", OFFSET)
+
+    @classmethod
+    def of(cls, elements: Sequence[RigidElement]) -> RigidElements:
+        nodes, offset = _joined([e.nodes for e in elements], int)
+        return cls(
+            id=_ints([e.id for e in elements]),
+            reference=_ints([e.reference for e in elements]),
+            components=tuple(_letters(e.components) for e in elements),
+            name=tuple(e.name for e in elements),
+            nodes=nodes,
+            nodes_offset=offset,
+        )
+
+    def made(self) -> tuple[RigidElement, ...]:
+        columns = (
+            self.id.tolist(),
+            self.reference.tolist(),
+            _split(self.nodes, self.nodes_offset),
+            map(_components, self.components),
+            self.name,
+        )
+        return tuple(RigidElement(*row) for row in zip(*columns, strict=True))
+
+
+@record
+class AveragingElements:
+    """RBE3."""
+
+    id: np.ndarray = dataset("/id", "1", "averaging element", "id of every averaging element (RBE3)")
+    reference: np.ndarray = dataset(
+        "/reference", "1", "averaging element", "reference node index of every averaging element"
     )
-    record |= _columns(
-        "/constraints/rigid",
-        "rigid element (RBE2)",
-        {
-            "id": ("1", [e.id for e in mesh.rigid], int),
-            "reference": ("1", [e.reference for e in mesh.rigid], int),
-            "components": ("1", [_letters(e.components) for e in mesh.rigid], str),
-            "name": ("1", [e.name for e in mesh.rigid], str),
-        },
-    ) | _ragged("/constraints/rigid", "nodes", "dependent node indices", [e.nodes for e in mesh.rigid], "1", int)
-    record |= _columns(
-        "/constraints/averaging",
-        "averaging element (RBE3)",
-        {
-            "id": ("1", [e.id for e in mesh.averaging], int),
-            "reference": ("1", [e.reference for e in mesh.averaging], int),
-            "components": ("1", [_letters(e.components) for e in mesh.averaging], str),
-            "name": ("1", [e.name for e in mesh.averaging], str),
-        },
+    components: tuple[str, ...] = dataset(
+        "/components", "1", "averaging element", "components 1-6 of its reference node"
     )
-    record |= _ragged("/constraints/averaging", "nodes", "node indices", [e.nodes for e in mesh.averaging], "1", int)
-    record |= _ragged("/constraints/averaging", "weight", "weights", [e.weight for e in mesh.averaging], "1", float)
-    counted = [np.ones((len(e.nodes), 3), bool) if e.directions is None else e.directions for e in mesh.averaging]
-    solved = [np.zeros((0, 2), np.int64) if e.dependent is None else e.dependent for e in mesh.averaging]
-    record |= _ragged(
-        "/constraints/averaging",
-        "directions",
-        "1 where a translation of a node counts (node × xyz)",
-        counted,
+    name: tuple[str, ...] = dataset("/name", "1", "averaging element", "its name in the words of the file")
+    nodes: np.ndarray = dataset("/nodes", "1", "averaged node", "node indices" + ALL)
+    nodes_offset: np.ndarray = dataset("/nodes_offset", "1", "averaging element + 1", OFFSET)
+    weight: np.ndarray = dataset("/weight", "1", "averaged node", "weights" + ALL)
+    weight_offset: np.ndarray = dataset("/weight_offset", "1", "averaging element + 1", OFFSET)
+    directions: np.ndarray = dataset(
+        "/directions", "1", "averaged node × 3", "1 where a translation of a node counts" + ALL
+    )
+    directions_offset: np.ndarray = dataset("/directions_offset", "1", "averaging element + 1", OFFSET)
+    dependent: np.ndarray = dataset(
+        "/dependent",
         "1",
-        int,
-        (3,),
+        "component × 2",
+        "[node index, component] that the relations are solved for (UM); none: the reference's own" + ALL,
     )
-    record |= _ragged(
-        "/constraints/averaging",
-        "dependent",
-        "[node index, component] that the relations are solved for (UM); none: the reference's own",
-        solved,
+    dependent_offset: np.ndarray = dataset("/dependent_offset", "1", "averaging element + 1", OFFSET)
+
+    @classmethod
+    def of(cls, elements: Sequence[AveragingElement]) -> AveragingElements:
+        counted = [np.ones((len(e.nodes), 3), bool) if e.directions is None else e.directions for e in elements]
+        solved = [np.zeros((0, 2), np.int64) if e.dependent is None else e.dependent for e in elements]
+        nodes, nodes_offset = _joined([e.nodes for e in elements], int)
+        weight, weight_offset = _joined([e.weight for e in elements], float)
+        directions, directions_offset = _joined(counted, int, (3,))
+        dependent, dependent_offset = _joined(solved, int, (2,))
+        return cls(
+            id=_ints([e.id for e in elements]),
+            reference=_ints([e.reference for e in elements]),
+            components=tuple(_letters(e.components) for e in elements),
+            name=tuple(e.name for e in elements),
+            nodes=nodes,
+            nodes_offset=nodes_offset,
+            weight=weight,
+            weight_offset=weight_offset,
+            directions=directions,
+            directions_offset=directions_offset,
+            dependent=dependent,
+            dependent_offset=dependent_offset,
+        )
+
+    def made(self) -> tuple[AveragingElement, ...]:
+        columns = (
+            self.id.tolist(),
+            self.reference.tolist(),
+            _split(self.nodes, self.nodes_offset),
+            _split(self.weight, self.weight_offset),
+            map(_components, self.components),
+            [entry.astype(bool) for entry in _split(self.directions, self.directions_offset)],
+            [entry if len(entry) else None for entry in _split(self.dependent, self.dependent_offset)],
+            self.name,
+        )
+        return tuple(AveragingElement(*row) for row in zip(*columns, strict=True))
+
+
+@record
+class Axes:
+    """Displacement systems of their own (CD)."""
+
+    node: np.ndarray = dataset("/node", "1", "turned node", "node indices with a displacement system of their own")
+    direction: np.ndarray = dataset(
+        "/direction", "1", "turned node × 3 × 3", "their axes, one in a column (node × xyz × axis)"
+    )
+
+
+@record
+class Constraints:
+    fixed: np.ndarray = dataset(
+        "/fixed",
         "1",
-        int,
-        (2,),
+        "held component × 2",
+        "components held at zero: [node index, component], 0-2 motions, 3-5 rotations",
     )
-    record |= {
-        "/constraints/axes/node": Dataset(
-            np.array(list(mesh.axes), dtype=np.int64), "1", "node indices with a displacement system of their own"
-        ),
-        "/constraints/axes/direction": Dataset(
-            np.array(list(mesh.axes.values()), dtype=float).reshape(-1, 3, 3),
-            "1",
-            "their axes (node × xyz × axis)",
-        ),
-    }
-    record |= _columns(
-        "/masses",
-        "point mass",
-        {
-            "id": ("1", [p.id for p in mesh.point_masses], int),
-            "node": ("1", [p.node for p in mesh.point_masses], int),
-            "mass": ("kg", [p.mass for p in mesh.point_masses], float),
-        },
-    )
-    record["/masses/offset"] = Dataset(
-        np.array([p.offset for p in mesh.point_masses]).reshape(-1, 3), "m", "centre of mass from the node (mass × xyz)"
-    )
-    record["/masses/inertia"] = Dataset(
-        np.array([p.inertia for p in mesh.point_masses]).reshape(-1, 3, 3),
-        "kg m^2",
-        "inertia about the centre of mass (mass × xyz × xyz)",
-    )
-    record |= _columns("/loads", "load of the deck", {"name": ("1", list(mesh.loads), str)})
-    record |= _ragged("/loads", "nodes", "loaded node indices", [load.nodes for load in mesh.loads.values()], "1", int)
-    record |= _ragged(
-        "/loads", "force", "forces (node × xyz)", [load.force for load in mesh.loads.values()], "N", float, (3,)
-    )
-    for kind, sets in (("nodes", mesh.node_sets), ("elements", mesh.element_sets)):
-        record |= _columns(f"/sets/{kind}", f"set of {kind}", {"name": ("1", list(sets), str)})
-        record |= _ragged(f"/sets/{kind}", "members", "ids of the deck", list(sets.values()), "1", int)
-    record |= _columns(
-        "/ignored",
-        "kind of card that was not taken over",
-        {
-            "card": ("1", list(mesh.ignored), str),
-            "count": ("1", list(mesh.ignored.values()), int),
-        },
-    )
-    record["/notes"] = Dataset(np.array(list(mesh.notes), dtype=np.str_), "1", "how something was taken over")
-    return record
+    rigid: tuple[RigidElement, ...] = group("/rigid", RigidElements)
+    averaging: tuple[AveragingElement, ...] = group("/averaging", AveragingElements)
+    axes: Axes = group("/axes")
 
 
-def mesh_from(artefact: Artefact | Below) -> Mesh:
-    """The mesh that `mesh_datasets` wrote; lengths in m."""
-    a = artefact
-    blocks = tuple(
-        CellBlock(kind, a[f"/cells/{kind}/id"], a[f"/cells/{kind}/nodes"], a[f"/cells/{kind}/region"])
-        for kind in ELEMENT_KINDS
-        if "/cells" in a and kind in a.groups("/cells")
-    )
-    materials = zip(
-        *(a[f"/materials/{c}"].tolist() for c in ("id", "youngs_modulus", "poisson_ratio", "density")),
-        _text(a["/materials/name"]),
-        strict=True,
-    )
-    regions = zip(a["/regions/id"].tolist(), _text(a["/regions/name"]), a["/regions/material"].tolist(), strict=True)
-    rigid = zip(
-        a["/constraints/rigid/id"].tolist(),
-        a["/constraints/rigid/reference"].tolist(),
-        _split(a, "/constraints/rigid/nodes"),
-        _text(a["/constraints/rigid/components"]),
-        _text(a["/constraints/rigid/name"]),
-        strict=True,
-    )
-    averaging = zip(
-        a["/constraints/averaging/id"].tolist(),
-        a["/constraints/averaging/reference"].tolist(),
-        _split(a, "/constraints/averaging/nodes"),
-        _split(a, "/constraints/averaging/weight"),
-        _text(a["/constraints/averaging/components"]),
-        [entry.astype(bool) for entry in _split(a, "/constraints/averaging/directions")],
-        [entry if len(entry) else None for entry in _split(a, "/constraints/averaging/dependent")],
-        _text(a["/constraints/averaging/name"]),
-        strict=True,
-    )
-    masses = zip(
-        a["/masses/id"].tolist(),
-        a["/masses/node"].tolist(),
-        a["/masses/mass"].tolist(),
-        a["/masses/offset"],
-        a["/masses/inertia"],
-        strict=True,
-    )
-    forces = zip(_text(a["/loads/name"]), _split(a, "/loads/nodes"), _split(a, "/loads/force"), strict=True)
-    sets = {
-        kind: dict(zip(_text(a[f"/sets/{kind}/name"]), _split(a, f"/sets/{kind}/members"), strict=True))
-        for kind in ("nodes", "elements")
-    }
-    return Mesh(
-        node_ids=a["/nodes/id"],
-        position=a["/nodes/position"],
-        blocks=blocks,
-        regions={row[0]: Region(*row) for row in regions},
-        materials={row[0]: Material(*row) for row in materials},
-        fixed=a["/constraints/fixed"].reshape(-1, 2),
-        rigid=tuple(RigidElement(i, ref, nodes, _components(c), name) for i, ref, nodes, c, name in rigid),
-        averaging=tuple(
-            AveragingElement(i, ref, nodes, w, _components(c), directions, dependent, name)
-            for i, ref, nodes, w, c, directions, dependent, name in averaging
-        ),
-        point_masses=tuple(PointMass(*row) for row in masses),
-        axes=dict(zip(a["/constraints/axes/node"].tolist(), a["/constraints/axes/direction"], strict=True)),
-        node_sets=sets["nodes"],
-        element_sets=sets["elements"],
-        loads={name: NodalForces(nodes, force) for name, nodes, force in forces},
-        notes=tuple(_text(a["/notes"])),
-        ignored=dict(zip(_text(a["/ignored/card"]), a["/ignored/count"].tolist(), strict=True)),
-    )
+@record
+class PointMasses:
+    id: np.ndarray = dataset("/id", "1", "mass", "id of every point mass")
+    node: np.ndarray = dataset("/node", "1", "mass", "node index of every point mass")
+    mass: np.ndarray = dataset("/mass", "kg", "mass", "mass of every point mass")
+    offset: np.ndarray = dataset("/offset", "m", "mass × 3", "its centre from the node")
+    inertia: np.ndarray = dataset("/inertia", "kg m^2", "mass × 3 × 3", "its inertia about the centre of mass")
 
 
-def _columns(group: str, what: str, columns: Mapping[str, tuple[str, list, type]]) -> dict[str, Dataset]:
-    def array(values: list, kind: type) -> np.ndarray:
-        return np.array(values, dtype=np.str_ if kind is str else np.int64 if kind is int else np.float64)
+@record
+class Loads:
+    name: tuple[str, ...] = dataset("/name", "1", "load", "name of every load of the deck")
+    nodes: np.ndarray = dataset("/nodes", "1", "loaded node", "loaded node indices" + ALL)
+    nodes_offset: np.ndarray = dataset("/nodes_offset", "1", "load + 1", OFFSET)
+    force: np.ndarray = dataset("/force", "N", "loaded node × 3", "forces" + ALL)
+    force_offset: np.ndarray = dataset("/force_offset", "1", "load + 1", OFFSET)
 
-    return {
-        f"{group}/{name}": Dataset(array(values, kind), unit, f"{name.replace('_', ' ')} of every {what}")
-        for name, (unit, values, kind) in columns.items()
-    }
+
+@record
+class Sets:
+    name: tuple[str, ...] = dataset("/name", "1", "set", "name of every set of <what>")
+    members: np.ndarray = dataset("/members", "1", "member", "ids of the deck" + ALL)
+    members_offset: np.ndarray = dataset("/members_offset", "1", "set + 1", OFFSET)
 
 
-def _ragged(
-    group: str, name: str, what: str, lists: Sequence[np.ndarray], unit: str, kind: type, tail: tuple[int, ...] = ()
-) -> dict[str, Dataset]:
-    """Lists of entries of shape `tail`, one behind the other."""
+@record
+class Ignored:
+    card: tuple[str, ...] = dataset("/card", "1", "card", "card that has no effect here")
+    count: np.ndarray = dataset("/count", "1", "card", "how often")
+
+
+@record
+class MeshColumns:
+    """`Mesh`; lengths in m."""
+
+    nodes: Nodes = group("/nodes")
+    cells: dict[str, Cells] = group("/cells/<name>")
+    regions: Regions = group("/regions")
+    materials: Materials = group("/materials")
+    constraints: Constraints = group("/constraints")
+    masses: PointMasses = group("/masses")
+    loads: Loads = group("/loads")
+    node_sets: Sets = group("/sets/nodes", what="nodes")
+    element_sets: Sets = group("/sets/elements", what="elements")
+    ignored: Ignored = group("/ignored")
+    notes: tuple[str, ...] = dataset("/notes", "1", "note", "how something of the deck was read")
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> MeshColumns:
+        regions, materials, masses = list(mesh.regions.values()), list(mesh.materials.values()), mesh.point_masses
+        loaded, loaded_offset = _joined([load.nodes for load in mesh.loads.values()], int)
+        force, force_offset = _joined([load.force for load in mesh.loads.values()], float, (3,))
+        return cls(
+            nodes=Nodes(id=mesh.node_ids, position=mesh.position),
+            cells={b.kind: Cells(id=b.ids, nodes=b.nodes, region=b.region) for b in mesh.blocks},
+            regions=Regions(
+                id=_ints([r.id for r in regions]),
+                name=tuple(r.name for r in regions),
+                material=_ints([r.material for r in regions]),
+            ),
+            materials=Materials(
+                id=_ints([m.id for m in materials]),
+                youngs_modulus=_floats([m.youngs_modulus for m in materials]),
+                poisson_ratio=_floats([m.poisson_ratio for m in materials]),
+                density=_floats([m.density for m in materials]),
+                name=tuple(m.name for m in materials),
+            ),
+            constraints=Constraints(
+                fixed=mesh.fixed.reshape(-1, 2),
+                rigid=mesh.rigid,
+                averaging=mesh.averaging,
+                axes=Axes(node=_ints(list(mesh.axes)), direction=_floats(list(mesh.axes.values()), (3, 3))),
+            ),
+            masses=PointMasses(
+                id=_ints([p.id for p in masses]),
+                node=_ints([p.node for p in masses]),
+                mass=_floats([p.mass for p in masses]),
+                offset=_floats([p.offset for p in masses], (3,)),
+                inertia=_floats([p.inertia for p in masses], (3, 3)),
+            ),
+            loads=Loads(
+                name=tuple(mesh.loads),
+                nodes=loaded,
+                nodes_offset=loaded_offset,
+                force=force,
+                force_offset=force_offset,
+            ),
+            node_sets=_sets(mesh.node_sets),
+            element_sets=_sets(mesh.element_sets),
+            ignored=Ignored(card=tuple(mesh.ignored), count=_ints(list(mesh.ignored.values()))),
+            notes=tuple(mesh.notes),
+        )
+
+    def made(self) -> Mesh:
+        cells, regions, materials, masses, loads = self.cells, self.regions, self.materials, self.masses, self.loads
+        properties = (materials.youngs_modulus, materials.poisson_ratio, materials.density)
+        tabled = zip(materials.id.tolist(), *(column.tolist() for column in properties), materials.name, strict=True)
+        named = zip(regions.id.tolist(), regions.name, regions.material.tolist(), strict=True)
+        weights = zip(
+            masses.id.tolist(), masses.node.tolist(), masses.mass.tolist(), masses.offset, masses.inertia, strict=True
+        )
+        forces = zip(_split(loads.nodes, loads.nodes_offset), _split(loads.force, loads.force_offset), strict=True)
+        axes = self.constraints.axes
+        return Mesh(
+            node_ids=self.nodes.id,
+            position=self.nodes.position,
+            blocks=tuple(
+                CellBlock(kind, cells[kind].id, cells[kind].nodes, cells[kind].region)
+                for kind in ELEMENT_KINDS
+                if kind in cells
+            ),
+            regions={row[0]: Region(*row) for row in named},
+            materials={row[0]: Material(*row) for row in tabled},
+            fixed=self.constraints.fixed,
+            rigid=self.constraints.rigid,
+            averaging=self.constraints.averaging,
+            point_masses=tuple(PointMass(*row) for row in weights),
+            axes=dict(zip(axes.node.tolist(), axes.direction, strict=True)),
+            node_sets=_members(self.node_sets),
+            element_sets=_members(self.element_sets),
+            loads={name: NodalForces(*row) for name, row in zip(loads.name, forces, strict=True)},
+            notes=self.notes,
+            ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),
+        )
+
+
+def _sets(sets: Mapping[str, np.ndarray]) -> Sets:
+    members, offset = _joined(list(sets.values()), int)
+    return Sets(name=tuple(sets), members=members, members_offset=offset)
+
+
+def _members(sets: Sets) -> dict[str, np.ndarray]:
+    return dict(zip(sets.name, _split(sets.members, sets.members_offset), strict=True))
+
+
+def _ints(values: Sequence[int]) -> np.ndarray:
+    return np.array(values, dtype=np.int64)
+
+
+def _floats(values: Sequence[float] | Sequence[np.ndarray], tail: tuple[int, ...] = ()) -> np.ndarray:
+    return np.array(values, dtype=float).reshape(-1, *tail)
+
+
+def _joined(lists: Sequence[np.ndarray], kind: type, tail: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Lists of entries of shape `tail`, one behind the other, and where each begins."""
     offset = np.concatenate([[0], np.cumsum([len(entry) for entry in lists])]).astype(np.int64)
-    flat = np.concatenate([np.zeros((0, *tail), kind), *(np.asarray(entry, kind) for entry in lists)])
-    return {
-        f"{group}/{name}": Dataset(flat, unit, f"{what}, all lists one behind the other"),
-        f"{group}/{name}_offset": Dataset(offset, "1", f"list i of {name} is [offset[i], offset[i + 1])"),
-    }
+    return np.concatenate([np.zeros((0, *tail), kind), *(np.asarray(entry, kind) for entry in lists)]), offset
 
 
-def _split(artefact: Artefact | Below, path: str) -> list[np.ndarray]:
-    offset = artefact[f"{path}_offset"]
-    return np.split(artefact[path], offset[1:-1]) if len(offset) > 1 else []
-
-
-def _text(array: np.ndarray) -> list[str]:
-    return [str(value) for value in array]
+def _split(flat: np.ndarray, offset: np.ndarray) -> list[np.ndarray]:
+    return np.split(flat, offset[1:-1]) if len(offset) > 1 else []
 
 
 def _letters(components: tuple[int, ...]) -> str:
@@ -251,3 +335,8 @@ def _letters(components: tuple[int, ...]) -> str:
 
 def _components(letters: str) -> tuple[int, ...]:
     return tuple(int(letter) - 1 for letter in letters)
+
+
+def mesh_from(source: Source, below: str = "") -> Mesh:
+    """The mesh of an import, or of a body of a bench below its group."""
+    return read(MeshColumns, source, below).made()

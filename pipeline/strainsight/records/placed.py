@@ -67,10 +67,10 @@ class Removals:
     """The elimination, the whole pool first."""
 
     removed: np.ndarray = dataset("/removed", "1", "removal", "pool rows in the order of their removal")
-    trace: np.ndarray = dataset("/trace", "1", "step", "tr(W P), the full pool first")
+    trace: np.ndarray = dataset("/trace", "1", "removal + 1", "tr(W P), the full pool first")
     rise: np.ndarray = dataset("/rise", "1", "removal", "rise of tr(W P) at every removal, with all its digits")
     unknowns: tuple[str, ...] = dataset("/unknowns", "1", "/unknowns", "name of every unknown, inputs first")
-    blocks: np.ndarray = dataset("/blocks", "1", "step × /unknowns", "tr(W P) by unknown")
+    blocks: np.ndarray = dataset("/blocks", "1", "removal + 1 × /unknowns", "tr(W P) by unknown")
     solves: np.ndarray = dataset("/solves", "1", "removal", "exact Riccati solves of every removal")
     ties: np.ndarray = dataset("/ties", "1", "removal", "other pool rows that were as good to remove, at every removal")
 

@@ -34,15 +34,15 @@ class Place:
 
     path   below the group of its record; `<name>` stands for the keys of a mapping
     unit   "m", "1"; "unit of <name>": looked up by the name when it is written
-    axes   what each axis counts: equal words are equal lengths, a path is the dataset that labels the axis, a number
-           is the length itself
+    axes   what each axis counts: equal words are equal lengths ("step + 1": one more), a path is the dataset that labels
+           the axis, a number is the length itself
     what   one line for people
     """
 
     path: str
-    unit: str
-    axes: tuple[str, ...]
-    what: str
+    unit: str = ""
+    axes: tuple[str, ...] = ()
+    what: str = ""
 
 
 class Form(Protocol):
@@ -72,7 +72,7 @@ def group(path: str, through: Any = None, unit: str = "", what: str = "", *, def
 
     unit, what: stand for `<unit>` and `<what>` in the fields of that record, which several groups may share.
     """
-    return _field(Place(path, unit, (), what), through, default)
+    return _field(Place(path, unit, what=what), through, default)
 
 
 def _field(place: Place, through: Any, default: EllipsisType | None) -> Any:
@@ -120,7 +120,7 @@ def _kind(hint: Any, through: Any) -> _Kind:
     return _Kind(leaf, through or (leaf if dataclasses.is_dataclass(leaf) else None), named, optional)
 
 
-ROOT = Place("", "", (), "")
+ROOT = Place("")
 
 
 def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) -> dict[str, Dataset]:
@@ -188,9 +188,10 @@ def _contradiction(place: Place, array: np.ndarray, lengths: dict[str, tuple[int
     if array.ndim != len(place.axes):
         return f"{path} has {array.ndim} axes, not {len(place.axes)} ({' × '.join(place.axes) or 'a number'})"
     for axis, length in zip(place.axes, array.shape, strict=True):
-        expected, first = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, path))
-        if length != expected:
-            return f"{path} has {length} along '{axis}' and {first} has {expected}"
+        counted, more = (axis.removesuffix(" + 1"), 1) if axis.endswith(" + 1") else (axis, 0)
+        known = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(counted, (length - more, path))
+        if length - more != known[0]:
+            return f"{path} has {length} along '{axis}' and {known[1]} says {known[0] + more}"
     return ""
 
 

@@ -29,7 +29,8 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.suspicions import suspicions
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
-from strainsight.records.mesh import mesh_datasets
+from strainsight.records.mesh import MeshColumns
+from strainsight.records.record import written
 from strainsight.stages.pages.found import found_tables
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
@@ -50,7 +51,7 @@ def run(context: Context) -> Output:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")
     return Output(
-        datasets=mesh_datasets(mesh) | grid,
+        datasets=written(MeshColumns.of(mesh)) | grid,
         attributes=grid_attributes,
         summary=summary,
         message=", ".join(part for part in parts if part),

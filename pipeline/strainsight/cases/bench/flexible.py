@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from strainsight.mesh.model import Mesh
-from strainsight.records.below import Below
 from strainsight.records.bodies import ReducedBody, body_from
 from strainsight.records.mesh import mesh_from
 from strainsight.workflow.stage import Context
@@ -13,4 +12,4 @@ def flexible_bodies(context: Context) -> tuple[dict[str, ReducedBody], dict[str,
     """Reduced bodies and their meshes by name; the stage has `import` and `reduce` upstream."""
     names = [name for name, body in context.config.bodies.items() if body.type == "flexible"]
     reduced = {name: body_from(context.upstream["reduce"], name) for name in names}
-    return reduced, {name: mesh_from(Below(context.upstream["import"], f"/bodies/{name}")) for name in names}
+    return reduced, {name: mesh_from(context.upstream["import"], f"/bodies/{name}") for name in names}

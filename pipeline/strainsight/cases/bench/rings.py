@@ -71,7 +71,8 @@ def rings_in_time(
 
 def _refuse_tilted(config: Any, bench: Bench, found: Trajectory, name: str) -> None:
     """The displacements of a bearing are small ones: its axes must stay nearly parallel, and not opposite."""
-    outer, inner = (bench.frames[config.forces[name][ring]] for ring in ("outer", "inner"))
+    force = config.forces[name]
+    outer, inner = bench.frames[force.outer], bench.frames[force.inner]
     together = readings(bench.system, [RelationSensor(name, (dot(outer, 0, inner, 0),))])
     cosine = np.array([together.read(q, v)[0][0] for q, v in zip(found.q, found.v, strict=True)])
     worst = int(np.argmin(cosine))

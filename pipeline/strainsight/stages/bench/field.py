@@ -14,7 +14,6 @@ from strainsight.fem.stress import surface_model, surface_state
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.vtkhdf import facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
-from strainsight.records.below import Below
 from strainsight.records.bodies import body_from
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.mesh import mesh_from
@@ -38,7 +37,7 @@ def run(context: Context) -> Output:
     config, settings = context.config, context.config.field
     name, source = settings.body, context.upstream[settings.of]
     mesh, reduced = (
-        mesh_from(Below(context.upstream["import"], f"/bodies/{name}")),
+        mesh_from(context.upstream["import"], f"/bodies/{name}"),
         body_from(context.upstream["reduce"], name),
     )
     time, q = source["/time"], source["/q"]

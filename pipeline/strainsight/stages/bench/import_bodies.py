@@ -8,8 +8,8 @@ from pathlib import Path
 from strainsight.config.bench.bodies import FlexibleBody
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspicions import suspicions
-from strainsight.records.below import below
-from strainsight.records.mesh import mesh_datasets
+from strainsight.records.mesh import MeshColumns
+from strainsight.records.record import Place, written
 from strainsight.stages.import_mesh import checked, mesh_of
 from strainsight.stages.pages.found import found_tables
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
@@ -31,7 +31,7 @@ def run(context: Context) -> Output:
         mesh = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
         assert weight is not None
-        datasets |= below(f"/bodies/{name}", mesh_datasets(mesh))
+        datasets |= written(MeshColumns.of(mesh), at=Place(f"/bodies/{name}"))
         doubts = suspicions(deck, body.mesh.length_unit, body.mesh.mass_unit)
         tables += [
             replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, doubts)

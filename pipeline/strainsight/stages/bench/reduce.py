@@ -13,7 +13,6 @@ from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import FiniteElementModel, build_model, nodal
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
-from strainsight.records.below import Below
 from strainsight.records.bodies import body_datasets
 from strainsight.records.mesh import mesh_from
 from strainsight.rom.craig_bampton import (
@@ -42,7 +41,7 @@ def run(context: Context) -> Output:
     flexible = {name: body for name, body in context.config.bodies.items() if body.type == "flexible"}
     for i, (name, entry) in enumerate(flexible.items()):
         context.progress(name, i / len(flexible))
-        mesh = mesh_from(Below(context.upstream["import"], f"/bodies/{name}"))
+        mesh = mesh_from(context.upstream["import"], f"/bodies/{name}")
         with blame(f"bodies.{name}"):
             model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
             loose = rigid_motions(model).shape[1]

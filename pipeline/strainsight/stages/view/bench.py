@@ -42,7 +42,7 @@ def body_of(config: BenchConfig, asked: str | None) -> str:
 
 def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artefact], at: float | None) -> View:
     """What is asked for of the body, from the artefacts that `offers` names; at [s]: the instant of a field."""
-    mesh = mesh_from(Below(up["import"], f"/bodies/{body}"))
+    mesh = mesh_from(up["import"], f"/bodies/{body}")
     title = f"{config.name}: {body}"
     layout = bare(mesh, {})
     if what == "mesh":
