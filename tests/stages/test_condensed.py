@@ -14,7 +14,8 @@ from strainsight.decks.reader import read_mesh
 from strainsight.fem.model import build_model, nodal
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
-from strainsight.records.gauges import candidates_from
+from strainsight.records.record import read
+from strainsight.records.training import Training
 
 from .conftest import ROOT, SHORT, finished, job_of
 from .test_ready import numbering
@@ -58,7 +59,7 @@ def condensed(folder: Path, pool) -> None:
 
 @pytest.mark.slow
 def test_a_condensed_model_gives_the_layout_of_the_whole(artefacts, config, tmp_path):
-    pool = candidates_from(artefacts["train"])
+    pool = read(Training, artefacts["train"]).candidates
     condensed(tmp_path, pool)
     text = (
         config.read_text().replace("file: ../meshes/cantilever.bdf", "file: condensed.bdf").replace("region: 1, ", "")

@@ -11,7 +11,8 @@ from scipy.sparse.linalg import eigsh, splu
 from strainsight.decks.reader import read_mesh
 from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
 from strainsight.gauges.rows import channel_matrix
-from strainsight.records.gauges import candidates_from
+from strainsight.records.record import read
+from strainsight.records.training import Training
 from strainsight.stages.placement import PLACEMENT
 
 from .conftest import ROOT, SHORT, finished, job_of
@@ -47,7 +48,7 @@ def test_modes_of_another_program_give_the_layout_of_the_whole_model(artefacts, 
     S = input_shape(model, (PointLoad("tip", (0.0, 0.0, 1.0), 2, None, None),))
     lam, Phi = eigsh(K, MODES, M=M, sigma=0.0)
     X = splu(K).solve(S)
-    pool = candidates_from(artefacts["train"])
+    pool = read(Training, artefacts["train"]).candidates
     strain = channel_matrix(mesh.position, pool) @ nodal(model, np.hstack([Phi, X]))
     monkeypatch.chdir(tmp_path)
     place = np.hstack([pool.position, pool.direction])

@@ -18,7 +18,6 @@ from strainsight.cases.structure.problem import (
     filter_model,
     filter_options,
     initial_covariance,
-    problem_of,
     scheme_in_words,
 )
 from strainsight.cases.structure.surface import FieldInTime, Virtual, field_in_time, virtual_gauges
@@ -34,8 +33,8 @@ from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
 from strainsight.records.estimate import csv_of, estimate_datasets, estimate_table, resultants_of
-from strainsight.records.mesh import mesh_from
 from strainsight.signals.histories import instant_values
+from strainsight.stages import inputs
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -56,14 +55,14 @@ class Estimated:
 def run(context: Context) -> Output:
     """Read the file, check that it can tell the unknowns, filter and smooth; then what no gauge measured."""
     settings = context.config.estimate
-    problem, place = problem_of(context), context.upstream["place"]
+    problem, place = inputs.problem(context), context.upstream["place"]
     context.progress("reading", 0.0)
     test = measured_of(settings, context.files["estimate.file"], problem, place)
     doubt = _check_observable(context, problem, test.channels, bool(settings.allow_unobservable))
     context.progress("filter", 0.2)
     found = _estimated(context, problem, test)
     context.progress("field", 0.7)
-    mesh, basis = mesh_from(context.upstream["import"]), context.upstream["rom"]["/basis"]
+    mesh, basis = inputs.mesh(context), inputs.reduced(context).basis
     q = slice(0, problem.model.size)
     with blame("estimate.virtual"):
         virtual = virtual_gauges(mesh, basis, settings.virtual, context.config.gauges, found.smoothed, q)

@@ -8,7 +8,9 @@ from strainsight.cases.structure.settings import parameters_of
 from strainsight.errors import blame
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.records.mesh import mesh_from
-from strainsight.workflow.output import Dataset, Output, Table
+from strainsight.records.record import written
+from strainsight.records.reduced import Modes
+from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -20,18 +22,13 @@ def run(context: Context) -> Output:
     context.progress("assembly", 0.0)
     model = full_model(config.mesh, mesh, parameters, context.files).model
     reference = {p.name: p.reference for p in parameters}
-    count = int(config.rom.modes)
+    count = config.rom.modes
     context.progress(f"{count} modes of {model.size} unknowns", 0.2)
     with blame("rom.modes"):
         frequency, shape = lowest_modes(model.stiffness.at(reference), model.mass.at(reference), count)
     values = ", ".join(f"{name} = {value:.6g}" for name, value in reference.items()) or "the deck"
     return Output(
-        datasets={
-            "/frequency": Dataset(frequency, "Hz", "natural frequencies of the full model at the reference"),
-            "/shape": Dataset(
-                shape, "kg^-1/2", "mass-normalised shapes on the free unknowns (unknown × mode)", ("", "/frequency")
-            ),
-        },
+        datasets=written(Modes(frequency=frequency, shape=shape)),
         summary={"unknowns": model.size, "modes": count, "first": float(frequency[0]), "last": float(frequency[-1])},
         message=f"{count} modes of {model.size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
         tables=(

@@ -8,14 +8,16 @@ from math import ceil
 import numpy as np
 
 from strainsight.augmentation.cases import Case, cases
-from strainsight.cases.structure.channels import channels_from, largest_of_quantity, readings
+from strainsight.cases.structure.channels import channels_of, largest_of_quantity, readings
 from strainsight.cases.structure.settings import characteristic, signal_of
 from strainsight.errors import blame
-from strainsight.records.model import model_from
+from strainsight.records.placed import Observed
+from strainsight.records.record import written
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import ReducedModel
 from strainsight.signals.histories import Sine, hold_coefficients, instant_values
-from strainsight.workflow.output import Dataset, Output, Table
+from strainsight.stages import inputs
+from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 STEPS_A_PERIOD = 40
@@ -34,10 +36,10 @@ class Excitation:
 
 def run(context: Context) -> Output:
     """Every combination of unknown loads, moduli and densities, at the training motion and at every stated frequency."""
-    config, train = context.config, context.upstream["train"]
-    model = model_from(context.upstream["rom"])
-    every = channels_from(train, context.upstream["screen"])
-    pool = np.flatnonzero(np.isin(every.gauge, context.upstream["screen"]["/kept"]))
+    config = context.config
+    model, training = inputs.reduced(context).model, inputs.training(context)
+    every = channels_of(training, inputs.screened(context))
+    pool = np.flatnonzero(np.isin(every.gauge, inputs.screened(context).kept))
     amplitude = {}
     for name in model.inputs:
         signal = signal_of(name, config.loads[name].signal, context.files)
@@ -79,9 +81,9 @@ def _largest(model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, motion
 
 
 def _excitations(context: Context, model: ReducedModel, amplitude: dict[str, float]) -> list[Excitation]:
-    train, config = context.upstream["train"], context.config
-    x = np.hstack([train["/coordinate"], train["/velocity"]])
-    found = [Excitation("training run", x, train["/input"])]
+    training, config = inputs.training(context), context.config
+    x = np.hstack([training.coordinate, training.velocity])
+    found = [Excitation("training run", x, training.load)]
     for frequency in config.observe.frequencies:
         duration = max(float(config.train.duration), 5 / frequency)
         steps = ceil(duration * STEPS_A_PERIOD * frequency)
@@ -101,7 +103,6 @@ def _output(found: dict[str, tuple[Case, ...]]) -> Output:
         return np.array([[getattr(case.found, name) for case in row] for row in table])
 
     lost = [[case.reason or case.found.null_direction for case in row] for row in table]
-    scales = ("/excitation", "/case")
     rows = tuple(
         (
             " + ".join(table[0][j].unknowns),
@@ -113,29 +114,17 @@ def _output(found: dict[str, tuple[Case, ...]]) -> Output:
     )
     columns = ("unknown", *(f"condition, {e}" for e in excitations), *(f"raw, {e}" for e in excitations), "nearly lost")
     best = int(np.argmax(numbers("condition")[0]))
+    observed = Observed(
+        excitation=tuple(excitations),
+        case=tuple(labels),
+        unknowns=tuple(", ".join(case.unknowns) for case in table[0]),
+        condition=numbers("condition"),
+        condition_raw=numbers("condition_raw"),
+        sigma_min=numbers("sigma_min"),
+        lost=np.array(lost, dtype=np.str_),
+    )
     return Output(
-        datasets={
-            "/excitation": Dataset(np.array(excitations, dtype=np.str_), "1", "name of every excitation"),
-            "/case": Dataset(np.array(labels, dtype=np.str_), "1", "groups that are unknown together"),
-            "/unknowns": Dataset(
-                np.array([", ".join(case.unknowns) for case in table[0]], dtype=np.str_),
-                "1",
-                "names of the unknowns of every case",
-                ("/case",),
-            ),
-            "/condition": Dataset(
-                numbers("condition"), "1", "condition of the scaled PBH matrix at λ = 0, median over instants", scales
-            ),
-            "/condition_raw": Dataset(
-                numbers("condition_raw"), "1", "the thesis's number there, which orders cases by their units", scales
-            ),
-            "/sigma_min": Dataset(
-                numbers("sigma_min"), "1", "smallest singular value of the scaled matrix there", scales
-            ),
-            "/lost": Dataset(
-                np.array(lost, dtype=np.str_), "1", "what is unobservable or nearly so; empty where nothing is", scales
-            ),
-        },
+        datasets=written(observed),
         summary={
             f"condition.{label}": float(value) for label, value in zip(labels, numbers("condition")[0], strict=True)
         },

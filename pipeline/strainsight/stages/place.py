@@ -14,7 +14,7 @@ from strainsight.cases.structure.expectation import Expectation, alike_gauges, e
 from strainsight.cases.structure.gauge_list import gauge_csv, gauge_list, gauge_table
 from strainsight.cases.structure.layout import Layout, gauge_losses, layout_of
 from strainsight.cases.structure.pool import PoolRows, layout_cost, limits_of_config, pool_of
-from strainsight.cases.structure.problem import Problem, problem_of
+from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.scenarios import scenarios_of
 from strainsight.errors import blame
 from strainsight.gauges.candidates import Candidates
@@ -23,8 +23,6 @@ from strainsight.placement.elimination import Elimination, eliminate
 from strainsight.placement.ordering import tied_order
 from strainsight.placement.recommendation import worth_keeping
 from strainsight.placement.scenario import Scenario
-from strainsight.records.gauges import candidates_from
-from strainsight.records.mesh import mesh_from
 from strainsight.records.placement import (
     augmented_datasets,
     certificate_datasets,
@@ -38,6 +36,7 @@ from strainsight.records.placement import (
     selection_datasets,
 )
 from strainsight.rom.model import modal_basis
+from strainsight.stages import inputs
 from strainsight.workflow.output import Dataset, Output, Scalar
 from strainsight.workflow.stage import Context, Stage
 
@@ -62,7 +61,7 @@ class _Found:
 
 def run(context: Context) -> Output:
     """Linearise along the training run, eliminate, exchange, certify, and say what the layout is expected to know."""
-    problem, candidates = problem_of(context), candidates_from(context.upstream["train"])
+    problem, candidates = inputs.problem(context), inputs.training(context).candidates
     found = _find(context, problem, candidates)
     return _output(context, problem, candidates, found)
 
@@ -70,8 +69,8 @@ def run(context: Context) -> Output:
 def _find(context: Context, problem: Problem, candidates: Candidates) -> _Found:
     config, settings = context.config, context.config.place
     channels, unknowns = problem.channels, problem.unknowns
-    pool = pool_of(context.upstream["screen"]["/kept"], channels, candidates, settings.symmetry)
-    mesh = mesh_from(context.upstream["import"])
+    pool = pool_of(inputs.screened(context).kept, channels, candidates, settings.symmetry)
+    mesh = inputs.mesh(context)
     with blame("place.keep"):
         limits = limits_of_config(config, pool, mesh, channels, candidates)
     ranges = {name: entry.range for name, entry in config.parameters.items()}
@@ -116,7 +115,7 @@ def _observability(context: Context, problem: Problem, scenario: Scenario, pool:
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
     there = pool.channels >= 0
     used = pool.channels[there]
-    strain, quantity = context.upstream["train"]["/strain"][:, used], p.channels.quantity[used]
+    strain, quantity = inputs.training(context).reading[:, used], p.channels.quantity[used]
     H = scenario.H[there] if scenario.H.ndim == 3 else scenario.H
     return observability(
         scenario.F,
@@ -142,7 +141,7 @@ def _advice(
     expected: Expectation,
     plain: bool,
 ) -> tuple[str, ...]:
-    listed = gauge_list(gauges, problem.channels, candidates, context.upstream)
+    listed = gauge_list(gauges, problem.channels, inputs.training(context), inputs.screened(context))
     return advice(
         labels=listed.labels,
         trace=result.trace if plain else result.trace[-1:],
@@ -163,7 +162,7 @@ def _advice(
 
 def _output(context: Context, problem: Problem, candidates: Candidates, found: _Found) -> Output:
     names = problem.unknowns.names
-    listed = gauge_list(found.gauges, problem.channels, candidates, context.upstream)
+    listed = gauge_list(found.gauges, problem.channels, inputs.training(context), inputs.screened(context))
     greedy = found.pool.gauges_of(found.result.kept)
     grid, grid_attributes = placed_grid(found.pool, found.final, found.result.removed, candidates)
     scales = {f"/expected_std/{n}": {"scale": float(s)} for n, s in zip(names, problem.unknowns.scale, strict=True)}

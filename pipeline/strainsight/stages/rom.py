@@ -12,11 +12,12 @@ from strainsight.fem.model import nodal
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.mesh import mesh_from
-from strainsight.records.model import model_datasets
+from strainsight.records.record import read, written
+from strainsight.records.reduced import HeldOut, Modes, ReadyBasis, Reduced
 from strainsight.rom.reduction import held_out_errors, reduce_model
 from strainsight.rom.samples import held_out_samples
 from strainsight.sweep.sweep import watched
-from strainsight.workflow.output import Dataset, Output, Table
+from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 HELD_OUT = 3
@@ -35,7 +36,7 @@ def run(context: Context) -> Output:
     reference = {p.name: p.reference for p in parameters}
     ranges = {name: entry.range for name, entry in config.parameters.items()}
     context.progress("static responses", 0.2)
-    modes = context.upstream["modes"]
+    modes = read(Modes, context.upstream["modes"])
     with blame("rom.modes"):
         reduction = reduce_model(
             model,
@@ -47,7 +48,7 @@ def run(context: Context) -> Output:
             config.rom.parameter_samples,
             config.rom.tolerance,
             damping_of(config.damping),
-            (modes["/frequency"], modes["/shape"]),
+            (modes.frequency, modes.shape),
             watched(context.sweep, lambda share: context.progress("parameter samples", 0.2 + 0.5 * share)),
         )
     refuse_damping(reduction.model.damping, reduction.frequency)
@@ -61,46 +62,27 @@ def run(context: Context) -> Output:
             mesh.position, mesh.blocks, point_data={"mode": np.moveaxis(shapes, 2, 0)}, steps=reduction.frequency
         )
     )
-    record, attributes = model_datasets(reduction.model)
-    datasets = (
-        record
-        | grid
-        | {
-            "/frequency": Dataset(reduction.frequency, "Hz", "natural frequencies of the full model at the reference"),
-            "/basis": Dataset(basis, "kg^-1/2", "reduction basis Ψ on the nodes (3 node + component × coordinate)"),
-            "/static": Dataset(
-                reduction.static, "m/N", "static response to each input on the free unknowns (unknown × input)"
-            ),
-            "/error/parameters": Dataset(
-                np.array([[point[name] for name in reference] for point in held_out.theta]).reshape(
-                    len(held_out.theta), -1
-                ),
-                "SI",
-                "parameter values that the basis was not built from (point × parameter)",
-                ("", "/reduced/parameters"),
-            ),
-            "/error/frequency": Dataset(
-                held_out.frequency, "1", "relative error of the frequencies there (point × mode)"
-            ),
-            "/error/static": Dataset(
-                held_out.static, "1", "relative energy-norm error of the static responses there (point × input)"
-            ),
-        }
+    matrices = (
+        None if built.motion is None else ReadyBasis(basis=built.motion @ reduction.basis, notes=tuple(built.notes))
     )
-    if built.motion is not None:
-        datasets |= {
-            "/matrices/basis": Dataset(
-                built.motion @ reduction.basis, "kg^-1/2", "basis Ψ on the rows of the matrices (row × coordinate)"
-            ),
-            "/matrices/notes": Dataset(np.array(built.notes, dtype=np.str_), "1", "how the matrices were taken over"),
-        }
+    tried = np.array([[point[name] for name in reference] for point in held_out.theta])
+    reduced = Reduced(
+        model=reduction.model,
+        frequency=reduction.frequency,
+        basis=basis,
+        static=reduction.static,
+        error=HeldOut(
+            parameters=tried.reshape(len(held_out.theta), -1), frequency=held_out.frequency, static=held_out.static
+        ),
+        matrices=matrices,
+    )
     worst = float(max(np.max(np.abs(held_out.frequency)), np.max(held_out.static)))
     return Output(
-        datasets=datasets,
-        attributes=attributes | grid_attributes,
+        datasets=written(reduced) | grid,
+        attributes=grid_attributes,
         summary={
             "unknowns": model.size,
-            "modes": int(config.rom.modes),
+            "modes": config.rom.modes,
             "first_frequency": float(reduction.frequency[0]),
             "basis_size": reduction.model.size,
             "projection_error": worst,

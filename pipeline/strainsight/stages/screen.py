@@ -13,15 +13,16 @@ from strainsight.config.placement import Screen
 from strainsight.errors import ConfigError, blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.screening import Screening, screen
-from strainsight.records.gauges import candidates_from
-from strainsight.workflow.output import Dataset, Output
+from strainsight.records.record import read, written
+from strainsight.records.training import Screened, Training
+from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context) -> Output:
     """Settle the noise of every channel, drop the weak and the overloaded, thin the clusters."""
-    config, train = context.config, context.upstream["train"]
-    pool, strain = candidates_from(train), train["/strain"]
+    config, training = context.config, read(Training, context.upstream["train"])
+    pool, strain = training.candidates, training.reading
     rms, peak = np.sqrt(np.mean(strain**2, axis=0)), np.abs(strain).max(axis=0)
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
     best = {}
@@ -33,33 +34,22 @@ def run(context: Context) -> Output:
         if own.any():
             best[key] = float(rms[own].max()), float(noise_std[own][0])
         if family.range is not None:
-            limit[own] = float(family.range)
+            limit[own] = family.range
     refuse_noise(best)
     with blame("screen.keep"):
         result = _screened(config.screen, pool, rms, peak, noise_std, limit)
     dropped = Counter(str(code) for code in result.reason if code)
     unit = 1e6 * noise_std[0] if pool.quantity[0] == 0 else noise_std[0]
+    screened = Screened(
+        kept=result.kept,
+        snr=result.snr,
+        reason=np.asarray(result.reason, dtype=np.str_),
+        noise_std=noise_std,
+        range=limit,
+        family=tuple(key.removeprefix("motion_sensors.") for key in families(config)),
+    )
     return Output(
-        datasets={
-            "/kept": Dataset(result.kept, "1", "number of every kept gauge, ascending"),
-            "/snr": Dataset(result.snr, "1", "RMS training reading over noise of every gauge"),
-            "/reason": Dataset(
-                np.asarray(result.reason, dtype=np.str_), "1", "why a gauge was dropped; empty where it was kept"
-            ),
-            "/noise_std": Dataset(
-                noise_std,
-                "strain",
-                "noise of one sample of every channel at the training time step, of motion sensors in m/s² or m",
-            ),
-            "/family": Dataset(
-                np.array([key.removeprefix("motion_sensors.") for key in families(config)], dtype=np.str_),
-                "1",
-                "name of every kind of sensor, as /gauges/array of train.h5 counts them",
-            ),
-            "/range": Dataset(
-                limit, "strain", "what every channel can measure, of motion sensors in m/s² or m; inf: not stated"
-            ),
-        },
+        datasets=written(screened),
         summary={"candidates": pool.gauges, "kept": len(result.kept), "noise_std": float(noise_std[0])}
         | {f"dropped.{code}": count for code, count in dropped.items()},
         message=f"{pool.gauges} → {len(result.kept)}, noise {unit:.3g} {'µm/m' if pool.quantity[0] == 0 else ''}".rstrip(),

@@ -14,8 +14,10 @@ from strainsight.fem.modes import modes as lowest_modes
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.records.mesh import mesh_from
+from strainsight.records.record import written
+from strainsight.records.reduced import Modes
 from strainsight.rom.snapshots import only_scales
-from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -33,17 +35,14 @@ def run(context: Context) -> Output:
     said = "two materials vary apart: the modes of the truth are found with it"
     if only_scales(model):
         theta = {p.name: p.reference for p in parameters}
-        count = int(config.validation.truth.modes)
+        count = config.validation.truth.modes
         context.progress(f"{count} modes of {model.size} unknowns", 0.2)
         with blame("validate.truth.modes"):
             frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count)
         lowest, highest = hertz(frequency[0], 2), hertz(frequency[-1], 0)
         said = f"{count} modes of {model.size} unknowns, {lowest} to {highest} Hz amid the ranges"
     return Output(
-        datasets={
-            "/frequency": Dataset(frequency, "Hz", "natural frequencies amid the ranges of the parameters"),
-            "/shape": Dataset(shape, "kg^-1/2", "shapes on the free unknowns (unknown × mode)", ("", "/frequency")),
-        },
+        datasets=written(Modes(frequency=frequency, shape=shape)),
         summary={"unknowns": model.size, "modes": len(frequency)},
         message=said,
     )

@@ -20,12 +20,13 @@ from strainsight.measurements.calibration import LARGE_STRAIN
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
-from strainsight.records.gauges import candidate_datasets, given_datasets
 from strainsight.records.mesh import mesh_from
-from strainsight.records.model import model_from
+from strainsight.records.record import read, written
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import hold_coefficients, instant_values
-from strainsight.workflow.output import Dataset, Output, Table
+from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
@@ -34,11 +35,11 @@ FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges
 def run(context: Context) -> Output:
     """Simulate the reduced model at the guess from rest, and read every candidate."""
     config = context.config
-    mesh, rom = mesh_from(context.upstream["import"]), context.upstream["rom"]
-    model = model_from(rom)
+    mesh, reduced = mesh_from(context.upstream["import"]), read(Reduced, context.upstream["rom"])
+    model = reduced.model
     h = config.train.time_step
     steps = round(config.train.duration / h)
-    refuse_times(rom["/frequency"], float(config.train.duration), float(h))
+    refuse_times(reduced.frequency, config.train.duration, h)
     with blame("train"):
         signals = [signal_of(name, config.loads[name].signal, context.files) for name in model.inputs]
         held = hold_coefficients(signals, 0.0, h, steps)
@@ -47,13 +48,14 @@ def run(context: Context) -> Output:
     context.progress("candidates", 0.3)
     surface, given = None, None
     if config.gauges.given is None:
-        basis = rom["/basis"]
+        basis = reduced.basis
         surface = candidates_on_surface(mesh, config, basis, x[:, :n])
         pool = surface.candidates
         rows = channel_rows(mesh.position, pool, basis, facets=exterior_facets(mesh))
     else:
         pool, given = _given(context, mesh)
-        rows = given @ rom["/matrices/basis"]
+        assert reduced.matrices is not None
+        rows = given @ reduced.matrices.basis
     moved = np.zeros(0) if surface is None else surface.moved
     with blame("train"):
         # the readings and their squares
@@ -62,31 +64,19 @@ def run(context: Context) -> Output:
     refuse_readings(strain)
     rms = np.sqrt(np.mean(strain**2, axis=0))
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
+    training = Training(
+        candidates=pool,
+        rows=rows,
+        given=given,
+        moved=moved if len(moved) else None,
+        time=h * np.arange(steps + 1),
+        load=u,
+        coordinate=x[:, :n],
+        velocity=x[:, n:],
+        reading=strain,
+    )
     return Output(
-        datasets=candidate_datasets(pool)
-        | ({} if given is None else given_datasets(given))
-        | (
-            {"/glued/distance": Dataset(moved, "m", "how far every glued gauge was moved to the surface")}
-            if len(moved)
-            else {}
-        )
-        | {
-            "/time": Dataset(h * np.arange(steps + 1), "s", "time of the training run"),
-            "/input": Dataset(u, "N", "training load (time × input)", ("/time", "")),
-            "/coordinate": Dataset(x[:, :n], "kg^1/2 m", "reduced coordinates q (time × coordinate)", ("/time", "")),
-            "/velocity": Dataset(x[:, n:], "kg^1/2 m/s", "reduced velocities (time × coordinate)", ("/time", "")),
-            "/strain": Dataset(
-                strain,
-                "strain",
-                "reading of every channel, of motion sensors in m/s² or m (time × candidate)",
-                ("/time", ""),
-            ),
-            "/gauges/row": Dataset(
-                rows,
-                "strain/(kg^1/2 m)",
-                "strain, or displacement [m], per reduced coordinate (candidate × coordinate)",
-            ),
-        },
+        datasets=written(training),
         summary={
             "candidates": pool.gauges,
             "left_out": surface.left_out if surface else 0,

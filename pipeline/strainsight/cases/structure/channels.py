@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.gauges.candidates import ACCELERATION
+from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, damping_matrix
-from strainsight.workflow.artefact import Artefact
 
 UNITS = ("strain", "m/s^2", "m")
 """Of the quantities strain, acceleration and displacement."""
@@ -42,9 +42,10 @@ class Channels:
         return np.where(each < count[..., None], first[..., None] + each, -1)
 
 
-def channels_from(train: Artefact, screen: Artefact) -> Channels:
-    """The channels that train and screen have written."""
-    return Channels(train["/gauges/row"], train["/gauges/quantity"], screen["/noise_std"], train["/gauges/gauge"])
+def channels_of(training: Training, screened: Screened) -> Channels:
+    """All channels of the training run, with their noise."""
+    pool = training.candidates
+    return Channels(training.rows, pool.quantity, screened.noise_std, pool.gauge)
 
 
 def readings(

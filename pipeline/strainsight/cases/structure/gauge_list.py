@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.structure.channels import UNITS, Channels
-from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.workflow.artefact import Artefact
+from strainsight.gauges.candidates import ACCELERATION, STRAIN
+from strainsight.records.training import Screened, Training
 from strainsight.workflow.output import Table
 
 
@@ -40,14 +40,12 @@ class GaugeList:
     range: np.ndarray
 
 
-def gauge_list(
-    gauges: np.ndarray, channels: Channels, candidates: Candidates, upstream: Mapping[str, Artefact]
-) -> GaugeList:
+def gauge_list(gauges: np.ndarray, channels: Channels, training: Training, screened: Screened) -> GaugeList:
     """Gauges (k,) by their numbers, as a layout lists them."""
-    names = upstream["screen"]["/family"].tolist()
+    names, candidates = screened.family, training.candidates
     own = [row[row >= 0] for row in channels.of(gauges)]
     first = np.array([row[0] for row in own])
-    reading, limit = upstream["train"]["/strain"], upstream["screen"]["/range"]
+    reading, limit = training.reading, screened.range
     stated = np.array([limit[c].min() for c in own])
     return GaugeList(
         labels=tuple(f"G{i + 1}" for i in range(len(gauges))),

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from strainsight.augmentation.noise import Rule, channel_intensity, process_intensity
 from strainsight.augmentation.unknowns import Unknowns
-from strainsight.cases.structure.channels import Channels, accelerations, channels_from
+from strainsight.cases.structure.channels import Channels, accelerations, channels_of
 from strainsight.cases.structure.settings import characteristic, signal_of, unknowns_of
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.update import Form
 from strainsight.gauges.candidates import STRAIN
-from strainsight.records.model import model_from
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, modal_basis
 from strainsight.rom.schemes import Scheme, scheme_bias
 from strainsight.signals.histories import Signal, hold_coefficients
-from strainsight.workflow.stage import Context
 
 REST_SHARE = 1e-3
 """Initial σ of every state as a share of its largest training amplitude: the structure is known to be at rest."""
@@ -63,18 +65,18 @@ class Problem:
         return [self.model.inputs.index(name) for name in names]
 
 
-def problem_of(context: Context) -> Problem:
-    """Gather the estimation problem from the artefacts of rom, train and screen and from the config."""
-    config, rom, train = context.config, context.upstream["rom"], context.upstream["train"]
-    model = model_from(rom)
-    h, duration = float(config.train.time_step), float(config.train.duration)
+def problem_of(
+    config: PlacementConfig, files: Mapping[str, Path], reduced: Reduced, training: Training, screened: Screened
+) -> Problem:
+    """Gather the estimation problem from the reduced model, the training run, the noise of the channels and the config."""
+    model, h, duration = reduced.model, config.train.time_step, config.train.duration
     with blame("train"):
         # In the order of the reduced model: that of the config may have changed since, which is no change of the config.
-        signals = {name: signal_of(name, config.loads[name].signal, context.files) for name in model.inputs}
+        signals = {name: signal_of(name, config.loads[name].signal, files) for name in model.inputs}
         u = hold_coefficients(list(signals.values()), 0.0, h, round(duration / h))
-    x = np.hstack([train["/coordinate"], train["/velocity"]])
+    x = np.hstack([training.coordinate, training.velocity])
     unknowns = unknowns_of(config.place.estimate, config.loads, signals, model.reference, duration)
-    rule = str(config.process_noise.rule)
+    rule = config.process_noise.rule
     rules: tuple[Rule, Rule] = (
         ("intensity", "intensity")
         if rule == "continuous"
@@ -86,7 +88,7 @@ def problem_of(context: Context) -> Problem:
                 model.size,
                 unknowns,
                 {name: characteristic(config.loads[name], signals[name], duration)[0] for name in unknowns.inputs},
-                {name: float(config.parameters[name].process_noise_scale) for name in unknowns.parameters},
+                {name: config.parameters[name].process_noise_scale for name in unknowns.parameters},
                 rule=one,
                 h=h,
                 kappa=np.array([config.loads[name].process_noise.kappa or KAPPA for name in unknowns.inputs]),
@@ -94,7 +96,7 @@ def problem_of(context: Context) -> Problem:
             )
             for one in rules
         )
-    channels = channels_from(train, context.upstream["screen"])
+    channels = channels_of(training, screened)
     own = config.filter
     return Problem(
         model,
@@ -109,7 +111,7 @@ def problem_of(context: Context) -> Problem:
         channels,
         own.scheme,
         own.form,
-        int(own.iterations),
+        own.iterations,
     )
 
 

@@ -13,6 +13,9 @@ from strainsight.errors import blame
 from strainsight.estimation.metrics import input_error, parameter_error
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.records.mesh import mesh_from
+from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
 from strainsight.signals.histories import hold_coefficients, instant_values
 from strainsight.workflow.stage import Context
 
@@ -60,7 +63,9 @@ def _gone(_u: np.ndarray, _h: float) -> Motion:
 
 def trial_of(context: Context) -> Trial:
     """Simulate the truth of the config at the time step of `validate`."""
-    config, problem = context.config, problem_of(context)
+    config = context.config
+    reduced, training = read(Reduced, context.upstream["rom"]), read(Training, context.upstream["train"])
+    problem = problem_of(config, context.files, reduced, training, read(Screened, context.upstream["screen"]))
     settings, names = config.validation, problem.unknowns.names
     truth = truth_of(context, problem, mesh_from(context.upstream["import"]))
     place = context.upstream["place"]

@@ -21,7 +21,9 @@ from strainsight.gauges.misplaced import misplaced
 from strainsight.gauges.rows import channel_matrix, channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.records.gauges import candidates_from, given_from
+from strainsight.records.record import read
+from strainsight.records.reduced import Modes, Reduced
+from strainsight.records.training import Training
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import ReducedModel
 from strainsight.rom.reduction import modal_model
@@ -85,9 +87,10 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     stated = context.config.validation.truth
     theta = {**problem.model.reference, **{name: float(value) for name, value in stated.parameters.items()}}
     values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "the same parameters"
-    pool = candidates_from(context.upstream["train"])
+    training = read(Training, context.upstream["train"])
+    pool = training.candidates
     if stated.model == "rom":
-        rows = context.upstream["train"]["/gauges/row"]
+        rows = training.rows
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(context.config.parameters, mesh, context.files, context.config.mesh.matrices))
@@ -103,7 +106,7 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     words = f"{stated.modes} modes of the full model with static terms, {values}"
     if rich:
         words += f", damping × {stated.damping_factor:g}"
-    given = given_from(context.upstream["train"])
+    given = training.given
     held = np.zeros(pool.gauges, dtype=bool)
     if given is not None:
         words += ", gauges exactly in place, because given strain rows cannot be moved or turned" * rich
@@ -122,7 +125,8 @@ def _shapes(context: Context) -> Snapshots | None:
     spectrum = context.upstream.get("spectrum")
     if spectrum is None:
         return None
-    return Snapshots(spectrum["/frequency"], spectrum["/shape"], context.upstream["rom"]["/static"])
+    modes = read(Modes, spectrum)
+    return Snapshots(modes.frequency, modes.shape, read(Reduced, context.upstream["rom"]).static)
 
 
 def _modal(
@@ -158,7 +162,7 @@ def _full(
         viscous = modal_damping(K, M, stated.ratio, int(context.config.validation.truth.modes))
     else:
         viscous = ViscousDamping(stated.alpha, stated.beta)
-    given = given_from(context.upstream["train"])
+    given = read(Training, context.upstream["train"]).given
     if given is not None:
         assert built.motion is not None
         rows = sparse.csr_array(given @ built.motion)

@@ -10,10 +10,12 @@ import numpy as np
 from strainsight import __version__
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.suspicions import only_control, suspicions
-from strainsight.records.gauges import given_from
 from strainsight.records.mesh import mesh_from
+from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
 from strainsight.report.placement.data import PlacementReport, RandomSets
-from strainsight.stages.pages.page_layout import is_ready, layout_of_page
+from strainsight.stages.pages.page_layout import layout_of_page
 from strainsight.stages.pages.page_numbers import (
     cases_of,
     consistency_of,
@@ -63,7 +65,7 @@ def placement_report(context: Context) -> PlacementReport:
         ),
         noise=noise_rows(names, up),
         repeats=repeats_of(names, validate),
-        frequencies=tuple(up["rom"]["/frequency"].tolist()),
+        frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
         advice=tuple(up["place"]["/advice"].tolist()),
@@ -85,11 +87,11 @@ def placement_report(context: Context) -> PlacementReport:
 
 def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
     """What a reader has to know: of the model, and once they were validated, of the estimates."""
-    ready = "rom" in up and is_ready(up["rom"])
-    said = [f"{text}." for text in (up["rom"]["/matrices/notes"] if ready else suspicions(mesh))]
-    cards = [card for card in map(str, up["import"]["/ignored/card"]) if not only_control(card)]
+    ready = read(Reduced, up["rom"]).matrices if "rom" in up else None
+    said = [f"{text}." for text in (suspicions(mesh) if ready is None else ready.notes)]
+    cards = [card for card in map(str, mesh.ignored) if not only_control(card)]
     if cards:
-        but = ": what they add must be in the matrices" * ready
+        but = ": what they add must be in the matrices" * (ready is not None)
         said.append(f"Not taken over from the deck: {', '.join(cards)}{but}.")
     return (*said, *(_doubts(up["validate"], names) if "validate" in up else ()))
 
@@ -122,7 +124,7 @@ def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
         said.append("The truth is the filter's own model: no model error was tested.")
     elif config.validation.truth.model == "modes":
         said.append("Damping and gauge positions are exact in this truth; choose truth model rich to test them.")
-    elif given_from(train) is not None:
+    elif read(Training, train).given is not None:
         said.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
     said.append("Temperature, gauge factor, drift and glue are outside this model.")
     return tuple(said)

@@ -7,19 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.cases.structure.channels import channels_from
+from strainsight.cases.structure.channels import channels_of
 from strainsight.cases.structure.gauge_list import GaugeList, gauge_list
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.records.gauges import candidates_from
+from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
 from strainsight.report.placement.data import Gauge, Layout, Load
 from strainsight.workflow.artefact import Artefact
 
 
 def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
-    place, train = up["place"], up["train"]
+    place = up["place"]
     faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
-    candidates = candidates_from(train)
+    candidates = read(Training, up["train"]).candidates
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
     without = {
         name: values * placed_scale(name, place) / size(name, up) for name, values in place.children("/without").items()
@@ -62,13 +64,13 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
 
 
 def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
-    channels = channels_from(up["train"], up["screen"])
-    return gauge_list(up["place"]["/selected/final/number"], channels, candidates_from(up["train"]), up)
+    training, screened = read(Training, up["train"]), read(Screened, up["screen"])
+    return gauge_list(up["place"]["/selected/final/number"], channels_of(training, screened), training, screened)
 
 
 def is_ready(rom: Artefact) -> bool:
     """Whether the model came as matrices."""
-    return "/matrices/notes" in rom
+    return read(Reduced, rom).matrices is not None
 
 
 def loads_of_page(mesh: Mesh, loads: Mapping[str, Any]) -> tuple[Load, ...]:

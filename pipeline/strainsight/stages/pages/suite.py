@@ -10,6 +10,9 @@ import numpy as np
 
 from strainsight import __version__
 from strainsight.records.mesh import mesh_from
+from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
 from strainsight.report.placement.data import Layout, Unknown
 from strainsight.report.suite.data import SuiteReport, SuiteRun
 from strainsight.stages.pages.page import warnings_of
@@ -59,7 +62,7 @@ def _run(entry: Any, up: Mapping[str, Artefact]) -> SuiteRun:
         histories=tuple(history_of(name, validate) for name in names) if validate else (),
         repeats=repeats_of(names, validate) if validate else (),
         cases=cases_of(up["observe"]) if "observe" in up else (),
-        frequencies=tuple(up["rom"]["/frequency"].tolist()) if "rom" in up else (),
+        frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()) if "rom" in up else (),
         truth_description=str(validate.summary["description"]) if validate else "",
         pairs=nearest(layout) if layout else (),
         warnings=warnings_of(up, names, mesh),
@@ -79,12 +82,11 @@ def _unknown(name: str, entry: Any, up: Mapping[str, Artefact]) -> Unknown:
 def _guess(name: str, entry: Any, up: Mapping[str, Artefact]) -> float:
     """Before anything is placed: a parameter's reference, an input's largest training load; NaN before that is known."""
     if entry.kind == "parameter":
-        names = up["rom"]["/reduced/parameters"].tolist() if "rom" in up else []
-        return float(up["rom"]["/reduced/reference"][names.index(name)]) if name in names else float("nan")
+        return read(Reduced, up["rom"]).model.reference.get(name, float("nan")) if "rom" in up else float("nan")
     if "train" not in up:
         return float("nan")
-    loads = up["rom"]["/reduced/inputs"].tolist()
-    return float(np.abs(up["train"]["/input"][:, loads.index(name)]).max())
+    loads = read(Reduced, up["rom"]).model.inputs
+    return float(np.abs(read(Training, up["train"]).load[:, loads.index(name)]).max())
 
 
 def nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:

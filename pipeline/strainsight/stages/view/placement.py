@@ -12,8 +12,10 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.records.gauges import candidates_from
 from strainsight.records.mesh import mesh_from
+from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
 from strainsight.report.picture.layout import Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
 from strainsight.stages.pages.page_layout import layout_of_page, loads_of_page, loose_nodes
@@ -52,7 +54,7 @@ def bare(mesh: Mesh, loads: Mapping[str, Load]) -> Layout:
 
 
 def _modes(name: str, mesh: Mesh, rom: Artefact) -> View:
-    frequency = rom["/frequency"]
+    frequency = read(Reduced, rom).frequency
     shapes = rom["/VTKHDF/PointData/mode"].reshape(-1, len(mesh.position), 3)[: len(frequency)]
     captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
     layout = replace(bare(mesh, {}), fixed=np.empty((0, 3)))
@@ -60,8 +62,9 @@ def _modes(name: str, mesh: Mesh, rom: Artefact) -> View:
 
 
 def _candidates(name: str, layout: Layout, train: Artefact) -> View:
-    candidates = candidates_from(train)
-    rms = np.sqrt(np.mean(train["/strain"] ** 2, axis=0))
+    training = read(Training, train)
+    candidates = training.candidates
+    rms = np.sqrt(np.mean(training.reading**2, axis=0))
     strains = candidates.quantity == STRAIN
     # Of a gauge with several channels, or several gauges at a place, the strongest: it is drawn last.
     order = np.flatnonzero(strains)[np.argsort(rms[strains], kind="stable")]
@@ -73,8 +76,8 @@ def _candidates(name: str, layout: Layout, train: Artefact) -> View:
 
 def _strain(title: str, layout: Layout, up: Mapping[str, Artefact]) -> View:
     validate = up["validate"]
-    strain, position = validate["/field/strain"], candidates_from(up["train"]).position
-    known = np.flatnonzero(np.isfinite(strain) & (candidates_from(up["train"]).quantity == STRAIN))
+    strain, candidates = validate["/field/strain"], read(Training, up["train"]).candidates
+    position, known = candidates.position, np.flatnonzero(np.isfinite(strain) & (candidates.quantity == STRAIN))
     order = known[np.argsort(np.abs(strain[known]), kind="stable")]
     panel = Panel(f"t = {float(validate['/field/instant']):.4g} s, largest true strain", strain[order] * MICRO)
     own = replace(layout, pool=np.empty((0, 3)))
