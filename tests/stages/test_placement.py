@@ -12,12 +12,12 @@ import pyvista
 from pydantic import TypeAdapter
 from scipy.linalg import solve_continuous_are
 
+from strainsight.cases.structure.candidates import zone_of
 from strainsight.config.zones import Zone
 from strainsight.errors import UserError
 from strainsight.fem import memory
 from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone
 from strainsight.stages.placement import PLACEMENT
-from strainsight.stages.train import zone_of
 from strainsight.workflow.plan import plan
 
 from .conftest import ROOT, SHORT, finished, job_of

@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-from strainsight.cases.structure.full_model import FILES, READS, full_model
+from strainsight.cases.structure.full_model import FILES, READS
+from strainsight.cases.structure.reduction import modes_of
 from strainsight.cases.structure.scales import hertz
-from strainsight.cases.structure.settings import parameters_of
-from strainsight.errors import blame
-from strainsight.fem.modes import modes as lowest_modes
-from strainsight.records.mesh import mesh_from
+from strainsight.cases.structure.settings import reference_value
 from strainsight.records.record import written
-from strainsight.records.reduced import Modes
+from strainsight.stages import inputs
 from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context) -> Output:
-    """Assemble, constrain, factorise, iterate: K φ = ω² M φ. Runs that differ in their loads alone share the result."""
+    """The lowest modes; runs that differ in their loads alone share the result."""
     config = context.config
-    mesh = mesh_from(context.upstream["import"])
-    parameters = parameters_of(config.parameters, mesh, context.files, config.mesh.matrices)
-    context.progress("assembly", 0.0)
-    model = full_model(config.mesh, mesh, parameters, context.files).model
-    reference = {p.name: p.reference for p in parameters}
-    count = config.rom.modes
-    context.progress(f"{count} modes of {model.size} unknowns", 0.2)
-    with blame("rom.modes"):
-        frequency, shape = lowest_modes(model.stiffness.at(reference), model.mass.at(reference), count)
-    values = ", ".join(f"{name} = {value:.6g}" for name, value in reference.items()) or "the deck"
+    found = modes_of(config, inputs.mesh(context), context)
+    frequency, size = found.frequency, len(found.shape)
+    guesses = {name: reference_value(name, entry.guess, context.files) for name, entry in config.parameters.items()}
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the deck"
     return Output(
-        datasets=written(Modes(frequency=frequency, shape=shape)),
-        summary={"unknowns": model.size, "modes": count, "first": float(frequency[0]), "last": float(frequency[-1])},
-        message=f"{count} modes of {model.size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
+        datasets=written(found),
+        summary={
+            "unknowns": size,
+            "modes": len(frequency),
+            "first": float(frequency[0]),
+            "last": float(frequency[-1]),
+        },
+        message=f"{len(frequency)} modes of {size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
         tables=(
             Table(
                 f"natural frequencies at {values}",

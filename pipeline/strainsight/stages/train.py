@@ -1,91 +1,38 @@
-"""train: every candidate on the surface, and what each would read under the training load (5.2)."""
+"""train: the reduced model under its loads, and what every candidate on the surface reads of it (5.2)."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 
-from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface, zone_of
-from strainsight.cases.structure.channels import readings
-from strainsight.cases.structure.given_gauges import read_given
-from strainsight.cases.structure.scales import refuse_readings, refuse_times
-from strainsight.cases.structure.settings import signal_of
-from strainsight.decks.matrices.files import read_numbering
-from strainsight.errors import ConfigError, blame
-from strainsight.fem.memory import require_memory
+from strainsight.cases.structure.candidates import OnSurface
+from strainsight.cases.structure.training import trained
 from strainsight.gauges.candidates import Candidates
-from strainsight.gauges.given import without
-from strainsight.gauges.rows import channel_rows
 from strainsight.measurements.calibration import LARGE_STRAIN
-from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
-from strainsight.mesh.units import length_factor
-from strainsight.records.mesh import mesh_from
-from strainsight.records.record import read, written
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Training
-from strainsight.rom.modal_step import simulate
-from strainsight.signals.histories import hold_coefficients, instant_values
+from strainsight.records.record import written
+from strainsight.stages import inputs
 from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
-FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
-
 
 def run(context: Context) -> Output:
-    """Simulate the reduced model at the guess from rest, and read every candidate."""
-    config = context.config
-    mesh, reduced = mesh_from(context.upstream["import"]), read(Reduced, context.upstream["rom"])
-    model = reduced.model
-    h = config.train.time_step
-    steps = round(config.train.duration / h)
-    refuse_times(reduced.frequency, config.train.duration, h)
-    with blame("train"):
-        signals = [signal_of(name, config.loads[name].signal, context.files) for name in model.inputs]
-        held = hold_coefficients(signals, 0.0, h, steps)
-    x, u = simulate(model, model.reference, held, h), instant_values(held)
-    n = model.size
-    context.progress("candidates", 0.3)
-    surface, given = None, None
-    if config.gauges.given is None:
-        basis = reduced.basis
-        surface = candidates_on_surface(mesh, config, basis, x[:, :n])
-        pool = surface.candidates
-        rows = channel_rows(mesh.position, pool, basis, facets=exterior_facets(mesh))
-    else:
-        pool, given = _given(context, mesh)
-        assert reduced.matrices is not None
-        rows = given @ reduced.matrices.basis
-    moved = np.zeros(0) if surface is None else surface.moved
-    with blame("train"):
-        # the readings and their squares
-        require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
-    strain = readings(model, model.reference, rows, pool.quantity, x, u)
-    refuse_readings(strain)
-    rms = np.sqrt(np.mean(strain**2, axis=0))
+    """The training run, and where bonded gauges were moved to."""
+    found = trained(context.config, inputs.mesh(context), inputs.reduced(context), context)
+    training, surface = found.training, found.surface
+    pool, moved = training.candidates, training.moved
+    rms = np.sqrt(np.mean(training.reading**2, axis=0))
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
-    training = Training(
-        candidates=pool,
-        rows=rows,
-        given=given,
-        moved=moved if len(moved) else None,
-        time=h * np.arange(steps + 1),
-        load=u,
-        coordinate=x[:, :n],
-        velocity=x[:, n:],
-        reading=strain,
-    )
+    steps = len(training.time) - 1
     return Output(
         datasets=written(training),
         summary={
             "candidates": pool.gauges,
             "left_out": surface.left_out if surface else 0,
-            "channels": len(rows),
+            "channels": len(training.rows),
             "steps": steps,
             "strongest_rms": strongest,
         },
         message=_message(pool, steps, strongest, surface),
-        tables=(_glued_table(pool, moved),) if len(moved) else (),
+        tables=() if moved is None else (_glued_table(pool, moved),),
     )
 
 
@@ -127,27 +74,6 @@ def _glued_table(own: Candidates, moved: np.ndarray) -> Table:
     return Table(
         "glued gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows
     )
-
-
-def _given(context: Context, mesh: Mesh) -> tuple[Candidates, sparse.csr_array]:
-    """Gauges by their strain rows, without those in excluded zones."""
-    gauges = context.config.gauges
-    if gauges.surface != "all":
-        raise ConfigError(
-            "given gauges lie on no surface of the mesh", key="gauges.surface", remedy="remove the key, or gauges.given"
-        )
-    _, components = read_numbering(context.files["mesh.matrices.numbering"])
-    with blame("gauges.given"):
-        given = read_given(
-            context.files["gauges.given.rows"],
-            context.files["gauges.given.table"],
-            components,
-            length_factor(context.config.mesh.length_unit),
-        )
-    with blame("gauges.exclude"):
-        facets = exterior_facets(mesh) if mesh.blocks else None
-        given = without(given, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
-    return given.pool, given.rows
 
 
 TRAIN = Stage(

@@ -1,0 +1,35 @@
+"""What a computation gets beside its config: input files, a way to say how far it is, processes for its sweeps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from strainsight.sweep.sweep import Sweep, serial
+
+
+class Resources(Protocol):
+    """files: dotted key of the config ("mesh.file") → path; progress: progress("elimination", 0.4); sweep: many calls of one
+    function."""
+
+    @property
+    def files(self) -> Mapping[str, Path]: ...
+    @property
+    def progress(self) -> Callable[[str, float], None]: ...
+    @property
+    def sweep(self) -> Sweep: ...
+
+
+def silent(doing: str, share: float) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Plain:
+    """Resources of a program that calls the library: one process, no progress bar."""
+
+    files: Mapping[str, Path] = field(default_factory=dict)
+    progress: Callable[[str, float], None] = silent
+    sweep: Sweep = serial

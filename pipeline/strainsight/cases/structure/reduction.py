@@ -1,0 +1,115 @@
+"""The modes of a structure, and its reduction to a few coordinates, affine in the parameters (5.1-5.10)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.cases.resources import Resources
+from strainsight.cases.structure.full_model import full_model
+from strainsight.cases.structure.scales import refuse_damping
+from strainsight.cases.structure.settings import damping_of, load_shapes, named_regions, parameters_of
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import blame
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import nodal
+from strainsight.fem.modes import modes as lowest_modes
+from strainsight.mesh.additions import region_ids
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import HeldOut, Modes, ReadyBasis, Reduced
+from strainsight.rom.reduction import held_out_errors, reduce_model
+from strainsight.rom.samples import held_out_samples
+from strainsight.rom.snapshots import only_scales
+from strainsight.sweep.sweep import watched
+
+HELD_OUT = 3
+"""Parameter values, between those the basis was built from, at which the reduced model is checked."""
+
+
+def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
+    """K φ = ω² M φ of the whole model at the guess, whatever loads it."""
+    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
+    return _lowest(config, mesh, parameters, config.rom.modes, "rom.modes", using)
+
+
+def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
+    """K φ = ω² M φ in the middle of the parameters' ranges, whatever is guessed or true: runs on one mesh share the result.
+
+    Empty where two materials vary apart: the truth is then solved for at its own values, by `validate`.
+    """
+    count = config.validation.truth.modes
+    return _lowest(config, mesh, _in_the_middle(config, mesh), count, "validate.truth.modes", using, scaled=True)
+
+
+def _lowest(
+    config: PlacementConfig,
+    mesh: Mesh,
+    parameters: tuple[Parameter, ...],
+    count: int,
+    key: str,
+    using: Resources,
+    scaled: bool = False,
+) -> Modes:
+    """Assemble, constrain, factorise, iterate. scaled: only where the parameters scale one material as a whole."""
+    using.progress("assembly", 0.0)
+    model = full_model(config.mesh, mesh, parameters, using.files).model
+    if scaled and not only_scales(model):
+        return Modes(frequency=np.zeros(0), shape=np.zeros((model.size, 0)))
+    theta = {p.name: p.reference for p in parameters}
+    using.progress(f"{count} modes of {model.size} unknowns", 0.2)
+    with blame(key):
+        frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count)
+    return Modes(frequency=frequency, shape=shape)
+
+
+def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]:
+    """The free material properties at the geometric mean of their ranges."""
+    found = []
+    for name, entry in config.parameters.items():
+        regions: tuple[int, ...] = ()
+        if config.mesh.matrices is None:
+            with blame(f"parameters.{name}.region"):
+                regions = region_ids(mesh, named_regions(entry.region))
+        found.append(Parameter(name, entry.property, regions, float(np.sqrt(entry.range[0] * entry.range[1]))))
+    return tuple(found)
+
+
+def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resources) -> Reduced:
+    """Assemble, constrain, find the static responses (and the modes off the reference), project, check at held-out values."""
+    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
+    using.progress("assembly", 0.0)
+    built = full_model(config.mesh, mesh, parameters, using.files)
+    S = load_shapes(built.model, config.loads)
+    reference = {p.name: p.reference for p in parameters}
+    ranges = {name: entry.range for name, entry in config.parameters.items()}
+    using.progress("static responses", 0.2)
+    with blame("rom.modes"):
+        found = reduce_model(
+            built.model,
+            S,
+            tuple(config.loads),
+            reference,
+            ranges,
+            config.rom.modes,
+            config.rom.parameter_samples,
+            config.rom.tolerance,
+            damping_of(config.damping),
+            (modes.frequency, modes.shape),
+            watched(using.sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
+        )
+    refuse_damping(found.model.damping, found.frequency)
+    using.progress("held-out errors", 0.7)
+    watch = watched(using.sweep, lambda share: using.progress("held-out errors", 0.7 + 0.3 * share))
+    held_out = held_out_errors(built.model, S, found, held_out_samples(reference, ranges, HELD_OUT), watch)
+    tried = np.array([[point[name] for name in reference] for point in held_out.theta])
+    return Reduced(
+        model=found.model,
+        frequency=found.frequency,
+        basis=nodal(built.model, found.basis),
+        static=found.static,
+        error=HeldOut(
+            parameters=tried.reshape(len(held_out.theta), -1), frequency=held_out.frequency, static=held_out.static
+        ),
+        matrices=None
+        if built.motion is None
+        else ReadyBasis(basis=built.motion @ found.basis, notes=tuple(built.notes)),
+    )

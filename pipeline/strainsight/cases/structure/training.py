@@ -1,0 +1,170 @@
+"""The training run: the reduced model under its loads, read by every candidate; and which candidates go on (5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.cases.resources import Resources
+from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface, zone_of
+from strainsight.cases.structure.channels import readings
+from strainsight.cases.structure.given_gauges import read_given
+from strainsight.cases.structure.scales import refuse_noise, refuse_readings, refuse_times
+from strainsight.cases.structure.settings import families, signal_of
+from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
+from strainsight.config.placement import PlacementConfig, Screen
+from strainsight.decks.matrices.files import read_numbering
+from strainsight.errors import ConfigError, blame
+from strainsight.fem.memory import require_memory
+from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.given import without
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.screening import Screening, screen
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.units import length_factor
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
+from strainsight.rom.modal_step import simulate
+from strainsight.signals.histories import hold_coefficients, instant_values
+
+FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
+
+
+@dataclass(frozen=True)
+class Trained:
+    """The training run; surface: how its candidates were found on the mesh, None where their strain rows were given."""
+
+    training: Training
+    surface: OnSurface | None
+
+
+def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources) -> Trained:
+    """Simulate the reduced model at the guess from rest, and read every candidate."""
+    model, h = reduced.model, config.train.time_step
+    steps = round(config.train.duration / h)
+    refuse_times(reduced.frequency, config.train.duration, h)
+    with blame("train"):
+        signals = [signal_of(name, config.loads[name].signal, using.files) for name in model.inputs]
+        held = hold_coefficients(signals, 0.0, h, steps)
+    x, u = simulate(model, model.reference, held, h), instant_values(held)
+    n = model.size
+    using.progress("candidates", 0.3)
+    surface, given = None, None
+    if config.gauges.given is None:
+        surface = candidates_on_surface(mesh, config, reduced.basis, x[:, :n])
+        pool = surface.candidates
+        rows = channel_rows(mesh.position, pool, reduced.basis, facets=exterior_facets(mesh))
+    else:
+        pool, given = _given(config, mesh, using)
+        assert reduced.matrices is not None  # the config asks for matrices beside given gauges
+        rows = given @ reduced.matrices.basis
+    with blame("train"):
+        # the readings and their squares
+        require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
+    reading = readings(model, model.reference, rows, pool.quantity, x, u)
+    refuse_readings(reading)
+    training = Training(
+        candidates=pool,
+        rows=rows,
+        given=given,
+        moved=surface.moved if surface is not None and len(surface.moved) else None,
+        time=h * np.arange(steps + 1),
+        load=u,
+        coordinate=x[:, :n],
+        velocity=x[:, n:],
+        reading=reading,
+    )
+    return Trained(training, surface)
+
+
+def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:
+    """Gauges by their strain rows, without those in excluded zones."""
+    gauges = config.gauges
+    if gauges.surface != "all":
+        raise ConfigError(
+            "given gauges lie on no surface of the mesh", key="gauges.surface", remedy="remove the key, or gauges.given"
+        )
+    _, components = read_numbering(using.files["mesh.matrices.numbering"])
+    with blame("gauges.given"):
+        given = read_given(
+            using.files["gauges.given.rows"],
+            using.files["gauges.given.table"],
+            components,
+            length_factor(config.mesh.length_unit),
+        )
+    with blame("gauges.exclude"):
+        facets = exterior_facets(mesh) if mesh.blocks else None
+        given = without(given, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
+    return given.pool, given.rows
+
+
+def screened_of(config: PlacementConfig, training: Training) -> Screened:
+    """Settle the noise of every channel, drop the weak and the overloaded, thin the clusters."""
+    pool, reading = training.candidates, training.reading
+    rms, peak = np.sqrt(np.mean(reading**2, axis=0)), np.abs(reading).max(axis=0)
+    noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
+    best = {}
+    for i, (key, family) in enumerate(families(config).items()):
+        own = pool.array == i
+        # Of candidates: one bonded in a loud place must not make all others noisier.
+        free = own & ~pool.glued if (own & ~pool.glued).any() else own
+        noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
+        if own.any():
+            best[key] = float(rms[own].max()), float(noise_std[own][0])
+        if family.range is not None:
+            limit[own] = family.range
+    refuse_noise(best)
+    with blame("screen.keep"):
+        result = _screened(config.screen, pool, rms, peak, noise_std, limit)
+    return Screened(
+        kept=result.kept,
+        snr=result.snr,
+        reason=np.asarray(result.reason, dtype=np.str_),
+        noise_std=noise_std,
+        range=limit,
+        family=tuple(key.removeprefix("motion_sensors.") for key in families(config)),
+    )
+
+
+def _screened(
+    settings: Screen, pool: Candidates, rms: np.ndarray, peak: np.ndarray, noise_std: np.ndarray, limit: np.ndarray
+) -> Screening:
+    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge."""
+    keep = None if settings.keep == "all" else settings.keep
+    kinds = pool.array[pool.first]
+    kept, snr, reason = [], np.empty(pool.gauges), np.empty(pool.gauges, dtype="<U7")
+    for kind in np.unique(kinds):
+        gauges, own = np.flatnonzero(kinds == kind), np.flatnonzero(pool.array == kind)
+        # Of a kind that has fewer all are kept; of one alone that is an error, as it was asked for.
+        most = keep if keep is None or len(np.unique(kinds)) == 1 else min(keep, len(gauges))
+        found = screen(
+            rms[own],
+            noise_std[own],
+            pool.position[own],
+            most,
+            settings.minimum_spacing,
+            gauge=np.searchsorted(gauges, pool.gauge[own]),
+            glued=pool.glued[own],
+            largest=peak[own],
+            limit=limit[own],
+        )
+        kept.append(gauges[found.kept])
+        snr[gauges], reason[gauges] = found.snr, found.reason
+    return Screening(np.sort(np.concatenate(kept)), snr, reason)
+
+
+def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:
+    """σ of a family of sensors: as stated, or a share of its strongest candidate."""
+    if isinstance(stated, AbsoluteNoise):
+        return stated.value
+    strongest = float(rms.max())
+    if strongest <= 0:
+        raise ConfigError(
+            "no candidate reads anything in the training run, of which the noise would be a share",
+            key=key,
+            remedy="give {value: …}, or load the structure",
+        )
+    return stated.relative_to_strongest * strongest
