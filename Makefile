@@ -6,6 +6,8 @@ KERNEL ?= placement
 CONFIG ?= configs/cantilever-youngs-modulus.yaml
 ARGS ?=
 VENV := .venv
+# Where venv puts the commands.
+BIN := $(if $(filter Windows_NT,$(OS)),Scripts,bin)
 LOWEST := build/lowest
 KERNELS := mesh fem rom gauges signals augmentation placement estimation multibody
 READY := $(VENV)/.ready
@@ -43,72 +45,72 @@ help:
 	@echo 'ARGS="--set place.keep=6" is passed on to strainsight'
 
 run: $(READY)
-	@$(VENV)/bin/strainsight run $(CONFIG) $(ARGS)
+	@$(VENV)/$(BIN)/strainsight run $(CONFIG) $(ARGS)
 
 $(STAGES) status: $(READY)
-	@$(VENV)/bin/strainsight $@ $(CONFIG) $(ARGS)
+	@$(VENV)/$(BIN)/strainsight $@ $(CONFIG) $(ARGS)
 
 all-configs: $(READY)
-	@set -e; for config in $(CONFIGS); do echo "== $$config"; $(VENV)/bin/strainsight run $$config $(ARGS); done
+	@set -e; for config in $(CONFIGS); do echo "== $$config"; $(VENV)/$(BIN)/strainsight run $$config $(ARGS); done
 
 hub: $(READY)
-	@$(VENV)/bin/strainsight run configs/hub/suite.yaml $(ARGS)
+	@$(VENV)/$(BIN)/strainsight run configs/hub/suite.yaml $(ARGS)
 
 hub-fine: $(READY)
-	@$(VENV)/bin/strainsight run configs/hub/suite.yaml $(FINE) $(ARGS)
+	@$(VENV)/$(BIN)/strainsight run configs/hub/suite.yaml $(FINE) $(ARGS)
 
 bench: $(READY)
-	@$(VENV)/bin/strainsight run configs/bench/suite.yaml $(ARGS)
+	@$(VENV)/$(BIN)/strainsight run configs/bench/suite.yaml $(ARGS)
 
 test: $(READY)
-	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q $(ARGS)
+	@$(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q $(ARGS)
 
 pages: $(READY)
-	@$(ONE_THREAD) $(VENV)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)
+	@$(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)
 	@echo 'pictures of the pages: build/pages'
 
 # Compiled code is invisible to the measurement: the multibody tests run without the compiler, which takes long. What is odd
 # about a mesh is tested on decks.
 coverage: $(READY)
 	@mkdir -p build
-	@$(ONE_THREAD) $(VENV)/bin/coverage run -m pytest -q -p no:cov -m 'not slow' $(filter-out tests/multibody,$(KERNELS:%=tests/%)) tests/decks
-	@NUMBA_DISABLE_JIT=1 $(ONE_THREAD) $(VENV)/bin/coverage run --append -m pytest -q -p no:cov -m 'not slow' tests/multibody
-	@$(VENV)/bin/coverage report
+	@$(ONE_THREAD) $(VENV)/$(BIN)/coverage run -m pytest -q -p no:cov -m 'not slow' $(filter-out tests/multibody,$(KERNELS:%=tests/%)) tests/decks
+	@NUMBA_DISABLE_JIT=1 $(ONE_THREAD) $(VENV)/$(BIN)/coverage run --append -m pytest -q -p no:cov -m 'not slow' tests/multibody
+	@$(VENV)/$(BIN)/coverage report
 
 mutants: $(READY)
-	@$(ONE_THREAD) $(VENV)/bin/python -m tests.mutants $(KERNEL) $(ARGS)
+	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.mutants $(KERNEL) $(ARGS)
 
 # A page, a drawing or a written-out schema may differ by the versions of what draws and writes them.
 lowest:
 	@$(PYTHON) .ci/system.py
 	@$(PYTHON) -m venv $(LOWEST)
-	@$(LOWEST)/bin/pip install --quiet --disable-pip-version-check -r .ci/lowest.lock
-	@$(LOWEST)/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
-	@$(ONE_THREAD) NUMBA_CACHE_DIR=$(LOWEST)/numba $(LOWEST)/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m 'not slow' \
+	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check -r .ci/lowest.lock
+	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(ONE_THREAD) NUMBA_CACHE_DIR=$(LOWEST)/numba $(LOWEST)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m 'not slow' \
 		--deselect tests/config/test_schema.py::test_the_committed_schema_is_that_of_the_models $(KERNELS:%=tests/%) \
 		tests/config tests/decks tests/measurements tests/report tests/cli tests/workflow tests/sweep $(ARGS)
-	@$(LOWEST)/bin/strainsight run configs/cantilever-youngs-modulus.yaml --results $(LOWEST)/results
+	@$(LOWEST)/$(BIN)/strainsight run configs/cantilever-youngs-modulus.yaml --results $(LOWEST)/results
 
 # atheris has wheels for some systems only; without one that part is left out.
 fuzz: $(READY)
-	@$(VENV)/bin/pip install --quiet --disable-pip-version-check --only-binary :all: 'atheris>=3.0' || true
-	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.campaign $(ARGS)
-	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.commands
-	@$(ONE_THREAD) $(VENV)/bin/python -m tests.fuzz.guided
+	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --only-binary :all: 'atheris>=3.0' || true
+	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.fuzz.campaign $(ARGS)
+	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.fuzz.commands
+	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.fuzz.guided
 
 soak: $(READY)
-	@STRAINSIGHT_STEPS=10_000_000 STRAINSIGHT_PLACEMENTS=1000 $(ONE_THREAD) $(VENV)/bin/pytest -q tests/robustness/test_soak.py $(ARGS)
+	@STRAINSIGHT_STEPS=10_000_000 STRAINSIGHT_PLACEMENTS=1000 $(ONE_THREAD) $(VENV)/$(BIN)/pytest -q tests/robustness/test_soak.py $(ARGS)
 
 lint: $(READY)
-	@$(VENV)/bin/ruff check .
-	@$(VENV)/bin/mypy
-	@$(VENV)/bin/lint-imports
-	@$(VENV)/bin/python .ci/licences.py
-	@$(VENV)/bin/pip check --quiet --disable-pip-version-check
-	@$(VENV)/bin/python .ci/audit.py
+	@$(VENV)/$(BIN)/ruff check .
+	@$(VENV)/$(BIN)/mypy
+	@$(VENV)/$(BIN)/lint-imports
+	@$(VENV)/$(BIN)/python .ci/licences.py
+	@$(VENV)/$(BIN)/pip check --quiet --disable-pip-version-check
+	@$(VENV)/$(BIN)/python .ci/audit.py
 
 manual: $(READY)
-	@$(VENV)/bin/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir .sphinx docs site
+	@$(VENV)/$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir .sphinx docs site
 	@echo site/index.html
 
 setup: $(READY)
@@ -117,8 +119,8 @@ $(READY): requirements-dev.lock pyproject.toml
 	@$(PYTHON) .ci/system.py
 	@echo 'setting up $(VENV) (a few minutes the first time)'
 	@$(PYTHON) -m venv $(VENV)
-	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r requirements-dev.lock
-	@$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-dev.lock
+	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@
 
 lock:
