@@ -19,7 +19,7 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: help run status test lint all-configs hub hub-fine bench manual pages lowest coverage mutants fuzz soak setup lock $(STAGES)
+.PHONY: help run status test lint all-configs hub hub-fine bench manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -38,6 +38,7 @@ help:
 	@echo 'make mutants        200 small faults in KERNEL=$(KERNEL), and which of them no test notices; takes long'
 	@echo 'make fuzz           20 000 damaged configs, decks and measurements each, and more; what fails is put into build/fuzz'
 	@echo 'make soak           10 million steps of the filter and 1000 placements, each in one process; takes an hour'
+	@echo 'make history        ratios of processor times to other packages, kept in benchmarks/history'
 	@echo 'make manual         the manual as a site: site/index.html'
 	@echo 'make lock           renew requirements-dev.lock and .ci/lowest.lock from pyproject.toml'
 	@echo
@@ -100,6 +101,9 @@ fuzz: $(READY)
 
 soak: $(READY)
 	@STRAINSIGHT_STEPS=10_000_000 STRAINSIGHT_PLACEMENTS=1000 $(ONE_THREAD) $(VENV)/$(BIN)/pytest -q tests/robustness/test_soak.py $(ARGS)
+
+history: $(READY)
+	@$(VENV)/$(BIN)/python -m benchmarks.history
 
 lint: $(READY)
 	@$(VENV)/$(BIN)/ruff check .

@@ -10,6 +10,7 @@ from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
 
 sys.path.insert(0, str(Path(__file__).parent))
+import benchmark_history
 import config_reference
 
 project = "strainsight"
@@ -58,3 +59,4 @@ def setup(app):
     app.add_html_math_renderer("mathml", (inline_math, None), (block_math, None))
     app.connect("source-read", only_within)
     app.connect("builder-inited", lambda app: config_reference.write(Path(app.srcdir) / "config"))
+    app.connect("builder-inited", lambda app: benchmark_history.write(Path(app.srcdir) / "history"))
