@@ -164,13 +164,13 @@ def test_commands_and_targets_of_the_manual_exist():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = set(re.findall(r"^([\w -]+):", makefile, re.MULTILINE)) | commands  # a stage is a target, too
     targets = {word for target in targets for word in target.split()}
-    for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md"))):
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))):
         text = page.read_text(encoding="utf-8")
         parts = re.findall(r"^```\w*\n(.*?)^```|`([^`\n]+)`", text, re.DOTALL | re.MULTILINE)
         code = "\n".join(block or words for block, words in parts)
         for command in re.findall(r"^(?:\$ )?strainsight ([a-z]+)", code, re.MULTILINE):
             assert command in commands, f"{page.name}: strainsight {command}"
-        for target in re.findall(r"^make ([\w-]+)", code, re.MULTILINE):
+        for target in re.findall(r"^make (?:\w+=\S+ )*([\w-]+)", code, re.MULTILINE):
             assert target in targets, f"{page.name}: make {target}"
 
 

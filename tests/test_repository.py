@@ -1,0 +1,137 @@
+"""The files beside the package agree with it: citation, workflow, hooks, links of the first pages, entries of the history."""
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+import strainsight
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PYTHONS = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if re.search(r":: Python :: 3\.\d+$", line)]
+CFF = {
+    *(
+        "abstract",
+        "authors",
+        "cff-version",
+        "commit",
+        "contact",
+        "date-released",
+        "doi",
+        "identifiers",
+        "keywords",
+        "license",
+    ),
+    *(
+        "license-url",
+        "message",
+        "preferred-citation",
+        "references",
+        "repository",
+        "repository-artifact",
+        "repository-code",
+    ),
+    *("title", "type", "url", "version"),
+}
+"""Keys of the Citation File Format 1.2.0."""
+
+
+def parsed(name):
+    return YAML(typ="safe").load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def test_the_citation_is_of_this_version():
+    citation = parsed("CITATION.cff")
+    assert set(citation) <= CFF
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["title"] == PROJECT["name"]
+    assert str(citation["version"]) == PROJECT["version"] == strainsight.__version__
+    assert citation["license"] == PROJECT["license"]
+    assert citation["keywords"] == PROJECT["keywords"]
+    assert [author["name"] for author in citation["authors"]] == [author["name"] for author in PROJECT["authors"]]
+
+
+def test_the_first_heading_of_the_changes_is_this_version():
+    heading = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert heading[1] == PROJECT["version"]
+
+
+def test_the_workflow_runs_every_python_of_the_classifiers():
+    jobs = parsed(".github/workflows/ci.yml")["jobs"]
+    linux = jobs["linux"]
+    assert linux["strategy"]["matrix"]["python"] == PYTHONS
+    assert PROJECT["requires-python"] == f">={PYTHONS[0]}"
+    for job in jobs.values():
+        assert job["steps"][-1] == {"run": "bash .ci/run"}
+        assert "PYTHON" in job["env"]
+
+
+def test_only_systems_of_the_classifiers_may_fail_the_workflow():
+    jobs = parsed(".github/workflows/ci.yml")["jobs"]
+    required = {name for name, job in jobs.items() if not job.get("continue-on-error", False)}
+    systems = {line.rsplit(" ", 1)[1].lower() for line in PROJECT["classifiers"] if line.startswith("Operating System")}
+    assert required == systems
+
+
+def test_hooks_are_tools_of_this_project():
+    tools = {re.split(r"[>=<;\[ ]", line)[0] for line in PROJECT["optional-dependencies"]["dev"]}
+    for repository in parsed(".pre-commit-config.yaml")["repos"]:
+        assert repository["repo"] == "local"
+        for hook in repository["hooks"]:
+            folder, tool = hook["entry"].split()[0].rsplit("/", 1)
+            assert folder == ".venv/bin"
+            assert tool in tools
+
+
+@pytest.mark.parametrize("name", ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md"])
+def test_links_of_the_first_pages_lead_to_files(name):
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / name).read_text(encoding="utf-8"))
+    assert links
+    for link in links:
+        assert (ROOT / link).exists(), f"{name}: {link}"
+
+
+@pytest.fixture(scope="module")
+def history():
+    """The script of docs/ that reads the entries."""
+    spec = importlib.util.spec_from_file_location("benchmark_history", ROOT / "docs" / "benchmark_history.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_entries_of_the_history_are_what_a_job_measures_now(history):
+    """The ratio lies between the least and the largest, and both results agree."""
+    code = "import json; from benchmarks.history import JOBS, measured; print(json.dumps(measured(JOBS['bearing']())))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    now = json.loads(done.stdout.splitlines()[-1])
+    entries = history.entries()
+    assert entries
+    for found in (now, *(found for entry in entries for found in entry["ratios"].values())):
+        assert set(found) == set(now)
+        assert 0 < found["least"] <= found["ratio"] <= found["largest"]
+        assert found["apart"] < 0.01
+    for entry in entries:
+        assert re.fullmatch(r"[0-9a-f]{40}", entry["commit"])
+        assert datetime.fromisoformat(entry["committed"]) <= datetime.fromisoformat(entry["measured"])
+
+
+def test_the_history_is_drawn_commit_by_commit(history):
+    """A later entry with a job of its own: every job and commit in the picture, newest first in the table."""
+    first = history.entries()[0]
+    later = first | {"commit": "f" * 40, "committed": "2099-01-01T00:00:00+00:00"}
+    later["ratios"] = {"bearing": first["ratios"]["bearing"], "another": first["ratios"]["filter"]}
+    picture, table = history.picture([first, later]), history.table([first, later])
+    for name in (*first["ratios"], "another", first["commit"][:7], "fffffff"):
+        assert f">{name}<" in picture
+    assert table.index("| fffffff |") < table.index(f"| {first['commit'][:7]} |")
+    assert f"| fffffff | 2099-01-01 | {first['machine']['processor']}, {first['machine']['cores']} | – |" in table
