@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Name, Positive, RunName, Section, Seed, Text
+from strainsight.config.base import Name, Positive, RunName, Section, Seed
+from strainsight.config.names import BearingName
 
-Bearings = Text | Annotated[tuple[Text, ...], Field(min_length=1)] | None
+Bearings = BearingName | Annotated[tuple[BearingName, ...], Field(min_length=1)] | None
 """Names of bearings; None: all."""
 
 

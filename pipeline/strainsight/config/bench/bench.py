@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Name, Positive, RunName, Section, Seed, Text
+from strainsight.config.base import Name, Positive, RunName, Section, Seed
 from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
 from strainsight.config.bench.bodies import Body, Frame
 from strainsight.config.bench.connections import Force, Frames, Joint
@@ -14,13 +14,14 @@ from strainsight.config.bench.estimate import Estimate
 from strainsight.config.bench.field import SurfaceField
 from strainsight.config.bench.place import BenchPlace, Layout
 from strainsight.config.gauges import GluedGauge
+from strainsight.config.names import FlexibleName, FrameName
 
 
 class StrainSensor(Section):
     """Strain gauges glued on a flexible body."""
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
-    body: Text = Field(description="Name of the flexible body.")
+    body: FlexibleName = Field(description="Name of the flexible body.")
     gauges: tuple[GluedGauge, ...] = Field((), description="Where they are glued; none: as `layout` says.")
     layout: Layout | None = Field(
         None, description="Gauges of the section `place` instead: the placed ones, or the first layout drawn at random."
@@ -42,7 +43,7 @@ class MotionSensor(Section):
     """Motion of a frame in global axes."""
 
     type: Literal["motion"] = Field(description="Kind of sensor.")
-    frame: Text = Field(description="Name of the frame.")
+    frame: FrameName = Field(description="Name of the frame.")
     quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = Field(
         "position", description="Position [m] or velocity [m/s] of its origin, or the direction of one of its axes [-]."
     )

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from strainsight.config.base import Name, Positive, Section, Text, Vector, with_defaults
 from strainsight.config.mesh import MeshFile, NodeId
+from strainsight.config.names import BodyName
 from strainsight.config.placement import ModalDamping, RayleighDamping
 
 
@@ -78,7 +79,7 @@ Body = Annotated[RigidBody | FlexibleBody, Field(discriminator="type")]
 class Frame(Section):
     """A point with three axes on a body or on the ground."""
 
-    body: Text = Field(description="Name of the body, or 'ground'.")
+    body: BodyName = Field(description="Name of the body, or 'ground'.")
     node: NodeId | None = Field(
         None, description="Interface node of a flexible body: the reference node of a rigid element (RBE2)."
     )

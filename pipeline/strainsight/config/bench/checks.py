@@ -13,9 +13,9 @@ from strainsight.config.bench.checks_bearing import bearings_alone
 from strainsight.config.bench.checks_estimate import estimate_problems
 from strainsight.config.bench.field import field_problems
 from strainsight.config.bench.place import place_problems
-from strainsight.config.problem import Problem, known
+from strainsight.config.names import GROUND, name_problems, names_in
+from strainsight.config.problem import Problem
 
-GROUND = "ground"
 MOST_STEPS = 10_000_000
 PARALLEL = 1e-6
 GYRATION = (1e-7, 1e7)
@@ -26,26 +26,20 @@ MASSES_APART = 1e12
 
 def bearing_problems(config: BearingConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of bearings."""
+    yield from name_problems(config)
     yield from bearings_alone(config.bearings, config.cases, config.curves)
 
 
 def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of a bench."""
+    yield from name_problems(config)
     yield from bearings_alone(config.bearings, config.cases, config.curves)
     if GROUND in config.bodies:
         yield Problem(f"bodies.{GROUND}", f"'{GROUND}' is the ground", "give the body another name", at_key=True)
     yield from _bodies(config)
     yield from _frames(config)
-    for name, joint in config.joints.items():
-        yield from _two_frames(f"joints.{name}.frames", joint.frames, config)
-    yield from _forces(config)
-    for name, sensor in config.sensors.items():
-        if sensor.type == "strain":
-            yield from known(f"sensors.{name}.body", sensor.body, _flexible(config), "flexible body")
-        elif sensor.type == "relative":
-            yield from _two_frames(f"sensors.{name}.frames", sensor.frames, config)
-        else:
-            yield from known(f"sensors.{name}.frame", sensor.frame, config.frames, "frame")
+    yield from _apart(config)
+    yield from _loads(config)
     yield from _moduli(config)
     yield from _time(config)
     yield from estimate_problems(config)
@@ -148,7 +142,6 @@ def _masses(config: BenchConfig) -> Iterator[Problem]:
 def _frames(config: BenchConfig) -> Iterator[Problem]:
     for name, frame in config.frames.items():
         key = f"frames.{name}"
-        yield from known(f"{key}.body", frame.body, [*config.bodies, GROUND], "body")
         yield from _pose(f"{key}.pose", frame.pose)
         flexible = frame.body in _flexible(config)
         if flexible and frame.node is None:
@@ -159,30 +152,28 @@ def _frames(config: BenchConfig) -> Iterator[Problem]:
             yield Problem(f"{key}.pose.origin", "the node is the origin", "leave pose.origin out")
 
 
-def _forces(config: BenchConfig) -> Iterator[Problem]:
+def _loads(config: BenchConfig) -> Iterator[Problem]:
     for name, force in config.forces.items():
+        if force.type not in ("force", "moment"):
+            continue
         key = f"forces.{name}"
-        if force.type == "spring":
-            yield from _two_frames(f"{key}.frames", force.frames, config)
-        elif force.type == "bearing":
-            yield from known(f"{key}.bearing", force.bearing, config.bearings, "bearing")
-            yield from _two_frames(key, (force.outer, force.inner), config)
-        elif force.type in ("force", "moment"):
-            yield from known(f"{key}.frame", force.frame, config.frames, "frame")
-            if force.frame in config.frames and config.frames[force.frame].body == GROUND:
-                what = f"frame '{force.frame}' is on the ground, where a load moves nothing"
-                yield Problem(f"{key}.frame", what, "name a frame on a body")
-            if not any(force.direction):
-                yield Problem(f"{key}.direction", "has no length", "give three numbers, not all zero")
+        if force.frame in config.frames and config.frames[force.frame].body == GROUND:
+            what = f"frame '{force.frame}' is on the ground, where a load moves nothing"
+            yield Problem(f"{key}.frame", what, "name a frame on a body")
+        if not any(force.direction):
+            yield Problem(f"{key}.direction", "has no length", "give three numbers, not all zero")
 
 
-def _two_frames(key: str, frames: tuple[str, str], config: BenchConfig) -> Iterator[Problem]:
-    for frame in frames:
-        yield from known(key, frame, config.frames, "frame")
-    if all(frame in config.frames for frame in frames):
-        bodies = {config.frames[frame].body for frame in frames}
-        if len(bodies) == 1:
-            yield Problem(key, f"both frames are on '{bodies.pop()}'", "name frames of two bodies")
+def _apart(config: BenchConfig) -> Iterator[Problem]:
+    """Where a joint, a force or a sensor is between two frames, these are on two bodies."""
+    for section in ("joints", "forces", "sensors"):
+        for name, entry in getattr(config, section).items():
+            named = [(key, frame) for key, frame, mark in names_in(entry, f"{section}.{name}") if mark.section == "frames"]
+            bodies = [config.frames[frame].body for _, frame in named if frame in config.frames]
+            if len(bodies) == 2 and bodies[0] == bodies[1]:
+                keys = {key for key, _ in named}
+                where = keys.pop() if len(keys) == 1 else f"{section}.{name}"
+                yield Problem(where, f"both frames are on '{bodies[0]}'", "name frames of two bodies")
 
 
 def _pose(key: str, pose: Pose) -> Iterator[Problem]:

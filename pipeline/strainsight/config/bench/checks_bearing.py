@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
-from strainsight.config.problem import Problem, known
+from strainsight.config.problem import Problem
 
 RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
 LARGEST_PRELOAD = 0.02
@@ -19,21 +19,18 @@ LEAST_REACH = 1e-9
 def bearings_alone(
     bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase], curves: Sequence[Curve]
 ) -> Iterator[Problem]:
-    """Bearings that cannot be built, cases and curves of bearings that are not there, curves that reach too far."""
+    """Bearings that cannot be built, cases and curves without any, curves that reach too far."""
     for name, bearing in bearings.items():
         yield from _bearing(f"bearings.{name}", bearing)
     for key, given in (("cases", cases), ("curves", curves)):
         if given and not bearings:
             yield Problem(key, "there is no bearing", f"leave {key} out, or give bearings", at_key=True)
     if bearings:
-        for name, case in cases.items():
-            for chosen in _chosen(case, bearings):
-                yield from known(f"cases.{name}.bearing", chosen, bearings, "bearing")
         for i, curve in enumerate(curves):
             yield from _curve(i, curve, bearings)
 
 
-def _chosen(entry: LoadCase | Curve, bearings: Mapping[str, Bearing]) -> tuple[str, ...]:
+def _chosen(entry: Curve, bearings: Mapping[str, Bearing]) -> tuple[str, ...]:
     if entry.bearing is None:
         return tuple(bearings)
     return (entry.bearing,) if isinstance(entry.bearing, str) else entry.bearing
@@ -75,7 +72,6 @@ def _bearing(key: str, bearing: Bearing) -> Iterator[Problem]:
 def _curve(i: int, curve: Curve, bearings: Mapping[str, Bearing]) -> Iterator[Problem]:
     """A ring moves by no more than a ball, at the pitch circle, and by more than rounding."""
     for name in _chosen(curve, bearings):
-        yield from known(f"curves.{i}.bearing", name, bearings, "bearing")
         if name not in bearings:
             continue
         bearing = bearings[name]

@@ -85,7 +85,6 @@ def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         if entry.bearing is None:
             yield from known(key, name, moduli, "modulus under bodies.*.moduli")
         else:
-            yield from known(f"{key}.bearing", entry.bearing, config.bearings, "bearing")
             if entry.bearing in config.bearings and entry.bearing not in used:
                 yield Problem(
                     f"{key}.bearing", f"no force is of '{entry.bearing}'", "name a bearing of this bench's forces"

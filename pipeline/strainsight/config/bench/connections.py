@@ -6,10 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Section, Text, Vector
+from strainsight.config.base import NotNegative, Section, Vector
 from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
+from strainsight.config.names import BearingName, FrameName
 
-Frames = tuple[Text, Text]
+Frames = tuple[FrameName, FrameName]
 Axis = Literal["x", "y", "z"]
 
 
@@ -96,7 +97,7 @@ class PointForce(Section):
     """A force on the origin of a frame: an input of the bench."""
 
     type: Literal["force"] = Field(description="Kind of force.")
-    frame: Text = Field(description="Name of the frame.")
+    frame: FrameName = Field(description="Name of the frame.")
     direction: Vector = Field(description="In global axes [-]; its length does not matter.")
     signal: Signal = Field(description="Its history [N].")
 
@@ -105,7 +106,7 @@ class PointMoment(Section):
     """A moment on a frame: an input of the bench."""
 
     type: Literal["moment"] = Field(description="Kind of force.")
-    frame: Text = Field(description="Name of the frame.")
+    frame: FrameName = Field(description="Name of the frame.")
     direction: Vector = Field(description="In global axes [-]; its length does not matter.")
     signal: Signal = Field(description="Its history [N m].")
 
@@ -114,9 +115,9 @@ class BearingForce(Section):
     """A bearing between two frames; its axis is the x axis of the outer one."""
 
     type: Literal["bearing"] = Field(description="Kind of force.")
-    bearing: Text = Field(description="Name of the bearing.")
-    outer: Text = Field(description="Frame of the outer ring, at the centre of the bearing.")
-    inner: Text = Field(description="Frame of the inner ring, at the centre of the bearing.")
+    bearing: BearingName = Field(description="Name of the bearing.")
+    outer: FrameName = Field(description="Frame of the outer ring, at the centre of the bearing.")
+    inner: FrameName = Field(description="Frame of the inner ring, at the centre of the bearing.")
 
 
 Force = Annotated[Gravity | Spring | PointForce | PointMoment | BearingForce, Field(discriminator="type")]

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from strainsight.config.base import Name, NotNegative, Positive, Section, Text, with_defaults
+from strainsight.config.names import BearingName
 
 BearingParameter = Literal[
     "ball_diameter", "radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right", "preload"
@@ -40,7 +41,7 @@ class EstimatedParameter(Section):
     A Young's modulus under its name in `bodies.*.moduli`, or a property of a bearing under any name.
     """
 
-    bearing: Text | None = Field(None, description="Name of the bearing; null: a modulus of that name.")
+    bearing: BearingName | None = Field(None, description="Name of the bearing; null: a modulus of that name.")
     property: BearingParameter | None = Field(None, description="Which property of the bearing.")
     guess: float | None = Field(None, description="What the filter starts from [m or Pa]; null: the bench's own value.")
     std: Positive | None = Field(

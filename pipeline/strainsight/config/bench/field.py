@@ -7,14 +7,15 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Section, Text
-from strainsight.config.problem import Problem, known
+from strainsight.config.base import Section
+from strainsight.config.names import FlexibleName
+from strainsight.config.problem import Problem
 
 
 class SurfaceField(Section):
     """Displacement, strain and stress of a flexible body's surface in time, as a grid that ParaView plays."""
 
-    body: Text = Field(description="Name of the flexible body.")
+    body: FlexibleName = Field(description="Name of the flexible body.")
     of: Literal["simulate", "estimate"] = Field(
         "simulate", description="Of the simulated motion, or of the estimated one with the estimated moduli."
     )
@@ -27,8 +28,6 @@ def field_problems(config: Any) -> Iterator[Problem]:
     field = config.field
     if field is None:
         return
-    flexible = [name for name, body in config.bodies.items() if body.type == "flexible"]
-    yield from known("field.body", field.body, flexible, "flexible body")
     if field.of == "estimate" and config.estimate is None:
         yield Problem("field.of", "nothing is estimated", "give the section estimate, or say simulate")
     if field.every is not None and field.instants is not None:

@@ -9,7 +9,8 @@ from pydantic import Field
 
 from strainsight.config.base import NotNegative, Positive, Section, Text
 from strainsight.config.gauges import Direction, PrincipalDirection
-from strainsight.config.problem import Problem, known
+from strainsight.config.names import FlexibleName
+from strainsight.config.problem import Problem
 from strainsight.config.zones import Zone
 
 Layout = Literal["place", "random"]
@@ -19,7 +20,7 @@ Layout = Literal["place", "random"]
 class BenchPlace(Section):
     """Gauges of a flexible body, placed for the unknown inputs of `estimate`."""
 
-    body: Text = Field(description="Name of the flexible body.")
+    body: FlexibleName = Field(description="Name of the flexible body.")
     keep: int = Field(4, ge=1, description="Gauges to glue [-].")
     noise: Positive = Field(description="Noise standard deviation of a sample of every gauge [strain].")
     surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
@@ -43,9 +44,7 @@ class BenchPlace(Section):
 def place_problems(config: Any) -> Iterator[Problem]:
     """What `place` and the sensors that use it demand of the rest of a bench."""
     place = config.place
-    flexible = [name for name, body in config.bodies.items() if body.type == "flexible"]
     if place is not None:
-        yield from known("place.body", place.body, flexible, "flexible body")
         if config.estimate is None or not config.estimate.inputs:
             yield Problem(
                 "place", "no input is unknown", "name the loads to place for under estimate.inputs", at_key=True
