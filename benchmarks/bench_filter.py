@@ -30,7 +30,6 @@ import numpy as np
 from strainsight.cases.bench.bench import bench_of, strain_sensor
 from strainsight.config.load import load_config
 from strainsight.estimation.filter import filter_runs
-from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.initial import project_position, state
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
@@ -72,7 +71,7 @@ def prepared(free: tuple[str, ...]) -> tuple[Any, Any]:
         config = loaded.model
         bench = bench_of(config, {"hub": reduced}, {"hub": mesh}, {"pitch-bearing": free} if free else None)
         gauges, _ = strain_sensor("gauges", config.sensors["gauges"], reduced, mesh)
-    element = next(e.force for e in bench.system.elements if isinstance(e.force, RelativeElement))
+    element = bench.system.elements[0].force
     return bench, readings(bench.system, [gauges, RelationSensor("relative", element.relations)])
 
 

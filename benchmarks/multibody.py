@@ -221,7 +221,6 @@ def full_bench(steps: int) -> None:
     """The bench under its loads, from its equilibrium."""
     from strainsight.cases.bench.bench import bench_of
     from strainsight.config.load import load_config
-    from strainsight.multibody.forces import RelativeElement
     from strainsight.multibody.sensors import RelationSensor, readings
     from strainsight.records.bodies import body_from
     from strainsight.records.mesh import mesh_from
@@ -251,9 +250,9 @@ def full_bench(steps: int) -> None:
     assert last is not None
     end = last
     derivatives = shortest(lambda: [sensitivities(system, end) for _ in range(50)]) / 50
-    element = next(e.force for e in system.elements if isinstance(e.force, RelativeElement))
+    element = system.elements[0].force
     rho = readings(system, [RelationSensor("bearing", element.relations)]).read(end.q, end.v)[0]
-    bearing = shortest(lambda: [element.law.load(rho, np.zeros(0)) for _ in range(50)]) / 50
+    bearing = shortest(lambda: [element.law.load(rho, np.zeros(5), np.zeros(0)) for _ in range(50)]) / 50
     each = iterations / steps
     print(
         f"\n{data['name']}: {system.size} coordinates, {system.constrained} constraints, {steps} steps of {1e3 * h:g} ms\n"

@@ -9,10 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.bodies import FlexibleBody, RigidBody
-from strainsight.multibody.forces import Gravity, LinearLaw, PointForce, PointMoment, RelativeElement, SpringDamper
+from strainsight.multibody.forces import Gravity, Load, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, project_position, project_velocity, state
 from strainsight.multibody.joints import spherical
+from strainsight.multibody.laws.linear import LinearLaw, bushing
+from strainsight.multibody.laws.spring import spring
+from strainsight.multibody.laws.torsion import torsion
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.system import assemble
 from strainsight.rom.inertia import InertiaInvariants
@@ -65,6 +68,19 @@ class Particles:
         )
 
 
+@dataclass(frozen=True)
+class Drag:
+    """F = θ (1 + |ρ|²) C w,  w_k = ρ̇_k |ρ̇_k|: nothing of it is linear, and C (k, k) is not symmetric."""
+
+    C: np.ndarray
+
+    def load(self, rho, rho_dot, theta):
+        near = 1 + rho @ rho
+        push = self.C @ (rho_dot * np.abs(rho_dot))
+        by_rate = theta[0] * near * self.C * (2 * np.abs(rho_dot))
+        return Load(theta[0] * near * push, theta[0] * np.outer(push, 2 * rho), by_rate, near * push[:, None])
+
+
 @pytest.fixture
 def particles():
     return Particles
@@ -109,11 +125,13 @@ def everything(random_particles):
         RelativeElement(
             "ring",
             bearing_displacements(outer, root),
-            LinearLaw(0.5 * stiff, np.full(5, 0.01), (0.5 * stiff,)),
+            LinearLaw(0.5 * stiff, np.full(5, 0.01), (0.5 * stiff,), 0.02 * stiff),
             ("s",),
-            0.02 * stiff,
         ),
-        SpringDamper("strut", Frame("wall", None, np.array([3.0, 1.0, 0.0])), high, 150.0, 4.0, 1.2),
+        spring("strut", Frame("wall", None, np.array([3.0, 1.0, 0.0])), high, 150.0, 4.0, 1.2),
+        RelativeElement("drag", bearing_displacements(root, high)[:2], Drag(np.array([[2.0, 0.5], [-0.4, 1.0]])), ("d",)),
+        torsion("twisted", outer, root, 20.0, 3.0, 0.4, "x"),
+        bushing("mount", outer, low, [30.0, 40.0, 50.0, 6.0, 7.0, 8.0], [1.0, 2.0, 3.0, 0.4, 0.5, 0.6]),
         PointForce("push", tip, np.array([[1.0, 0.2], [0.0, 1.0], [0.3, 0.0]]), ["Fx", "Fy"]),
         PointForce("shake", frame("flange", "hub", 4), np.array([0.0, 0.5, 1.0]), ["Fh"]),
         PointMoment("twist", tip, np.eye(3), ["Mx", "My", "Mz"]),
@@ -127,4 +145,4 @@ def everything(random_particles):
     q, _ = state(system, poses)
     q = project_position(system, q + 0.02 * rng.normal(size=system.size))
     v = project_velocity(system, q, rng.normal(size=system.size))
-    return SimpleNamespace(system=system, q=q, v=v, u=rng.normal(size=7) * 5, theta=np.array([1.1, 0.9]), rng=rng)
+    return SimpleNamespace(system=system, q=q, v=v, u=rng.normal(size=7) * 5, theta=np.array([1.1, 0.9, 0.7]), rng=rng)

@@ -17,10 +17,11 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.forces import Gravity, SpringDamper
+from strainsight.multibody.forces import Gravity
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import revolute, spherical
+from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import assemble
 
@@ -213,7 +214,7 @@ def test_flexible_rotor_on_a_hinge(mast, particles):
     pose = Pose(place, POSE, np.zeros(3), POSE @ np.array([0.0, 0.0, 5.0]))
     far = mast.x[-1], mast.shapes[-1]
     joint = revolute("hinge", Frame("wall", None, place, POSE), Frame("root", "mast"))
-    spring = SpringDamper(
+    pull = spring(
         "spring", Frame("hook", None, hook), Frame("end", "mast", far[0], np.eye(3), far[1]), 30.0, 3.0, 0.4
     )
 
@@ -230,7 +231,7 @@ def test_flexible_rotor_on_a_hinge(mast, particles):
         mbs.AddObject(ObjectConnectorSpringDamper(markerNumbers=ends, referenceLength=0.4, stiffness=30.0, damping=3.0))
         return body["nRigidBody"], body["nGenericODE2"]
 
-    agree(run_ours(as_particles(mast, particles), joint, pose, 0.5, spring), *run_theirs(build, 0.5))
+    agree(run_ours(as_particles(mast, particles), joint, pose, 0.5, pull), *run_theirs(build, 0.5))
 
 
 def test_flexible_rotor_that_hangs_by_its_far_end(mast, particles):

@@ -43,7 +43,7 @@ def test_sensitivities_of_a_step_are_its_differences(everything, h):
 
 def test_names_of_inputs_and_parameters_are_in_the_order_of_the_columns(everything):
     assert everything.system.inputs == ("Fx", "Fy", "Fh", "Mx", "My", "Mz", "Mh")
-    assert everything.system.parameters == ("E", "s")
+    assert everything.system.parameters == ("E", "s", "d")
 
 
 def test_the_new_state_satisfies_the_constraints_whatever_the_old_one(everything):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from strainsight.multibody.forces import PointMoment, SpringDamper
+from strainsight.multibody.forces import PointMoment
 from strainsight.multibody.initial import Pose, project_position, state
 from strainsight.multibody.joints import pin, revolute
+from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import assemble
 
@@ -62,8 +63,8 @@ def squeezer():
         pin("F6", meeting, at("F6", "K6", zf)),
     ]
     drive = PointMoment("drive", at("shaft", "K1"), np.array([0.0, 0.0, 1.0]), ["torque"])
-    spring = SpringDamper("spring", at("D", "K3", sd, -sc), at("C", None, *C), 4530.0, length=0.07785)
-    system = assemble(bodies, joints, [drive, spring])
+    pull = spring("spring", at("D", "K3", sd, -sc), at("C", None, *C), 4530.0, length=0.07785)
+    system = assemble(bodies, joints, [drive, pull])
     poses = {
         body.name: Pose(np.array([*origin, 0.0]), turn) for body, origin, turn in zip(bodies, origins, R, strict=True)
     }

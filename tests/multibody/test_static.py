@@ -1,14 +1,19 @@
 """Static equilibrium against closed forms and against the end of a damped motion."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.forces import Gravity, LinearLaw, PointForce, RelativeElement, SpringDamper
+from strainsight.multibody.forces import Gravity, Load, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, state
-from strainsight.multibody.joints import Joint, revolute
+from strainsight.multibody.joints import Joint, prismatic, revolute
+from strainsight.multibody.laws.linear import LinearLaw
+from strainsight.multibody.laws.spring import spring
+from strainsight.multibody.laws.torsion import torsion
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot
 from strainsight.multibody.spectrum import coupled_frequencies
 from strainsight.multibody.static import static_equilibrium
@@ -39,10 +44,10 @@ def test_mass_hangs_from_a_flexible_body_as_far_as_both_give(random_particles):
     outer, ring = Frame("outer", "hub", displacement=shape, rotation=turn), Frame("ring", "stone")
     stone = RigidBody("stone", 10.0, np.zeros(3), np.eye(3))
     k = np.diag([1e6, 2e6, 3e6, 1e5, 1e5])
-    spring = RelativeElement("bearing", bearing_displacements(outer, ring), LinearLaw(k, np.zeros(5)))
+    mount = RelativeElement("bearing", bearing_displacements(outer, ring), LinearLaw(k, np.zeros(5)))
     held = Joint("spin", (dot(outer, 1, ring, 2),))
     weight = PointForce("F", ring, np.eye(3), ["x", "y", "z"])
-    system = assemble([hub, stone], [held], [spring, weight])
+    system = assemble([hub, stone], [held], [mount, weight])
     load = np.array([10.0, 20.0, -30.0])
     found, _ = static_equilibrium(system, state(system, {})[0], load, np.zeros(0))
     eta = np.linalg.solve(np.diag([1e6, 2e6, 3e6]), shape.T @ load)
@@ -68,7 +73,7 @@ def test_mechanism_that_nothing_holds_is_named():
 def test_spring_hangs_by_its_stiffness():
     stone = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
     ends = [
-        SpringDamper(
+        spring(
             f"rope {k}",
             Frame(f"hook {k}", None, np.array([x, 0, z])),
             Frame(f"eye {k}", "stone", np.array([x, -1.0, z])),
@@ -102,3 +107,31 @@ def test_slow_and_fast_motions_of_one_bench_are_both_found_and_rounding_is_none(
     level = assemble([BOB], [revolute("hinge", Frame("pivot", None), Frame("end", "bob"))], [DOWN])
     q, v = state(level, {})
     assert len(coupled_frequencies(level, q, v, np.zeros(0), np.zeros(0))) == 0
+
+
+def test_a_force_that_ends_on_the_way_is_approached_in_smaller_steps():
+    """F = a/(1 − ρ) ends at ρ = 1, which Newton's first step from 0 would overshoot: at rest a/(1 − z) is the load."""
+
+    def load(rho, rho_dot, theta):
+        if rho[0] >= 1:
+            raise NumericalError("beyond the end")
+        return Load(1.0 / (1 - rho), np.diag(1.0 / (1 - rho) ** 2), None, np.zeros((1, 0)))
+
+    stone = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
+    end = Frame("centre", "stone")
+    stop = RelativeElement("stop", (coincidence(Frame("wall"), end, 2),), SimpleNamespace(load=load))
+    lift = PointForce("lift", end, np.array([0, 0, 1.0]), ["F"])
+    system = assemble([stone], [prismatic("guide", Frame("rail"), end)], [stop, lift])
+    found, _ = static_equilibrium(system, state(system, {})[0], np.array([20.0]), np.zeros(0))
+    assert found[2] == pytest.approx(1 - 1 / 20.0, rel=1e-9)
+
+
+def test_a_force_that_allows_no_equilibrium_is_named():
+    """A torsion spring of 1 N m/rad under 4 N m: it would have to turn by 4 rad."""
+    disc = RigidBody("disc", 1.0, np.zeros(3), np.eye(3))
+    end = Frame("end", "disc")
+    wind = PointMoment("wind", end, np.array([0, 0, 1.0]), ["M"])
+    hinge = revolute("hinge", Frame("wall"), end)
+    system = assemble([disc], [hinge], [torsion("coil", Frame("rim"), Frame("eye", "disc"), 1.0), wind])
+    with pytest.raises(NumericalError, match="coil: it is turned by"):
+        static_equilibrium(system, state(system, {})[0], np.array([4.0]), np.zeros(0))

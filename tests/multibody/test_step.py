@@ -8,10 +8,11 @@ import pytest
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.equations import balance, input_slopes
-from strainsight.multibody.forces import Gravity, PointForce, RelativeElement, SpringDamper
+from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import constraints_at, state
 from strainsight.multibody.joints import revolute, spherical
+from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.relations import place
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.step import step
@@ -22,7 +23,7 @@ HEIGHT = (place(Frame("centre", "stone"), np.array([0, 0, 1.0])),)
 
 
 def law(F, slope):
-    return SimpleNamespace(load=lambda rho, theta: (F(rho), np.diag(slope(rho)), np.zeros((len(rho), 0))))
+    return SimpleNamespace(load=lambda rho, rate, theta: Load(F(rho), np.diag(slope(rho)), None, np.zeros((len(rho), 0))))
 
 
 def one_sided(k):
@@ -89,10 +90,10 @@ def test_step_without_solution_says_what():
 def test_trial_state_where_a_force_does_not_exist_is_approached_by_half():
     """A force F = a/(1 − ρ) that ends at ρ = 1, where the first trial state of a long step overshoots."""
 
-    def load(rho, theta):
+    def load(rho, rho_dot, theta):
         if rho[0] >= 1:
             raise NumericalError("beyond the end")
-        return 1.0 / (1 - rho), np.diag(1.0 / (1 - rho) ** 2), np.zeros((1, 0))
+        return Load(1.0 / (1 - rho), np.diag(1.0 / (1 - rho) ** 2), None, np.zeros((1, 0)))
 
     lift = PointForce("lift", Frame("centre", "stone"), np.array([0, 0, 1.0]), ["F"])
     system = assemble([STONE], [], [RelativeElement("end", HEIGHT, SimpleNamespace(load=load)), lift])
@@ -113,6 +114,6 @@ def test_run_says_when_it_fails():
 
 
 def test_points_of_a_spring_that_coincide_are_refused():
-    system = assemble([STONE], [], [SpringDamper("spring", Frame("wall"), Frame("end", "stone"), 100.0)])
-    with pytest.raises(NumericalError, match="spring: its two points coincide"):
+    system = assemble([STONE], [], [spring("spring", Frame("wall"), Frame("end", "stone"), 100.0)])
+    with pytest.raises(NumericalError, match="spring: its end points 'wall' and 'end' are 0 m apart"):
         step(system, *state(system, {}), np.zeros(0), 0.01, np.zeros(0))

@@ -90,7 +90,7 @@ def test_a_load_that_the_bearing_cannot_carry_is_the_users_to_mend(tmp_path, for
 def test_a_spring_without_length_has_no_direction(tmp_path, start):
     done = run(tmp_path, SPRING.replace("PLACE", "-1.0").replace("START", start))
     assert done.exit_code == 2, done.output
-    assert "forces.spring.frames" in done.stderr
+    assert "forces.spring: at the start" in done.stderr
     assert "own.yaml:13" in done.stderr
     assert "'hook' and 'centre' are 0 m apart" in done.stderr
 

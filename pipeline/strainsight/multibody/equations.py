@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.forces import SpringDamper
+from strainsight.multibody.forces import Load
 from strainsight.multibody.frames import cross_matrix
 from strainsight.multibody.inertia import inertia_load
 from strainsight.multibody.products import curvature, relation_rows
@@ -48,8 +48,8 @@ def balance(
 ) -> Balance:
     """All terms at once; q, v, a (n,), mu, lam (m,), u (nu,), theta (nθ,), elastic: K(θ), C(θ) of `System.at`.
 
-    Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇)
-    for an element; ∂f/∂q = ∇ρᵀ(∂F/∂q) + Σ F ∇²ρ.
+    Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇, θ)
+    for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ.
     """
     m = system.constrained
     rho, G, G_rate, b, J = relation_rows(system.products, q, v)
@@ -103,25 +103,13 @@ def balance(
     return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, H[0], G, tuple(slopes))
 
 
-def element_load(
-    element: Element, rho: np.ndarray, rate: np.ndarray, theta: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
-    """F (k,), ∂F/∂ρ, ∂F/∂ρ̇ (None: no rate), ∂F/∂θ of an element's relations."""
+def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
+    """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) of the system. Raises NumericalError that names the element."""
     force = element.force
-    if isinstance(force, SpringDamper):
-        # conjugate to s = l²: ½k(l − l₀)² has ∂/∂s = k(l − l₀)/(2l), and c l̇ ∂l/∂s = c ṡ/(4s)
-        s = float(rho[0])
-        if not s > 0:
-            raise NumericalError(f"{force.name}: its two points coincide, the force has no direction")
-        length = np.sqrt(s)
-        F = 0.5 * force.stiffness * (1 - force.length / length) + 0.25 * force.damping * rate / s
-        slope = 0.25 * force.stiffness * force.length / (s * length) - 0.25 * force.damping * rate[0] / s**2
-        F_rate = np.array([[0.25 * force.damping / s]]) if force.damping else None
-        return F, np.array([[slope]]), F_rate, np.zeros((1, 0))
-    F, F_rho, F_theta = force.law.load(rho, theta[element.parameters])
-    if force.damping is not None:
-        F = F + force.damping @ rate
-    return F, F_rho, force.damping, F_theta
+    try:
+        return force.law.load(rho, rho_dot, theta[element.parameters])
+    except NumericalError as error:
+        raise NumericalError(f"{force.name}: {error.what}", remedy=error.remedy) from error
 
 
 def input_slopes(system: System, at: Balance, q: np.ndarray) -> np.ndarray:

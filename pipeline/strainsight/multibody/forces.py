@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,59 +12,37 @@ from strainsight.multibody.frames import Frame
 from strainsight.multibody.relations import Relation
 
 
-class ForceLaw(Protocol):
-    """F(ρ, θ): the load that holds the relations at ρ; for the bearing (1.21-1.25), F = ∂Π/∂ρ."""
+class Load(NamedTuple):
+    """What a law gives: F (k,) that holds the relations, ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k) or None where it does not feel ρ̇, and
+    ∂F/∂θ (k, number of the element's parameters)."""
 
-    def load(self, rho: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """F (k,), ∂F/∂ρ (k, k), ∂F/∂θ (k, number of parameters), from ρ (k,) and the element's own parameters."""
+    F: np.ndarray
+    F_rho: np.ndarray
+    F_rate: np.ndarray | None
+    F_theta: np.ndarray
+
+
+class ForceLaw(Protocol):
+    """F(ρ, ρ̇, θ); what does not depend on ρ̇ is F = ∂Π/∂ρ of an energy Π (for the bearing 1.21-1.25)."""
+
+    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
+        """From ρ (k,) [m, m² or -], ρ̇ = ∇ρ v (k,) a second, θ the element's own parameters. Raises NumericalError where
+        there is no such load."""
 
 
 @dataclass(frozen=True)
 class RelativeElement:
-    """A force law on relations between frames: Q = −∇ρᵀ (F(ρ, θ) + D ρ̇).
+    """A force law on relations between frames: Q = −∇ρᵀ F(ρ, ρ̇, θ); it gives the bodies the power −F·ρ̇.
 
-    relations (k): their value is subtracted, so ρ is measured from it; law: F and its slopes; parameters: names of θ
-    among the system's; damping D (k, k) or None.
+    relations (k): their value is subtracted, so ρ is measured from it; parameters: names of θ among the system's; aligned:
+    cosines of axes between which the law takes the angle to be small.
     """
 
     name: str
     relations: tuple[Relation, ...]
     law: ForceLaw
     parameters: tuple[str, ...] = ()
-    damping: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class LinearLaw:
-    """F = (K + Σ θ_j K_j)(ρ − rest); stiffness K (k, k), rest (k,), terms K_j in the order of the parameters."""
-
-    stiffness: np.ndarray
-    rest: np.ndarray
-    terms: tuple[np.ndarray, ...] = ()
-
-    def load(self, rho: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        apart = rho - self.rest
-        K = self.stiffness
-        slopes = np.empty((len(rho), len(self.terms)))
-        for j, term in enumerate(self.terms):
-            K = K + theta[j] * term
-            slopes[:, j] = term @ apart
-        return K @ apart, K, slopes
-
-
-@dataclass(frozen=True)
-class SpringDamper:
-    """A spring and a damper along the line of two points: F = k(l − l₀) + c l̇, pulling for F > 0; l > 0.
-
-    stiffness k [N/m], damping c [N s/m], length l₀ [m].
-    """
-
-    name: str
-    first: Frame
-    second: Frame
-    stiffness: float
-    damping: float = 0.0
-    length: float = 0.0
+    aligned: tuple[Relation, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,4 +76,4 @@ class Gravity:
     name: str = "gravity"
 
 
-Force = RelativeElement | SpringDamper | PointForce | PointMoment | Gravity
+Force = RelativeElement | PointForce | PointMoment | Gravity

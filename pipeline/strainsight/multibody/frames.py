@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError
+
+TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+"""Axes in the cyclic order that ends with the one meant."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,10 @@ class Frame:
         """a_k."""
         a = np.asarray(self.axes, dtype=float)[:, k]
         return Carried(self.body, 0.0, a, -cross_matrix(a) @ _shapes(self.rotation))
+
+    def turned(self, axis: str) -> Frame:
+        """The same frame with its axis x, y or z as z."""
+        return replace(self, axes=np.asarray(self.axes, dtype=float)[:, TURNED[axis]])
 
 
 def cross_matrix(a: np.ndarray) -> np.ndarray:

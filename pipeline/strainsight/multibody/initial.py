@@ -166,7 +166,7 @@ def check_regular(system: System, q: np.ndarray) -> None:
         if rank < joints.shape[1]:
             raise InfeasibleError(
                 _dependence(system, T, order + rigid, rank),
-                remedy="replace a joint by one that holds less: spherical, coincidence (of two components: a pin), perpendicular",
+                remedy="replace a joint by one that holds less: cylindrical, spherical, pin, perpendicular, coincidence",
             )
     null = np.linalg.svd(B)[2][len(B) :].T
     if null.shape[1]:

@@ -2,50 +2,89 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from strainsight.multibody import relations
 from strainsight.multibody.frames import Frame
-from strainsight.multibody.relations import Relation, coincidence, dot, offset
+from strainsight.multibody.relations import Relation, cosine, dot, offset
 
 
 @dataclass(frozen=True)
 class Joint:
-    """φ(q) = 0 (1.2) for every relation; any tuple of relations makes a joint."""
+    """φ(q) = 0 (1.2) for every relation; any tuple of relations makes a joint.
+
+    aligned: cosines of axes that the relations keep parallel; that they point the same way only the start can say.
+    """
 
     name: str
     relations: tuple[Relation, ...]
+    aligned: tuple[Relation, ...] = ()
 
 
 def spherical(name: str, i: Frame, j: Frame) -> Joint:
     """p_i = p_j: three relations."""
-    return Joint(name, tuple(coincidence(i, j, k) for k in range(3)))
-
-
-def revolute(name: str, i: Frame, j: Frame) -> Joint:
-    """p_i = p_j, and z of j stays along z of i: five relations."""
-    return Joint(name, (*spherical(name, i, j).relations, dot(i, 0, j, 2), dot(i, 1, j, 2)))
-
-
-def pin(name: str, i: Frame, j: Frame) -> Joint:
-    """j on the z axis of i, two relations: what is left of a revolute joint where a planar loop is closed."""
-    return Joint(name, (offset(i, 0, j), offset(i, 1, j)))
-
-
-def cylindrical(name: str, i: Frame, j: Frame) -> Joint:
-    """The z axes of i and j on one line: four relations."""
-    return Joint(name, (*pin(name, i, j).relations, dot(i, 0, j, 2), dot(i, 1, j, 2)))
-
-
-def prismatic(name: str, i: Frame, j: Frame) -> Joint:
-    """j slides along z of i without turning: five relations."""
-    return Joint(name, (*cylindrical(name, i, j).relations, dot(i, 0, j, 1)))
-
-
-def universal(name: str, i: Frame, j: Frame) -> Joint:
-    """p_i = p_j, and x of i stays at right angles to y of j: four relations."""
-    return Joint(name, (*spherical(name, i, j).relations, dot(i, 0, j, 1)))
+    return coincidence(name, i, j, "xyz")
 
 
 def fixed(name: str, i: Frame, j: Frame) -> Joint:
     """p_i = p_j and parallel axes: six relations."""
-    return Joint(name, (*revolute(name, i, j).relations, dot(i, 0, j, 1)))
+    held = (*revolute(name, i, j).relations, dot(i, 0, j, 1))
+    return Joint(name, held, tuple(cosine(i, k, j, k) for k in range(3)))
+
+
+def revolute(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
+    """p_i = p_j, and the axis of j stays along that of i: five relations."""
+    i, j = i.turned(axis), j.turned(axis)
+    return Joint(name, (*spherical(name, i, j).relations, dot(i, 0, j, 2), dot(i, 1, j, 2)), (cosine(i, 2, j, 2),))
+
+
+def pin(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
+    """j on the axis of i, two relations: what is left of a revolute joint where a planar loop is closed."""
+    i = i.turned(axis)
+    return Joint(name, (offset(i, 0, j), offset(i, 1, j)))
+
+
+def cylindrical(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
+    """The axes of i and j on one line: four relations."""
+    i, j = i.turned(axis), j.turned(axis)
+    return Joint(name, (*pin(name, i, j).relations, dot(i, 0, j, 2), dot(i, 1, j, 2)), (cosine(i, 2, j, 2),))
+
+
+def prismatic(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
+    """j slides along the axis of i without turning: five relations."""
+    i, j = i.turned(axis), j.turned(axis)
+    held = (*cylindrical(name, i, j).relations, dot(i, 0, j, 1))
+    return Joint(name, held, tuple(cosine(i, k, j, k) for k in range(3)))
+
+
+def universal(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
+    """p_i = p_j, and with the axis as z, x of i stays at right angles to y of j, the pins of the cross: four relations."""
+    i, j = i.turned(axis), j.turned(axis)
+    return Joint(name, (*spherical(name, i, j).relations, dot(i, 0, j, 1)))
+
+
+def coincidence(name: str, i: Frame, j: Frame, components: Sequence[str]) -> Joint:
+    """Components "x", "y" or "z" of p_i = p_j, in global axes: a relation each."""
+    return Joint(name, tuple(relations.coincidence(i, j, "xyz".index(k)) for k in components))
+
+
+def perpendicular(name: str, i: Frame, j: Frame, axis: str, to: str) -> Joint:
+    """An axis of i at right angles to one of j, or (to: offset) to the line from p_i to p_j: one relation."""
+    a = "xyz".index(axis)
+    return Joint(name, (offset(i, a, j) if to == "offset" else dot(i, a, j, "xyz".index(to)),))
+
+
+JOINTS: Mapping[str, Callable[..., Joint]] = {
+    "spherical": spherical,
+    "revolute": revolute,
+    "prismatic": prismatic,
+    "cylindrical": cylindrical,
+    "universal": universal,
+    "pin": pin,
+    "fixed": fixed,
+    "coincidence": coincidence,
+    "perpendicular": perpendicular,
+}
+"""The joints under the names that a config has for them: (name of the joint, first frame, second frame, the keys of its
+section) → joint."""

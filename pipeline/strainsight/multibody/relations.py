@@ -32,6 +32,11 @@ def dot(i: Frame, a: int, j: Frame, b: int, value: float = 0.0) -> Relation:
     return Relation(f"{'xyz'[a]} of {i.name} · {'xyz'[b]} of {j.name}", (i.axis(a),), (j.axis(b),), value)
 
 
+def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
+    """a_{i,a}·a_{j,b}: 1 where the two axes point the same way [-]."""
+    return Relation(f"the axes of '{i.name}' and '{j.name}'", (i.axis(a),), (j.axis(b),))
+
+
 def offset(i: Frame, a: int, j: Frame, value: float = 0.0) -> Relation:
     """a_{i,a}·(p_j − p_i) = value [m]: the place of j along an axis of i."""
     return Relation(f"{j.name} along {'xyz'[a]} of {i.name}", (i.axis(a),), (j.point, -i.point), value)
@@ -56,3 +61,10 @@ def bearing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
     tilt_y = Relation(f"tilt of {j.name} about y of {i.name}", (-i.axis(2),), (j.axis(0),))
     tilt_z = Relation(f"tilt of {j.name} about z of {i.name}", (i.axis(1),), (j.axis(0),))
     return offset(i, 0, j), offset(i, 1, j), offset(i, 2, j), tilt_y, tilt_z
+
+
+def bushing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
+    """Those of a bearing and the turn about x, a_{j,y}·a_{i,z}: along x, y, z of i [m], then about them [rad]."""
+    along_x, along_y, along_z, about_y, about_z = bearing_displacements(i, j)
+    about_x = Relation(f"turn of {j.name} about x of {i.name}", (i.axis(2),), (j.axis(1),))
+    return along_x, along_y, along_z, about_x, about_y, about_z

@@ -11,6 +11,8 @@ from strainsight.multibody.system import System
 CONVERGED = 1e-12
 NEAR = 1e-11
 """Shift of the first step beside the stiffness where q is nearly there: Newton's own."""
+FIRMEST = 1e6
+"""Shift beside the stiffness beyond which a trial state that some force does not allow is not gone round."""
 FREE = 1e-12
 """Stiffness of a motion beside the largest (in the metric of the mass) below which nothing holds it."""
 
@@ -37,9 +39,18 @@ def static_equilibrium(
     if m:
         lam = np.linalg.lstsq(B.T, at.load / d, rcond=None)[0] * s
     stiffness = float(np.linalg.norm(K, 2)) or 1.0
-    before, shift, whole = np.inf, NEAR * stiffness if near else stiffness, 1.0
+    before, shift, whole, good = np.inf, NEAR * stiffness if near else stiffness, 1.0, (q, lam)
     for _ in range(iterations):
-        at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+        try:
+            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+        except NumericalError:
+            # a force that cannot be had at a trial state: go there in smaller steps
+            shift = max(10 * shift, 1e-3 * stiffness)
+            if shift > FIRMEST * stiffness:
+                raise
+            q, lam = good
+            continue
+        good = q, lam
         K, B, s = _scaled(at, d)
         A = np.block([[K + shift * np.eye(n), -B.T], [B, np.zeros((m, m))]])
         right = -np.concatenate([at.load / d, s * at.phi])

@@ -212,7 +212,7 @@ def _farthest(
     q, v = trial[:2]
     rho, G, *_ = relation_rows(system.products, q, v)
     for element in system.elements:
-        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta)[0]
+        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
     _, r2, r3, r4 = residual

@@ -11,12 +11,12 @@ import numpy as np
 from strainsight.errors import InfeasibleError, did_you_mean
 from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.bodies import Body, FlexibleBody, RigidBody, mass_matrix, metric, modes, moves, size
-from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement, SpringDamper
+from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Carried, Frame, constant
 from strainsight.multibody.inertia import Inertia, as_inertia
 from strainsight.multibody.joints import Joint
 from strainsight.multibody.products import Products, compile_products
-from strainsight.multibody.relations import Relation, distance_squared, place
+from strainsight.multibody.relations import Relation, place
 
 AXES = "xyz"
 
@@ -25,7 +25,7 @@ AXES = "xyz"
 class Element:
     """A force law at rows of the relations: element, which rows, which parameters of θ."""
 
-    force: RelativeElement | SpringDamper
+    force: RelativeElement
     rows: slice
     parameters: np.ndarray
 
@@ -127,15 +127,9 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
     input_rows: tuple[list[int], list[int]] = ([], [])
     for force in forces:
         first = len(relations)
-        if isinstance(force, RelativeElement | SpringDamper):
-            own = (
-                force.relations
-                if isinstance(force, RelativeElement)
-                else (distance_squared(force.first, force.second),)
-            )
-            names = force.parameters if isinstance(force, RelativeElement) else ()
-            which = np.array([parameters.index(name) for name in names], dtype=int)
-            relations += own
+        if isinstance(force, RelativeElement):
+            which = np.array([parameters.index(name) for name in force.parameters], dtype=int)
+            relations += force.relations
             elements.append(Element(force, slice(first, len(relations)), which))
         elif isinstance(force, PointForce):
             relations += [place(force.frame, d) for d in _directions(force)]

@@ -17,6 +17,7 @@ from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.start import start_covariance, white_force
 from strainsight.multibody.joints import Joint
+from strainsight.multibody.laws.linear import bushing
 from strainsight.multibody.relations import bearing_displacements, dot
 from strainsight.multibody.sensors import Readings, RelationSensor, StrainSensor, readings
 from strainsight.multibody.simulate import simulate
@@ -95,8 +96,9 @@ def inertia_of(modal, mass):
     )  # fmt: skip
 
 
-def bench(free=(), convention="follow", balls=30, preload=1e-5, modulus=False) -> Bench:
-    """free: names of bearing parameters that are parameters of the system; modulus: whether the hub's modulus is one, "E"."""
+def bench(free=(), convention="follow", balls=30, preload=1e-5, modulus=False, damped=False) -> Bench:
+    """free: names of bearing parameters that are parameters of the system; modulus: whether the hub's modulus is one, "E";
+    damped: whether the bearing stands in a damper."""
     rng = np.random.default_rng(5)
     n = 9
     mass = np.diag([3e3, 3e3, 3e3, 2e3, 2e3, 2e3, 1.0, 1.0, 1.0])
@@ -117,8 +119,9 @@ def bench(free=(), convention="follow", balls=30, preload=1e-5, modulus=False) -
     ring = Bearing(balls, 2.3, np.pi / 4, 0.06, r, r, r, r, preload, convention)
     relations = bearing_displacements(flange, root)
     element = RelativeElement("b", relations, BearingLaw(ring, free), tuple(f"b.{name}" for name in free))
+    dampers = [bushing("dampers", flange, root, [0.0] * 6, [2e6, 3e6, 4e6, 0.0, 2e6, 3e6])] if damped else []
     pull = PointForce("pull", station, np.eye(3), ["Fx", "Fy", "Fz"])
-    system = assemble([hub, blade], [Joint("pitch", (dot(flange, 1, root, 2),))], [Gravity(), element, pull])
+    system = assemble([hub, blade], [Joint("pitch", (dot(flange, 1, root, 2),))], [Gravity(), element, *dampers, pull])
     rows = np.concatenate([0.05 * rng.normal(size=(4, 6)), 1e-4 * rng.normal(size=(4, 3))], axis=1)
     sensors = readings(system, [StrainSensor("gauges", "hub", rows), RelationSensor("relative", relations)])
     values = {f"b.{name}": value for name, value in zip(PARAMETERS, ring.parameters, strict=True)} | {"E": MODULUS}

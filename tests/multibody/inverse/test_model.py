@@ -24,9 +24,9 @@ def disturbed(model, x, seed=0):
     return x
 
 
-@pytest.mark.parametrize("h", [0.01, 0.2])
-def test_jacobian_is_the_differences_of_the_step(h):
-    b = bench([*FREE], modulus=True)
+@pytest.mark.parametrize(("h", "damped"), [(0.01, False), (0.2, False), (0.01, True)])
+def test_jacobian_is_the_differences_of_the_step(h, damped):
+    b = bench([*FREE], modulus=True, damped=damped)
     free = ["E", *(f"b.{name}" for name in FREE)]
     model = b.model(h, 1, free=free)
     x = disturbed(model, b.start(model)[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,33 +15,29 @@ from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.additions import node_index
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.multibody import joints as kinds
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import Body, RigidBody
-from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement, SpringDamper
+from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose
-from strainsight.multibody.joints import Joint
-from strainsight.multibody.relations import bearing_displacements, coincidence, dot, offset
+from strainsight.multibody.joints import JOINTS
+from strainsight.multibody.laws.kinds import LAWS
+from strainsight.multibody.relations import bearing_displacements, cosine
 from strainsight.multibody.sensors import RelationSensor, Sensor, StrainSensor, axis_sensor, position_sensor
 from strainsight.multibody.system import System, assemble
 from strainsight.records.bodies import ReducedBody
 from strainsight.workflow.artefact import Artefact
 
-TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
-"""Axes in a cyclic order that ends with the one meant: joints turn and slide about the z axis of their frames."""
-
 
 @dataclass(frozen=True)
 class Bench:
-    """system; frames and bearings by name; joined: kind and frames of every joint, its axis their z; poses of the bodies at
-    the start; theta (nθ,) values of the system's parameters, a bearing's called BEARING.PROPERTY."""
+    """system; frames and bearings by name; poses of the bodies at the start; theta (nθ,) values of the system's parameters, a
+    bearing's called BEARING.PROPERTY."""
 
     system: System
     frames: Mapping[str, Frame]
     bearings: Mapping[str, Bearing]
-    joined: Mapping[str, tuple[str, Frame, Frame]]
     poses: Mapping[str, Pose]
     theta: np.ndarray
 
@@ -75,8 +71,7 @@ def bench_of(
     for name, entry in config.bearings.items():
         with blame(f"bearings.{name}"):
             bearings[name] = bearing_of(entry)
-    joined = {name: _joined(entry, frames) for name, entry in config.joints.items()}
-    joints = [_joint(name, config.joints[name], i, j) for name, (_, i, j) in joined.items()]
+    joints = [JOINTS[entry.type](name, *_between(entry, frames), **_keys(entry)) for name, entry in config.joints.items()]
     forces = [_force(name, entry, frames, bearings, free or {}) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)
@@ -86,7 +81,7 @@ def bench_of(
     for name, bearing in bearings.items():
         values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
-    return Bench(system, frames, bearings, joined, poses, theta)
+    return Bench(system, frames, bearings, poses, theta)
 
 
 def bearing_of(entry: Any) -> Bearing:
@@ -168,32 +163,14 @@ def _frame(name: str, entry: Any, reduced: Mapping[str, ReducedBody], meshes: Ma
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 
 
-def _joined(entry: Any, frames: Mapping[str, Frame]) -> tuple[str, Frame, Frame]:
-    """Kind and frames of a joint, turned so that z is the axis it turns about or slides along."""
-    i, j = (frames[frame] for frame in entry.frames)
-    if entry.type in ("revolute", "prismatic"):
-        i, j = _turned(i, entry.axis), _turned(j, entry.axis)
-    return entry.type, i, j
+def _between(entry: Any, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]:
+    first, second = (frames[frame] for frame in entry.frames)
+    return first, second
 
 
-def _joint(name: str, entry: Any, i: Frame, j: Frame) -> Joint:
-    match entry.type:
-        case "spherical":
-            return kinds.spherical(name, i, j)
-        case "fixed":
-            return kinds.fixed(name, i, j)
-        case "revolute":
-            return kinds.revolute(name, i, j)
-        case "prismatic":
-            return kinds.prismatic(name, i, j)
-        case "coincidence":
-            return Joint(name, tuple(coincidence(i, j, "xyz".index(k)) for k in entry.components))
-    axis = "xyz".index(entry.axis)
-    return Joint(name, (offset(i, axis, j) if entry.to == "offset" else dot(i, axis, j, "xyz".index(entry.to)),))
-
-
-def _turned(frame: Frame, axis: str) -> Frame:
-    return replace(frame, axes=frame.axes[:, TURNED[axis]])
+def _keys(entry: Any) -> dict[str, Any]:
+    """What the section of a joint or a force law says beside its kind and its frames."""
+    return {key: value for key, value in dict(entry).items() if key not in ("type", "frames")}
 
 
 def _force(
@@ -206,15 +183,15 @@ def _force(
     match entry.type:
         case "gravity":
             return Gravity(np.array(entry.acceleration), name)
-        case "spring":
-            first, second = (frames[frame] for frame in entry.frames)
-            return SpringDamper(name, first, second, entry.stiffness, entry.damping, entry.length)
+        case "force" | "moment":
+            direction = np.asarray(entry.direction, dtype=float)
+            direction = direction / np.linalg.norm(direction)
+            kind = PointForce if entry.type == "force" else PointMoment
+            return kind(name, frames[entry.frame], direction[:, None], (name,))
         case "bearing":
-            relations = bearing_displacements(frames[entry.outer], frames[entry.inner])
+            outer, inner = frames[entry.outer], frames[entry.inner]
             own = tuple(free.get(entry.bearing, ()))
             names = tuple(f"{entry.bearing}.{key}" for key in own)
-            return RelativeElement(name, relations, BearingLaw(bearings[entry.bearing], own), names)
-    direction = np.asarray(entry.direction, dtype=float)
-    direction = direction / np.linalg.norm(direction)
-    kind = PointForce if entry.type == "force" else PointMoment
-    return kind(name, frames[entry.frame], direction[:, None], (name,))
+            law = BearingLaw(bearings[entry.bearing], own)
+            return RelativeElement(name, bearing_displacements(outer, inner), law, names, (cosine(outer, 0, inner, 0),))
+    return LAWS[entry.type](name, *_between(entry, frames), **_keys(entry))

@@ -9,14 +9,9 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench
 from strainsight.errors import ConfigError
 from strainsight.multibody.bearing.element import ball_loads
-from strainsight.multibody.forces import RelativeElement
-from strainsight.multibody.relations import dot
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory
 from strainsight.workflow.output import Dataset, Scalar, Table
-
-TILT = 0.1
-"""[rad] up to which the displacements of a bearing are those of its model."""
 
 
 def rings_in_time(
@@ -28,13 +23,12 @@ def rings_in_time(
     rows = []
     for element in bench.system.elements:
         force = element.force
-        if not isinstance(force, RelativeElement) or config.forces[force.name].type != "bearing":
+        if config.forces[force.name].type != "bearing":
             continue
         name = force.name
         bearing = bench.bearings[config.forces[name].bearing]
         own = readings(bench.system, [RelationSensor(name, force.relations)])
         q = np.array([own.read(a, b)[0] for a, b in zip(found.q, found.v, strict=True)])
-        _refuse_tilted(config, bench, found, name)
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
         worst = int(np.argmax(pressure))
@@ -45,7 +39,7 @@ def rings_in_time(
                 key=f"forces.{name}",
                 remedy="no such bearing carries these loads: check their size and the preload",
             )
-        load = np.array([force.law.load(each, np.zeros(0))[0] for each in q])
+        load = np.array([force.law.load(each, np.zeros(5), np.zeros(0)).F for each in q])
         place = f"/bearings/{name}"
         datasets |= {
             f"{place}/displacement": Dataset(
@@ -67,19 +61,3 @@ def rings_in_time(
         )
     table = Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
     return datasets, summary, (table,) * bool(rows)
-
-
-def _refuse_tilted(config: Any, bench: Bench, found: Trajectory, name: str) -> None:
-    """The displacements of a bearing are small ones: its axes must stay nearly parallel, and not opposite."""
-    force = config.forces[name]
-    outer, inner = bench.frames[force.outer], bench.frames[force.inner]
-    together = readings(bench.system, [RelationSensor(name, (dot(outer, 0, inner, 0),))])
-    cosine = np.array([together.read(q, v)[0][0] for q, v in zip(found.q, found.v, strict=True)])
-    worst = int(np.argmin(cosine))
-    if cosine[worst] < np.cos(TILT):
-        angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
-        raise ConfigError(
-            f"the x axes of its rings are {angle:.3g} rad apart at t = {found.time[worst]:g} s, beyond {TILT:g} rad",
-            key=f"forces.{name}",
-            remedy="turn the frames so that both x axes are the bearing's axis; a bearing model holds for small tilts",
-        )

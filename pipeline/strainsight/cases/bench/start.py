@@ -8,9 +8,8 @@ import numpy as np
 
 from strainsight.cases.bench.bench import Bench
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
-from strainsight.multibody.forces import SpringDamper
 from strainsight.multibody.initial import project_position, project_velocity, state
-from strainsight.multibody.relations import distance_squared, dot
+from strainsight.multibody.products import relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.static import static_equilibrium
 
@@ -18,10 +17,6 @@ SLIP = 0.01
 """Share of a velocity that the joints may take away."""
 TURNED = 0.02
 """[rad] that the joints may turn a body."""
-SHORTEST = 1e-6
-"""[m] between the ends of a spring below which its direction is rounding."""
-PARALLEL = {"revolute": (2,), "prismatic": (0, 1, 2), "fixed": (0, 1, 2)}
-"""Axes that a joint keeps parallel, of its frames as the kernel has them: z along the joint's own axis."""
 
 
 def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +36,7 @@ def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np
                 key=f"bodies.{name}.pose",
                 remedy="mend the pose or the frames of its joints, or raise simulate.snap_tolerance",
             )
-    _refuse_coincident(bench, q)
+    _refuse_forceless(bench, q)
     if settings.start == "equilibrium":
         try:
             q, _ = static_equilibrium(bench.system, q, u, bench.theta)
@@ -67,28 +62,21 @@ def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np
 def _refuse_opposite(bench: Bench, q: np.ndarray) -> None:
     """Constraints hold axes parallel; that they point the same way only the pose can say."""
     for joint in bench.system.joints:
-        kind, i, j = bench.joined[joint.name]
-        for k in PARALLEL.get(kind, ()):
-            sensor = readings(bench.system, [RelationSensor(joint.name, (dot(i, k, j, k),))])
-            if sensor.read(q, np.zeros_like(q))[0][0] < 0:
+        together = readings(bench.system, [RelationSensor(joint.name, joint.aligned)]).read(q, np.zeros_like(q))[0]
+        for relation, cosine in zip(joint.aligned, together, strict=True):
+            if cosine < 0:
                 raise ConfigError(
-                    f"the axes of '{i.name}' and '{j.name}' point opposite ways",
+                    f"{relation.name} point opposite ways",
                     key=f"joints.{joint.name}",
                     remedy="turn one of the frames by half a turn",
                 )
 
 
-def _refuse_coincident(bench: Bench, q: np.ndarray) -> None:
-    for force in bench.system.forces:
-        if isinstance(force, SpringDamper):
-            sensor = readings(
-                bench.system, [RelationSensor(force.name, (distance_squared(force.first, force.second),))]
-            )
-            apart = np.sqrt(max(float(sensor.read(q, np.zeros_like(q))[0][0]), 0.0))
-            if apart < SHORTEST:
-                raise ConfigError(
-                    f"its end points '{force.first.name}' and '{force.second.name}' are {apart:.2g} m apart at the start, "
-                    f"below {SHORTEST:g} m: the spring has no direction",
-                    key=f"forces.{force.name}.frames",
-                    remedy="name frames that are apart at the start",
-                )
+def _refuse_forceless(bench: Bench, q: np.ndarray) -> None:
+    """A force that cannot be had where the bench starts."""
+    rho = relation_rows(bench.system.products, q, np.zeros_like(q))[0]
+    for element in bench.system.elements:
+        try:
+            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), bench.theta[element.parameters])
+        except NumericalError as error:
+            raise ConfigError(f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy) from error

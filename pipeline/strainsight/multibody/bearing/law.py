@@ -8,20 +8,22 @@ import numpy as np
 
 from strainsight.multibody.bearing.element import bearing_load
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
+from strainsight.multibody.forces import Load
 
 
 class BearingLaw:
-    """F(ρ, θ) of a bearing, ρ its five displacements; θ: those of its parameters that are free, by name, in order."""
+    """F(ρ, θ) of a bearing, ρ its five displacements, whatever their rates; θ: those of its parameters that are free, by
+    name, in order."""
 
     def __init__(self, bearing: Bearing, free: Sequence[str] = ()):
         self._places = [PARAMETERS.index(name) for name in free]
         self._bearing = self._at = bearing
 
-    def load(self, rho: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
         """F (5,), ∂F/∂ρ (5, 5), ∂F/∂θ (5, number of free parameters). Raises the errors of `bearing_load` and `Bearing`."""
         if self._places and not np.array_equal(self._at.parameters[self._places], theta):
             values = self._bearing.parameters
             values[self._places] = theta
             self._at = self._bearing.with_parameters(values)
         found = bearing_load(self._at, rho, slopes=bool(self._places))
-        return found.force, found.tangent, found.slopes[:, self._places]
+        return Load(found.force, found.tangent, None, found.slopes[:, self._places])

@@ -10,8 +10,9 @@ from strainsight.cases.bench.loads import loads_of
 from strainsight.cases.bench.rings import rings_in_time
 from strainsight.cases.bench.sensors import reading_datasets, sensors_of
 from strainsight.cases.bench.start import start_of
-from strainsight.errors import blame
+from strainsight.errors import ConfigError, blame
 from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
 from strainsight.multibody.spectrum import coupled_frequencies
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
@@ -22,6 +23,9 @@ TURN = 0.01
 """[rad] a step above which implicit Euler visibly brakes what turns freely."""
 BAND = 0.1
 """Share of the first coupled frequency up to which implicit Euler follows a load."""
+
+TILT = 0.1
+"""[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
 
 
 def run(context: Context) -> Output:
@@ -71,6 +75,7 @@ def run(context: Context) -> Output:
         "violation": float(position.max()),
         "violation_rate": float(velocity.max()),
     }
+    _refuse_tilted(bench, found)
     more, said, more_tables = rings_in_time(config, bench, found)
     datasets |= more
     first, turn = (float(frequency[0]) if len(frequency) else 0.0), _turn(bench, found, h)
@@ -101,6 +106,22 @@ def _violation(bench: Bench, found: Trajectory) -> tuple[np.ndarray, np.ndarray]
     pairs = [constraints_at(bench.system, q) for q in found.q]
     position = np.array([np.abs(phi).max() for phi, _ in pairs])
     return position, np.array([np.abs(B @ v).max() for (_, B), v in zip(pairs, found.v, strict=True)])
+
+
+def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
+    """Where a law takes the angle between axes to be small, they must stay nearly parallel, and not opposite."""
+    for force in (element.force for element in bench.system.elements if element.force.aligned):
+        together = readings(bench.system, [RelationSensor(force.name, force.aligned)])
+        cosines = np.array([together.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+        for relation, cosine in zip(force.aligned, cosines.T, strict=True):
+            worst = int(np.argmin(cosine))
+            if cosine[worst] < np.cos(TILT):
+                angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
+                raise ConfigError(
+                    f"{relation.name} are {angle:.3g} rad apart at t = {found.time[worst]:g} s, beyond {TILT:g} rad",
+                    key=f"forces.{force.name}",
+                    remedy="turn the frames so that their axes are parallel at rest; this force holds for small tilts",
+                )
 
 
 def _turn(bench: Bench, found: Trajectory, h: float) -> float:

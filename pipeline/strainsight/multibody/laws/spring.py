@@ -1,0 +1,62 @@
+"""A spring and a damper on one displacement: the length between two points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.multibody.forces import Load, RelativeElement
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.relations import distance_squared
+
+SHORTEST = 1e-6
+"""[m] between the ends of a spring below which its direction is rounding."""
+
+Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
+"""ρ (k,) → a displacement x(ρ), ∇x (k,), ∇²x (k, k)."""
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """T = k x + c ẋ on a displacement x(ρ), measured from where the spring is without force.
+
+        F = T ∇x,     ∂F/∂ρ = ∇x (k ∇x + c ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = c ∇x ∇xᵀ
+
+    stiffness k [N/m or N m/rad], damping c [N s/m or N m s/rad].
+    """
+
+    measure: Measure
+    stiffness: float
+    damping: float
+
+    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
+        x, slope, bend = self.measure(rho)
+        T = self.stiffness * x + self.damping * float(slope @ rho_dot)
+        F_rho = np.outer(slope, self.stiffness * slope + self.damping * (bend @ rho_dot)) + T * bend
+        F_rate = self.damping * np.outer(slope, slope) if self.damping else None
+        return Load(T * slope, F_rho, F_rate, np.zeros((len(rho), 0)))
+
+
+def spring(
+    name: str, i: Frame, j: Frame, stiffness: float, damping: float = 0.0, length: float = 0.0
+) -> RelativeElement:
+    """Along the line of the origins of i and j, pulling for T > 0: T = k(l − l₀) + c l̇, ρ = l².
+
+    stiffness k [N/m], damping c [N s/m], length l₀ [m]. Raises NumericalError in `load` for l below SHORTEST.
+    """
+
+    def stretch(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        s = float(rho[0])
+        if not s > SHORTEST**2:
+            raise NumericalError(
+                f"its end points '{i.name}' and '{j.name}' are {np.sqrt(max(s, 0.0)):.2g} m apart, below {SHORTEST:g} m: "
+                "the force has no direction",
+                remedy="name frames that stay apart",
+            )
+        l = np.sqrt(s)
+        return l - length, np.array([0.5 / l]), np.array([[-0.25 / (l * s)]])
+
+    return RelativeElement(name, (distance_squared(i, j),), SpringDamper(stretch, stiffness, damping))

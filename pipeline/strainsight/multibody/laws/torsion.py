@@ -1,0 +1,39 @@
+"""A torsion spring and damper about an axis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.multibody.forces import RelativeElement
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.laws.spring import SpringDamper
+from strainsight.multibody.relations import dot
+
+FARTHEST = 3.0
+"""[rad] from its angle without moment to which a torsion spring turns: at π its moment would jump."""
+
+
+def torsion(
+    name: str, i: Frame, j: Frame, stiffness: float, damping: float = 0.0, angle: float = 0.0, axis: str = "z"
+) -> RelativeElement:
+    """About an axis that both frames keep together, T = k(φ − φ₀) + c φ̇ on i, −T on j.
+
+    φ = atan2(y_i·x_j, x_i·x_j) with the axis as z; stiffness k [N m/rad], damping c [N m s/rad], angle φ₀ [rad]. A damper
+    alone turns as far as it likes. Raises NumericalError in `load` for |φ − φ₀| above FARTHEST.
+    """
+    i, j = i.turned(axis), j.turned(axis)
+    cosine, sine = np.cos(angle), np.sin(angle)
+
+    def turn(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        x, y = float(rho[0]), float(rho[1])
+        phi = np.arctan2(y * cosine - x * sine, x * cosine + y * sine)
+        if stiffness and not abs(phi) <= FARTHEST:
+            raise NumericalError(
+                f"it is turned by {phi:.3g} rad from its angle without moment, beyond {FARTHEST:g} rad",
+                remedy="a torsion spring turns by less than half a turn: check its angle and its stiffness",
+            )
+        r = x * x + y * y
+        return phi, np.array([-y, x]) / r, np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / r**2
+
+    return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), SpringDamper(turn, stiffness, damping))
