@@ -37,6 +37,34 @@ class Prismatic(Section):
     axis: Axis = Field("x", description="Axis of the first frame along which the joint slides.")
 
 
+class Cylindrical(Section):
+    """The second frame slides along an axis of both and turns about it."""
+
+    type: Literal["cylindrical"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field("x", description="Axis of both frames along and about which the joint moves.")
+
+
+class Universal(Section):
+    """The origins coincide in a cross of two pins at right angles, one in each frame: a Cardan joint."""
+
+    type: Literal["universal"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field(
+        "x",
+        description="Axis of both frames along their shafts; in the order x, y, z, x the axis after it is the pin of the first "
+        "frame, the next one the pin of the second.",
+    )
+
+
+class Pin(Section):
+    """The origin of the second frame stays on an axis of the first and slides and turns freely there."""
+
+    type: Literal["pin"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field("x", description="Axis of the first frame.")
+
+
 class Fixed(Section):
     """Origins and axes coincide."""
 
@@ -63,7 +91,10 @@ class Perpendicular(Section):
     )
 
 
-Joint = Annotated[Spherical | Revolute | Prismatic | Fixed | Coincidence | Perpendicular, Field(discriminator="type")]
+Joint = Annotated[
+    Spherical | Revolute | Prismatic | Cylindrical | Universal | Pin | Fixed | Coincidence | Perpendicular,
+    Field(discriminator="type"),
+]
 
 
 class Constant(Section):
@@ -93,6 +124,29 @@ class Spring(Section):
     length: NotNegative = Field(0.0, description="Length without force [m].")
 
 
+class Torsion(Section):
+    """A torsion spring and damper about an axis that a joint keeps common to two frames."""
+
+    type: Literal["torsion"] = Field(description="Kind of force.")
+    frames: Frames = Field(description="Names of the two frames.")
+    stiffness: NotNegative = Field(description="Stiffness [N m/rad]; above zero it turns by less than 3 rad.")
+    damping: NotNegative = Field(0.0, description="Damping [N m s/rad].")
+    angle: float = Field(0.0, description="Angle of the second frame about the axis of the first without moment [rad].")
+    axis: Axis = Field("x", description="Axis of both frames.")
+
+
+Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
+
+
+class Bushing(Section):
+    """Springs and dampers, linear in the displacements of one frame in the axes of another and in its small turns there."""
+
+    type: Literal["bushing"] = Field(description="Kind of force.")
+    frames: Frames = Field(description="Names of the two frames: the one whose axes count, the one that moves.")
+    stiffness: Six = Field(description="Along x, y, z [N/m], then about them [N m/rad].")
+    damping: Six = Field((0.0,) * 6, description="Along x, y, z [N s/m], then about them [N m s/rad].")
+
+
 class PointForce(Section):
     """A force on the origin of a frame: an input of the bench."""
 
@@ -120,4 +174,6 @@ class BearingForce(Section):
     inner: FrameName = Field(description="Frame of the inner ring, at the centre of the bearing.")
 
 
-Force = Annotated[Gravity | Spring | PointForce | PointMoment | BearingForce, Field(discriminator="type")]
+Force = Annotated[
+    Gravity | Spring | Torsion | Bushing | PointForce | PointMoment | BearingForce, Field(discriminator="type")
+]

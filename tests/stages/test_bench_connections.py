@@ -1,0 +1,239 @@
+"""Joints and force laws from the config: each is what its closed form says, or refused with its place."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Union, get_args
+
+import numpy as np
+import pytest
+from pydantic import Field, create_model
+from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
+
+from strainsight.config import load
+from strainsight.config.base import Name, NotNegative, Section
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.checks import bench_problems
+from strainsight.config.bench.connections import Axis, Force, Frames
+from strainsight.multibody.forces import Load, RelativeElement
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.laws.kinds import LAWS
+from strainsight.multibody.relations import offset
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .conftest import ROOT
+
+M, I = 2.0, 0.3
+"""Mass [kg] and moment of inertia [kg m²] of the bob."""
+BOB = f"bob: {{type: rigid, mass: {M}, inertia: {{xx: {I}, yy: {I}, zz: {I}}}"
+
+
+def run(folder: Path, text: str):
+    path = folder / "own.yaml"
+    path.write_text("kind: bench\nname: own\n" + text, encoding="utf-8")
+    return CliRunner().invoke(app, ["run", str(path), "--results", str(folder / "r")], env={"COLUMNS": "200"})
+
+
+def simulated(folder: Path, text: str) -> Artefact:
+    done = run(folder, text)
+    assert done.exit_code == 0, done.output
+    return Artefact(folder / "r" / "own" / "simulate.h5")
+
+
+def test_a_nut_on_a_rail_slides_and_turns_each_by_itself(tmp_path):
+    """cylindrical: ω² = k/m along the rail, κ/I about it, and at rest k x = m g sin α; spring and torsion with it."""
+    k, kappa, slope = 500.0, 7.0, np.deg2rad(35.0)
+    c, s = float(np.cos(slope)), float(np.sin(slope))
+    axes = f"x_axis: [{c!r}, 0, {s!r}], y_axis: [0, 1, 0]"
+    found = simulated(
+        tmp_path,
+        f"""
+bodies: {{{BOB}}}}}
+frames:
+  rail: {{body: ground, pose: {{{axes}}}}}
+  end: {{body: ground, pose: {{origin: [{-2 * c!r}, 0, {-2 * s!r}]}}}}
+  nut: {{body: bob, pose: {{{axes}}}}}
+joints: {{guide: {{type: cylindrical, frames: [rail, nut]}}}}
+forces:
+  weight: {{type: gravity, acceleration: [0, 0, -10]}}
+  spring: {{type: spring, frames: [end, nut], stiffness: {k}, length: 2.0}}
+  coil: {{type: torsion, frames: [rail, nut], stiffness: {kappa}, angle: 0.2}}
+sensors: {{bob: {{type: motion, frame: nut}}, turn: {{type: motion, frame: nut, quantity: y_axis}}}}
+simulate: {{duration: 0.01, time_step: 1.0e-3}}
+""",
+    )
+    assert found.summary["constraints"] == 6 + 4
+    np.testing.assert_allclose(found["/frequency"], np.sqrt([kappa / I, k / M]) / (2 * np.pi), rtol=1e-8)
+    np.testing.assert_allclose(found["/sensors/bob"][0], -M * 10 * s / k * np.array([c, 0, s]), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found["/sensors/turn"][0] @ [0, 1, 0], np.cos(0.2), rtol=0, atol=1e-10)
+
+
+def test_a_cardan_joint_turns_the_second_shaft_by_its_law(tmp_path):
+    """universal: tan φ₂ = tan φ₁ / cos β through two turns, ω₂/ω₁ between cos β and 1/cos β."""
+    beta = np.deg2rad(30.0)
+    c, s = float(np.cos(beta)), float(np.sin(beta))
+    bent = f"pose: {{x_axis: [{c!r}, {s!r}, 0], y_axis: [{-s!r}, {c!r}, 0]}}"
+    shaft = "type: rigid, mass: 1.0, inertia: {xx: 0.5, yy: 1.0, zz: 1.0}"
+    found = simulated(
+        tmp_path,
+        f"""
+bodies: {{driving: {{{shaft}}}, driven: {{{shaft}, {bent}}}}}
+frames:
+  inlet: {{body: ground}}
+  outlet: {{body: ground, {bent}}}
+  first: {{body: driving}}
+  second: {{body: driven}}
+joints:
+  hinge: {{type: revolute, frames: [inlet, first]}}
+  cross: {{type: universal, frames: [first, second]}}
+  level: {{type: perpendicular, frames: [outlet, second], axis: y, to: x}}
+  plumb: {{type: perpendicular, frames: [outlet, second], axis: z, to: x}}
+forces: {{drive: {{type: moment, frame: first, direction: [1, 0, 0], signal: {{type: constant, value: 30.0}}}}}}
+sensors:
+  first: {{type: motion, frame: first, quantity: y_axis}}
+  second: {{type: motion, frame: second, quantity: y_axis}}
+simulate: {{duration: 1.0, time_step: 2.5e-3, start: as_given}}
+""",
+    )
+    y, z = found["/sensors/first"], found["/sensors/second"]
+    one = np.unwrap(np.arctan2(y[:, 2], y[:, 1]))
+    two = np.unwrap(np.arctan2(z[:, 2], z @ [-s, c, 0]))
+    assert one[-1] > 4 * np.pi
+    np.testing.assert_allclose(two, np.unwrap(np.arctan2(np.sin(one), c * np.cos(one))), rtol=0, atol=1e-9)
+    ratio = np.diff(two)[1:] / np.diff(one)[1:]
+    np.testing.assert_allclose([ratio.min(), ratio.max()], [c, 1 / c], rtol=1e-3)
+
+
+def test_a_pendulum_on_a_pin_swings_across_it_and_along_it(tmp_path):
+    """pin along y: ω² = mgL/(I + mL²) about the pin; along it the eye slides, the centre falls, and ω² = mgL/I."""
+    L, g = 0.8, 10.0
+    found = simulated(
+        tmp_path,
+        f"""
+bodies: {{{BOB}, pose: {{origin: [0, 0, {-L}]}}}}}}
+frames: {{pin: {{body: ground}}, eye: {{body: bob, pose: {{origin: [0, 0, {L}]}}}}}}
+joints: {{pin: {{type: pin, frames: [pin, eye], axis: y}}}}
+forces: {{weight: {{type: gravity, acceleration: [0, 0, {-g}]}}}}
+simulate: {{duration: 0.01, time_step: 1.0e-3, start: as_given}}
+""",
+    )
+    assert found.summary["constraints"] == 6 + 2
+    across, along = np.sqrt(M * g * L / (I + M * L**2)), np.sqrt(M * g * L / I)
+    np.testing.assert_allclose(found["/frequency"], np.array([across, along]) / (2 * np.pi), rtol=1e-8)
+
+
+OSCILLATOR = f"""
+bodies: {{{BOB}, pose: {{origin: [0.2, 0, 0]}}}}}}
+frames:
+  origin: {{body: ground}}
+  anchor: {{body: ground, pose: {{origin: [-3, 0, 0]}}}}
+  centre: {{body: bob}}
+joints: {{guide: {{type: prismatic, frames: [origin, centre]}}}}
+forces: {{LAW}}
+sensors: {{bob: {{type: motion, frame: centre}}}}
+simulate: {{duration: 0.5, time_step: 0.01, start: as_given}}
+"""
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        "spring: {type: spring, frames: [anchor, centre], stiffness: 200.0, damping: 8.0, length: 3.0}",
+        "mount: {type: bushing, frames: [origin, centre], stiffness: [200, 0, 0, 0, 0, 0], damping: [8, 0, 0, 0, 0, 0]}",
+        "spring: {type: spring, frames: [anchor, centre], stiffness: 200.0, length: 3.0}, damper: {type: bushing, "
+        "frames: [origin, centre], stiffness: [0, 0, 0, 0, 0, 0], damping: [8, 0, 0, 0, 0, 0]}",
+    ],
+)
+def test_a_mass_on_spring_and_damper_moves_as_implicit_euler_has_it(tmp_path, law):
+    found = simulated(tmp_path, OSCILLATOR.replace("LAW", law))
+    once = np.linalg.inv(np.eye(2) - 0.01 * np.array([[0, 1], [-200.0 / M, -8.0 / M]]))
+    exact = [np.linalg.matrix_power(once, k) @ [0.2, 0.0] for k in range(51)]
+    np.testing.assert_allclose(found["/sensors/bob"][:, 0], np.array(exact)[:, 0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("forces: {LAW}", "forces: {mount: {type: bushing, frames: [origin, centre], stiffness: [1, 1, 1, 9, 9, 9]}}",
+         "forces.mount", "are 0.12 rad apart at t = 0 s, beyond 0.1 rad"),
+        ("forces: {LAW}", "forces: {coil: {type: torsion, frames: [origin, centre], stiffness: 5.0, angle: -3.1}}",
+         "forces.coil", "at the start it is turned by -3."),
+        ("stiffness: 200.0, damping", "stiffness: 200.0, damping: -1.0, dumping", "forces.spring.damping", "at least 0"),
+        ("damping: 8.0", "dampling: 8.0", "forces.spring.dampling", "did you mean damping?"),
+    ],
+)  # fmt: skip
+def test_a_law_outside_of_what_it_holds_for_is_refused(tmp_path, old, new, key, says):
+    """The bob is turned by 0.12 rad about x, which the guide is made to allow."""
+    text = OSCILLATOR.replace("type: prismatic", "type: cylindrical").replace(
+        "[0.2, 0, 0]", f"[0.2, 0, 0], y_axis: [0, {np.cos(0.12):.15g}, {np.sin(0.12):.15g}]"
+    )
+    if "LAW" not in old:
+        text = text.replace("LAW", "spring: {type: spring, frames: [anchor, centre], stiffness: 200.0, damping: 8.0}")
+    assert old in text
+    done = run(tmp_path, text.replace(old, new))
+    assert done.exit_code == 2, done.output
+    assert key in done.stderr
+    assert says in done.stderr
+    assert "own.yaml:" in done.stderr
+
+
+def test_a_cylindrical_joint_whose_axes_point_opposite_ways_is_refused(tmp_path):
+    text = OSCILLATOR.replace("type: prismatic", "type: cylindrical").replace("{LAW}", "{}")
+    done = run(tmp_path, text.replace("centre: {body: bob}", "centre: {body: bob, pose: {x_axis: [-1, 0, 0]}}"))
+    assert done.exit_code == 2, done.output
+    assert "joints.guide: the axes of 'origin' and 'centre' point opposite ways" in done.stderr
+
+
+def blocks() -> list[str]:
+    """The Python of "A force element of a bench"."""
+    text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    section = text.split("## A force element of a bench")[1].split("\n## ")[0]
+    return re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+
+
+def test_the_law_of_the_page_on_extending_is_one(tmp_path, monkeypatch):
+    """Law, section and entry as the page has them: a mass falls on the buffer and comes to rest at the root of
+    kρ + aρ³ + mg = 0, and moves as scipy integrates it, at first order."""
+    law, section = blocks()
+    there = {"np": np, "dataclass": dataclass, "Load": Load, "RelativeElement": RelativeElement, "Frame": Frame, "offset": offset,
+             "Section": Section, "Literal": Literal, "Field": Field, "Frames": Frames, "NotNegative": NotNegative,
+             "Axis": Axis}  # fmt: skip
+    for block in (law, section):
+        exec(compile(block, "extending.md", "exec", dont_inherit=True), there)
+    monkeypatch.setitem(LAWS, "buffer", there["buffer"])
+    known = get_args(get_args(Force)[0])
+    whole = Annotated[Union[*known, there["Buffer"]], Field(discriminator="type")]  # noqa: F821
+    extended = create_model("Extended", __base__=BenchConfig, forces=(dict[Name, whole], {}))
+    monkeypatch.setitem(load.KINDS, "bench", (extended, bench_problems))
+    k, a, c, m, g = 8e3, 4e6, 3e3, 50.0, 9.81
+    text = f"""
+bodies: {{mass: {{type: rigid, mass: {m}, inertia: {{xx: 1.0, yy: 1.0, zz: 1.0}}}}}}
+frames: {{seat: {{body: ground}}, foot: {{body: mass}}}}
+joints: {{guide: {{type: prismatic, frames: [seat, foot], axis: z}}}}
+forces:
+  weight: {{type: gravity}}
+  buffer: {{type: buffer, frames: [seat, foot], stiffness: {k}, cubic: {a}, damping: {c}, axis: z}}
+sensors: {{mass: {{type: motion, frame: foot}}}}
+simulate: {{duration: 0.2, time_step: STEP, start: START}}
+"""
+    rest = simulated(tmp_path, text.replace("STEP", "0.01").replace("START", "equilibrium"))["/sensors/mass"][:, 2]
+    roots = np.roots([a, 0, k, m * g])
+    (root,) = roots[np.isreal(roots)].real
+    np.testing.assert_allclose(rest, root, rtol=0, atol=1e-11)
+    exact = solve_ivp(
+        lambda t, z: [z[1], -(k * z[0] + a * z[0] ** 3 + c * z[1] * abs(z[1])) / m - g],
+        (0, 0.2),
+        [0, 0],
+        rtol=1e-11,
+        atol=1e-13,
+    ).y[0, -1]
+    errors = [
+        simulated(tmp_path, text.replace("STEP", str(h)).replace("START", "as_given"))["/sensors/mass"][-1, 2] - exact
+        for h in (1e-3, 5e-4)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)
+    assert abs(errors[1]) < 0.02 * abs(exact)
