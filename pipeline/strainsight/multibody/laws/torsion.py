@@ -8,7 +8,7 @@ from strainsight.errors import NumericalError
 from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.spring import SpringDamper
-from strainsight.multibody.relations import dot
+from strainsight.multibody.relations import cosine, dot
 
 FARTHEST = 3.0
 """[rad] from its angle without moment to which a torsion spring turns: at π its moment would jump."""
@@ -23,11 +23,11 @@ def torsion(
     alone turns as far as it likes. Raises NumericalError in `load` for |φ − φ₀| above FARTHEST.
     """
     i, j = i.turned(axis), j.turned(axis)
-    cosine, sine = np.cos(angle), np.sin(angle)
+    c, s = np.cos(angle), np.sin(angle)
 
     def turn(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         x, y = float(rho[0]), float(rho[1])
-        phi = np.arctan2(y * cosine - x * sine, x * cosine + y * sine)
+        phi = np.arctan2(y * c - x * s, x * c + y * s)
         if stiffness and not abs(phi) <= FARTHEST:
             raise NumericalError(
                 f"it is turned by {phi:.3g} rad from its angle without moment, beyond {FARTHEST:g} rad",
@@ -36,4 +36,5 @@ def torsion(
         r = x * x + y * y
         return phi, np.array([-y, x]) / r, np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / r**2
 
-    return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), SpringDamper(turn, stiffness, damping))
+    law = SpringDamper(turn, stiffness, damping)
+    return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), law, aligned=(cosine(i, 2, j, 2),))
