@@ -38,10 +38,10 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
     elif ending == ".csv":
         read_numbering(path)
     else:
+        from strainsight.cases.structure.mesh import checked, mesh_of
         from strainsight.config.mesh import Material, MeshFile
         from strainsight.decks.other.apart import load_apart
         from strainsight.decks.other.load import load
-        from strainsight.stages.import_mesh import checked, mesh_of
 
         if path.suffix == ".h5":
             path = path.with_name("case-of-h5.xdmf")

@@ -71,7 +71,9 @@ def bench_of(
     for name, entry in config.bearings.items():
         with blame(f"bearings.{name}"):
             bearings[name] = bearing_of(entry)
-    joints = [JOINTS[entry.type](name, *_between(entry, frames), **_keys(entry)) for name, entry in config.joints.items()]
+    joints = [
+        JOINTS[entry.type](name, *_between(entry, frames), **_keys(entry)) for name, entry in config.joints.items()
+    ]
     forces = [_force(name, entry, frames, bearings, free or {}) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)

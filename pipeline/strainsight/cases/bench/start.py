@@ -79,4 +79,6 @@ def _refuse_forceless(bench: Bench, q: np.ndarray) -> None:
         try:
             element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), bench.theta[element.parameters])
         except NumericalError as error:
-            raise ConfigError(f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy) from error
+            raise ConfigError(
+                f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy
+            ) from error

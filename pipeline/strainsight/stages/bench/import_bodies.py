@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.bench.bodies import FlexibleBody
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspicions import suspicions
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import Place, written
-from strainsight.stages.import_mesh import checked, mesh_of
 from strainsight.stages.pages.found import found_tables
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage

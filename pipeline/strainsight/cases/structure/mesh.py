@@ -1,0 +1,104 @@
+"""The mesh of a config: its file, what the config adds, and whether all of it is sound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.config.mesh import MeshFile
+from strainsight.decks.numbers import LARGEST_ID
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import DeckError, blame
+from strainsight.fem.assembly import mass_properties
+from strainsight.fem.checks import check_geometry, check_mesh
+from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.quality import Quality, element_quality
+from strainsight.mesh.additions import (
+    node_index,
+    node_indices,
+    with_averaging_element,
+    with_material,
+    with_node,
+    with_rigid_element,
+    with_support,
+)
+from strainsight.mesh.model import Mesh
+
+
+def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
+    """The mesh of a file and of what the config (its section at `key`) says beside it."""
+    with blame(f"{key}.file"):
+        mesh = read_mesh(
+            path,
+            config.length_unit,
+            config.mass_unit,
+            format=config.format,
+            region_data=config.region_data,
+            solids=config.matrices is None,
+        )
+    return with_additions(mesh, config, key)
+
+
+def checked(
+    mesh: Mesh, config: MeshFile, key: str = "mesh"
+) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...]]:
+    """Mass [kg] with centre (3,) [m], where solids carry the model, and the shapes of the elements, once all is sound."""
+    weight = None
+    with blame(f"{key}.file"), mesh.located(), _config_ties(mesh, key):
+        if config.matrices is None:
+            check_mesh(mesh)
+            weight = mass_properties(mesh)
+            constraint_transform(mesh)  # so that ties and supports that contradict each other show here
+        else:
+            check_geometry(mesh)
+        return weight, tuple(element_quality(mesh))
+
+
+def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
+    """The mesh with the materials, ties and supports that the config states beside the file."""
+    for name, material in config.materials.items():
+        with blame(f"{key}.materials.{name}.regions"):
+            regions = None if material.regions == "all" else material.regions
+            E, nu, rho = material.youngs_modulus, material.poisson_ratio, material.density
+            mesh = with_material(mesh, regions, E, nu, rho, f"{key}.materials.{name}")
+    for i, tie in enumerate(config.ties):
+        with blame(f"{key}.ties.{i}"):
+            nodes = node_indices(mesh, tie.set)
+            if tie.reference >= LARGEST_ID:
+                what = f"{tie.reference} is too large for the number of a node"
+                raise DeckError(what, key=f"{key}.ties.{i}.reference", remedy="give one below 10^12")
+            if tie.at is not None:
+                mesh = with_node(mesh, tie.reference, tie.at)
+            reference = node_index(mesh, tie.reference)
+            if tie.type == "rigid":
+                mesh = with_rigid_element(
+                    mesh, reference, nodes, _components(tie.components or (1, 2, 3)), f"{key}.ties.{i}"
+                )
+            else:
+                components = _components(tie.components or (1, 2, 3, 4, 5, 6))
+                mesh = with_averaging_element(mesh, reference, nodes, components, f"{key}.ties.{i}")
+    for i, support in enumerate(config.supports):
+        with blame(f"{key}.supports.{i}"):
+            nodes = np.array([node_index(mesh, support.node)]) if support.node else node_indices(mesh, support.set)
+            mesh = with_support(mesh, nodes, _components(support.components))
+    return mesh
+
+
+@contextmanager
+def _config_ties(mesh: Mesh, key: str) -> Iterator[None]:
+    """An error about a tie of the config belongs to its key there, not to a line of the deck."""
+    named = [(e.id, e.name) for e in mesh.rigid] + [(e.id, e.name) for e in mesh.averaging]
+    keys = {("tie", number): name for number, name in named if name.startswith(f"{key}.ties.")}
+    try:
+        yield
+    except DeckError as error:
+        if error.key is None and error.entity in keys:
+            error.key, error.entity = keys[error.entity], None
+        raise
+
+
+def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(sorted({number - 1 for number in numbers}))
