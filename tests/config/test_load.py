@@ -79,6 +79,35 @@ def test_an_unknown_load_that_is_not_estimated_is_refused_where_the_unknowns_are
     assert "tip" in str(error)
 
 
+ESTIMATE = "estimate: {channels: [{channel: a, gauge: G1, unit: m/m}], inputs: {tip: {channel: b, unit: N}}}\n"
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "says"),
+    [
+        ("estimate.initial_std={F: 0.2}", "estimate.initial_std.F", "no unknown 'F'"),
+        ("estimate.initial_std={tip: 0.2}", "estimate.initial_std.tip", "no unknown 'tip'"),
+        ("estimate.inputs={top: {channel: b, unit: N}}", "estimate.inputs.top", "no load 'top'"),
+    ],
+)
+def test_a_name_in_estimate_that_nothing_would_read_is_refused(write, override, key, says):
+    path = write(EXAMPLE + ESTIMATE)
+    load_config(path)
+    (error,) = refused(path, override)
+    assert (error.key, says) == (key, error.what)
+
+
+def test_a_channel_of_an_unknown_load_is_refused(write):
+    (error,) = refused(
+        write(EXAMPLE + ESTIMATE),
+        "loads.tip.known=false",
+        "place.estimate=[tip, E]",
+        "validate.initial_std={tip: 0.1, E: 0.1}",
+    )
+    assert error.key == "estimate.inputs.tip"
+    assert "would not be read" in error.what
+
+
 def test_all_problems_are_told_at_once(write):
     text = EXAMPLE.replace("keep: 4", "kepe: 4").replace("modes: 10", "modes: -1").replace("seed: 1", "seed: no")
     keys = {error.key for error in refused(write(text))}

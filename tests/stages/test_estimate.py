@@ -59,6 +59,15 @@ estimate:
   start: rest
   virtual: [{position: [1.0, 0.02, 0.095], direction: [1, 0, 0]}]
 """
+BLIND = {
+    "name: test\n": "name: blind\n",
+    "  tip: {node: 2, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 20.0, amplitude: 1.0e+4}}\n": "",
+    "[side, E]": "[side]",
+    "{side: 0.1, E: 0.1}": "{side: 0.1}",
+    "  random_sets: 12\n  repeats: 2\n  sweeps: {time_steps: [1.0e-3], process_noise: [10]}\n": "  repeats: 1\n",
+    "  inputs: {tip: {channel: tip, unit: N}}\n": "",
+}
+"""The changes that leave the one unknown load."""
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +134,23 @@ def test_estimate_finds_what_validate_found(project, plain):
     assert error == pytest.approx(validate.summary["smoothed.side"], rel=0.3)
     assert abs(arrays["/smoothed/E"][-1] / 2.1e11 - 1) < 3 * validate.summary["std.E"]
     assert plain[0]["consistent"]
+
+
+def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_file(project):
+    """Nothing between samples is guessed then: the filter sees what that of validate saw."""
+    text = CONFIG.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf"))
+    for old, new in BLIND.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (project / "blind.yaml").write_text(text)
+    done = CliRunner().invoke(app, ["validate", str(project / "blind.yaml"), "--results", str(project / "results")])
+    assert done.exit_code == 0, done.output
+    results = project / "results" / "blind"
+    code, said = estimated(project, results / "measured.csv", config="blind.yaml")
+    assert code == 0, said
+    validate, found = (Artefact(results / f"{stage}.h5") for stage in ("validate", "estimate"))
+    for path in ("/estimate/side", "/std/side", "/smoothed/side"):
+        np.testing.assert_allclose(found[path], validate[path], rtol=1e-6, atol=1e-6)
 
 
 def test_a_virtual_gauge_reads_the_true_strain_where_none_is(project, plain):

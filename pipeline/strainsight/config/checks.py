@@ -8,7 +8,7 @@ from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
 from strainsight.config.loads import Load, MultiSine, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.problem import Problem
+from strainsight.config.problem import Problem, known
 from strainsight.errors import at_most, did_you_mean
 
 FEWEST_STEPS = 10
@@ -30,6 +30,7 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _fast(config)
     yield from _wandering(config)
     yield from _validation(config)
+    yield from _measurements(config)
 
 
 def _time(section: str, duration: float, step: float, config: PlacementConfig) -> Iterator[Problem]:
@@ -191,4 +192,21 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
                 f"no initial standard deviation for '{name}'",
                 f"add {name}: 0.1 (relative)",
                 at_key=True,
+            )
+
+
+def _measurements(config: PlacementConfig) -> Iterator[Problem]:
+    """Names of `estimate` that nothing would read."""
+    if config.estimate is None:
+        return
+    for name in config.estimate.initial_std:
+        yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "unknown")
+    for name in config.estimate.inputs:
+        key = f"estimate.inputs.{name}"
+        yield from known(key, name, config.loads, "load")
+        if name in config.loads and not config.loads[name].known:
+            yield Problem(
+                key,
+                f"load '{name}' is unknown: its channel would not be read",
+                f"leave it out, or set loads.{name}.known: true and take it out of place.estimate",
             )

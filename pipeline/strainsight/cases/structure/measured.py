@@ -210,5 +210,5 @@ def _held(loads: np.ndarray, every: int) -> np.ndarray:
     slope = np.diff(loads, axis=0) / every
     start = loads[:-1, None] + slope[:, None] * np.arange(every)[None, :, None]
     held = np.zeros((len(slope) * every, HOLD, loads.shape[1]))
-    held[:, 0], held[:, 1] = start.reshape(-1, loads.shape[1]), np.repeat(slope, every, axis=0)
+    held[:, 0], held[:, 1] = start.reshape(held[:, 0].shape), np.repeat(slope, every, axis=0)
     return held
