@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.estimation.metrics import honesty, input_error, parameter_error
+from strainsight.estimation.metrics import honesty, input_error, load_scale, parameter_error
 
 
 def test_a_parameter_is_judged_by_its_mean_over_the_last_half():
@@ -14,17 +14,23 @@ def test_a_parameter_is_judged_by_its_mean_over_the_last_half():
     np.testing.assert_allclose(parameter_error(np.stack([estimate, -estimate], axis=1), -2.0), [2.05, 0.05])
 
 
-def test_an_input_is_judged_against_the_load_vector_after_the_first_tenth():
-    truth = np.tile([3.0, 4.0], (100, 1))
-    estimate = truth + np.array([0.5, 0.0])
-    estimate[:10] = 1e6
-    np.testing.assert_allclose(input_error(estimate, truth), [0.1, 0.0])
-    np.testing.assert_allclose(input_error(np.stack([estimate, truth], axis=1), truth), [[0.1, 0.0], [0.0, 0.0]])
-    # a truth of its own for every run: each error over its own load
-    own = np.stack([truth, 2 * truth], axis=1)
-    np.testing.assert_allclose(input_error(own + np.array([0.5, 0.0]), own), [[0.1, 0.0], [0.05, 0.0]])
-    with pytest.raises(ValueError, match="zero"):
-        input_error(estimate, 0 * truth)
+def test_the_error_of_a_load_is_over_its_own_rms_after_the_first_tenth():
+    """A sine of amplitude a has an RMS of a/√2, whatever it did before."""
+    truth = 4.0 * np.sin(2 * np.pi * np.arange(100) / 30)
+    truth[:10] = 1e6
+    scale, zero = load_scale(truth, 1e9)
+    assert not zero
+    assert scale == pytest.approx(4.0 / np.sqrt(2))
+    error = np.full((100, 3), [0.5, 0.0, -1.0])
+    error[:10] = 1e6
+    np.testing.assert_allclose(input_error(error, 2.0), [0.25, 0.0, 0.5])
+
+
+@pytest.mark.parametrize("left", [0.0, 1e-12])
+def test_the_error_of_a_load_that_is_zero_is_over_its_amplitude(left):
+    """In a file that another program turned, zero may be 1e-16 of what it was."""
+    truth = np.concatenate([np.full(10, 3.0), np.full(90, left)])
+    assert load_scale(truth, 50.0) == (50.0, True)
 
 
 def test_honesty_is_real_over_claimed():

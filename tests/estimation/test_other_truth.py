@@ -46,9 +46,8 @@ def test_sine_load_is_followed_as_well_as_claimed_and_better_when_smoothed(make_
     nothing = np.zeros((steps, 3, 0))
     run = run_filter(model, np.zeros(model.size), prior(model, 1.0), nothing, y, keep="all")
     smoothed = smooth(model, run)
-    truth = np.sin(2 * np.pi * 20.0 * run.time)[:, None]
-    filtered_error = input_error(run.mean[:, 0, 20:], truth)[0]
-    smoothed_error = input_error(smoothed.mean[:, 0, 20:], truth)[0]
+    truth = np.sin(2 * np.pi * 20.0 * run.time)
+    filtered_error, smoothed_error = (input_error(each.mean[:, 0, 20] - truth, 0.5**0.5) for each in (run, smoothed))
     claimed = run.std[-1, 0, 20] * np.sqrt(2)
     assert smoothed_error < 0.05
     assert 0.7 < filtered_error / claimed < 1.3
@@ -78,7 +77,7 @@ def test_a_smooth_input_model_follows_a_sine_at_a_step_of_a_millisecond(make_bea
     run = run_filter(model, np.zeros(model.size), P0, np.zeros((steps, 3, 0)), y, keep="all")
     smoothed, at = smooth(model, run), model.position
     truth = np.sin(2 * np.pi * 20.0 * run.time)[:, None]
-    errors = [input_error(each.mean[:, 0, at], truth)[0] for each in (run, smoothed)]
+    errors = [input_error(each.mean[:, 0, at] - truth, 0.5**0.5)[0] for each in (run, smoothed)]
     claim = np.sqrt(2 * np.mean(smoothed.std[100:-100, 0, at] ** 2))
     assert errors[1] < limit
     assert 0.7 < errors[1] / claim < 1

@@ -48,7 +48,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
         }
         for name in names:
             truth = validate[f"truth/{name}"][()]
-            size = np.sqrt(np.mean(truth**2))
+            size = np.sqrt(np.mean(truth[int(np.ceil(0.1 * len(truth))) :] ** 2))
             scale = place[f"expected_std/{name}"].attrs["scale"]
             expected = place[f"expected_std/{name}"][()] / size
             error, std = told[f"error.{name}"], told[f"std.{name}"]
@@ -58,7 +58,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             found[tile, "error in the test"] = [error]
             found[tile, "σ expected when placed"] = [expected]
             if load:
-                found[tile, "true RMS"] = [size]
+                found[tile, "true RMS"] = [np.sqrt(np.mean(truth**2))]
                 found[tile, "estimated RMS"] = [told[f"estimate.{name}"]]
                 found[tile, "error after smoothing"] = [told[f"smoothed.{name}"]]
             else:

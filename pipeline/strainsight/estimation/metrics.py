@@ -4,26 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 
+NONE = 1e-9
+"""Share of its amplitude up to which a load is zero: what rounding leaves in a file of it."""
+
 
 def parameter_error(estimate: np.ndarray, truth: float) -> np.ndarray:
     """|mean of the estimate over the last half − θ| / |θ|; estimate (T + 1, ...) in the unit of θ. Returns (...)."""
     return np.abs(np.mean(estimate[len(estimate) // 2 :], axis=0) - truth) / abs(truth)
 
 
-def input_error(estimate: np.ndarray, truth: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
-    """RMS error of every component over the RMS of the load vector, √(mean eᵢ²) / √(mean |u|²), after the first tenth.
+def load_scale(truth: np.ndarray, amplitude: float, burn_in: float = 0.1) -> tuple[float, bool]:
+    """What errors of a load are relative to [N], √(mean u²) after the first tenth, or its amplitude where that is zero; and
+    whether it is.
 
-    estimate (T + 1, ..., n_u) and truth (T + 1, n_u), or of the estimate's shape, in one unit;
-    burn_in: the share left out.
-    Returns (..., n_u). Raises ValueError where the true load is zero.
+    truth (T + 1,) [N]; amplitude [N], positive: what the filter takes as the size of the load; burn_in: the share left out.
     """
-    while truth.ndim < estimate.ndim:
-        truth = np.expand_dims(truth, 1)
-    start = int(np.ceil(burn_in * len(estimate)))
-    load = np.sqrt(np.mean(np.sum(truth[start:] ** 2, axis=-1, keepdims=True), axis=0))
-    if not np.all(load > 0):
-        raise ValueError("the true load is zero: a relative error has no meaning")
-    return np.sqrt(np.mean((estimate[start:] - truth[start:]) ** 2, axis=0)) / load
+    rms = float(np.sqrt(np.mean(_late(truth, burn_in) ** 2)))
+    return (rms, False) if rms > NONE * amplitude else (amplitude, True)
+
+
+def input_error(error: np.ndarray, scale: float, burn_in: float = 0.1) -> np.ndarray:
+    """RMS of a load's error, or of its claimed σ, after the first tenth and over its scale, √(mean e²) / s.
+
+    error (T + 1, ...), estimate less truth, or σ, and scale, of `load_scale`, in one unit. Returns (...).
+    """
+    return np.asarray(np.sqrt(np.mean(_late(error, burn_in) ** 2, axis=0)) / scale)
+
+
+def _late(history: np.ndarray, burn_in: float) -> np.ndarray:
+    return history[int(np.ceil(burn_in * len(history))) :]
 
 
 def honesty(error: np.ndarray, std: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
@@ -31,5 +40,4 @@ def honesty(error: np.ndarray, std: np.ndarray, burn_in: float = 0.1) -> np.ndar
 
     error, std (T + 1, B, k), estimate less truth. Returns (k,).
     """
-    start = int(np.ceil(burn_in * len(error)))
-    return np.sqrt(np.mean(error[start:] ** 2, axis=(0, 1)) / np.mean(std[start:] ** 2, axis=(0, 1)))
+    return np.sqrt(np.mean(_late(error, burn_in) ** 2, axis=(0, 1)) / np.mean(_late(std, burn_in) ** 2, axis=(0, 1)))

@@ -69,6 +69,9 @@ def run(context: Context) -> Output:
     for name in trial.names:
         summary[f"estimate.{name}"] = _one_number(trial, name, estimate[name][0])
         summary |= {f"{key}.{name}": float(values[name][0]) for key, values in errors.items()}
+        summary[f"scale.{name}"], zero = trial.scale(name)
+        if name in trial.problem.unknowns.inputs:
+            summary[f"zero.{name}"] = zero
     summary |= {f"identified.{name}": answer for name, answer in identified(trial, studies["starts"]).items()}
     summary |= {"nees": float(np.mean(consistency[0])), "nis": float(np.mean(consistency[1]))}
     field = _field(trial, main)
@@ -198,9 +201,9 @@ def _message(trial: Trial, summary: Mapping[str, Scalar]) -> str:
             doubt = f": {error / std:.0f} σ, the claim does not hold" if error > 3 * std else ""
             said.append(f"{name} {value:.4g} {trial.units[name]} (truth {truth:.4g}), error {error:.2f} %{doubt}")
         else:
-            said.append(
-                f"{name} error {error:.1f} % filtered, {100 * float(summary[f'smoothed.{name}']):.1f} % smoothed"
-            )
+            over = f" of its amplitude, {summary[f'scale.{name}']:.4g} N," if summary[f"zero.{name}"] else ""
+            smoothed = 100 * float(summary[f"smoothed.{name}"])
+            said.append(f"{name} error {error:.1f} %{over} filtered, {smoothed:.1f} % smoothed")
         if summary.get(f"identified.{name}") is False:
             said.append(f"{name} is not identified: other starts end elsewhere")
     return "; ".join(said)
@@ -214,6 +217,12 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
         errors = studies[key].real[name]
         return percent(float(np.nanmedian(errors))) if len(errors) else "-"
 
+    def truth(name: str) -> str:
+        if name in trial.problem.unknowns.parameters:
+            return f"{trial.truth.theta[name]:.5g}"
+        rms = f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}"
+        return rms + (f", in % of its amplitude, {summary[f'scale.{name}']:.4g}" if summary[f"zero.{name}"] else "")
+
     rows = []
     for name in trial.names:
         parameter = name in trial.problem.unknowns.parameters
@@ -221,7 +230,7 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
             (
                 name,
                 f"{summary[f'estimate.{name}']:.5g} {trial.units[name]}" + ("" if parameter else " RMS"),
-                f"{trial.truth.theta[name]:.5g}" if parameter else f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}",
+                truth(name),
                 percent(summary[f"error.{name}"]),
                 percent(summary[f"std.{name}"]),
                 percent(summary[f"smoothed.{name}"]),
@@ -244,7 +253,7 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
 
 VALIDATE = Stage(
     "validate",
-    version=4,
+    version=5,
     reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "filter", "validate", *READS),
     upstream=("import", "rom", "train", "screen", "place", "spectrum"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),

@@ -82,6 +82,15 @@ def test_no_number_of_the_first_screen_stands_outside_its_exact_value(full, mixe
         assert not re.search(r"\d", words(text)), words(text)
 
 
+def test_a_load_that_is_zero_is_said_to_be_judged_by_its_amplitude(full):
+    load, modulus = full().unknowns
+    first = first_screen(page(full(unknowns=(replace(load, truth=0.0, zero=True), modulus))))
+    assert "one standard deviation, of a load relative to its RMS, of tip to its amplitude" in words(first)
+    tile = words(first.split("tip, load")[1].split("</dl>")[0])
+    assert "in % of its amplitude 10 kN" in tile.replace("\u00a0", " ")
+    assert "amplitude" not in words(first_screen(page(full())))
+
+
 def observed(full, **changes):
     """What the first screen says is not observable."""
     text = first_screen(page(full(**changes)))

@@ -73,6 +73,13 @@ def test_what_failed_is_said_in_words(suite):
     assert "not estimated (ends after observe): no gauge tells all three." in first
 
 
+def test_a_load_that_is_zero_is_said_to_be_judged_by_its_amplitude(suite):
+    run = suite().runs[1]
+    zero = tuple(replace(unknown, zero=unknown.kind == "input") for unknown in run.unknowns)
+    assert "tip, load, zero: in % of its amplitude" in words(first_screen(page(suite(runs=(replace(run, unknowns=zero),)))))
+    assert "of its amplitude" not in words(first_screen(page(suite())))
+
+
 def test_a_lost_repeat_is_said_in_words(suite):
     run = suite().runs[0]
     error = np.append(run.repeats[0].error[:-1], np.nan)

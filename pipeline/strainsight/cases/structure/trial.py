@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of
 from strainsight.cases.structure.truth import Motion, ReadMotion, Truth, truth_of
 from strainsight.errors import blame
-from strainsight.estimation.metrics import input_error, parameter_error
+from strainsight.estimation.metrics import input_error, load_scale, parameter_error
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
@@ -43,6 +43,13 @@ class Trial:
     def names(self) -> tuple[str, ...]:
         """The unknowns."""
         return self.problem.unknowns.names
+
+    def scale(self, name: str) -> tuple[float, bool]:
+        """What errors of an unknown are relative to [SI]: the true value of a parameter, a load's own RMS, or its amplitude
+        where it is zero throughout; and whether it is."""
+        if name in self.problem.unknowns.parameters:
+            return self.truth.theta[name], False
+        return load_scale(self.history[name], self.problem.unknowns.amplitude[name])
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
         """What channels (...) read without noise (T + 1, ...) [unit of the channel], NaN where there is none (−1)."""
@@ -117,23 +124,18 @@ def real_and_claimed(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Real and claimed error of every unknown for each run: two mappings name → (B,), relative.
 
-    A parameter: |mean over the last half − truth| and mean σ there, both over the truth. An input: RMS error and RMS σ after
-    the first tenth, both over the RMS of the load vector. mean, std (T + 1, B, n*) of x*.
+    A parameter: |mean over the last half − truth| and mean σ there. An input: RMS error and RMS σ after the first tenth.
+    All over the unknown's own `Trial.scale`. mean, std (T + 1, B, n*) of x*.
     """
     values = physical(model, mean, std)
-    inputs = trial.problem.unknowns.inputs
     real, claimed = {}, {}
-    if inputs:
-        load = np.stack([trial.history[name] for name in inputs], axis=-1)
-        estimate, sigma = (np.stack([values[name][i] for name in inputs], axis=-1) for i in (0, 1))
-        # σ is measured by the same rule: an estimate that is off by σ at every instant.
-        off, claim = input_error(estimate, load), input_error(load[:, None] + sigma, load)
-        for i, name in enumerate(inputs):
-            real[name], claimed[name] = off[:, i], claim[:, i]
-    for name in trial.problem.unknowns.parameters:
-        value, sigma = values[name]
-        real[name] = parameter_error(value, trial.truth.theta[name])
-        claimed[name] = np.mean(sigma[len(sigma) // 2 :], axis=0) / trial.truth.theta[name]
+    for name in trial.names:
+        (value, sigma), (scale, _), truth = values[name], trial.scale(name), trial.history[name]
+        if name in trial.problem.unknowns.parameters:
+            real[name] = parameter_error(value, truth[0])
+            claimed[name] = np.mean(sigma[len(sigma) // 2 :], axis=0) / scale
+        else:
+            real[name], claimed[name] = input_error(value - truth[:, None], scale), input_error(sigma, scale)
     return real, claimed
 
 

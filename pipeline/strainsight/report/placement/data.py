@@ -1,7 +1,7 @@
 """Everything a placement report shows, as arrays and names; whoever has the artefacts fills it in.
 
 Errors and standard deviations are relative (0.01 is one per cent) unless a unit is stated:
-of a parameter to its true value, of an input to the RMS of the load vector.
+of a parameter to its true value, of an input to its own RMS, or to its amplitude where it is zero throughout.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class Unknown:
     guess           parameter: the value the filter started from; input: the amplitude it is scaled by [unit]
     truth           parameter: the simulated true value; input: RMS of the true history [unit]
     estimate        parameter: mean over the last half; input: RMS of the estimated history [unit]
-    error           relative: parameter |estimate/truth − 1|; input RMS error over RMS of the load vector, both after
-                    the first tenth
+    error           relative: parameter |estimate/truth − 1|; input RMS error over its RMS, both after the first tenth
     std             relative: one standard deviation that the filter claims for the same span
     smoothed_error  `error` of the smoothed estimate
     expected_std    relative: one standard deviation expected at placement, from the covariance recursion along training
+    zero            an input that is zero throughout: everything relative is over its amplitude, `guess`
 
     What was not computed is None: a placement without a validation still has a page.
     """
@@ -45,6 +45,7 @@ class Unknown:
     std: float | None = None
     smoothed_error: float | None = None
     expected_std: float | None = None
+    zero: bool = False
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ def answer(report: PlacementReport) -> str:
     known = [unknown for unknown in report.unknowns if _sigma(unknown) is not None]
     parts = [f"{escape(unknown.name)} to within ±{share(_sigma(unknown))}" for unknown in known]
     text = f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
-    relative = ", of a load relative to its RMS" if any(unknown.kind == "input" for unknown in known) else ""
+    loads = [unknown for unknown in known if unknown.kind == "input"]
+    zero = _join([escape(unknown.name) for unknown in loads if unknown.zero])
+    relative = (", of a load relative to its RMS" if loads else "") + (f", of {zero} to its amplitude" if zero else "")
     tell = "tells" if gauges == 1 else "tell"
     if parts:
         text += f" {tell} {_join(parts)} (one standard deviation{relative})."
@@ -74,6 +76,8 @@ def _tile(unknown: Unknown, lost: bool) -> str:
         ("error in the test", share(unknown.error)),
         ("error after smoothing", share(unknown.smoothed_error if load else None)),
     ]
+    if unknown.zero:
+        rows.append(("in % of its amplitude", measure(unknown.guess, unknown.unit)))
     if unknown.std is not None:
         rows.append(("σ expected when placed", share(unknown.expected_std)))
     return _card(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))

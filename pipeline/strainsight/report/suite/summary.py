@@ -135,7 +135,8 @@ def _unknown(result: Result) -> str:
     name = escape(result.unknown.name)
     if result.unknown.kind == "parameter":
         return name
-    return f"{name}, load" + ("" if result.smoothed else ", filtered")
+    zero = ", zero: in % of its amplitude" if result.unknown.zero else ""
+    return f"{name}, load" + ("" if result.smoothed else ", filtered") + zero
 
 
 def _numbers(result: Result) -> str:

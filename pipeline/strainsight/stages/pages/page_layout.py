@@ -110,5 +110,5 @@ def size(name: str, up: Mapping[str, Artefact]) -> float:
 
 
 def true_size(name: str, validate: Artefact) -> float:
-    """What errors are relative to: a parameter's true value, the RMS of an input's true history."""
-    return float(np.sqrt(np.mean(validate[f"/truth/{name}"] ** 2)))
+    """What errors are relative to: a parameter's true value, an input's own RMS, or its amplitude where it is zero."""
+    return float(validate.summary[f"scale.{name}"])

@@ -40,6 +40,7 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         std=float(summary[f"std.{name}"]),
         smoothed_error=float(summary[f"smoothed.{name}"]),
         expected_std=float(place[f"/expected_std/{name}"]) / true_size(name, validate),
+        zero=bool(summary.get(f"zero.{name}", False)),
     )
 
 
