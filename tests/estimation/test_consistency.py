@@ -10,6 +10,7 @@ from scipy.spatial.distance import mahalanobis
 
 from strainsight.estimation.consistency import (
     chi_square_band,
+    claim_of,
     nees,
     nis,
     not_identified,
@@ -37,6 +38,37 @@ def test_bands_hold_what_they_promise():
     low, high = chi_square_band(4, 10)
     assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.01)
     assert chi_square_band(1) == pytest.approx((0.000982, 5.0239), rel=1e-3)  # Abramowitz and Stegun, table 26.8
+
+
+@pytest.mark.parametrize("draws", [1, 20])
+def test_of_claims_that_hold_27_in_ten_thousand_lie_outside_the_band(draws):
+    """Drawn from the claim itself, and from one that is twice too sure or too cautious."""
+    e = np.random.default_rng(4).standard_normal((100_000, draws))
+    ratio = np.sqrt(np.mean(e**2, axis=1))
+    low, high = claim_of(e[0], np.ones(draws)).band
+    # 270 are expected on 100 000, 135 on each side: four deviations of a count.
+    for outside in (ratio < low, ratio > high):
+        assert abs(np.count_nonzero(outside) - 135) < 4 * np.sqrt(135)
+    if draws == 20:  # one draw of three times σ is luck, and so is none of half of it; twenty are not
+        assert np.mean(3 * ratio > high) > 0.999
+        assert np.mean(ratio / 3 < low) > 0.999
+
+
+def test_a_claim_is_judged_by_as_many_draws_as_there_are():
+    """Twice the claimed σ: nothing out of the ordinary once, impossible twenty times (χ²₂₀ beyond 80: 4e-9)."""
+    once, often = claim_of(np.array(2.0), np.array(1.0)), claim_of(np.full(20, -0.2), np.full(20, 0.1))
+    assert (once.draws, often.draws) == (1, 20)
+    assert (once.ratio, often.ratio) == pytest.approx((2.0, 2.0))
+    assert (once.verdict, often.verdict) == ("as claimed", "overconfident")
+    assert once.band[1] == pytest.approx(3.2053, abs=1e-3)  # two-sided 0.00135 of a normal
+    assert claim_of(np.full(20, 0.3), np.ones(20)).verdict == "cautious"
+
+
+def test_lost_draws_and_claims_of_nothing_are_no_draws():
+    claim = claim_of(np.array([1.0, np.nan, 5.0, 1.0]), np.array([1.0, 1.0, 0.0, np.inf]))
+    assert (claim.draws, claim.ratio) == (1, 1.0)
+    assert claim_of(np.array([np.nan]), np.array([1.0])) is None
+    assert claim_of(np.zeros(0), np.zeros(0)) is None
 
 
 def test_nis_counts_only_the_gauges_that_measured():

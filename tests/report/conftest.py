@@ -9,6 +9,7 @@ import pytest
 
 from strainsight.report.placement.data import (
     Case,
+    Claim,
     Consistency,
     Criteria,
     Gauge,
@@ -24,6 +25,10 @@ from strainsight.report.placement.data import (
     Unknown,
 )
 from strainsight.report.suite.data import SuiteReport, SuiteRun
+
+ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
+"""Bands of one draw and of twenty."""
+HELD = Claim("test", 1, 0.000523 / 0.000814, ONE, "as claimed")
 
 
 def box(cells=(10, 2, 3), size=(2.0, 0.08, 0.12)):
@@ -126,8 +131,14 @@ def report(**changes):
         name="cantilever-input-youngs-modulus",
         title="Cantilever: load and stiffness",
         unknowns=(
-            Unknown("tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163),
-            Unknown("E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787),
+            Unknown(
+                "tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163, False, 0.04,
+                (Claim("test", 1, 0.177 / 0.159, ONE, "as claimed"), Claim("smoothed", 1, 0.042 / 0.04, ONE, "as claimed")),
+            ),
+            Unknown(
+                "E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787,
+                claims=(Claim("repeats", 20, 6.64, TWENTY, "overconfident"), HELD),
+            ),
         ),
         layout=layout(),
         trend=Trend(count, trace, {"tip": 0.7 * trace, "E": 0.3 * trace}, 2.62, 2.6187, 2.62 / 2.6187 - 1),
@@ -191,18 +202,20 @@ def bare():
 
 @pytest.fixture
 def suite():
-    """A function: changed fields → suite of four runs: as claimed, not identified, sure and wrong, only observed."""
+    """A function: changed fields → suite of four runs: as claimed, not identified, overconfident, only observed."""
     return suite_report
 
 
 def suite_report(**changes):
-    """The runs of the small placement report: E alone; tip and E, not identified; the same, sure and wrong; observed."""
+    """The runs of the small placement report: E alone; tip and E, not identified; the same, overconfident; observed."""
     full = report()
     load, modulus = full.unknowns
+    agree = Claim("repeats", 20, 0.875, TWENTY, "as claimed")
     agreed = (Repeats("E", np.full(20, 0.0007), np.full(20, 0.0008), "identified"),)
     pairs = (("G1", "G3", 0.12), ("G2", "G1", 0.2), ("G3", "G1", 0.12), ("G4", "G2", 0.23))
     done = SuiteRun(
-        "beam-E", "E, 20 Hz", "", "../beam-E/report.html", "report", (modulus,), 4, 30, full.trend, full.layout,
+        "beam-E", "E, 20 Hz", "", "../beam-E/report.html", "report", (replace(modulus, claims=(HELD, agree)),), 4, 30,
+        full.trend, full.layout,
         {"E": 0.000787}, full.histories[1:], agreed, full.cases, full.frequencies, full.truth_description, pairs,
     )  # fmt: skip
     joint = replace(
@@ -212,7 +225,7 @@ def suite_report(**changes):
     )  # fmt: skip
     wrong = replace(
         joint, name="beam-wrong", label="tip + E, slow", repeats=(), note="",
-        unknowns=(load, replace(modulus, error=0.02)),
+        unknowns=(load, replace(modulus, error=0.02, claims=(replace(HELD, ratio=24.6, verdict="overconfident"),))),
         cases=tuple(replace(case, condition=1.5 * case.condition) for case in full.cases),
     )  # fmt: skip
     guess = Unknown("E", "Pa", "parameter", 1.89e11)

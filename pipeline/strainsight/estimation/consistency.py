@@ -12,6 +12,21 @@ SLACK = 0.1
 bands so narrow that every real model lies outside them."""
 
 
+HOLDS = 0.9973
+"""Share of claims that hold inside the band of `claim_of`: what ±3 σ hold of one draw."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Errors against the σ claimed for them: ratio √(mean (e/σ)²) of so many draws, the band in which it lies where σ holds,
+    and whether it does: "as claimed", "overconfident" above the band, "cautious" below it."""
+
+    draws: int
+    ratio: float
+    band: tuple[float, float]
+    verdict: str
+
+
 @dataclass(frozen=True)
 class Verdict:
     """Innovations against the claim: ratio of their size to the claimed one, with the band of a true model; correlation
@@ -57,6 +72,22 @@ def chi_square_band(dimension: int, samples: int = 1, level: float = 0.95) -> tu
     freedom = dimension * samples
     low, high = chi2.ppf(np.array([0.5 * (1 - level), 0.5 * (1 + level)]), freedom) / freedom
     return float(low), float(high)
+
+
+def claim_of(error: np.ndarray, std: np.ndarray) -> Claim | None:
+    """Whether one draw or many keep to the σ that was claimed for them: RMS of e/σ inside √(χ²_n/n).
+
+    error, std (n,), or scalars, in one unit; what is not finite and what claims no σ are no draws. None without a draw.
+    Errors that are means over time of their own are smaller than one draw, and σ then cautious.
+    """
+    error, std = np.atleast_1d(error), np.atleast_1d(std)
+    drawn = np.isfinite(error) & np.isfinite(std) & (std > 0)
+    draws = int(np.count_nonzero(drawn))
+    if not draws:
+        return None
+    ratio = float(np.sqrt(np.mean((error[drawn] / std[drawn]) ** 2)))
+    low, high = (float(np.sqrt(edge)) for edge in chi_square_band(1, draws, HOLDS))
+    return Claim(draws, ratio, (low, high), "cautious" if ratio < low else "overconfident" if ratio > high else "as claimed")
 
 
 def whiteness(whitened: np.ndarray) -> np.ndarray:

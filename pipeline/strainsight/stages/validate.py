@@ -18,6 +18,7 @@ from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.records.grids import gauge_grid
+from strainsight.stages.pages.claims import claims_of, doubt_of
 from strainsight.sweep.sweep import watched
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
@@ -93,7 +94,7 @@ def run(context: Context) -> Output:
         | field,
         attributes=grid_attributes,
         summary=summary,
-        message=_message(trial, summary),
+        message=_message(trial, summary, studies["repeats"]),
         tables=(_table(trial, summary, studies), *([sweep_table(swept, trial.names)] if swept else [])),
         files={"measured.csv": measured_csv(trial, measured, context.upstream["place"]["/selected/final/channel"])},
     )
@@ -191,19 +192,19 @@ def _instant_of_largest(trial: Trial, channels: np.ndarray) -> int:
     return int(np.argmax(largest)) + 1
 
 
-def _message(trial: Trial, summary: Mapping[str, Scalar]) -> str:
+def _message(trial: Trial, summary: Mapping[str, Scalar], repeats: Study) -> str:
     said = []
     for name in trial.names:
         error = 100 * float(summary[f"error.{name}"])
         if name in trial.problem.unknowns.parameters:
             value, truth = float(summary[f"estimate.{name}"]), trial.truth.theta[name]
-            std = 100 * float(summary[f"std.{name}"])
-            doubt = f": {error / std:.0f} σ, the claim does not hold" if error > 3 * std else ""
-            said.append(f"{name} {value:.4g} {trial.units[name]} (truth {truth:.4g}), error {error:.2f} %{doubt}")
+            said.append(f"{name} {value:.4g} {trial.units[name]} (truth {truth:.4g}), error {error:.2f} %")
         else:
             over = f" of its amplitude, {summary[f'scale.{name}']:.4g} N," if summary[f"zero.{name}"] else ""
             smoothed = 100 * float(summary[f"smoothed.{name}"])
             said.append(f"{name} error {error:.1f} %{over} filtered, {smoothed:.1f} % smoothed")
+        if doubt := doubt_of(claims_of(name, summary, (repeats.real[name], repeats.claimed[name]))):
+            said.append(f"{name} is overconfident: {doubt}")
         if summary.get(f"identified.{name}") is False:
             said.append(f"{name} is not identified: other starts end elsewhere")
     return "; ".join(said)
@@ -253,7 +254,7 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
 
 VALIDATE = Stage(
     "validate",
-    version=5,
+    version=6,
     reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "filter", "validate", *READS),
     upstream=("import", "rom", "train", "screen", "place", "spectrum"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),

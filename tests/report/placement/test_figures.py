@@ -10,7 +10,7 @@ import pytest
 
 from strainsight.report.chart.panels import last_periods
 from strainsight.report.placement.comparisons import noise_figure, random_errors_figure, repeats_figure
-from strainsight.report.placement.data import History, NoiseRow, RandomSets, Repeats, Trend, Unknown
+from strainsight.report.placement.data import Claim, History, NoiseRow, RandomSets, Repeats, Trend, Unknown
 from strainsight.report.placement.figures import closing_figure, elbow, estimate_figure, placement_figures, trend_figure
 
 
@@ -111,11 +111,13 @@ def test_lost_random_sets_are_counted_and_a_luckier_one_is_admitted():
 def test_exact_estimates_and_claims_of_zero_are_drawn_too():
     unknowns = (Unknown("E", "Pa", "parameter", 1.0),)
     noise_figure((NoiseRow(0.0, 0.0, {"E": 0.0}, {"E": 0.0}), NoiseRow(0.01, 1.0, {"E": 0.0}, {"E": 0.0})), unknowns)
-    repeats_figure(Repeats("E", np.zeros(4), np.zeros(4), "identified"))
+    repeats_figure(Repeats("E", np.zeros(4), np.zeros(4), "identified"), None)
 
 
 def test_repeats_outside_their_band_are_counted():
     error = np.array([0.001, -0.001, 0.03, -0.05])
-    drawing = repeats_figure(Repeats("E", error, np.full(4, 0.001), "not identified"))
+    claim = Claim("repeats", 4, 29.2, (0.16, 2.11), "overconfident")
+    drawing = repeats_figure(Repeats("E", error, np.full(4, 0.001), "not identified"), claim)
     assert "2 outside" in drawing.caption
-    assert "not identified" in drawing.caption
+    assert "end apart: not identified. RMS of error over σ 29.2, 0.16 to 2.1 where" in drawing.caption
+    assert drawing.caption.endswith("overconfident.")

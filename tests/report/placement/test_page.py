@@ -142,10 +142,20 @@ def test_where_the_time_went(full, bare):
 
 
 def test_the_mark_says_when_the_claim_did_not_hold(full):
-    report = full(repeats=())
-    wrong = tuple(replace(unknown, error=9 * unknown.std) for unknown in report.unknowns)
-    assert page(report).count("as claimed") == 2
-    assert page(replace(report, unknowns=wrong)).count("the claim did not hold") == 2
+    load, modulus = full().unknowns
+
+    def marks(*unknowns):
+        first = first_screen(page(full(repeats=(), unknowns=unknowns)))
+        return [(kind, words(text)) for kind, text in re.findall(r'<p class="mark (\w+)">(.*?)</p>', first)]
+
+    assert marks(load, modulus) == [
+        ("good", "✓ error is 1.1 σ: as claimed"),
+        ("bad", "✕ RMS error of the repeats is 6.6 σ: overconfident"),
+    ]
+    claim = replace(load.claims[1], ratio=0.001, verdict="cautious")
+    assert marks(replace(load, claims=(claim,)), replace(modulus, claims=())) == [
+        ("good", "✓ smoothed error is 0.001 σ: cautious")
+    ]
     assert "overconfident" in page(full(consistency=Consistency(nis=1.31, nis_band=(0.96, 1.04))))
 
 

@@ -57,7 +57,9 @@ def test_equal_trends_are_drawn_once_and_name_their_runs(suite):
 def test_only_wrong_results_are_crosses(suite):
     first, *_ = suite().runs
     assert "run 1 E" in drawn(suite(runs=(first,)))["errors"].alt
-    bad = replace(first, unknowns=(replace(first.unknowns[0], error=0.5),))
+    (unknown,) = first.unknowns
+    over = replace(unknown.claims[0], verdict="overconfident")
+    bad = replace(first, unknowns=(replace(unknown, error=0.5, claims=(over,)),))
     good, wrong = (drawn(suite(runs=(run,)))["errors"].svg for run in (first, bad))
     # The key has one cross, a wrong result has one more.
     assert wrong.count(b"#d55e00") > good.count(b"#d55e00")

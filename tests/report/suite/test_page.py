@@ -67,9 +67,11 @@ def test_the_exact_numbers_stand_in_the_first_table(suite):
 def test_what_failed_is_said_in_words(suite):
     first = words(first_screen(page(suite())))
     assert first.count("✕ not identified") == 1
-    assert first.count("✕ sure and wrong") == 2
+    assert first.count("✕ overconfident") == 2
+    assert "✕ overconfident ( repeats: RMS 6.6 σ)".replace("( ", "(") in first.replace("( ", "(")
+    assert "E: overconfident, 25 σ." in words(page(suite()))
     assert "✓ as claimed" in first
-    assert "4 runs : 1 with errors within 3 claimed σ (run 1 ), 2 sure and wrong (runs 2 , 3 )" in first
+    assert "4 runs : 1 as claimed (run 1 ), 2 overconfident (runs 2 , 3 )" in first
     assert "not estimated (ends after observe): no gauge tells all three." in first
 
 

@@ -14,7 +14,7 @@ from strainsight.report.suite.results import counts, results_of, verdicts_of
 def test_every_run_comes_to_what_its_numbers_say(suite):
     assert counts(suite()) == {
         "as claimed": [1],
-        "sure and wrong": [2, 3],
+        "overconfident": [2, 3],
         "not identified": [2],
         "not estimated": [4],
     }
@@ -25,8 +25,7 @@ def test_a_smoothed_load_is_measured_by_its_smoothed_claim(suite):
     load, modulus = results_of(run)
     assert load.smoothed
     assert load.error == run.unknowns[0].smoothed_error
-    # The history claims a quarter of the filtered σ after smoothing.
-    assert load.std == pytest.approx(run.unknowns[0].std / 4)
+    assert load.std == run.unknowns[0].smoothed_std
     assert not modulus.smoothed
     assert modulus.std == run.unknowns[1].std
 
@@ -38,20 +37,25 @@ def test_a_load_without_smoothing_is_shown_as_filtered(suite):
     assert (load.smoothed, load.error, load.std) == (False, run.unknowns[0].error, run.unknowns[0].std)
 
 
-@pytest.mark.parametrize(("error", "verdict"), [(2.9, ()), (3.1, ("sure and wrong",)), (np.nan, ("diverged",))])
-def test_three_claimed_sigma_is_the_limit(suite, error, verdict):
+def test_the_claim_that_decides_is_the_verdict(suite):
     run = suite().runs[0]
-    run = replace(run, unknowns=(replace(run.unknowns[0], error=error * run.unknowns[0].std),), repeats=())
-    assert verdicts_of(run) == verdict
+    held, repeated = run.unknowns[0].claims
+    for claims, verdict, wrong in (
+        ((held, repeated), "as claimed", ()),
+        ((replace(repeated, verdict="cautious"), held), "cautious", ()),
+        ((replace(repeated, verdict="overconfident"), held), "overconfident", ("overconfident",)),
+        ((), "no claim", ()),
+    ):
+        own = replace(run, unknowns=(replace(run.unknowns[0], claims=claims),))
+        (result,) = results_of(own)
+        assert (result.verdict, verdicts_of(own)) == (verdict, wrong)
+        assert (result.rms, result.worst) == pytest.approx((0.0007, 0.0007))
 
 
-def test_repeats_can_be_wrong_where_the_test_was_lucky(suite):
+def test_an_estimate_that_is_no_number_has_diverged(suite):
     run = suite().runs[0]
-    off = tuple(replace(entry, error=-4 * entry.claimed_std) for entry in run.repeats)
-    (result,) = results_of(replace(run, repeats=off))
-    assert result.verdicts == ("sure and wrong",)
-    assert result.ratio == pytest.approx(4)
-    assert (result.rms, result.worst) == pytest.approx((0.0032, 0.0032))
+    run = replace(run, unknowns=(replace(run.unknowns[0], error=np.nan),), repeats=())
+    assert verdicts_of(run) == ("diverged",)
 
 
 def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):

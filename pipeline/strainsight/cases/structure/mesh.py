@@ -82,7 +82,10 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
                 mesh = with_averaging_element(mesh, reference, nodes, components, f"{key}.ties.{i}")
     for i, support in enumerate(config.supports):
         with blame(f"{key}.supports.{i}"):
-            nodes = np.array([node_index(mesh, support.node)]) if support.node else node_indices(mesh, support.set)
+            if support.node is not None:
+                nodes = np.array([node_index(mesh, support.node)])
+            else:
+                nodes = node_indices(mesh, str(support.set))  # the config asks for one of the two
             mesh = with_support(mesh, nodes, _components(support.components))
     return mesh
 

@@ -19,7 +19,7 @@ from strainsight.report.chart.drawing import (
 )
 from strainsight.report.chart.panels import focus_on, legend_above, plain_ticks, shown_unit, time_axis
 from strainsight.report.page.text import number, percent, short
-from strainsight.report.placement.data import History, NoiseRow, RandomSets, Repeats, Unknown
+from strainsight.report.placement.data import Claim, History, NoiseRow, RandomSets, Repeats, Unknown
 
 
 def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
@@ -137,8 +137,8 @@ def noise_figure(rows: tuple[NoiseRow, ...], unknowns: tuple[Unknown, ...]) -> D
     return Drawing("noise", "More noise, less noise", caption, f"Chart of error against noise: {alt}.", image)
 
 
-def repeats_figure(repeats: Repeats) -> Drawing:
-    """Real error beside twice the claimed standard deviation, over seeds and starts, smallest error first."""
+def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
+    """Real error beside twice the claimed standard deviation, over seeds and starts, smallest error first; claim: on all."""
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]
     outside = error > 2 * std
@@ -159,18 +159,18 @@ def repeats_figure(repeats: Repeats) -> Drawing:
         axes.set_ylabel(f"relative error of {short(repeats.name)} [%]")
         legend_above(axes)
         image = svg(drawn)
-    scaled = (error / np.where(std > 0, std, np.nan)) ** 2
-    ratio = float(np.sqrt(np.mean(scaled[np.isfinite(scaled)]))) if np.isfinite(scaled).any() else np.nan
     caption = (
         f"{len(error)} runs with other noise and other starting values: {int(outside.sum())} outside "
-        f"twice the claimed σ, RMS of error over σ {number(ratio, 3)}. {_agreement(repeats.verdict, ratio)}"
+        f"twice the claimed σ. {_agreement(repeats.verdict, claim)}"
     )
     ending = f"{int(outside.sum())} outside their band, {repeats.verdict}"
     alt = f"Chart of {len(error)} repeated runs for {repeats.name}, {ending}."
     return Drawing(f"repeats-{repeats.name}", f"{repeats.name}: other seeds, other starts", caption, alt, image)
 
 
-def _agreement(verdict: str, ratio: float) -> str:
-    if verdict == "not identified":
-        return "The starting values end apart: not identified."
-    return "The starting values agree" + (", on a wrong value: the claim does not hold." if ratio > 3 else ".")
+def _agreement(verdict: str, claim: Claim | None) -> str:
+    agree = "The starting values " + ("agree." if verdict == "identified" else "end apart: not identified.")
+    if claim is None:
+        return agree
+    low, high = (number(edge, 2) for edge in claim.band)
+    return f"{agree} RMS of error over σ {number(claim.ratio, 3)}, {low} to {high} where the claim holds: {claim.verdict}."

@@ -18,6 +18,21 @@ from strainsight.report.picture.layout import Load as Load
 
 
 @dataclass(frozen=True)
+class Claim:
+    """Errors of an unknown against the σ claimed for them.
+
+    of: the filtered estimate of the test, the smoothed one, or the repeats, which are filtered; draws: how many errors;
+    ratio √(mean (error/σ)²); band in which it lies where the claim holds; verdict: as claimed, overconfident or cautious.
+    """
+
+    of: Literal["test", "smoothed", "repeats"]
+    draws: int
+    ratio: float
+    band: tuple[float, float]
+    verdict: str
+
+
+@dataclass(frozen=True)
 class Unknown:
     """One thing the gauges are to tell.
 
@@ -28,9 +43,10 @@ class Unknown:
     estimate        parameter: mean over the last half; input: RMS of the estimated history [unit]
     error           relative: parameter |estimate/truth − 1|; input RMS error over its RMS, both after the first tenth
     std             relative: one standard deviation that the filter claims for the same span
-    smoothed_error  `error` of the smoothed estimate
+    smoothed_error, smoothed_std  `error` and `std` of the smoothed estimate
     expected_std    relative: one standard deviation expected at placement, from the covariance recursion along training
     zero            an input that is zero throughout: everything relative is over its amplitude, `guess`
+    claims          whether its σ held, first the one that decides
 
     What was not computed is None: a placement without a validation still has a page.
     """
@@ -46,6 +62,8 @@ class Unknown:
     smoothed_error: float | None = None
     expected_std: float | None = None
     zero: bool = False
+    smoothed_std: float | None = None
+    claims: tuple[Claim, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,8 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
             drawings.append(random_histories_figure(sets, history[name]))
     if report.noise:
         drawings.append(noise_figure(report.noise, report.unknowns))
-    drawings += [repeats_figure(repeats) for repeats in report.repeats]
+    claims = {unknown.name: claim for unknown in report.unknowns for claim in unknown.claims if claim.of == "repeats"}
+    drawings += [repeats_figure(repeats, claims.get(repeats.name)) for repeats in report.repeats]
     return tuple(drawings)
 
 

@@ -96,12 +96,15 @@ def _mark(unknown: Unknown, lost: bool) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
     if lost:
         return '<p class="mark bad">✕ not identified: the repeats disagree</p>'
-    if unknown.error is None or not unknown.std:
+    if not unknown.claims:
         return ""
-    ratio = unknown.error / unknown.std
-    if ratio <= 2:
-        return f'<p class="mark good">✓ error is {plain(ratio, 2)} σ, as claimed</p>'
-    return f'<p class="mark bad">✕ error is {plain(ratio, 2)} σ: the claim did not hold</p>'
+    claim = unknown.claims[0]
+    what = {"test": "error", "smoothed": "smoothed error"}.get(claim.of, "RMS error of the repeats")
+    good = claim.verdict != "overconfident"
+    return (
+        f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {what} is {plain(claim.ratio, 2)} σ: '
+        f"{claim.verdict}</p>"
+    )
 
 
 def _bound_tile(report: PlacementReport) -> str:

@@ -97,17 +97,18 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
 
 
 def errors_figure(rows: list[tuple[int, SuiteRun, Result]]) -> Drawing:
-    """The error of every unknown of every run on a bar of three claimed σ, the repeats as small dots."""
+    """The error of every unknown of every run on a bar up to where one draw of a claim that holds ends, the repeats as small
+    dots."""
     with styled():
         drawn, axes = figure(1.0 + 0.3 * len(rows))
         smallest = min(max(result.error or 0.0, 1e-6) for _, _, result in rows)
-        smallest = min([smallest, *[std for _, _, result in rows if (std := _claim(result))]])
+        smallest = min([smallest, *[result.std for _, _, result in rows if _reach(result) and result.std]])
         low = 100 * smallest / 3
         axes.set_xscale("log")
         for y, (_, run, result) in enumerate(rows):
             assert result.error is not None
-            if std := _claim(result):
-                axes.barh(y, max(300 * std - low, 0.0), left=low, height=0.66, color=SERIES[0], alpha=0.22, lw=0)
+            if reach := _reach(result):
+                axes.barh(y, max(100 * reach - low, 0.0), left=low, height=0.66, color=SERIES[0], alpha=0.22, lw=0)
             for repeats in (entry for entry in run.repeats if entry.name == result.unknown.name):
                 off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
                 axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
@@ -126,8 +127,9 @@ def errors_figure(rows: list[tuple[int, SuiteRun, Result]]) -> Drawing:
         legend_above(axes, columns=2)
         image = svg(drawn)
     caption = (
-        "The bar ends at three claimed σ: an error beyond it is no bad luck. Loads are smoothed; strokes are the repeats "
-        "with other noise and other starts, which are filtered, also those of loads. Crosses did not hold or are not identified."
+        "The bar ends where one draw of a claim that holds may: an error beyond it is no bad luck. Loads are smoothed; strokes "
+        "are the repeats with other noise and other starts, which are filtered, also those of loads. Crosses are overconfident "
+        "or not identified."
     )
     said = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, _, result in rows)
     return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {said}.", image)
@@ -226,8 +228,11 @@ def _drawn(result: Result) -> bool:
     return result.error is not None and bool(np.isfinite(result.error))
 
 
-def _claim(result: Result) -> float | None:
-    return result.std if result.std and np.isfinite(result.std) else None
+def _reach(result: Result) -> float | None:
+    """The largest error of one draw that the claimed σ allows."""
+    shown = "smoothed" if result.smoothed else "test"
+    claim = next((claim for claim in result.unknown.claims if claim.of == shown), None)
+    return claim.band[1] * result.std if claim and result.std and np.isfinite(result.std) else None
 
 
 def _start(trend: Trend) -> float | None:
@@ -237,7 +242,7 @@ def _start(trend: Trend) -> float | None:
 
 
 def _error_key(axes: Axes) -> None:
-    axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="up to 3σ claimed")
+    axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="as claimed, one draw")
     axes.plot([], [], "o", color=SERIES[0], ms=7, label="error")
     axes.plot([], [], "|", color=MUTED, ms=7, mew=1.0, label="repeats")
     axes.plot([], [], "X", color=SERIES[1], ms=7, label="wrong or not identified")

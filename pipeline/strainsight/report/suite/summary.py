@@ -9,11 +9,11 @@ from strainsight.report.page.markup import count, grouped_table, plain, share
 from strainsight.report.suite.cases import numbered
 from strainsight.report.suite.data import SuiteReport, SuiteRun
 from strainsight.report.suite.results import (
-    BEYOND,
+    CAUTIOUS,
     CLAIMED,
     DIVERGED,
     LOST,
-    WRONG,
+    OVER,
     Result,
     counts,
     is_estimated,
@@ -35,8 +35,9 @@ def answer(report: SuiteReport) -> str:
     many = len(report.runs)
     parts = []
     for word, text in (
-        (CLAIMED, f"with errors within {plain(BEYOND)} claimed σ"),
-        (WRONG, "<strong>sure and wrong</strong>"),
+        (CLAIMED, "as claimed"),
+        (CAUTIOUS, "with a cautious σ"),
+        (OVER, "<strong>overconfident</strong>"),
         (LOST, "<strong>not identified</strong>"),
         (DIVERGED, "<strong>diverged</strong>"),
         ("not estimated", "not estimated"),
@@ -44,7 +45,7 @@ def answer(report: SuiteReport) -> str:
         if word in found:
             links = ", ".join(f'<a href="#run-{index}">{index}</a>' for index in found[word])
             parts.append(f"{count(len(found[word]))} {text} (run{'s' * (len(found[word]) > 1)} {links})")
-    both = [index for index in found.get(WRONG, ()) if index in found.get(LOST, ())]
+    both = [index for index in found.get(OVER, ()) if index in found.get(LOST, ())]
     ending = f"; {numbered(tuple(both))} both" if both else ""
     return f"<strong>{count(many)} run{'s' * (many != 1)}</strong>: {', '.join(parts)}{ending}."
 
@@ -54,7 +55,8 @@ def runs_table(report: SuiteReport) -> str:
     caption = (
         "tr(W P): sum of the scaled error variances with the whole pool → with the chosen gauges, and their ratio. "
         "Parameters: the filtered estimate, mean over the last half; loads: the smoothed one. "
-        "The repeats have other noise and other starting values and are filtered."
+        "The repeats have other noise and other starting values and are filtered. A claim holds where the RMS of error over σ "
+        "lies in the band of χ² that 99.73 % of true claims keep to, the narrower the more repeats; below it σ is cautious."
     )
     bodies = [_block(index, run) for index, run in enumerate(report.runs, start=1)]
     numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
@@ -149,30 +151,32 @@ def _verdict(result: Result) -> str:
     if result.error is None:
         return "not estimated"
     if not result.verdicts:
+        if result.verdict == CAUTIOUS:
+            return f'<strong class="good">✓ {CAUTIOUS}</strong> <small>({_sigmas(result)})</small>'
         return f'<strong class="good">✓ {CLAIMED}</strong>' if result.verdict == CLAIMED else result.verdict
     lines = []
     for verdict in result.verdicts:
-        repeated = verdict == WRONG and _only_repeated(result) and result.ratio is not None
-        over = f" <small>(repeats: RMS {plain(result.ratio, 2)} σ)</small>" if repeated and result.ratio else ""
+        over = f" <small>({_sigmas(result)})</small>" if verdict == OVER else ""
         over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
         lines.append(f'<strong class="bad whole">✕ {verdict}</strong>{over}')
     return "<br>".join(lines)
 
 
-def _only_repeated(result: Result) -> bool:
-    """Whether the test itself kept to its claim, and only the repeats did not."""
-    return max(result.sigmas or 0.0, result.filtered_sigmas or 0.0) <= BEYOND
-
-
 def _why(verdict: str, result: Result) -> str:
     """The verdict and the number it stands on."""
-    if verdict == WRONG and _only_repeated(result) and result.ratio is not None:
-        return f"{WRONG} over the repeats, RMS {plain(result.ratio, 2)} σ"
-    if verdict == WRONG:
-        return f"{WRONG}, {plain(max(result.sigmas or 0.0, result.filtered_sigmas or 0.0), 2)} σ"
+    if verdict == OVER:
+        return f"{OVER}, {_sigmas(result)}"
     if verdict == DIVERGED and result.lost:
         return f"{DIVERGED}, {_lost(result)}"
     return f"{LOST}, other starts end elsewhere" if verdict == LOST else verdict
+
+
+def _sigmas(result: Result) -> str:
+    """What decides: the errors that were held against σ, in units of it."""
+    claim = result.claim
+    assert claim is not None
+    of = {"test": "filtered " if result.smoothed else "", "smoothed": ""}.get(claim.of, "repeats: RMS ")
+    return f"{of}{plain(claim.ratio, 2)} σ"
 
 
 def _lost(result: Result) -> str:

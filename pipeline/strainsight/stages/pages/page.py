@@ -15,6 +15,7 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.report.placement.data import PlacementReport, RandomSets
+from strainsight.stages.pages.claims import claims_of, doubt_of
 from strainsight.stages.pages.page_layout import layout_of_page
 from strainsight.stages.pages.page_numbers import (
     cases_of,
@@ -22,6 +23,7 @@ from strainsight.stages.pages.page_numbers import (
     criteria_of,
     history_of,
     noise_rows,
+    repeated,
     repeats_of,
     signals_of,
     trend_of,
@@ -102,11 +104,9 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     for name in names:
         if summary.get(f"identified.{name}") is False:
             said.append(f"{name} is not identified: other starting values end more than 3 σ apart.")
-        error, std = float(summary[f"error.{name}"]), float(summary[f"std.{name}"])
-        if error > 3 * std:
-            said.append(
-                f"{name} is off by {100 * error:.2g} %, more than three times the {100 * std:.2g} % that the filter claims."
-            )
+        std = float(summary[f"std.{name}"])
+        if doubt := doubt_of(claims_of(name, summary, repeated(name, validate))):
+            said.append(f"{name} is overconfident: {doubt}.")
         random = validate[f"/random_sets/all/std/{name}"]
         if len(random) and np.nanmedian(random) < 0.9 * std:
             said.append(

@@ -20,6 +20,7 @@ from strainsight.report.placement.data import (
     Trend,
     Unknown,
 )
+from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import listed_gauges, placed_scale, true_size
 from strainsight.workflow.artefact import Artefact
 
@@ -41,7 +42,14 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         smoothed_error=float(summary[f"smoothed.{name}"]),
         expected_std=float(place[f"/expected_std/{name}"]) / true_size(name, validate),
         zero=bool(summary.get(f"zero.{name}", False)),
+        smoothed_std=float(summary[f"smoothed_std.{name}"]),
+        claims=claims_of(name, summary, repeated(name, validate)),
     )
+
+
+def repeated(name: str, validate: Artefact) -> tuple[np.ndarray, np.ndarray]:
+    """Error and claimed σ of every repeat, relative."""
+    return validate[f"/repeats/error/{name}"], validate[f"/repeats/std/{name}"]
 
 
 def trend_of(place: Artefact) -> Trend:
@@ -76,8 +84,7 @@ def repeats_of(names: list[str], validate: Artefact) -> tuple[Repeats, ...]:
     return tuple(
         Repeats(
             name,
-            validate[f"/repeats/error/{name}"],
-            validate[f"/repeats/std/{name}"],
+            *repeated(name, validate),
             "identified" if validate.summary[f"identified.{name}"] else "not identified",
         )
         for name in names

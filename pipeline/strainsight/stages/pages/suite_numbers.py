@@ -64,7 +64,7 @@ def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
         "/unknown/verdict": Dataset(
             _text([result.verdict for _, _, result in unknowns]),
             "1",
-            "as claimed, or what is wrong with it; empty where it was not estimated",
+            "as claimed, cautious, or what is wrong with it; empty where it was not estimated",
             ("/unknown/name",),
         ),
         "/case/run": Dataset(_rows([i for i, _ in cases]), "1", "row of the run of every case"),
