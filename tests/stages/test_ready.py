@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -11,6 +13,7 @@ from typer.testing import CliRunner
 from strainsight.decks.reader import read_mesh
 from strainsight.fem.assembly import assemble
 from strainsight.fem.model import build_model
+from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..fem.test_ready import AREA, HEIGHT, IY, LENGTH, RHO, E, beam_matrices, closed_form
@@ -168,6 +171,43 @@ def test_a_beam_runs_from_import_to_report(beam, solids):
     assert done["report"].summary["picture"]
     again = finished(job_of(beam / "beam.yaml", beam / "results"))
     assert {status for status, _, _ in again.values()} == {"up to date"}
+
+
+def test_a_given_gauge_is_called_by_its_number_in_the_table(beam):
+    """The same channels by label and by number; 101 and 102 are excluded, so that no number is a place in train.h5."""
+    runner, config, results = CliRunner(), beam / "beam.yaml", beam / "results"
+
+    def run(command, *more):
+        done = runner.invoke(app, [command, str(config), "--results", str(results), *more])
+        return done.exit_code, " ".join((done.output + (done.stderr or "")).split())
+
+    def estimated(*gauges):
+        channels = ", ".join(f"{{channel: G{i + 1}, gauge: {gauge}, unit: m/m}}" for i, gauge in enumerate(gauges))
+        config.write_text(
+            BEAM + f"estimate: {{time: {{channel: time}}, inputs: {{tip: {{channel: tip, unit: N}}}}, channels: [{channels}]}}"
+        )
+        code, said = run("estimate", "--measurements", str(results / "beam" / "measured.csv"))
+        assert code == 0, said
+        found = Artefact(results / "beam" / "estimate.h5")
+        return found["/smoothed/E"], found["/gauge/label"].tolist()
+
+    code, said = run("validate")
+    assert code == 0, said
+    with (results / "beam" / "gauges.csv").open(encoding="utf-8") as lines:
+        numbers = [int(row["element"]) for row in csv.DictReader(lines)]
+    assert set(numbers) <= set(range(103, 121))
+    placed = Artefact(results / "beam" / "place.h5")
+    listed = next(table for table in placed.tables if table.title == "gauges")
+    assert [row[listed.columns.index("number")] for row in listed.rows] == [str(number) for number in numbers]
+    by_label, _ = estimated("G1", "G2", "G3")
+    by_number, labels = estimated(*numbers)
+    np.testing.assert_array_equal(by_number, by_label)
+    assert labels == [f"gauge {number}" for number in numbers]
+    for gauge in (0, 1, 102, 121):
+        code, said = run("estimate", "--set", f"estimate.channels.0.gauge={gauge}", "--set", "estimate.file=gauges.csv")
+        assert code == 2
+        assert "estimate.channels.0.gauge" in said
+        assert "or a number: 103 to 120" in said
 
 
 def shrunk(path):

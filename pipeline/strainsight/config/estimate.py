@@ -42,7 +42,8 @@ class GaugeChannel(Channel):
     """A channel of a gauge."""
 
     gauge: Text | Annotated[int, Field(ge=0)] = Field(
-        description="Label in the layout (G1, as gauges.csv has it), or number of a gauge in train.h5."
+        description="Label in the layout (G1, as gauges.csv has it), or number of a candidate: that in the table of "
+        "gauges.given, else that in train.h5, from 0."
     )
     grid: int = Field(1, ge=1, description="Which grid of a rosette or axis of a sensor, from 1.")
     noise_std: Positive | None = Field(

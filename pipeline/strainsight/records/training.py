@@ -33,6 +33,11 @@ class Training:
         "/strain", "strain", "/time × channel", "reading of every channel, of motion sensors in m/s² or m"
     )
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """What a config calls every gauge by (gauges,): its number in the table it was given in, else its place here."""
+        return np.arange(self.candidates.gauges) if self.given is None else self.candidates.element
+
 
 @record
 class Screened:

@@ -57,7 +57,7 @@ def run(context: Context) -> Output:
     settings = context.config.estimate
     problem, place = inputs.problem(context), context.upstream["place"]
     context.progress("reading", 0.0)
-    test = measured_of(settings, context.files["estimate.file"], problem, place)
+    test = measured_of(settings, context.files["estimate.file"], problem, place, inputs.training(context).numbers)
     doubt = _check_observable(context, problem, test.channels, bool(settings.allow_unobservable))
     context.progress("filter", 0.2)
     found = _estimated(context, problem, test)
@@ -198,7 +198,7 @@ def _message(summary: Mapping[str, Scalar], names: tuple[str, ...], units: Mappi
 
 ESTIMATE = Stage(
     "estimate",
-    version=2,
+    version=3,
     reads=(
         "seed",
         "loads",

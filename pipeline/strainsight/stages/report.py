@@ -59,7 +59,7 @@ def run(context: Context) -> Output:
 
 REPORT = Stage(
     "report",
-    version=6,
+    version=7,
     reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),

@@ -23,6 +23,16 @@ def rows(report):
     return found
 
 
+def test_given_gauges_have_a_number_in_place_of_an_element(full):
+    report = full()
+    gauges = tuple(replace(gauge, facet=0, element=101 + i) for i, gauge in enumerate(report.layout.gauges))
+    given = replace(report, layout=replace(report.layout, gauges=gauges))
+    assert [row["number"] for row in rows(given)] == ["101", "102", "103", "104"]
+    assert "Numbers are those of the table of the gauges" in gauge_table(given)
+    assert [row["element"] for row in rows(report)] == ["1201", "1202", "1203", "1204"]
+    assert "Ids are those of the mesh file" in gauge_table(report)
+
+
 def test_kind_glued_and_mirror_image_are_said(mixed):
     assert [row["kind"] for row in rows(mixed())] == [
         "strain gauge|mirrors G3", "rosette", "strain gauge|glued already|mirrors G1", "accelerometer",

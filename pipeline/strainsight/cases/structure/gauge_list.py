@@ -17,10 +17,10 @@ from strainsight.workflow.output import Table
 class GaugeList:
     """The gauges of a layout, k of them in its order.
 
-    labels "G1", …; kind: in words; unit of its readings; element, facet ids; position, normal (k, 3); directions: of each
-    (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of its grid; glued (k,); family: "gauges", or the
-    name among the motion sensors; peak (k,): largest training reading, peaks: that of each channel; range (k,): what it can
-    measure, NaN where not stated.
+    labels "G1", …; kind: in words; unit of its readings; element, facet ids, of given gauges their number and 0; position,
+    normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of its grid;
+    glued (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks: that of
+    each channel; range (k,): what it can measure, NaN where not stated.
     """
 
     labels: tuple[str, ...]
@@ -89,13 +89,13 @@ def _kind(quantity: int, channels: int) -> str:
 
 def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray]) -> Table:
     """Where every gauge goes, and what each unknown would be known to without it."""
-    kinds = listed.glued.any() or set(listed.kind) != {"strain gauge"}
+    kinds, given = listed.glued.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
     rows = tuple(
         (
             listed.labels[i],
             *([listed.kind[i] + ", glued" * bool(listed.glued[i])] if kinds else []),
             str(listed.element[i]),
-            str(listed.facet[i]),
+            *([] if given else [str(listed.facet[i])]),
             " ".join(f"{x:.4f}" for x in listed.position[i]),
             " ".join(f"{round(x, 3) + 0.0:g}" for x in listed.directions[i][0]),
             " ".join(f"{angle:g}°" for angle in listed.angles[i])
@@ -108,8 +108,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray]) -> Table:
     columns = (
         "gauge",
         *(["kind"] if kinds else []),
-        "element",
-        "facet",
+        *(["number"] if given else ["element", "facet"]),
         "x y z [m]",
         "direction",
         "angle",

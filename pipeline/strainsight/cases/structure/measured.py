@@ -43,13 +43,13 @@ class Measured:
     notes: tuple[str, ...]
 
 
-def measured_of(settings: Any, path: Path, problem: Problem, place: Artefact) -> Measured:
-    """Read and calibrate the channels that `estimate` of a config names.
+def measured_of(settings: Any, path: Path, problem: Problem, place: Artefact, numbers: np.ndarray) -> Measured:
+    """Read and calibrate the channels that `estimate` of a config names; numbers (gauges,) of `gauge_numbers`.
 
     Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
     a gap, and UserError for what the file contradicts.
     """
-    channels = np.array([_channel(i, entry, problem, place) for i, entry in enumerate(settings.channels)])
+    channels = np.array([_channel(i, entry, problem, place, numbers) for i, entry in enumerate(settings.channels)])
     if len(np.unique(channels)) < len(channels):
         raise ConfigError(
             "two channels are one grid of a gauge", key="estimate.channels", remedy="check `gauge` and `grid` of each"
@@ -94,10 +94,9 @@ def _label(entry: Any) -> str:
     return f"{entry.gauge if isinstance(entry.gauge, str) else f'gauge {entry.gauge}'}{grid}"
 
 
-def _channel(i: int, entry: Any, problem: Problem, place: Artefact) -> int:
+def _channel(i: int, entry: Any, problem: Problem, place: Artefact, numbers: np.ndarray) -> int:
     """The row of train.h5 that a channel of the file measures."""
-    numbers = place["/selected/final/number"]
-    labels = {f"G{j + 1}": int(number) for j, number in enumerate(numbers)}
+    labels = {f"G{j + 1}": int(gauge) for j, gauge in enumerate(place["/selected/final/number"])}
     key = f"estimate.channels.{i}"
     if isinstance(entry.gauge, str):
         if entry.gauge not in labels:
@@ -106,22 +105,31 @@ def _channel(i: int, entry: Any, problem: Problem, place: Artefact) -> int:
                 key=f"{key}.gauge",
                 remedy=did_you_mean(entry.gauge, labels, f"there are {', '.join(labels)} (gauges.csv)"),
             )
-        number = labels[entry.gauge]
+        gauge = labels[entry.gauge]
     else:
-        number = int(entry.gauge)
-        if number >= problem.channels.gauges:
+        found = np.flatnonzero(numbers == entry.gauge)
+        if not len(found):
             raise ConfigError(
-                f"gauge {number} of {problem.channels.gauges} candidates",
+                f"no candidate has the number {entry.gauge}",
                 key=f"{key}.gauge",
-                remedy=f"give a label of the layout, or a number up to {problem.channels.gauges - 1}",
+                remedy=f"give a label of the layout ({', '.join(labels)}), or a number: {_ranges(numbers)}",
             )
-    own = problem.channels.of(np.array([number]))[0]
+        gauge = int(found[0])
+    own = problem.channels.of(np.array([gauge]))[0]
     own = own[own >= 0]
     if entry.grid > len(own):
         raise ConfigError(
             f"grid {entry.grid} of a gauge that has {len(own)}", key=f"{key}.grid", remedy=f"give 1 to {len(own)}"
         )
     return int(own[entry.grid - 1])
+
+
+def _ranges(numbers: np.ndarray) -> str:
+    """Whole numbers as "0 to 607", or "3, 5, 7 to 9 …"; the first eight parts."""
+    ordered = np.sort(numbers)
+    parts = np.split(ordered, 1 + np.flatnonzero(np.diff(ordered) != 1))
+    said = [f"{part[0]}" if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts[:8]]
+    return ", ".join(said) + " …" * (len(parts) > 8)
 
 
 def _signals(settings: Any, path: Path, wanted: Mapping[str, Any]) -> Signals:

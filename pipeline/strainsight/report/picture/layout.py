@@ -16,7 +16,8 @@ IntArray = NDArray[np.int64]
 class Gauge:
     """One gauge of the chosen set.
 
-    label ("G1"); element, facet ids of the file; position (3,) [m]; direction, normal (3,) unit vectors;
+    label ("G1"); element, facet ids of the file, of a given gauge its number and 0;
+    position (3,) [m]; direction, normal (3,) unit vectors;
     angle [deg] from the projected axis; nodes: ids of the facet's nodes;
     without: unknown's name → relative standard deviation expected when this gauge is left out (inf: not observable);
     kind ("strain gauge", "rosette", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the

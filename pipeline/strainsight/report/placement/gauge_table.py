@@ -36,7 +36,7 @@ def gauge_table(report: PlacementReport) -> str:
         cells += [_reading(gauge)] * read
         return cells + [share(gauge.without.get(name, math.nan)) for name in names]
 
-    head = ["gauge", "kind", "element", "facet", "nodes", *AXES, "direction", "angle"]
+    head = ["gauge", "kind", "number" if given(gauges) else "element", "facet", "nodes", *AXES, "direction", "angle"]
     head += ["training peak"] * read
     first = len(head)
     head += [f"σ({escape(name)}) without it" for name in names]
@@ -55,10 +55,16 @@ def names_without(report: PlacementReport) -> list[str]:
     return [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in report.layout.gauges)]
 
 
+def given(gauges: tuple[Gauge, ...]) -> bool:
+    """Whether they were given by their strain rows: they lie on no facet, and have a number where others have an element."""
+    return not any(gauge.facet for gauge in gauges)
+
+
 def _caption(gauges: tuple[Gauge, ...]) -> str:
     """What the columns mean, as far as they occur."""
     said = [
-        "Ids are those of the mesh file; direction is the measuring one in global axes, angle from the projected axis"
+        ("Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file")
+        + "; direction is the measuring one in global axes, angle from the projected axis"
         + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
     ]
     if any(gauge.mirror for gauge in gauges):

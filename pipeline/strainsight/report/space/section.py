@@ -146,7 +146,7 @@ def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Sh
 def _gauge(gauge: Gauge, index: int, group: int, places: int) -> dict[str, Any]:
     """A gauge's mark and what its panel says."""
     said = [("kind", gauge.kind)]
-    said += [("element", str(gauge.element))] * bool(gauge.element)
+    said += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)
     said += [("facet", str(gauge.facet))] * bool(gauge.facet)
     said += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
     said.append(("position", f"{coordinates(gauge.position, places)} m"))
