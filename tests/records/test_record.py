@@ -145,7 +145,7 @@ def test_lengths_that_contradict_each_other_in_a_file_are_named_where_they_are_r
 
 def test_the_list_for_the_manual_has_every_dataset_once():
     rows = {path: (axes, unit) for path, axes, unit, _ in listed(Run)}
-    assert rows["/strain"] == ("/time × channel", "strain")
+    assert rows["/strain"] == ("time × channel", "strain")
     assert rows["/bodies/<name>/mass"] == ("scalar", "kg")
     assert rows["/first/names"] == ("frame", "1")
     assert len(rows) == len(listed(Run)) == 9

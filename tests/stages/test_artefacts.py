@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 
@@ -24,7 +25,7 @@ STAGES = (
 )
 BELOW_KIND = {
     "<kind>": r"(tet4|tet10|hex8|hex20|wedge6|wedge15)",
-    "<name>": r"[\w-]+",
+    "<name>": r"(?!constant$)[\w-]+",
     "<parameter>": r"(?!constant$)[\w-]+",
     "<case>": r"[\w+]+",
 }
@@ -90,3 +91,11 @@ def test_every_summary_scalar_is_listed(every, stage):
             re.fullmatch(re.escape(entry).replace("<name>", r"[\w-]+").replace("<case>", r"[\w+]+"), name)
             for entry in listed
         ), name
+
+
+def test_the_tables_are_those_of_the_records():
+    spec = importlib.util.spec_from_file_location("artefact_reference", DOC.parent / "artefact_reference.py")
+    reference = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference)
+    text = DOC.read_text(encoding="utf-8")
+    assert reference.renewed(text) == text, "python docs/artefact_reference.py writes the tables anew"

@@ -275,5 +275,6 @@ def listed(kind: type, at: Place = ROOT) -> list[tuple[str, str, str, str]]:
         if field.record is not None:
             rows += listed(field.record, own)
         else:
-            rows.append((own.path, " × ".join(own.axes) or "scalar", own.unit, own.what))
+            axes = [axis.rpartition("/")[2] for axis in own.axes]
+            rows.append((own.path, " × ".join(axes) or "scalar", own.unit, own.what))
     return rows

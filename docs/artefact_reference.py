@@ -1,0 +1,35 @@
+"""The tables of docs/artefacts.md, from the records: `python docs/artefact_reference.py` writes them anew.
+
+Only tables are made; what stands around them is written by hand.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from strainsight.records.artefacts import PLACEMENT
+from strainsight.records.record import listed
+
+PAGE = Path(__file__).parent / "artefacts.md"
+HEAD = "| dataset | shape | unit | what |\n|---|---|---|---|\n"
+
+
+def table(kind: type) -> str:
+    """One row a dataset, by path."""
+    rows = sorted(listed(kind))
+    return HEAD + "".join(f"| `{path}` | {shape} | {unit} | {what} |\n" for path, shape, unit, what in rows)
+
+
+def renewed(text: str) -> str:
+    """The page with the table of every artefact that is a record made anew."""
+    for stage, kind in PLACEMENT.items():
+        pattern = rf"(^## {stage}\.h5\n(?:(?!^## |^\|).*\n)*)(?:^\|.*\n)+"
+        text, found = re.subn(pattern, lambda own, kind=kind: own[1] + table(kind), text, flags=re.MULTILINE)
+        if found != 1:
+            raise ValueError(f"{PAGE.name} has {found} tables under '{stage}.h5', not one")
+    return text
+
+
+if __name__ == "__main__":
+    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
