@@ -70,6 +70,23 @@ def test_hinge_line_is_described_by_its_axis(box):
     assert motions(mesh, diagonal)[0].startswith("rotation about (0.7071, 0.7071, 0) through")
 
 
+def test_motions_about_a_pin_are_the_three_along_the_axes_and_no_mixture(box):
+    """All three are equally free: any combination of them is a free motion too, and rounding must not pick one."""
+    mesh = box("hex8", (1, 1, 1))
+    pin = [(int(np.argmin(np.linalg.norm(mesh.position, axis=1))), c) for c in range(3)]
+    through = ("(0.5, 0, 0)", "(0, 0.5, 0)", "(0, 0, 0.5)")
+    assert motions(mesh, pin) == tuple(
+        f"rotation about {axis} through {point} m" for axis, point in zip("xyz", through, strict=True)
+    )
+    assert motions(mesh, pin[:1]) == (
+        "translation y",
+        "translation z",
+        "rotation about x",
+        "rotation about y through (0.5, 0.5, 0) m",
+        "rotation about z through (0.5, 0, 0.5) m",
+    )
+
+
 def test_a_loose_second_part_is_found(box):
     mesh = two_boxes(box, 0.5)
     root = [(i, c) for i in np.flatnonzero(mesh.position[:, 0] == 0) for c in range(3)]

@@ -124,13 +124,29 @@ def _named(null: np.ndarray, centre: np.ndarray, radius: float, where: str) -> l
     rest = U.copy()
     rest[pure] = 0.0
     Q, strength, _ = np.linalg.svd(rest, full_matrices=False)
-    for t, w in ((q[:3], q[3:] / radius) for q in Q[:, strength > 1e-6].T):
-        if np.linalg.norm(w) * radius < 1e-6:
-            words.append(f"translation along {_triple(t / np.linalg.norm(t))}{where}")
+    for t, w in ((q[:3], q[3:] / radius) for q in _echelon(Q[:, strength > 1e-6]).T):
+        if np.linalg.norm(w) * radius < 1e-6 * np.linalg.norm(t):
+            words.append(f"translation along {_triple(_upward(t))}{where}")
         else:
             point = centre + np.cross(w, t) / (w @ w)
-            words.append(f"rotation about {_line(w / np.linalg.norm(w))} through {_triple(point)} m{where}")
+            words.append(f"rotation about {_line(_upward(w))} through {_triple(point)} m{where}")
     return words
+
+
+def _echelon(Q: np.ndarray) -> np.ndarray:
+    """The basis of span(Q), Q (6, k), in which each vector alone has a one in one of k rows, rotations first: no rounding
+    chooses among the bases."""
+    rows: list[int] = []
+    for row in (3, 4, 5, 0, 1, 2):
+        if np.linalg.matrix_rank(Q[[*rows, row]], tol=1e-6) > len(rows):
+            rows.append(row)
+    return Q @ np.linalg.inv(Q[rows])
+
+
+def _upward(v: np.ndarray) -> np.ndarray:
+    """±v/|v|, its first component that is none of rounding positive."""
+    v = v / np.linalg.norm(v)
+    return v * np.sign(v[np.argmax(np.abs(v) > 1e-6)])
 
 
 def _near(mesh: Mesh, label: np.ndarray, body: int) -> str:
