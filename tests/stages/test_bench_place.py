@@ -88,11 +88,12 @@ def test_a_candidate_strains_as_a_beam_does(beam):
 
 
 def trace(place, gauges):
-    """tr(W P) of some pool rows by scipy's solver, in units of what an increment does."""
+    """tr(W P) of some pool rows by scipy's solver, in units of the energy that the larger increment does at rest."""
     F, H, Q, R = (place[f"/augmented/{name}"] for name in "FHQR")
     r, increments = (len(F) - 2) // 2, np.array([20.0, 10.0])
-    rest = np.abs(np.linalg.solve(F[r : 2 * r, :r], F[r : 2 * r, 2 * r :])) @ increments
-    d = np.concatenate([rest, rest * np.sqrt(np.abs(np.diag(F[r : 2 * r, :r]))), increments])
+    frequency = np.sqrt(-np.diag(F[r : 2 * r, :r]))
+    energy = np.linalg.norm(F[r : 2 * r, 2 * r :] * increments / frequency[:, None], axis=0).max()
+    d = np.concatenate([energy / frequency, np.full(r, energy), increments])
     scaled = H[gauges] * d / np.sqrt(R[gauges])[:, None]
     P = solve_continuous_are((F / d[:, None] * d).T, scaled.T, Q / np.outer(d, d), np.eye(len(gauges)))
     return float(place["/augmented/weight"] @ (np.diag(P) * d**2))

@@ -1,12 +1,80 @@
-"""The system as a linear one in the coordinates that its constraints leave."""
+"""The system about an equilibrium as a linear one: in the coordinates that its constraints leave, in modes, and in steps."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass
 
+import numpy as np
+from scipy.linalg import eigh
+
+from strainsight.fem.modes import signs, turned
 from strainsight.multibody.equations import input_slopes
+from strainsight.multibody.inverse.start import white_force
 from strainsight.multibody.spectrum import tangent_space
 from strainsight.multibody.system import System
+
+
+@dataclass(frozen=True)
+class LinearBench:
+    """η̈ + C η̇ + diag(λ) η = B u + w about an equilibrium, q + T η, and the unknown inputs u as random walks.
+
+    T (n, r) [unit of q per m √kg], TᵀMT = 1; C (r, r) [1/s]; stiffness λ (r,) [rad²/s²], ascending, none of them zero;
+    B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
+    variances of the generalised force on q that is drawn in every step for 1 m/s² of white acceleration.
+    """
+
+    T: np.ndarray
+    C: np.ndarray
+    stiffness: np.ndarray
+    B: np.ndarray
+    increment: np.ndarray
+    force: np.ndarray
+    h: float
+
+    @property
+    def static(self) -> np.ndarray:
+        """Change of q per unit of every input (n, nu), at rest."""
+        return np.asarray(self.T @ (self.B / self.stiffness[:, None]))
+
+    def readings(self, rows: np.ndarray) -> np.ndarray:
+        """H (k, 2r + nu) on (η, η̇, u) of rows (k, n) on q."""
+        return np.hstack([rows @ self.T, np.zeros((len(rows), sum(self.B.shape)))])
+
+
+def linear_bench(
+    system: System,
+    q: np.ndarray,
+    u: np.ndarray,
+    theta: np.ndarray,
+    inputs: Sequence[int],
+    increment: np.ndarray,
+    h: float,
+) -> LinearBench:
+    """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones."""
+    T, M, C, K, B = linearised(system, q, u, theta)
+    return in_modes(T, M, C, K, B[:, list(inputs)], np.asarray(increment, float), white_force(system, 1.0), h)
+
+
+def in_modes(
+    T: np.ndarray,
+    M: np.ndarray,
+    C: np.ndarray,
+    K: np.ndarray,
+    B: np.ndarray,
+    increment: np.ndarray,
+    force: np.ndarray,
+    h: float,
+) -> LinearBench:
+    """M ÿ + C ẏ + K y = B u, q + T y, in its modes K φ = λ M φ; M, C, K (r, r), B (r, nu), the others of `LinearBench`.
+
+    Modes are turned and signed by what the white force does to q, so that no rounding chooses among them.
+    """
+    stiffness, modes = eigh(K, M)
+    felt = np.sqrt(force)[:, None] * T
+    modes = modes @ turned(stiffness, felt @ modes)
+    modes *= signs(felt @ modes)
+    return LinearBench(T @ modes, modes.T @ C @ modes, stiffness, modes.T @ B, increment, force, h)
 
 
 def linearised(
@@ -23,3 +91,43 @@ def linearised(
     M, C, K = (found.project(X) for X in (found.at.mass, found.at.damping, found.at.stiffness))
     force = -found.T.T @ input_slopes(system, found.at, np.asarray(q, dtype=float))
     return found.T, 0.5 * (M + M.T), C, 0.5 * (K + K.T), force
+
+
+def in_time(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
+    """F (n*, n*) [1/s] and the intensity Q (n*, n*) of ẋ = F x + w, x = (η, η̇, u):
+
+        F = [0  I  0; −diag λ  −C  B; 0  0  0],   Q = diag(0, h W, increment²/h)
+
+    W the covariance of the white force in a step, of a white acceleration [m/s²] of every body.
+    """
+    r, nu = bench.B.shape
+    F, Q = np.zeros((2, 2 * r + nu, 2 * r + nu))
+    F[:r, r : 2 * r] = np.eye(r)
+    F[r : 2 * r] = np.hstack([-np.diag(bench.stiffness), -bench.C, bench.B])
+    Q[r : 2 * r, r : 2 * r] = bench.h * acceleration**2 * (bench.T.T * bench.force) @ bench.T
+    Q[2 * r :, 2 * r :] = np.diag(bench.increment**2 / bench.h)
+    return F, Q
+
+
+def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (n*, n*) and N (n*, nu + n) of the filter's own step x' = A x + N · (white, σ = 1), implicit Euler:
+
+        η̇' = S⁻¹(η̇/h − diag(λ) η + B(u + δ) + w),   η' = η + h η̇',   u' = u + δ,     S = 1/h + C + h diag λ
+
+    with scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in what stores the energy that the largest increment
+    does at rest. There no motion grows in a step, whatever the units, and one that no input moves has no unit of rounding.
+    """
+    (r, nu), h = bench.B.shape, bench.h
+    frequency = np.sqrt(np.abs(bench.stiffness))
+    energy = np.linalg.norm(bench.B * bench.increment / frequency[:, None], axis=0).max() or 1.0
+    scale = np.concatenate([energy / frequency, np.full(r, energy), bench.increment])
+    S = np.eye(r) / h + bench.C + h * np.diag(bench.stiffness)
+    drawn = bench.T.T * (acceleration * np.sqrt(bench.force))
+    velocity = np.linalg.solve(S, np.hstack([-np.diag(bench.stiffness), np.eye(r) / h, bench.B, drawn]))
+    A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + drawn.shape[1]))
+    A[r : 2 * r] = velocity[:, : 2 * r + nu]
+    N[r : 2 * r, nu:] = velocity[:, 2 * r + nu :]
+    A[:r] += h * A[r : 2 * r]
+    N[:r] = h * N[r : 2 * r]
+    N[:, :nu] = A[:, 2 * r :] * bench.increment
+    return A / scale[:, None] * scale, N / scale[:, None], scale

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.flexible import flexible_bodies
-from strainsight.cases.bench.layout.linear import LinearBench, linear_bench, scenario_of
+from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.cases.bench.layout.output import Found, output_of
 from strainsight.cases.bench.layout.placed import PLACED, layout_of
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
@@ -19,6 +19,7 @@ from strainsight.cases.bench.layout.scales import refuse_sizes
 from strainsight.cases.bench.loads import loads_of
 from strainsight.cases.bench.start import start_of
 from strainsight.errors import InfeasibleError, blame
+from strainsight.multibody.inverse.linear import LinearBench, linear_bench
 from strainsight.placement.baselines import random_sets
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate
@@ -80,17 +81,19 @@ def _find(
     certificate = certify(result.pools, swapped.gauges, float(swapped.trace[-1]), limits=limits)
     context.progress("random layouts", 0.8)
     sets = {PLACED: kept[swapped.gauges]}
+    with blame("estimate"):
+        claimed = expected_std(linear, rows[sets[PLACED]], noise, disturbance)
+    if not np.isfinite(claimed).all():
+        raise InfeasibleError(
+            f"a filter on the {place.keep} gauges does not detect every input",
+            key="place.keep",
+            remedy="keep more gauges, or estimate fewer inputs",
+        )
     drawn = random_sets(len(rows), int(place.keep), int(place.random), context.seed)
     sets |= {f"random-{i}": gauges for i, gauges in enumerate(drawn, start=1)}
     layouts = {
         name: layout_of(linear, scenario.weight, own, rows[own], noise, disturbance) for name, own in sets.items()
     }
-    if not np.isfinite(layouts[PLACED].std).all():
-        raise InfeasibleError(
-            f"a filter on the {place.keep} gauges comes to no steady σ of every input",
-            key="place.keep",
-            remedy="keep more gauges, or take larger increments (estimate.inputs)",
-        )
     units = tuple("N" if context.config.forces[name].type == "force" else "N m" for name in inputs)
     return Found(inputs, units, pool, resting, scenario, result, swapped, certificate, layouts)
 
@@ -104,7 +107,7 @@ def _limits(place: Any, position: np.ndarray) -> Limits:
 
 PLACE = Stage(
     "place",
-    version=2,
+    version=3,
     reads=(
         "seed",
         "bodies",

@@ -77,7 +77,7 @@ def _datasets(found: Found) -> dict[str, Dataset]:
         "/candidates/response": Dataset(
             pool.response, "strain/N or strain/(N m)", "strain per unit of every input at rest (candidate × input)"
         ),
-        "/augmented/F": Dataset(solved.F, "1/s", "state matrix of (y, ẏ, u) (n* × n*)"),
+        "/augmented/F": Dataset(solved.F, "1/s", "state matrix of (η, η̇, u) (n* × n*)"),
         "/augmented/H": Dataset(solved.H, "strain", "row of every gauge of the pool (pool × n*)"),
         "/augmented/Q": Dataset(solved.Q, "1/s", "process intensity (n* × n*)"),
         "/augmented/R": Dataset(solved.r, "strain^2 s", "intensity of every gauge (pool)"),

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.bench.layout.linear import LinearBench, expected_std, scenario_of
+from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.gauges.candidates import Candidates
+from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.placement.scenario import solve_pool, weighted_trace
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Table
@@ -19,8 +20,8 @@ PLACED = "place"
 
 @dataclass(frozen=True)
 class Layout:
-    """gauges (k,): numbers of its candidates; trace: tr(W P), inf where an input is lost; std (nu,) [N, N m]: σ that a filter
-    on it comes to claim; without (k, nu): the same without each gauge."""
+    """gauges (k,): numbers of its candidates; trace: tr(W P); std (nu,) [N, N m]: σ that a filter on it comes to claim; without
+    (k, nu): the same without each gauge. inf where an input is lost, NaN where the equation is not solved to accuracy."""
 
     gauges: np.ndarray
     trace: float
@@ -36,18 +37,20 @@ def layout_of(
     try:
         solved = solve_pool(replace(own, weight=weight))
         trace = weighted_trace(solved, solved.P)
-    except (InfeasibleError, NumericalError):
+    except InfeasibleError:
         trace = float("inf")
+    except NumericalError:
+        trace = float("nan")
     without = [_claimed(bench, np.delete(rows, i, axis=0), noise, acceleration) for i in range(len(rows))]
     return Layout(gauges, trace, _claimed(bench, rows, noise, acceleration), np.array(without))
 
 
 def _claimed(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float) -> np.ndarray:
-    """`expected_std` (nu,), inf where it never settles."""
+    """`expected_std` (nu,), NaN where it is not solved."""
     try:
         return expected_std(bench, rows, noise, acceleration)
     except NumericalError:
-        return np.full(len(bench.increment), np.inf)
+        return np.full(len(bench.increment), np.nan)
 
 
 def layout_datasets(layouts: Mapping[str, Layout], candidates: Candidates) -> dict[str, Dataset]:
@@ -59,7 +62,9 @@ def layout_datasets(layouts: Mapping[str, Layout], candidates: Candidates) -> di
             f"{place}/candidate": Dataset(own, "1", "number of every gauge among the candidates"),
             f"{place}/position": Dataset(candidates.position[own], "m", "position (gauge × xyz)"),
             f"{place}/direction": Dataset(candidates.direction[own], "1", "measuring direction (gauge × xyz)"),
-            f"{place}/trace": Dataset(np.array(layout.trace), "1", "tr(W P); inf where an input is lost"),
+            f"{place}/trace": Dataset(
+                np.array(layout.trace), "1", "tr(W P); inf where an input is lost, NaN where not solved"
+            ),
             f"{place}/std": Dataset(
                 layout.std, "N or N m", "σ of every input that a filter is expected to claim", ("/inputs",)
             ),

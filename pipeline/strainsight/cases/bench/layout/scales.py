@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import eigh
 
-from strainsight.cases.bench.layout.linear import LinearBench
 from strainsight.errors import InfeasibleError
+from strainsight.multibody.inverse.linear import LinearBench
 
 FELT = (1e-6, 1e6)
 """σ of its noise by which one increment of an input moves the gauge that feels it most. Beyond, the Riccati equation has no
@@ -31,8 +30,7 @@ def refuse_sizes(linear: LinearBench, response: np.ndarray, noise: float, inputs
                 key="place.noise",
                 remedy=f"check its unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli",
             )
-    values = eigh(0.5 * (linear.K + linear.K.T), 0.5 * (linear.M + linear.M.T), eigvals_only=True)
-    first, last = np.sqrt(np.maximum(values[[0, -1]], 0.0)) / (2 * np.pi)
+    first, last = np.sqrt(np.maximum(linear.stiffness[[0, -1]], 0.0)) / (2 * np.pi)
     for name, mode, bad in (
         ("last", last, last * linear.h < PERIODS[0]),
         ("first", first, first * linear.h > PERIODS[1]),
