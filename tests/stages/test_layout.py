@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from strainsight.cases.structure.advice import advice
 from strainsight.cases.structure.layout import layout_of
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.limits import limits_of
@@ -60,3 +61,34 @@ def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what(pools
     assert least * (1 - 1e-9) <= lost <= otherwise * (1 + 1e-9)
     assert robust.trace >= plain.trace * (1 - 1e-9)
     assert (robust.proof, robust.exchange) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("loss", "said"),
+    [
+        ([2.0, 3.0], "The worst failure is that of G2: σ of E grows by 50 %."),
+        ([np.inf, 3.0], "An unknown is lost if G1 fails."),
+        ([np.inf, np.inf], "Whichever gauge fails, an unknown is lost."),
+        ([np.nan, 3.0], "What is left if G1 fails was not solved to accuracy."),
+        ([np.nan, np.inf], "What is left if G1 fails was not solved to accuracy. An unknown is lost if G2 fails."),
+    ],
+)
+def test_what_a_failure_leaves_is_said_and_what_was_not_solved_is_no_loss(loss, said):
+    words = advice(
+        labels=("G1", "G2"),
+        trace=np.array([1.0, 1.1]),
+        keep=2,
+        kept=2,
+        std={"E": 0.02},
+        certificate=None,
+        groups=[],
+        glued=np.zeros(2, dtype=bool),
+        load=np.zeros(2),
+        loss=np.array(loss),
+        without={"E": np.array([0.025, 0.03])},
+        ties=0,
+        cost=None,
+        alone=0,
+    )
+    assert said in " ".join(words)
+    assert not {"lost", "solved", "worst"} & set(" ".join(words).replace(said, "").split())

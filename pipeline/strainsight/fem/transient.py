@@ -214,13 +214,12 @@ def _real_times(X: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 def _mass_factor(M: sparse.csr_array) -> Factor:
-    try:
-        return factorise(M)
-    except NumericalError:
+    if not np.all(M.diagonal() > 0):
         raise UserError(
             "accelerations of a model with unknowns that have no mass are not defined",
             remedy="give every unknown a mass, or read strains and displacements only",
-        ) from None
+        )
+    return factorise(M)
 
 
 def _reach(K: sparse.csr_array, M: sparse.csr_array, damping: ViscousDamping, held: np.ndarray, h: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.errors import NumericalError
+from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.equations import Balance, balance
 from strainsight.multibody.system import System
 
@@ -27,7 +27,7 @@ def static_equilibrium(
 
     the motion of the system under heavy damping with ever longer time steps, which goes downhill in the potential (from
     the very top of it, it stays there). near: q is an equilibrium of nearly the same loads and parameters.
-    Raises NumericalError where it does not settle, or where nothing holds some motion of a body (named).
+    Raises NumericalError where it does not settle, InfeasibleError where nothing holds some motion of a body (named).
     Source: pseudo-transient continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998).
     """
     q, u, theta = np.array(q, dtype=float), np.asarray(u, dtype=float), np.asarray(theta, dtype=float)
@@ -101,7 +101,7 @@ def _refuse_free(
     if sigma[-1] < FREE * max(sigma[0], np.finfo(float).tiny):
         motion = np.abs(null @ V[-1])
         name = max(system.of, key=lambda body: float(np.max(motion[system.of[body]])))
-        raise NumericalError(
+        raise InfeasibleError(
             f"nothing holds body {name} in one motion (stiffness {sigma[-1] / max(sigma[0], 1e-300):.1e} of the largest)",
             remedy="hold that motion with a joint or a spring",
         )

@@ -19,9 +19,10 @@ from strainsight.placement.scenario import Aggregate, Pool, fewest_gauges
 
 @dataclass(frozen=True)
 class RobustSet:
-    """gauges (keep,) ascending; loss (keep,): cost when each one fails; worst: the largest of them; cost: while all work;
-    fatal: gauges whose failure loses an unknown, worst is then inf; swaps (out, in) that led from the start to this set;
-    solves: exact Riccati solves of sets after a failure; complete: `limit` was enough to know that no swap helps."""
+    """gauges (keep,) ascending; loss (keep,): cost when each one fails; worst: the largest of them, NaN where one is not
+    solved; cost: while all work; fatal: gauges whose failure loses an unknown, worst is then inf; swaps (out, in) that led
+    from the start to this set; solves: exact Riccati solves of sets after a failure; complete: `limit` was enough to know
+    that no swap helps."""
 
     gauges: np.ndarray
     loss: np.ndarray
@@ -38,8 +39,8 @@ def loss_if_one_fails(
 ) -> np.ndarray:
     """Aggregate of tr(W P) of the set when each one of its gauges, in the order given, fails.
 
-    inf where an unknown is lost, or so nearly that its covariance cannot be solved to accuracy. gauges (k,): different
-    pool rows. Returns (k,).
+    inf where an unknown is lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows.
+    Returns (k,).
     """
     chosen = [int(g) for g in gauges]
     return np.array([_after(pools, [other for other in chosen if other != g], aggregate) for g in chosen])
@@ -107,7 +108,7 @@ def _after(pools: Sequence[Pool], left: Sequence[int], aggregate: Aggregate) -> 
     try:
         return cost_of(covariances_of(pools, left), pools, aggregate)
     except NumericalError:
-        return float("inf")
+        return float("nan")
 
 
 def _twice(limits: Limits) -> Limits:

@@ -15,7 +15,8 @@ from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of,
 
 
 class LossSearch:
-    """Losses of a set {gauge: cost when it fails} and the swap that lowers the largest, within a number of solves."""
+    """Losses of a set {gauge: cost when it fails, NaN where not solved} and the swap that lowers the largest, within a number
+    of solves."""
 
     def __init__(self, pools: Sequence[Pool], aggregate: Aggregate, limits: Limits, limit: int):
         self.pools, self.aggregate, self.limits, self.limit, self.solves = pools, aggregate, limits, limit, 0
@@ -62,11 +63,10 @@ class LossSearch:
             if g not in loss:
                 rest = [other for other in chosen if other != g]
                 try:
-                    covariances = covariances_of(self.pools, rest)
+                    loss[g] = cost_of(covariances_of(self.pools, rest), self.pools, self.aggregate)
                 except NumericalError:
-                    covariances = None
+                    loss[g] = float("nan")
                 self.solves += len(self.pools)
-                loss[g] = cost_of(covariances, self.pools, self.aggregate)
             fatal, largest = measure(loss)
             if fatal > below[0] or (fatal == below[0] and largest >= below[1]):
                 return {}
@@ -106,7 +106,7 @@ class LossSearch:
         fatal, largest = measure(loss)
         enough = largest * (1 - WORTH)
         least = np.full(len(room), -np.inf)
-        for f, phi in self._failed(chosen) if np.inf not in loss.values() else ():
+        for f, phi in self._failed(chosen) if measure(loss)[0] == 0 else ():
             least = np.maximum(least, aggregated(f[:, None] - phi[:, room], self.aggregate))
         for at in tied_order(least):
             if least[at] >= enough or self.solves >= self.limit:
@@ -121,7 +121,7 @@ class LossSearch:
         k = len(chosen)
         bounds = np.full((k, k, len(others)), -np.inf)
         # where a failure is fatal, another gauge's may become so: no loss bounds the largest of the others
-        if np.inf in loss.values():
+        if measure(loss)[0]:
             return bounds
         for g, (f, phi) in enumerate(self._failed(chosen)):
             bounds[g] = aggregated(f[:, None, None] + phi[:, chosen, None] - phi[:, None, others], self.aggregate)
@@ -142,7 +142,7 @@ class LossSearch:
 
 
 def measure(loss: dict[int, float]) -> tuple[int, float]:
-    """How many failures lose an unknown, and the largest loss of the others."""
+    """How many failures lose an unknown or are not solved, and the largest loss of the others."""
     finite = [value for value in loss.values() if value < np.inf]
     return len(loss) - len(finite), max(finite, default=0.0)
 

@@ -161,7 +161,7 @@ def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information | np.ndarray) -> np.
     if not error <= ACCEPTED:
         raise NumericalError(
             f"the Riccati equation of a set of gauges is solved to {error:.1e} only, {ACCEPTED:.0e} is asked for",
-            remedy="an unknown is next to unobservable from it: keep more gauges or estimate fewer unknowns",
+            remedy="an unknown is next to unobservable from it, or the noises lie too far apart: check both",
         )
     return P
 

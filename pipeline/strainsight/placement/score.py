@@ -15,8 +15,8 @@ Gauges = Sequence[int] | np.ndarray
 
 @dataclass(frozen=True)
 class Scores:
-    """One layout by every criterion, from the same steady covariances P; inf throughout where it loses an unknown,
-    or comes so close to it that P cannot be solved for.
+    """One layout by every criterion, from the same steady covariances P; inf throughout where it loses an unknown, NaN where
+    there is none or P is not solved to accuracy.
 
     trace [1]: aggregate of tr(W P); log_determinant: mean over scenarios of ln det P_uu; worst_eigenvalue: aggregate of
     the largest eigenvalue of P_uu, the variance of the worst-known combination of unknowns, both of the unknowns as in x*
@@ -28,6 +28,10 @@ class Scores:
     log_determinant: float
     worst_eigenvalue: float
     std: np.ndarray
+
+    @classmethod
+    def all(cls, value: float, unknowns: int) -> Scores:
+        return cls(value, value, value, np.full(unknowns, value))
 
 
 def score(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") -> float:
@@ -50,9 +54,9 @@ def scores(
         try:
             P = subset_covariance(pool, gauges)
         except NumericalError:
-            P = None
+            return Scores.all(np.nan, len(unknown))
         if P is None:
-            return Scores(np.inf, np.inf, np.inf, np.full(len(unknown), np.inf))
+            return Scores.all(np.inf, len(unknown))
         block = unknown_block(pool, P, unknown)
         traces.append(weighted_trace(pool, P))
         determinants.append(np.linalg.slogdet(block)[1])

@@ -189,14 +189,15 @@ RULES = {
 def criteria_table(others: Comparison, problem: Problem) -> Table:
     """This layout beside those by other rules, by every criterion; of the random sets, the one of median trace."""
     shown = {RULES[rule]: others.scores[rule] for rule in others.sets if rule in RULES}
-    drawn = sorted((s for rule, s in others.scores.items() if rule.startswith("random_")), key=lambda s: s.trace)
+    random = [s for rule, s in others.scores.items() if rule.startswith("random_")]
+    drawn = sorted(random, key=lambda s: (np.isnan(s.trace), s.trace))
     if drawn:
         shown[f"random, median of {len(drawn)}"] = drawn[(len(drawn) - 1) // 2]
     best = others.scores["final"].trace
     names, scale = problem.unknowns.names, problem.unknowns.scale
 
     def number(value: float) -> str:
-        return f"{value:.3g}" if np.isfinite(value) else "lost"
+        return f"{value:.3g}" if np.isfinite(value) else "lost" if np.isinf(value) else "–"
 
     rows = tuple(
         (
@@ -205,7 +206,7 @@ def criteria_table(others: Comparison, problem: Problem) -> Table:
             number(s.trace / best),
             number(s.log_determinant),
             number(s.worst_eigenvalue),
-            *(f"{100 * v / a:.2g} %" if np.isfinite(v) else "lost" for v, a in zip(s.std, scale, strict=True)),
+            *(f"{100 * v / a:.2g} %" if np.isfinite(v) else number(v) for v, a in zip(s.std, scale, strict=True)),
         )
         for rule, s in shown.items()
     )

@@ -176,7 +176,7 @@ def _output(context: Context, problem: Problem, candidates: Candidates, found: _
         | expectation_datasets(problem, found.expected)
         | {
             "/failure/loss": Dataset(
-                found.loss, "1", "tr(W P) when each gauge of the final set fails; inf where an unknown is then lost"
+                found.loss, "1", "tr(W P) when each gauge fails; inf where an unknown is then lost, NaN where not solved"
             ),
             "/advice": Dataset(np.array(found.words, dtype=np.str_), "1", "what to do with the layout"),
             "/selected/final/load": Dataset(
@@ -237,7 +237,7 @@ def _summary(found: _Found, selected: int) -> dict[str, Scalar]:
 
 PLACE = Stage(
     "place",
-    version=4,
+    version=5,
     reads=(
         "seed",
         "loads.*.signal",

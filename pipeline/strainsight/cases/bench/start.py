@@ -40,9 +40,9 @@ def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np
     if settings.start == "equilibrium":
         try:
             q, _ = static_equilibrium(bench.system, q, u, bench.theta)
-        except NumericalError as error:
+        except (InfeasibleError, NumericalError) as error:
             remedy = f"{error.remedy}; or set simulate.start: as_given"
-            raise InfeasibleError(error.what, key="simulate.start", remedy=remedy) from error
+            raise type(error)(error.what, key="simulate.start", remedy=remedy) from error
         return q, np.zeros_like(q)
     v = project_velocity(bench.system, q, rate)
     d = bench.system.metric

@@ -37,8 +37,9 @@ def advice(
     labels (k,) of the gauges; trace of the elimination, the whole pool first, of one set only where limits rule the size;
     keep: gauges asked for; kept: pool rows in the layout; std: unknown → σ relative to its scale, without: the same without
     each gauge (k,); groups of gauges that read alike; glued (k,) bool; load (k,): largest training reading over the range,
-    NaN where no range is stated; loss (k,): tr(W P) when each fails, inf where an unknown is lost; ties: removals that
-    could as well have been of another gauge; cost: (price of the layout, budget); alone: gauges without a mirror image.
+    NaN where no range is stated; loss (k,): tr(W P) when each fails, inf where an unknown is lost, NaN where not solved; ties:
+    removals that could as well have been of another gauge; cost: (price of the layout, budget); alone: gauges without a
+    mirror image.
     """
     return (
         *_how_many(trace, kept, labels, keep),
@@ -106,12 +107,15 @@ def _best_possible(certificate: Certificate | None) -> Iterator[str]:
 def _failures(
     labels: Sequence[str], loss: np.ndarray, std: Mapping[str, float], without: Mapping[str, np.ndarray]
 ) -> Iterator[str]:
-    lost = [label for label, value in zip(labels, loss, strict=True) if not np.isfinite(value)]
+    lost = [label for label, value in zip(labels, loss, strict=True) if np.isinf(value)]
+    unsolved = [label for label, value in zip(labels, loss, strict=True) if np.isnan(value)]
+    if unsolved:
+        yield f"What is left if {' or '.join(unsolved)} fails was not solved to accuracy."
     if len(lost) == len(labels):
         yield "Whichever gauge fails, an unknown is lost."
     elif lost:
         yield f"An unknown is lost if {' or '.join(lost)} fails."
-    else:
+    elif not unsolved:
         name, worst, growth = max(
             ((name, first_of_largest(values), float(np.max(values)) / std[name]) for name, values in without.items()),
             key=lambda found: found[2],

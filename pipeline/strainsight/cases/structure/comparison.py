@@ -63,7 +63,11 @@ def comparison(
     sets |= {f"random_{i}": gauges for i, gauges in enumerate(drawn, start=1)}
     scale = problem.unknowns.scale
     chosen = {name: np.zeros(0, dtype=int) if gauges is None else gauges for name, gauges in sets.items()}
-    return Comparison(chosen, {name: scores(pools, g, unknown, scale, aggregate) for name, g in chosen.items()})
+    found = {
+        name: Scores.all(np.nan, len(unknown)) if gauges is None else scores(pools, gauges, unknown, scale, aggregate)
+        for name, gauges in sets.items()
+    }
+    return Comparison(chosen, found)
 
 
 def _rows(problem: Problem, channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

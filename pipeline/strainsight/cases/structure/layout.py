@@ -76,7 +76,7 @@ def gauge_losses(
     ranges: Mapping[str, Sequence[float]],
     seed: int,
 ) -> np.ndarray:
-    """tr(W P) of the layout when each of its gauges fails (k,), inf where an unknown is lost.
+    """tr(W P) of the layout when each of its gauges fails (k,), inf where an unknown is lost, NaN where not solved.
 
     rows: its pool rows; gauges (k,) their numbers, in the same order. Of a mirrored pair one gauge fails, not both.
     """

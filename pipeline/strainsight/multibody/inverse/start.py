@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import block_diag
 
-from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.errors import InfeasibleError
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.equations import input_slopes, parameter_slopes
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.spectrum import tangent_space
+from strainsight.multibody.static import FREE
 from strainsight.multibody.system import System
 
 
@@ -31,7 +32,7 @@ def start_covariance(
     q (n,) in equilibrium under all inputs u and θ (nθ,); inputs (nu,): places of the unknown ones; std_u (nu,) [N, N m];
     std_xi (p,) [-], or the covariance (p, p) of ξ; spread: σ_q [m √kg], σ_v [m √kg/s] of further motions (one number: both)
     in the metric of the mass, along all that the constraints leave (T). P has its range in the tangent space; w = 0.
-    Raises InfeasibleError for deviations of the wrong number, NumericalError where nothing holds a motion of the system.
+    Raises InfeasibleError for deviations of the wrong number, and where nothing holds a motion of the system.
     """
     n, inputs = system.size, np.asarray(inputs, dtype=int)
     std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
@@ -55,18 +56,18 @@ def start_covariance(
 def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """∂q/∂u (n, all inputs) and ∂q/∂θ (n, nθ) of an equilibrium q (n,):  K ∂q = −∂f  on  B ∂q = 0.
 
-    Raises NumericalError where nothing holds a motion of the system.
+    Raises InfeasibleError where nothing holds a motion of the system.
     """
     found = tangent_space(system, q, np.zeros(system.size), u, theta)
     by_u = input_slopes(system, found.at, np.asarray(q, dtype=float))
     by_theta = parameter_slopes(system, found.at, q, np.zeros(system.size))
     pulls = np.concatenate([by_u, by_theta], axis=1)
-    try:
-        response = -found.T @ np.linalg.solve(found.project(found.at.stiffness), found.T.T @ pulls)
-    except np.linalg.LinAlgError as error:
-        raise NumericalError(
+    K = found.project(found.at.stiffness)
+    if len(K) and not np.linalg.cond(K) < 1 / FREE:
+        raise InfeasibleError(
             "nothing holds a motion of the system at the start", remedy="hold it with a joint or a spring"
-        ) from error
+        )
+    response = -found.T @ np.linalg.solve(K, found.T.T @ pulls)
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
 
 

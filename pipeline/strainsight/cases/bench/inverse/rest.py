@@ -70,12 +70,14 @@ def loads_at_rest(
 
 def moved_at_rest(
     config: Any, bench: Bench, channels: Readings, unknowns: Unknowns, under: tuple[np.ndarray, ...]
-) -> np.ndarray:
+) -> tuple[np.ndarray, NumericalError | None]:
     """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
-    these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest."""
+    these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest. With the error
+    of loads, the first ones aside, under which no rest was found: they may move more."""
+    unsolved: NumericalError | None = None
     most = np.zeros((len(channels.channels), len(unknowns.std_u) + len(unknowns.std)))
     if config.simulate.start != "equilibrium":
-        return most
+        return most, unsolved
     theta = unknowns.starts[0]
     std = np.concatenate([
         np.maximum(unknowns.std_u, unknowns.increment_u), np.maximum(unknowns.std, unknowns.increment)
@@ -86,10 +88,11 @@ def moved_at_rest(
             with blame("estimate"):
                 q, v = start_of(replace(bench, theta=theta), config.simulate, u)
                 by_u, by_theta = static_response(bench.system, q, u, theta)
-        except (UserError, NumericalError):
+        except (UserError, NumericalError) as error:
             if i == 0:
                 raise
+            unsolved = error if isinstance(error, NumericalError) else unsolved
             continue  # loads that rest cannot carry say nothing
         response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
         most = np.maximum(most, np.abs(channels.read(q, v)[1] @ response) * std)
-    return most
+    return most, unsolved

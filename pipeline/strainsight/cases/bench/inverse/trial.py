@@ -12,7 +12,7 @@ from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved
 from strainsight.cases.bench.inverse.unknowns import Unknowns
 from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
-from strainsight.errors import ConfigError, blame
+from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.start import start_covariance, white_force
 
@@ -69,9 +69,9 @@ def trial_of(
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
-    moved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
+    moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
     noise, raised = _noise(config.estimate, used, largest, moved.max(axis=1, initial=0.0))
-    said = (*raised, *_felt(config, unknowns, used, moved / noise[:, None]))
+    said = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
     if first is not None and config.simulate.start == "equilibrium":
         guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
     states, covariances, offsets = [], [], []
@@ -133,9 +133,11 @@ def _covariance(
     return P
 
 
-def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> tuple[str, ...]:
-    """Refuse an unknown that no sensor feels at rest, name sensors that feel none and loads that rest cannot tell apart;
-    moved (m, nu + p) in σ of the noise.
+def _felt(
+    config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray, unsolved: NumericalError | None
+) -> tuple[str, ...]:
+    """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise;
+    unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest was not found.
 
     Where the start is no equilibrium, or a sensor measures a velocity, rest says nothing.
     """
@@ -145,6 +147,8 @@ def _felt(config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray) -> 
     names = [f"inputs.{name}" for name in config.estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
         if column.max() < FELT:
+            if unsolved is not None:
+                raise unsolved
             raise ConfigError(
                 f"no sensor feels it: one σ of it ({std:.3g}) moves every reading by less than {FELT:g} σ of its noise",
                 key=f"estimate.{name}",
