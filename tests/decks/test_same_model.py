@@ -19,45 +19,32 @@ from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.model import build_model
 from strainsight.mesh.model import Material, Mesh
 
+from ..solids import HEX, SOLIDS, WEDGE, Solid
+
 STEEL = Material(1, 2.1e11, 0.3, 7850.0)
 RUBBER = Material(2, 5.0e6, 0.45, 1100.0)
 REGIONS = {11: ("STEEL", STEEL), 12: ("RUBBER", RUBBER)}
 
-# Edges on which the mid-side nodes lie one after the other: figures of the manuals (Nastran Quick Reference Guide,
-# Abaqus Elements Guide, gmsh "Node ordering", vtkQuadraticTetra, vtkQuadraticHexahedron, vtkQuadraticWedge).
-TET = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
-HEX = ([(0, 1), (1, 2), (2, 3), (3, 0)], [(4, 5), (5, 6), (6, 7), (7, 4)], [(0, 4), (1, 5), (2, 6), (3, 7)])
-WEDGE = ([(0, 1), (1, 2), (2, 0)], [(3, 4), (4, 5), (5, 3)], [(0, 3), (1, 4), (2, 5)])
-EDGES = {
-    "vtk": {"tet": TET, "hex": HEX[0] + HEX[1] + HEX[2], "wedge": WEDGE[0] + WEDGE[1] + WEDGE[2]},
-    "nastran": {"tet": TET, "hex": HEX[0] + HEX[2] + HEX[1], "wedge": WEDGE[0] + WEDGE[2] + WEDGE[1]},
-    "gmsh": {
-        "tet": [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)],
-        "hex": sorted((min(e), max(e)) for part in HEX for e in part),
-        "wedge": sorted((min(e), max(e)) for part in WEDGE for e in part),
-    },
-}
-EDGES["abaqus"] = EDGES["vtk"]
-CUBE = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+EDGES = {"vtk": "edges", "abaqus": "edges", "nastran": "nastran_edges", "gmsh": "gmsh_edges"}
 
 
 @dataclass(frozen=True)
 class Element:
-    """shape tet, hex or wedge; corners by node number; mid-side nodes by the pair of their corners, none if linear."""
+    """kind; corners by node number; mid-side nodes by the pair of their corners, none if linear."""
 
     id: int
-    shape: str
+    kind: str
     region: int
     corners: list[int]
     middle: dict[frozenset[int], int]
 
-    def nodes(self, form: str) -> list[int]:
-        edges = EDGES[form][self.shape] if self.middle else []
-        return self.corners + [self.middle[frozenset((self.corners[a], self.corners[b]))] for a, b in edges]
-
     @property
-    def kind(self) -> tuple[str, int]:
-        return self.shape, len(self.corners) + len(self.middle)
+    def solid(self) -> Solid:
+        return SOLIDS[self.kind]
+
+    def nodes(self, form: str) -> list[int]:
+        edges = getattr(self.solid, EDGES[form])
+        return self.corners + [self.middle[frozenset((self.corners[a], self.corners[b]))] for a, b in edges]
 
 
 class Model:
@@ -67,23 +54,23 @@ class Model:
         self.x: dict[int, tuple[float, float, float]] = {}
         self.elements: list[Element] = []
         self._at: dict[tuple[float, ...], int] = {}
-        cube, beside = CUBE.tolist(), [(1, 0, 0), (2, 0, 0), (1, 1, 0), (1, 0, 1), (2, 0, 1), (1, 1, 1)]
-        self.add("hex", 11, [(x, y, z) for x, y, z in cube], False)
-        self.add("hex", 12, [(x, y, z + 1) for x, y, z in cube], False)
-        self.add("wedge", 12, beside, False)
-        self.add("hex", 12, [(x + 4, y, z) for x, y, z in cube], True)
-        self.add("wedge", 11, [(x + 4, y, z) for x, y, z in beside], True)
-        self.add("tet", 11, [(8, 0, 0), (9, 0, 0), (8, 1, 0), (8, 0, 1)], True)
-        self.add("tet", 11, [(9, 0, 0), (9, 1, 1), (8, 1, 0), (8, 0, 1)], True)
+        beside = [(1, 0, 0), (2, 0, 0), (1, 1, 0), (1, 0, 1), (2, 0, 1), (1, 1, 1)]
+        self.add("hex8", 11, HEX)
+        self.add("hex8", 12, [(x, y, z + 1) for x, y, z in HEX])
+        self.add("wedge6", 12, beside)
+        self.add("hex20", 12, [(x + 4, y, z) for x, y, z in HEX])
+        self.add("wedge15", 11, [(x + 4, y, z) for x, y, z in beside])
+        self.add("tet10", 11, [(8, 0, 0), (9, 0, 0), (8, 1, 0), (8, 0, 1)])
+        self.add("tet10", 11, [(9, 0, 0), (9, 1, 1), (8, 1, 0), (8, 0, 1)])
         self.foot = self.elements[0].corners[:4]
 
-    def add(self, shape, region, corners, quadratic):
+    def add(self, kind, region, corners):
         ids = [self.node(p) for p in corners]
-        pairs = EDGES["vtk"][shape] if quadratic else []
         middle = {
-            frozenset((ids[a], ids[b])): self.node((np.array(corners[a], float) + corners[b]) / 2) for a, b in pairs
+            frozenset((ids[a], ids[b])): self.node((np.array(corners[a], float) + corners[b]) / 2)
+            for a, b in SOLIDS[kind].edges
         }
-        self.elements.append(Element(900 - 37 * len(self.elements), shape, region, ids, middle))
+        self.elements.append(Element(900 - 37 * len(self.elements), kind, region, ids, middle))
 
     def node(self, point) -> int:
         """The node at a point of the straight model; coordinates are multiples of 1/128, which every format writes exactly."""
@@ -101,19 +88,12 @@ MODEL = Model()
 
 
 def nastran(path, turned=(), more=()):
-    cards = {
-        ("tet", 10): "CTETRA",
-        ("hex", 8): "CHEXA",
-        ("hex", 20): "CHEXA",
-        ("wedge", 6): "CPENTA",
-        ("wedge", 15): "CPENTA",
-    }
     lines = ["SOL 103", "CEND", "SPC = 4", "BEGIN BULK"]
     lines += [f"GRID,{i},,{x!r},{y!r},{z!r}{',7' * (i in turned)}" for i, (x, y, z) in MODEL.x.items()]
     for e in MODEL.elements:
         fields = [str(e.id), str(e.region), *map(str, e.nodes("nastran"))]
         rows = [fields[i : i + 8] for i in range(0, len(fields), 8)]
-        lines += [",".join([cards[e.kind] if i == 0 else "+", *row]) for i, row in enumerate(rows)]
+        lines += [",".join([e.solid.nastran if i == 0 else "+", *row]) for i, row in enumerate(rows)]
     for i, (_, m) in REGIONS.items():
         lines += [f"PSOLID,{i},{m.id}", f"MAT1,{m.id},{m.youngs_modulus!r},,{m.poisson_ratio!r},{m.density!r}"]
     lines += [
@@ -128,17 +108,10 @@ def nastran(path, turned=(), more=()):
 
 
 def abaqus(path, more=()):
-    names = {
-        ("tet", 10): "C3D10",
-        ("hex", 8): "C3D8I",
-        ("hex", 20): "C3D20",
-        ("wedge", 6): "C3D6",
-        ("wedge", 15): "C3D15",
-    }
     lines = ["*NODE", *(f"{i}, {x!r}, {y!r}, {z!r}" for i, (x, y, z) in MODEL.x.items())]
     for e in MODEL.elements:
         fields = [str(e.id), *map(str, e.nodes("abaqus"))]
-        lines += [f"*ELEMENT, TYPE={names[e.kind]}, ELSET={REGIONS[e.region][0]}", ", ".join(fields[:12])]
+        lines += [f"*ELEMENT, TYPE={e.solid.abaqus}, ELSET={REGIONS[e.region][0]}", ", ".join(fields[:12])]
         lines[-1] += "," if fields[12:] else ""
         lines += [", ".join(fields[12:])] if fields[12:] else []
     lines += ["*NSET, NSET=FOOT", ", ".join(map(str, MODEL.foot))]
@@ -149,7 +122,6 @@ def abaqus(path, more=()):
     return read_abaqus(path)
 
 
-GMSH = {("tet", 10): 11, ("hex", 8): 5, ("hex", 20): 17, ("wedge", 6): 6, ("wedge", 15): 18}
 NAMES = '$PhysicalNames\n3\n2 4 "FOOT"\n3 11 "STEEL"\n3 12 "RUBBER"\n$EndPhysicalNames\n'
 QUADRANGLE = 3
 
@@ -159,7 +131,7 @@ def section(name: str, body: bytes) -> bytes:
 
 
 def gmsh_2(path, binary):
-    rows = [(1, QUADRANGLE, 4, MODEL.foot), *((e.id, GMSH[e.kind], e.region, e.nodes("gmsh")) for e in MODEL.elements)]
+    rows = [(1, QUADRANGLE, 4, MODEL.foot), *((e.id, e.solid.gmsh, e.region, e.nodes("gmsh")) for e in MODEL.elements)]
     if binary:
         head = b"2.2 1 8\n" + struct.pack("<i", 1)
         nodes = b"".join(struct.pack("<iddd", i, *x) for i, x in MODEL.x.items())
@@ -196,7 +168,7 @@ def gmsh_4(path, binary):
     elements = [("size", [1 + len(MODEL.elements), 1 + len(MODEL.elements), 1, 900])]
     elements += [("int", [2, 1, QUADRANGLE]), ("size", [1]), ("size", [1, *MODEL.foot])]
     for e in MODEL.elements:
-        elements += [("int", [3, e.region - 10, GMSH[e.kind]]), ("size", [1]), ("size", [e.id, *e.nodes("gmsh")])]
+        elements += [("int", [3, e.region - 10, e.solid.gmsh]), ("size", [1]), ("size", [e.id, *e.nodes("gmsh")])]
     head = b"4.1 1 8\n" + struct.pack("<i", 1) if binary else b"4.1 0 8"
     parts = [section(n, body(*p)) for n, p in (("Entities", entities), ("Nodes", nodes), ("Elements", elements))]
     path.write_bytes(section("MeshFormat", head) + NAMES.encode() + b"".join(parts))
@@ -205,15 +177,14 @@ def gmsh_4(path, binary):
 
 def grid(path, binary=True):
     """VTK's wedges are written mirrored: the normal of their first triangle points out of the cell."""
-    types = {("tet", 10): 24, ("hex", 8): 12, ("hex", 20): 25, ("wedge", 6): 13, ("wedge", 15): 26}
     index = {i: k for k, i in enumerate(MODEL.x)}
     cells = []
     for e in MODEL.elements:
-        turned = replace(e, corners=[e.corners[i] for i in (0, 2, 1, 3, 5, 4)]) if e.shape == "wedge" else e
+        turned = replace(e, corners=[e.corners[i] for i in (0, 2, 1, 3, 5, 4)]) if e.solid.corners == WEDGE else e
         nodes = turned.nodes("vtk")
         cells += [len(nodes), *(index[i] for i in nodes)]
     out = pyvista.UnstructuredGrid(
-        np.array(cells), [types[e.kind] for e in MODEL.elements], np.array([*MODEL.x.values()])
+        np.array(cells), [e.solid.vtk for e in MODEL.elements], np.array([*MODEL.x.values()])
     )
     out.point_data["node_id"] = list(MODEL.x)
     out.point_data["FOOT"] = [int(i in MODEL.foot) for i in MODEL.x]

@@ -9,44 +9,30 @@ import pytest
 
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
-EDGES = {
-    "tet10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "hex20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
-    "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+from ..solids import HEX, SOLIDS
+
+LINEAR = {
+    kind: next(other for other, linear in SOLIDS.items() if linear.corners == solid.corners and not linear.edges)
+    for kind, solid in SOLIDS.items()
 }
-LINEAR = {"tet10": "tet4", "hex20": "hex8", "wedge15": "wedge6"}
 
 
-def split(hexahedra: np.ndarray, kind: str) -> np.ndarray:
-    """Hexahedra (e, 8) cut into linear elements: wedges along the diagonal 0-2, Kuhn's six tetrahedra."""
-    if kind == "hex8":
-        return hexahedra
-    if kind == "wedge6":
-        cuts = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
-    else:
-        step = {
-            (0, 0, 0): 0,
-            (1, 0, 0): 1,
-            (1, 1, 0): 2,
-            (0, 1, 0): 3,
-            (0, 0, 1): 4,
-            (1, 0, 1): 5,
-            (1, 1, 1): 6,
-            (0, 1, 1): 7,
-        }
-        cuts = []
-        for order in permutations(range(3)):
-            corner, path = [0, 0, 0], [0]
-            for axis in order:
-                corner[axis] = 1
-                path.append(step[tuple(corner)])
-            odd = round(np.linalg.det(np.eye(3)[list(order)])) < 0
-            cuts.append((path[0], path[2], path[1], path[3]) if odd else tuple(path))
-    return np.concatenate([hexahedra[:, list(cut)] for cut in cuts])
+def kuhn() -> list[tuple[int, ...]]:
+    """Six tetrahedra in a hexahedron: the paths along its edges from corner 0 to corner 6."""
+    cuts = []
+    for order in permutations(range(3)):
+        path = [HEX.index(tuple(np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0)[i])) for i in range(3)]
+        odd = round(np.linalg.det(np.eye(3)[list(order)])) < 0
+        cuts.append((0, path[1], path[0], path[2]) if odd else (0, *path))
+    return cuts
+
+
+CUTS = {"hex8": [tuple(range(8))], "wedge6": [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)], "tet4": kuhn()}
+"""How a hexahedron is cut into linear elements: wedges along the diagonal 0-2."""
 
 
 def with_midsides(position: np.ndarray, cells: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    pairs = np.sort(cells[:, np.array(EDGES[kind])], axis=2)
+    pairs = np.sort(cells[:, np.array(SOLIDS[kind].edges)], axis=2)
     unique, index = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     middle = 0.5 * (position[unique[:, 0]] + position[unique[:, 1]])
     return np.vstack([position, middle]), np.hstack([cells, len(position) + index.reshape(pairs.shape[:2])])
@@ -89,13 +75,12 @@ def make_box(
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     number = np.arange(len(grid)).reshape([c + 1 for c in counts])
     i, j, k = (a.ravel() for a in np.meshgrid(*[np.arange(c) for c in counts], indexing="ij"))
-    corner = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    hexahedra = np.stack([number[i + a, j + b, k + c] for a, b, c in corner], axis=1)
+    hexahedra = np.stack([number[i + a, j + b, k + c] for a, b, c in HEX], axis=1)
     inner = np.all((grid > 0) & (grid < np.array(counts)), axis=1)
     moved = grid + distort * np.random.default_rng(seed).uniform(-1, 1, grid.shape) * inner[:, None]
     position = moved / np.array(counts) * np.array(size)
-    cells = split(hexahedra, LINEAR.get(kind, kind))
-    if kind in LINEAR:
+    cells = np.concatenate([hexahedra[:, list(cut)] for cut in CUTS[LINEAR[kind]]])
+    if SOLIDS[kind].edges:
         position, cells = with_midsides(position, cells, kind)
     fixed = [(n, c) for n in np.flatnonzero(np.isclose(position[:, 0], 0.0)) for c in range(3)] if clamp_root else []
     return make_mesh(position, [(kind, cells, more.pop("region", 1))], fixed, **more)

@@ -12,9 +12,10 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem import memory
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble, mass_properties
-from strainsight.fem.elements import SOLID_KINDS
+from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import PointMass
 
+KINDS = [kind.name for kind in ELEMENTS]
 E, NU, RHO = 2.1e11, 0.3, 7850.0
 
 
@@ -23,7 +24,7 @@ def constant_stress(gradient, modulus=E, nu=NU):
     return modulus / (1 + nu) * (strain + nu / (1 - 2 * nu) * np.trace(strain) * np.eye(3)), strain
 
 
-@pytest.mark.parametrize("kind", SOLID_KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_patch_test_on_distorted_elements(box, kind):
     """A linear field has no internal forces at inner nodes and the energy ½ σ:ε V."""
     mesh = box(kind, (3, 3, 3), distort=0.3)
@@ -37,7 +38,7 @@ def test_patch_test_on_distorted_elements(box, kind):
     assert u @ force == pytest.approx(np.sum(stress * strain), rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", SOLID_KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_solving_a_distorted_patch_gives_the_constant_strain(box, kind):
     mesh = box(kind, (3, 3, 3), distort=0.3, seed=5)
     K = assemble(mesh)[0].constant.toarray()
@@ -48,7 +49,7 @@ def test_solving_a_distorted_patch_gives_the_constant_strain(box, kind):
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e3])
-@pytest.mark.parametrize("kind", SOLID_KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_rigid_motions_have_no_energy_and_nothing_else_has_none(box, kind, unit):
     mesh = box(kind, (1, 2, 1), size=(unit, unit, unit), distort=0.2)
     K = assemble(mesh)[0].constant
@@ -60,7 +61,7 @@ def test_rigid_motions_have_no_energy_and_nothing_else_has_none(box, kind, unit)
     assert stiffness[6] > 1e-4
 
 
-@pytest.mark.parametrize("kind", SOLID_KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_mass_of_rigid_motions_is_that_of_the_body(box, kind):
     """Mass, first and second moments of a box: the mass is exact because N N is integrated exactly."""
     mesh = box(kind, (2, 3, 2), size=(1.0, 2.0, 0.5), distort=0.0)
@@ -274,7 +275,7 @@ def test_parameters_that_contradict_are_refused(box, parameters, message):
         assemble(box("tet4", (1, 1, 1)), parameters)
 
 
-@pytest.mark.parametrize("kind", SOLID_KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_too_little_memory_for_the_sum_is_refused_and_enough_is_not(box, kind, monkeypatch):
     """What an assembly takes at its peak is enough for it; a twentieth of that is refused before it is taken."""
     mesh = box(kind, (4, 4, 4))

@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.fem.elements import REFERENCE_NODES
-from strainsight.fem.quality import CORNER_SIDES, element_quality
+from strainsight.fem.quality import element_quality
+from strainsight.mesh.kinds import ELEMENTS
 
-KINDS = ("tet4", "tet10", "hex8", "hex20", "wedge6", "wedge15")
-CORNERS = {"t": 4, "h": 8, "w": 6}
+from ..solids import SOLIDS
+
+KINDS = tuple(kind.name for kind in ELEMENTS)
+CUBE = 2.0 * np.array(SOLIDS["hex8"].corners)
 REGULAR = {
-    "t": np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]], float),
-    "h": np.array(REFERENCE_NODES["hex8"]),
-    "w": np.array([[np.cos(a), np.sin(a), z] for z in (0, 3**0.5) for a in (0, 2 * np.pi / 3, 4 * np.pi / 3)]),
+    "tet": np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]], float),
+    "hex": CUBE,
+    "wed": np.array([[np.cos(a), np.sin(a), z] for z in (0, 3**0.5) for a in (0, 2 * np.pi / 3, 4 * np.pi / 3)]),
 }
+"""Corners of the elements whose sides are all of one length."""
 
 
 @pytest.fixture
@@ -23,7 +26,7 @@ def one(mesh_of, midsides):
 
     def element(kind: str, corners: np.ndarray):
         cells = np.arange(len(corners))[None]
-        if kind in ("tet10", "hex20", "wedge15"):
+        if SOLIDS[kind].edges:
             corners, cells = midsides(corners, cells, kind)
         return mesh_of(corners, [(kind, cells, 1)])
 
@@ -34,7 +37,7 @@ def one(mesh_of, midsides):
 def test_a_regular_element_has_shape_one_whatever_its_size_and_place(kind, one):
     rotation = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
     rotation *= np.sign(np.linalg.det(rotation))
-    corners = 1e-3 * REGULAR[kind[0]] @ rotation.T + 7.0
+    corners = 1e-3 * REGULAR[kind[:3]] @ rotation.T + 7.0
     (quality,) = element_quality(one(kind, corners))
     assert quality.shape[0] == pytest.approx(1.0, abs=1e-10)
     assert quality.curvature[0] == pytest.approx(1.0, abs=1e-9)
@@ -42,19 +45,24 @@ def test_a_regular_element_has_shape_one_whatever_its_size_and_place(kind, one):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_mirrored_element_has_the_negative_shape(kind, one):
-    (quality,) = element_quality(one(kind, REGULAR[kind[0]] * [1, 1, -1]))
+    (quality,) = element_quality(one(kind, REGULAR[kind[:3]] * [1, 1, -1]))
     assert quality.shape[0] == pytest.approx(-1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_corner_has_three_distinct_sides(kind):
-    assert sorted(CORNER_SIDES[kind]) == list(range(CORNERS[kind[0]]))
-    assert all(len({corner, *others}) == 4 for corner, others in CORNER_SIDES[kind].items())
+@pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.name)
+def test_every_corner_has_its_sides_along_edges_of_facets(kind):
+    along = {frozenset(pair) for facet, local in kind.facets for pair in _ring(local[: facet.corners])}
+    assert {frozenset((corner, other)) for corner, *others in kind.sides for other in others} == along
+    assert all(len(set(sides)) == 4 for sides in kind.sides)
+
+
+def _ring(corners):
+    return zip(corners, (*corners[1:], corners[0]), strict=True)
 
 
 @pytest.mark.parametrize("angle", [30.0, 60.0, 85.0])
 def test_a_sheared_cube_has_the_sine_of_its_angle(angle, one):
-    corners = REGULAR["h"].copy()
+    corners = CUBE.copy()
     corners[:, 0] += corners[:, 2] / np.tan(np.radians(angle))
     (quality,) = element_quality(one("hex8", corners))
     assert quality.shape[0] == pytest.approx(np.sin(np.radians(angle)), rel=1e-12)
@@ -71,7 +79,7 @@ def test_a_corner_of_three_right_angles_has_the_shape_of_its_worst_corner(height
 
 
 def test_a_mid_side_node_off_the_middle_shows_in_the_curvature(one):
-    mesh = one("tet10", REGULAR["t"])
+    mesh = one("tet10", REGULAR["tet"])
     mesh.position[4] += 0.2 * (mesh.position[1] - mesh.position[0])
     (quality,) = element_quality(mesh)
     assert quality.shape[0] == pytest.approx(1.0)

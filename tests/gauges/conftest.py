@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from strainsight.mesh.facets import FACET_KINDS, Facets
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import CellBlock, Mesh, RigidElement
 
-KINDS = ("tri3", "tri6", "quad4", "quad8")
+KINDS = tuple(kind.name for kind in FACETS)
 
 
 def surface(
@@ -62,7 +63,7 @@ def surface(
     facets = Facets(
         element_id=np.arange(1, f + 1),
         facet=np.ones(f, dtype=np.int64),
-        kind=np.full(f, FACET_KINDS.index(kind)),
+        kind=np.full(f, KINDS.index(kind)),
         nodes=np.array(rows),
         region=np.ones(f, dtype=np.int64),
     )

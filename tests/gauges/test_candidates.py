@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.fem.elements import REFERENCE_NODES
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.edges import near_segments, sharp_edges
 from strainsight.gauges.zones import Box, NearEdges
-from strainsight.mesh.facets import FACET_KINDS, Facets, exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import AveragingElement, CellBlock, Mesh, RigidElement
 
 NX, NY, NZ = 10, 3, 2
@@ -187,11 +187,11 @@ def test_the_sharp_edges_of_a_box_are_its_twelve(beam):
 def test_a_tube_is_smooth_when_its_facets_can_bend(sides, kind, sharp):
     """Eight quadratic facets go round without an edge; eight flat ones meet at 45°, sixteen at 22.5°."""
     step = 2 * np.pi / sides
-    reference = REFERENCE_NODES[kind]
+    code = [known.name for known in FACETS].index(kind)
     position, nodes = [], np.full((sides, 8), -1)
     seen: dict[tuple[int, int], int] = {}
     for side in range(sides):
-        for a, (xi, eta) in enumerate(reference):
+        for a, (xi, eta) in enumerate(FACETS[code].nodes):
             key = (round(2 * (side + (xi + 1) / 2)) % (2 * sides), round(eta))
             if key not in seen:
                 seen[key] = len(position)
@@ -199,7 +199,7 @@ def test_a_tube_is_smooth_when_its_facets_can_bend(sides, kind, sharp):
                 position.append([np.sin(phi), eta, np.cos(phi)])
             nodes[side, a] = seen[key]
     ones = np.ones(sides, dtype=int)
-    facets = Facets(element_id=ones, facet=ones, kind=FACET_KINDS.index(kind) * ones, nodes=nodes, region=ones)
+    facets = Facets(element_id=ones, facet=ones, kind=code * ones, nodes=nodes, region=ones)
     segments = sharp_edges(np.array(position), facets)
     along = np.abs((segments[:, 1] - segments[:, 0])[:, 1]) > 0.1
     assert np.count_nonzero(along) == 2 * sharp

@@ -10,7 +10,6 @@ import pytest
 from scipy.optimize import fsolve
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.fem.elements import REFERENCE_NODES, shape
 from strainsight.gauges.candidates import Candidates, candidates
 from strainsight.gauges.rows import channel_matrix, channel_rows, fits
 from strainsight.gauges.surface import by_kind
@@ -24,20 +23,18 @@ def long(gauges: Candidates, length) -> Candidates:
 
 def displacement_at(position, facets, z, point) -> np.ndarray:
     """z at a point of a plate, by the facet whose shape functions reach it: brute force over all facets."""
-    for name, _, nodes in by_kind(facets.kind, facets.nodes):
-        corners = 3 if name.startswith("tri") else 4
+    for kind, _, nodes in by_kind(facets.kind, facets.nodes):
         for own in nodes:
             x = position[own]
             if np.linalg.norm(x.mean(axis=0) - point) > 3.0:
                 continue
-            start = REFERENCE_NODES[name][:corners].mean(axis=0)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                xi = fsolve(lambda xi, x=x, name=name: (shape(name, xi[None])[0] @ x - point)[:2], start, xtol=1e-13)
-            miss = np.abs(shape(name, xi[None])[0] @ x - point).max()
-            inside = min(xi.min(), 1 - xi.sum()) if corners == 3 else 1 - np.abs(xi).max()
+                xi = fsolve(lambda xi, x=x, N=kind.shape: (N(xi)[0] @ x - point)[:2], kind.centre, xtol=1e-13)
+            miss = np.abs(kind.shape(xi)[0] @ x - point).max()
+            inside = min(xi.min(), 1 - xi.sum()) if kind.corners == 3 else 1 - np.abs(xi).max()
             if miss < 1e-9 and inside > -1e-7:
-                return shape(name, xi[None])[0] @ z[own]
+                return kind.shape(xi)[0] @ z[own]
     raise AssertionError(point)
 
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.fem.elements import REFERENCE_NODES, shape
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.glued import GluedEntry, glued
 from strainsight.gauges.locate import locate, project
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.walk import skin_of
-from strainsight.mesh.facets import FACET_KINDS, Facets, exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.kinds import FACETS
 
-KINDS = ("tri3", "tri6", "quad4", "quad8")
+KINDS = {kind.name: kind for kind in FACETS}
 
 
 def sampled(name: str, n: int) -> np.ndarray:
@@ -31,17 +31,18 @@ def sampled(name: str, n: int) -> np.ndarray:
 def test_on_one_bent_facet_no_sample_is_nearer(name, seed):
     """Points in the facet's plane, above it, beside it, far away; the facet shaken by 10 % of its size in all directions."""
     rng = np.random.default_rng(seed)
-    plane = REFERENCE_NODES[name]
+    kind = KINDS[name]
+    plane = kind.nodes
     corners = np.column_stack([plane, np.zeros(len(plane))]) + 0.1 * rng.uniform(-1, 1, (len(plane), 3))
     points = rng.uniform(-1, 1, (200, 3)) * np.repeat([0.3, 1.0, 2.0, 10.0], 50)[:, None] + corners.mean(axis=0)
-    xi, x = project(name, np.broadcast_to(corners, (200, *corners.shape)), points)
-    np.testing.assert_allclose(shape(name, xi) @ corners, x, atol=1e-13)
+    xi, x = project(kind, np.broadcast_to(corners, (200, *corners.shape)), points)
+    np.testing.assert_allclose(kind.shape(xi) @ corners, x, atol=1e-13)
     if name.startswith("tri"):
         assert xi.min() >= -1e-15
         assert xi.sum(axis=1).max() <= 1 + 1e-15
     else:
         assert np.abs(xi).max() <= 1
-    lattice = shape(name, sampled(name, 201)) @ corners
+    lattice = kind.shape(sampled(name, 201)) @ corners
     brute = np.linalg.norm(lattice[None] - points[:, None], axis=2).min(axis=1)
     own = np.linalg.norm(x - points, axis=1)
     assert np.all(own <= brute * (1 + 1e-12))
@@ -55,11 +56,10 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
     skin = skin_of(position, facets)
     rng = np.random.default_rng(0)
     which = rng.integers(0, len(facets.kind), 300)
-    name = FACET_KINDS[facets.kind[0]]
     xi = rng.uniform(0.02, 0.98, (300, 2))
     xi = np.column_stack([xi[:, 0], xi[:, 1] * (1 - xi[:, 0])]) if kind.startswith("tri") else 2 * xi - 1
-    nodes = facets.nodes[which][:, : len(REFERENCE_NODES[name])]
-    points = np.einsum("pk,pkc->pc", shape(name, xi), position[nodes])
+    nodes = facets.nodes[which][:, : len(KINDS[kind].nodes)]
+    points = np.einsum("pk,pkc->pc", KINDS[kind].shape(xi), position[nodes])
     found = locate(skin, points)
     np.testing.assert_allclose(found.distance, 0, atol=1e-12)
     np.testing.assert_allclose(found.point, points, atol=1e-12)
@@ -71,8 +71,8 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
 def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     R = 2.0
     position, facets = tube(kind, 32, 8, R, 0.1)
-    nodes = facets.nodes[:, : len(REFERENCE_NODES[kind])]
-    lattice = np.einsum("qk,fkc->fqc", shape(kind, sampled(kind, 15)), position[nodes])
+    nodes = facets.nodes[:, : len(KINDS[kind].nodes)]
+    lattice = np.einsum("qk,fkc->fqc", KINDS[kind].shape(sampled(kind, 15)), position[nodes])
     astray = np.abs(np.hypot(lattice[..., 0], lattice[..., 1]) - R).max()
     assert astray < 1e-3 * R
     rng = np.random.default_rng(1)
@@ -92,10 +92,9 @@ def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     position[:, 0] = position[:, 0] ** 3 / 10
     points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 7, 2], (150, 3))
     found = locate(skin_of(position, facets), points)
-    name = FACET_KINDS[facets.kind[0]]
     least = np.full(150, np.inf)
-    for nodes in facets.nodes[:, : len(REFERENCE_NODES[name])]:
-        _, x = project(name, np.broadcast_to(position[nodes], (150, len(nodes), 3)), points)
+    for nodes in facets.nodes[:, : len(KINDS[kind].nodes)]:
+        _, x = project(KINDS[kind], np.broadcast_to(position[nodes], (150, len(nodes), 3)), points)
         least = np.minimum(least, np.linalg.norm(x - points, axis=1))
     np.testing.assert_allclose(found.distance, least, rtol=1e-8, atol=1e-10)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from strainsight.fem.elements import REFERENCE_NODES, shape_gradient
 from strainsight.gauges.candidates import Candidates, candidates
 from strainsight.gauges.rows import channel_rows
-from strainsight.mesh.facets import FACET_KINDS, FACETS, Facets, exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, Mesh
 
-KINDS = ("tri3", "tri6", "quad4", "quad8")
+KINDS = {kind.name: kind for kind in FACETS}
 
 
 def bare_mesh(position: np.ndarray, blocks=()) -> Mesh:
@@ -22,14 +22,14 @@ def bare_mesh(position: np.ndarray, blocks=()) -> Mesh:
 
 def patch(kind: str, bend: float, seed: int = 0, scale: float = 1.0) -> tuple[np.ndarray, Facets]:
     """One facet in the x-y plane (normal +z), its nodes shaken by `bend` of its size in all three directions."""
-    plane = REFERENCE_NODES[kind]
+    plane = KINDS[kind].nodes
     rng = np.random.default_rng(seed)
     position = np.column_stack([plane, np.zeros(len(plane))]) + bend * rng.uniform(-1, 1, (len(plane), 3))
     nodes = np.full((1, 8), -1)
     nodes[0, : len(plane)] = np.arange(len(plane))
     one = np.array([1])
     return scale * position, Facets(
-        element_id=one, facet=one, kind=np.array([FACET_KINDS.index(kind)]), nodes=nodes, region=one
+        element_id=one, facet=one, kind=np.array([FACETS.index(KINDS[kind])]), nodes=nodes, region=one
     )
 
 
@@ -138,7 +138,7 @@ def test_a_mirror_image_reads_the_same(kind):
     position, facets = patch(kind, 0.15, 2)
     corners = 3 if kind.startswith("tri") else 4
     back = [0, *range(corners - 1, 0, -1)]
-    if len(REFERENCE_NODES[kind]) > corners:
+    if KINDS[kind].edges:
         back += [corners + (corners - 1 - i) for i in range(corners)]
     mirror = np.array([-1.0, 1.0, 1.0])
     nodes = np.full((1, 8), -1)
@@ -161,7 +161,7 @@ def test_a_mirror_image_reads_the_same(kind):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_strain_is_displacement_over_length(kind, scale):
-    z = np.random.default_rng(4).standard_normal((len(REFERENCE_NODES[kind]), 3))
+    z = np.random.default_rng(4).standard_normal((len(KINDS[kind].nodes), 3))
     plain, facets = patch(kind, 0.1, 1)
     large, _ = patch(kind, 0.1, 1, scale)
     offset, rotation = np.array([[0.05, 0.02]]), np.array([3.0])
@@ -170,26 +170,22 @@ def test_strain_is_displacement_over_length(kind, scale):
     np.testing.assert_allclose(b * scale, a, rtol=1e-10)
 
 
-SOLIDS = {"tet4": 0.08, "tet10": 0.04, "hex8": 0.15, "hex20": 0.08, "wedge6": 0.1, "wedge15": 0.05}
-
-
-@pytest.mark.parametrize("kind", SOLIDS)
+@pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.name)
 def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
     """Oracle: ∇z of the whole element by its own volume shape functions, at the centre of each of its facets."""
-    reference = REFERENCE_NODES[kind]
+    reference = kind.nodes
     rng = np.random.default_rng(6)
-    position = reference + SOLIDS[kind] * rng.uniform(-1, 1, reference.shape)
-    block = CellBlock(kind, np.array([7]), np.arange(len(reference))[None], np.array([1]))
+    position = reference + 0.04 * rng.uniform(-1, 1, reference.shape)
+    block = CellBlock(kind.name, np.array([7]), np.arange(len(reference))[None], np.array([1]))
     mesh = bare_mesh(position, (block,))
     facets = exterior_facets(mesh)
     gauges = candidates(mesh, facets, (0.5, 0.3, 0.81), (20.0, 110.0))
     z = rng.standard_normal(position.shape)
     rows = channel_rows(position, gauges, column(z))[:, 0]
-    assert len(gauges) == 2 * len(FACETS[kind])
+    assert len(gauges) == 2 * len(kind.facets)
     for i in range(len(gauges)):
-        name, local = FACETS[kind][gauges.facet[i] - 1]
-        corners = list(local[: 3 if name.startswith("tri") else 4])
-        slope = shape_gradient(kind, reference[corners].mean(axis=0)[None])[0]
+        facet, local = kind.facets[gauges.facet[i] - 1]
+        slope = kind.gradient(reference[list(local[: facet.corners])].mean(axis=0))[0]
         gradient = (z.T @ slope) @ np.linalg.inv(position.T @ slope)
         d = gauges.direction[i]
         assert rows[i] == pytest.approx(d @ gradient @ d, abs=1e-11)
@@ -218,7 +214,7 @@ def test_no_misplacement_is_a_misplacement_of_zero():
 def test_on_a_cylinder_the_direction_of_a_misplaced_gauge_follows_the_surface():
     """A tube that breathes, z = r̂: the hoop strain is 1/R wherever on the facet the gauge sits."""
     R, half = 2.0, 0.2
-    plane = REFERENCE_NODES["quad8"]
+    plane = KINDS["quad8"].nodes
     phi = half * plane[:, 0]
     position = np.column_stack([R * np.sin(phi), 0.3 * plane[:, 1], R * np.cos(phi)])
     _, facets = patch("quad8", 0.0)

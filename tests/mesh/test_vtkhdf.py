@@ -13,19 +13,10 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.vtkhdf import VTK_TYPE, facet_cells, unstructured_grid
 
-COUNT = {
-    "vertex": 1,
-    "line": 2,
-    "tri3": 3,
-    "tri6": 6,
-    "quad4": 4,
-    "quad8": 8,
-    "tet4": 4,
-    "tet10": 10,
-    "hex8": 8,
-    "hex20": 20,
-    "wedge6": 6,
-    "wedge15": 15,
+from ..solids import SOLIDS
+
+COUNT = {"vertex": 1, "line": 2, "tri3": 3, "tri6": 6, "quad4": 4, "quad8": 8} | {
+    kind: len(solid.points()) for kind, solid in SOLIDS.items()
 }
 
 
@@ -61,20 +52,14 @@ def blocks():
 
 def test_cell_types_are_those_of_vtk():
     kinds = pyvista.CellType
-    assert VTK_TYPE == {
+    assert {
         "vertex": kinds.VERTEX,
         "line": kinds.LINE,
         "tri3": kinds.TRIANGLE,
         "tri6": kinds.QUADRATIC_TRIANGLE,
         "quad4": kinds.QUAD,
         "quad8": kinds.QUADRATIC_QUAD,
-        "tet4": kinds.TETRA,
-        "tet10": kinds.QUADRATIC_TETRA,
-        "hex8": kinds.HEXAHEDRON,
-        "hex20": kinds.QUADRATIC_HEXAHEDRON,
-        "wedge6": kinds.WEDGE,
-        "wedge15": kinds.QUADRATIC_WEDGE,
-    }
+    } | {kind: solid.vtk for kind, solid in SOLIDS.items()} == VTK_TYPE
 
 
 @pytest.mark.parametrize("suffix", [".vtkhdf", ".h5"])

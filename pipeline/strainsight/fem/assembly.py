@@ -14,6 +14,7 @@ from strainsight.fem.checks import check_mesh
 from strainsight.fem.element_matrices import element_masses, element_stiffnesses
 from strainsight.fem.memory import require_memory
 from strainsight.fem.point_masses import check
+from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Mesh
 
 CHUNK = 2048
@@ -73,7 +74,7 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
     per_node = np.zeros(len(mesh.position))
     for part in _chunks(mesh, density):
         a, b = np.triu_indices(part.nodes.shape[1])
-        values = element_masses(part.kind, mesh.position[part.nodes], part.ids)[:, :, 0] * _factors(part, density)
+        values = element_masses(kind_of(part.kind), mesh.position[part.nodes], part.ids)[:, :, 0] * _factors(part, density)
         other = values * (a != b)
         per_node += np.bincount(part.nodes[:, a].ravel(), values.ravel(), len(per_node))
         per_node += np.bincount(part.nodes[:, b].ravel(), other.ravel(), len(per_node))
@@ -158,7 +159,7 @@ def _pattern(mesh: Mesh, regions: Mapping[int, float]) -> Pattern:
 def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
         nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in part.region])
-        return element_stiffnesses(part.kind, position, nu, part.ids)
+        return element_stiffnesses(kind_of(part.kind), position, nu, part.ids)
 
     blocks = _accumulate(mesh, regions, pattern, kernel, 9).reshape(-1, 3, 3)
     return _block_csr(len(mesh.position), pattern, blocks)
@@ -166,7 +167,7 @@ def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sp
 
 def _mass(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
-        return element_masses(part.kind, position, part.ids)
+        return element_masses(kind_of(part.kind), position, part.ids)
 
     values = _accumulate(mesh, regions, pattern, kernel, 1)[:, 0]
     return _scalar_csr(len(mesh.position), pattern, values)

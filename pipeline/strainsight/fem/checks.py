@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.fem.elements import MIDSIDE_EDGES, SOLID_KINDS
+from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Material, Mesh
 
 # an arc of 120° on one side puts its middle 0.29 side lengths off, a quarter-point node 0.25
@@ -29,8 +29,6 @@ def check_geometry(mesh: Mesh) -> None:
             entity=("node", int(node)),
         )
     for block in mesh.blocks:
-        if block.kind not in SOLID_KINDS:
-            raise DeckError(f"element {block.ids[0]} is a {block.kind}", remedy=f"use {', '.join(SOLID_KINDS)}")
         _check_midsides(mesh, block)
         for number in np.unique(block.region):
             if int(number) not in mesh.regions:
@@ -74,7 +72,8 @@ def _check_material(m: Material) -> None:
 
 def _check_midsides(mesh: Mesh, block: CellBlock) -> None:
     """Mid-side nodes in another order than VTK's can leave |J| > 0 at every quadrature point: look at each."""
-    for node, ends in MIDSIDE_EDGES.get(block.kind, {}).items():
+    kind = kind_of(block.kind)
+    for node, ends in enumerate(kind.edges, start=kind.corners):
         a, b, m = (mesh.position[block.nodes[:, i]] for i in (*ends, node))
         off = np.linalg.norm(m - 0.5 * (a + b), axis=1) / np.linalg.norm(b - a, axis=1)
         worst = int(np.argmax(off))

@@ -5,61 +5,62 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.fem.elements import bubble_gradient, centre, shape, shape_gradient
-from strainsight.fem.quadrature import quadrature
+from strainsight.mesh.kinds.kind import ElementKind
 
 
-def element_stiffnesses(kind: str, position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Stiffness of isotropic elements with unit modulus:
 
         K_ab = ∫ λ g_a g_bᵀ + μ g_b g_aᵀ + μ (g_a·g_b) I dV,    g_a = J⁻ᵀ ∂N_a/∂ξ,
         λ = ν/((1 + ν)(1 − 2ν)),   μ = 1/(2(1 + ν))
 
-    hex8 has the modes 1 − ξ² beside its nodes (Wilson et al. 1973), with the gradients (|J₀|/|J|) J₀⁻ᵀ ∂P/∂ξ of Taylor
-    et al. (1976), whose mean is zero so that constant strain passes; they are condensed: K_uu − K_ua K_aa⁻¹ K_au.
+    Incompatible modes P of a kind stand beside its nodes with the gradients of `bubble_gradients`, whose mean is zero so that
+    constant strain passes; they are condensed: K_uu − K_ua K_aa⁻¹ K_au.
 
     position (e, k, 3) [m]; nu (e,) [-]; ids (e,) for the error message. Returns (e, k(k+1)/2, 9) [m], the 3 × 3 blocks
     of the node pairs a ≤ b in the order of numpy.triu_indices. Raises DeckError where |J| ≤ 0, naming the elements.
     """
-    xi, w = quadrature(kind)
+    xi, w = kind.stiffness
     g, det = gradients(kind, position, xi, ids)
-    if kind == "hex8":
-        g = np.concatenate([g, _bubble_gradients(position, xi, det)], axis=2)
+    if kind.bubble_gradient:
+        g = np.concatenate([g, bubble_gradients(kind, position, xi, det)], axis=2)
     size = g.shape[2]
     root = g * np.sqrt(w * det)[:, :, None, None]
     flat = root.reshape(len(position), len(w), 3 * size)
     outer = np.matmul(flat.swapaxes(1, 2), flat).reshape(-1, size, 3, size, 3)
     lam = (nu / ((1 + nu) * (1 - 2 * nu)))[:, None, None, None]
     mu = (0.5 / (1 + nu))[:, None, None, None]
-    if kind == "hex8":
+    if kind.bubble_gradient:
         K = _isotropic(outer.transpose(0, 1, 3, 2, 4), lam[..., None], mu[..., None])
-        K = _condensed(K, 8)
-        a, b = np.triu_indices(8)
+        K = _condensed(K, len(kind.nodes))
+        a, b = np.triu_indices(len(kind.nodes))
         return K[:, a, b].reshape(len(position), -1, 9)
     a, b = np.triu_indices(size)
     pairs = outer[:, a, :, b, :].swapaxes(0, 1)
     return _isotropic(pairs, lam, mu).reshape(len(position), -1, 9)
 
 
-def element_masses(kind: str, position: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def element_masses(kind: ElementKind, position: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Consistent mass with unit density, m_ab = ∫ N_a N_b dV; the mass of the three components is m ⊗ I₃.
 
     position (e, k, 3) [m]; ids (e,) for the error message. Returns (e, k(k+1)/2, 1) [m³] of the node pairs a ≤ b.
     Raises DeckError where |J| ≤ 0, naming the elements.
     """
-    xi, w = quadrature(kind, "mass")
+    xi, w = kind.mass
     _, det = jacobians(kind, position, xi, ids)
-    N = shape(kind, xi)
+    N = kind.shape(xi)
     a, b = np.triu_indices(N.shape[1])
     return ((det * w) @ (N[:, a] * N[:, b]))[:, :, None]
 
 
-def jacobians(kind: str, position: np.ndarray, xi: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def jacobians(
+    kind: ElementKind, position: np.ndarray, xi: np.ndarray, ids: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """J = ∂x/∂ξ (e, q, 3, 3) [m] with J[d, c] = ∂x_c/∂ξ_d, and |J| (e, q) [m³].
 
     Raises DeckError where |J| ≤ 0, naming the elements.
     """
-    J = np.einsum("qkd,ekc->eqdc", shape_gradient(kind, xi), position, optimize=True)
+    J = np.einsum("qkd,ekc->eqdc", kind.gradient(xi), position, optimize=True)
     det = np.linalg.det(J)
     size = np.ptp(position, axis=1).max(axis=1)[:, None] ** 3
     bad = ~(det > 1e-12 * size).all(axis=1)
@@ -67,7 +68,7 @@ def jacobians(kind: str, position: np.ndarray, xi: np.ndarray, ids: np.ndarray) 
         worst = int(np.argmin(det.min(axis=1) / size[:, 0]))
         names = ", ".join(str(id) for id in ids[bad][:5]) + (", …" if bad.sum() > 5 else "")
         raise DeckError(
-            f"{bad.sum()} {kind} elements are flat or turned inside out: {names} "
+            f"{bad.sum()} {kind.name} elements are flat or turned inside out: {names} "
             f"(least Jacobian {det[worst].min():.3g} m³ in element {ids[worst]})",
             remedy="check the order of their nodes and how far their mid-side nodes are off the middle",
             entity=("element", int(ids[worst])),
@@ -75,16 +76,19 @@ def jacobians(kind: str, position: np.ndarray, xi: np.ndarray, ids: np.ndarray) 
     return J, det
 
 
-def gradients(kind: str, position: np.ndarray, xi: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gradients(
+    kind: ElementKind, position: np.ndarray, xi: np.ndarray, ids: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """g_a = J⁻ᵀ ∂N_a/∂ξ (e, q, k, 3) [1/m] and |J| (e, q) [m³]."""
     J, det = jacobians(kind, position, xi, ids)
-    return np.matmul(shape_gradient(kind, xi), np.linalg.inv(J).swapaxes(2, 3)), det
+    return np.matmul(kind.gradient(xi), np.linalg.inv(J).swapaxes(2, 3)), det
 
 
-def _bubble_gradients(position: np.ndarray, xi: np.ndarray, det: np.ndarray) -> np.ndarray:
-    """(|J₀|/|J|) J₀⁻ᵀ ∂P/∂ξ (e, q, 3, 3)."""
-    J = np.einsum("qkd,ekc->eqdc", shape_gradient("hex8", centre("hex8")[None]), position)[:, 0]
-    g = np.einsum("qid,ecd->eqic", bubble_gradient(xi), np.linalg.inv(J))
+def bubble_gradients(kind: ElementKind, position: np.ndarray, xi: np.ndarray, det: np.ndarray) -> np.ndarray:
+    """(|J₀|/|J|) J₀⁻ᵀ ∂P/∂ξ (e, q, p, 3) [1/m] of the incompatible modes, J₀ at the centre (Taylor et al. 1976)."""
+    assert kind.bubble_gradient is not None
+    J = np.einsum("qkd,ekc->eqdc", kind.gradient(kind.centre), position)[:, 0]
+    g = np.einsum("qid,ecd->eqic", kind.bubble_gradient(xi), np.linalg.inv(J))
     return g * (np.linalg.det(J)[:, None] / det)[:, :, None, None]
 
 

@@ -15,6 +15,7 @@ from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
 from strainsight.fem.point_masses import point_mass_matrix, turning_masses
 from strainsight.fem.support import require_support
+from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Mesh
 
 
@@ -53,7 +54,7 @@ def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: 
     Raises DeckError and UserError of `assemble`, `constraint_transform` and `require_support`.
     """
     if not any(len(block.ids) for block in mesh.blocks):
-        raise DeckError("the mesh has no solid elements", remedy="give it tetrahedra, hexahedra or wedges")
+        raise DeckError("the mesh has no solid elements", remedy=f"give it {FAMILIES}")
     constraint = constraint_transform(mesh, rotations=turning_masses(mesh))
     if constraint.transform.shape[1] == 0:
         raise DeckError("every node is clamped", remedy="free the nodes that are to move")

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from strainsight.fem.element_matrices import gradients, jacobians
-from strainsight.fem.elements import REFERENCE_NODES, bubble_gradient, centre, shape, shape_gradient
-from strainsight.fem.quadrature import quadrature
-from strainsight.mesh.facets import FACET_KINDS, FACETS, Facets
+from strainsight.fem.element_matrices import bubble_gradients, gradients, jacobians
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS, kind_of
+from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import CellBlock, Mesh
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")
@@ -37,7 +37,7 @@ class StrainRows:
 def facet_strain(mesh: Mesh, facets: Facets) -> StrainRows:
     """Strain at the centre of every facet, of the solid it belongs to:  ε = Σ_a sym(z_a ⊗ g_a),  g_a = J⁻ᵀ ∂N_a/∂ξ.
 
-    hex8 has its incompatible modes too, at the amplitudes to which the assembly condenses them (α = −K_aa⁻¹K_au z) and
+    Incompatible modes of a kind count too, at the amplitudes to which the assembly condenses them (α = −K_aa⁻¹K_au z) and
     with their own gradients −2ξᵢ J⁻ᵀeᵢ. At a facet's centre these are along its normal: they add to the strain across the
     facet, and nothing to that along it, which is the gauges'.
     facets (f) of this mesh. Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
@@ -70,9 +70,8 @@ def _rows(mesh: Mesh, facets: Facets, nodal: bool) -> sparse.csr_array:
     first = np.r_[0, np.cumsum(count)]
     value, row, column = [], [], []
     for block, local, which, element in _groups(mesh, facets):
-        name = FACET_KINDS[facets.kind[which[0]]]
-        on_facet = REFERENCE_NODES[name] if nodal else centre(name)[None]
-        xi = shape(name, on_facet) @ REFERENCE_NODES[block.kind][list(local)]
+        kind = FACETS[facets.kind[which[0]]]
+        xi = kind.shape(kind.nodes if nodal else kind.centre) @ kind_of(block.kind).nodes[list(local)]
         nodes = block.nodes[element]
         B = _strain(mesh, block, element, xi)
         at = first[which][:, None] + np.arange(len(xi))
@@ -96,7 +95,7 @@ def _groups(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int, 
         place = np.searchsorted(block.ids, facets.element_id, sorter=order)
         row = order[np.minimum(place, len(order) - 1)] if len(order) else np.zeros(len(place), dtype=np.int64)
         own = np.flatnonzero(block.ids[row] == facets.element_id) if len(order) else row[:0]
-        for number, (_, local) in enumerate(FACETS[block.kind], start=1):
+        for number, (_, local) in enumerate(kind_of(block.kind).facets, start=1):
             which = own[facets.facet[own] == number]
             for start in range(0, len(which), CHUNK):
                 part = which[start : start + CHUNK]
@@ -105,34 +104,31 @@ def _groups(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int, 
 
 def _strain(mesh: Mesh, block: CellBlock, element: np.ndarray, xi: np.ndarray) -> np.ndarray:
     """B (e, q, 6, k, 3) of elements at their reference points ξ (q, 3)."""
-    position, ids = mesh.position[block.nodes[element]], block.ids[element]
-    g, _ = gradients(block.kind, position, xi, ids)
+    kind, position, ids = kind_of(block.kind), mesh.position[block.nodes[element]], block.ids[element]
+    g, _ = gradients(kind, position, xi, ids)
     B = _symmetric_gradient(g)
-    if block.kind != "hex8":
+    if kind.bubble_gradient is None:
         return B
-    J, _ = jacobians("hex8", position, xi, ids)
-    bubble = np.matmul(bubble_gradient(xi), np.linalg.inv(J).swapaxes(2, 3))
+    J, _ = jacobians(kind, position, xi, ids)
+    bubble = np.matmul(kind.bubble_gradient(xi), np.linalg.inv(J).swapaxes(2, 3))
     nu = np.array(
         [mesh.materials[mesh.regions[int(region)].material].poisson_ratio for region in block.region[element]]
     )
-    amplitude = bubble_amplitudes(position, nu, ids)
-    added = _symmetric_gradient(bubble).reshape(len(element), -1, 9) @ amplitude
+    amplitude = bubble_amplitudes(kind, position, nu, ids)
+    added = _symmetric_gradient(bubble).reshape(len(element), -1, amplitude.shape[1]) @ amplitude
     return B + added.reshape(B.shape)
 
 
-def bubble_amplitudes(position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """α = −K_aa⁻¹K_au z of the incompatible modes of hex8 (Wilson et al. 1973), with the gradients of `element_stiffnesses`.
+def bubble_amplitudes(kind: ElementKind, position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """α = −K_aa⁻¹K_au z of the incompatible modes of a kind, with the gradients of `element_stiffnesses`.
 
-    position (e, 8, 3) [m]; nu (e,); ids for the error message. Returns (e, 9, 24), rows 3·mode + component.
+    position (e, k, 3) [m]; nu (e,); ids for the error message. Returns (e, 3p, 3k), rows 3·mode + component.
     """
-    xi, w = quadrature("hex8")
-    g, det = gradients("hex8", position, xi, ids)
-    middle = np.einsum("qkd,ekc->eqdc", shape_gradient("hex8", centre("hex8")[None]), position)[:, 0]
-    own = np.einsum("qid,ecd->eqic", bubble_gradient(xi), np.linalg.inv(middle))
-    own *= (np.linalg.det(middle)[:, None] / det)[:, :, None, None]
+    xi, w = kind.stiffness
+    g, det = gradients(kind, position, xi, ids)
+    own = bubble_gradients(kind, position, xi, det)
     weight = (w * det)[:, :, None, None]
-    Bu = _symmetric_gradient(g).reshape(len(ids), len(w), 6, 24)
-    Ba = _symmetric_gradient(own).reshape(len(ids), len(w), 6, 9)
+    Bu, Ba = (_symmetric_gradient(part).reshape(len(ids), len(w), 6, -1) for part in (g, own))
     DBa = np.swapaxes(weight * isotropic(Ba, *(part[:, None, None] for part in lame(nu))), 2, 3)
     return -np.linalg.solve((DBa @ Ba).sum(axis=1), (DBa @ Bu).sum(axis=1))
 

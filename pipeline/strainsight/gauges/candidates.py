@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.fem.elements import centre
 from strainsight.gauges.admissible import admissible
 from strainsight.gauges.surface import turned
 from strainsight.gauges.zones import Zone
-from strainsight.mesh.facets import FACET_KINDS, Facets
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
 
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
@@ -29,7 +29,7 @@ def _unset() -> np.ndarray:
 class Candidates:
     """Channels that could be glued, m of them, those of one gauge one behind the other.
 
-    element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACET_KINDS, −1 where there is no
+    element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACETS, −1 where there is no
     facet; nodes (m, 8) indices padded with −1; position (m, 3) [m]; normal (m, 3) outward; direction (m, 3) unit, tangent
     where strain is measured; angle (m,) [deg]; local (m, 2) ξ on the facet; length (m,) [m] of the grid over which strain
     is averaged, 0 at the point; quantity (m,) STRAIN, ACCELERATION or DISPLACEMENT; gauge (m,) number of the gauge,
@@ -100,7 +100,7 @@ def concatenate(parts: Sequence[Candidates]) -> Candidates:
 
 def centres(kind: np.ndarray) -> np.ndarray:
     """ξ of the centres of facets by their kinds (m,): (m, 2), zero where there is no facet."""
-    table = np.array([*(centre(name) for name in FACET_KINDS), np.zeros(2)])
+    table = np.array([*(kind.centre for kind in FACETS), np.zeros(2)])
     return table[np.asarray(kind, dtype=np.int64)]
 
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from strainsight.fem.elements import REFERENCE_NODES
 from strainsight.gauges.surface import by_kind, facet_points, normals
-from strainsight.mesh.facets import CORNERS, Facets
+from strainsight.mesh.facets import Facets
 
 SHARP = np.deg2rad(30.0)
 
@@ -39,12 +38,11 @@ def edges_of(position: np.ndarray, facets: Facets) -> Edges:
     are quadratic.
     """
     rows: list[tuple[np.ndarray, ...]] = []
-    for name, which, nodes in by_kind(facets.kind, facets.nodes):
-        corners = CORNERS[name]
-        for a in range(corners):
-            b = (a + 1) % corners
-            xi = 0.5 * (REFERENCE_NODES[name][a] + REFERENCE_NODES[name][b])
-            x, J = facet_points(name, position[nodes], np.tile(xi, (len(nodes), 1)))
+    for kind, which, nodes in by_kind(facets.kind, facets.nodes):
+        for a in range(kind.corners):
+            b = (a + 1) % kind.corners
+            xi = 0.5 * (kind.nodes[a] + kind.nodes[b])
+            x, J = facet_points(kind, position[nodes], np.tile(xi, (len(nodes), 1)))
             rows.append((which, np.full(len(which), a), np.sort(nodes[:, [a, b]], axis=1), x, normals(J)))
     if not rows:
         none = np.zeros(0, dtype=np.int64)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from strainsight.fem.elements import REFERENCE_NODES, shape_gradient
 from strainsight.gauges.surface import by_kind, facet_centres, facet_points
 from strainsight.gauges.walk import Skin
-from strainsight.mesh.facets import CORNERS
+from strainsight.mesh.kinds.kind import Kind
 
 FIRST = 6
 """Facets by their centres that give a first bound on the distance."""
@@ -52,17 +51,17 @@ def locate(skin: Skin, points: np.ndarray) -> Located:
 
 def _radius(skin: Skin, centre: np.ndarray) -> np.ndarray:
     radius = np.zeros(len(centre))
-    for name, which, nodes in by_kind(skin.facets.kind, skin.facets.nodes):
+    for kind, which, nodes in by_kind(skin.facets.kind, skin.facets.nodes):
         far = np.linalg.norm(skin.position[nodes] - centre[which, None], axis=2).max(axis=1)
-        radius[which] = far * (REACH if len(REFERENCE_NODES[name]) > CORNERS[name] else 1.0)
+        radius[which] = far * (REACH if kind.edges else 1.0)
     return radius
 
 
 def _nearest(skin: Skin, points: np.ndarray, of: np.ndarray, facet: np.ndarray) -> Located:
     """The best facet of every point among pairs of a point (k,) and a facet (k,)."""
     local, x = np.zeros((len(of), 2)), np.zeros((len(of), 3))
-    for name, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
-        local[which], x[which] = project(name, skin.position[nodes], points[of[which]])
+    for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
+        local[which], x[which] = project(kind, skin.position[nodes], points[of[which]])
     distance = np.linalg.norm(x - points[of], axis=1)
     step = 1e-9 * skin.size[facet].max(initial=1e-300)
     order = np.lexsort((facet, np.round(distance / step), of))
@@ -70,26 +69,25 @@ def _nearest(skin: Skin, points: np.ndarray, of: np.ndarray, facet: np.ndarray) 
     return Located(facet[first], local[first], x[first], distance[first])
 
 
-def project(name: str, corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def project(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ξ (k, 2) and x(ξ) (k, 3) of the point of each facet, its edges included, that is nearest to its point (k, 3).
 
     Inside, Newton's method for min |x(ξ) − p|² from the nearest of a few samples; on every edge, a parabola in t, the same in
     one dimension. corners (k, n, 3) [m] all nodes of the facets.
     """
-    simplex = name.startswith("tri")
-    local, best = _inside(name, simplex, corners, points)
-    x, _ = facet_points(name, corners, local)
+    local, best = _inside(kind, corners, points)
+    x, _ = facet_points(kind, corners, local)
     least = np.linalg.norm(x - points, axis=1)
     least[~best] = np.inf
-    reference, count = REFERENCE_NODES[name], CORNERS[name]
+    reference, count = kind.nodes, kind.corners
     for a in range(count):
         b = (a + 1) % count
         left, right = corners[:, a], corners[:, b]
         mean = 0.5 * (left + right)
-        middle = corners[:, count + a] if len(reference) > count else mean
+        middle = corners[:, count + a] if kind.edges else mean
         t = _along(middle - points, 0.5 * (right - left), mean - middle)
         xi = 0.5 * (reference[a] + reference[b]) + 0.5 * t[:, None] * (reference[b] - reference[a])
-        at, _ = facet_points(name, corners, xi)
+        at, _ = facet_points(kind, corners, xi)
         apart = np.linalg.norm(at - points, axis=1)
         nearer = apart < least
         local[nearer], x[nearer], least[nearer] = xi[nearer], at[nearer], apart[nearer]
@@ -110,21 +108,21 @@ def _along(c: np.ndarray, b: np.ndarray, a: np.ndarray) -> np.ndarray:
     return t
 
 
-def _inside(name: str, simplex: bool, corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _inside(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ξ (k, 2) of the nearest point of the facet's interior, and whether it is one (k,)."""
-    line = (np.arange(4) + 0.5) / 4
+    simplex, line = kind.corners == 3, (np.arange(4) + 0.5) / 4
     if simplex:
         samples = np.array([(u, v) for u in line for v in line if u + v < 1])
     else:
         samples = np.array([(u, v) for u in 2 * line - 1 for v in 2 * line - 1])
-    apart = np.stack([facet_points(name, corners, np.tile(s, (len(corners), 1)))[0] - points for s in samples], axis=1)
+    apart = np.stack([facet_points(kind, corners, np.tile(s, (len(corners), 1)))[0] - points for s in samples], axis=1)
     xi = samples[np.argmin(np.sum(apart**2, axis=2), axis=1)]
     for _ in range(20):
-        x, J = facet_points(name, corners, xi)
+        x, J = facet_points(kind, corners, xi)
         miss = x - points
         slope = np.einsum("kca,kc->ka", J, miss)
         flat = np.swapaxes(J, 1, 2) @ J
-        H = flat + _bend(name, corners, xi, miss)
+        H = flat + _bend(kind, corners, xi, miss)
         trace, det = np.trace(H, axis1=1, axis2=2), np.linalg.det(H)
         sound = (trace > 0) & (det > 1e-3 * np.linalg.det(flat))
         H = np.where(sound[:, None, None], H, flat)
@@ -135,11 +133,11 @@ def _inside(name: str, simplex: bool, corners: np.ndarray, points: np.ndarray) -
     return xi, within
 
 
-def _bend(name: str, corners: np.ndarray, xi: np.ndarray, miss: np.ndarray) -> np.ndarray:
+def _bend(kind: Kind, corners: np.ndarray, xi: np.ndarray, miss: np.ndarray) -> np.ndarray:
     """(x − p)·∂²x/∂ξ∂ξ (k, 2, 2); central differences of the gradients, which are polynomials of degree 2, are exact."""
     second = []
     for b in np.eye(2):
-        ahead, behind = shape_gradient(name, xi + 0.5 * b), shape_gradient(name, xi - 0.5 * b)
+        ahead, behind = kind.gradient(xi + 0.5 * b), kind.gradient(xi - 0.5 * b)
         second.append(np.einsum("kna,knc,kc->ka", ahead - behind, corners, miss))
     H = np.stack(second, axis=2)
     return 0.5 * (H + np.swapaxes(H, 1, 2))

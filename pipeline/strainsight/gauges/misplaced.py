@@ -79,8 +79,8 @@ def _moved(
     held = np.zeros(len(first), dtype=bool)
     held[go] = ~(trail.reached & ok)
     x, after = first.position.copy(), n.copy()
-    for name, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
-        x[which], J = facet_points(name, skin.position[nodes], local[which])
+    for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
+        x[which], J = facet_points(kind, skin.position[nodes], local[which])
         after[which] = normals(J)
     g = candidates.gauge
     return replace(

@@ -128,7 +128,7 @@ def _grids(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Point
 def normals_at(skin: Skin, facet: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Outward unit normals (p, 3) at ξ (p, 2) of the facets (p,)."""
     n = np.zeros((len(facet), 3))
-    for name, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
-        _, J = facet_points(name, skin.position[nodes], local[which])
+    for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
+        _, J = facet_points(kind, skin.position[nodes], local[which])
         n[which] = normals(J)
     return n

@@ -6,13 +6,13 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import InfeasibleError
-from strainsight.fem.elements import shape, shape_gradient
 from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.misplaced import misplaced
 from strainsight.gauges.points import Points, points_of, stays, surface_of
 from strainsight.gauges.surface import by_kind, facet_points
 from strainsight.gauges.walk import Skin
 from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds.kind import Kind
 
 
 def channel_rows(
@@ -67,7 +67,7 @@ def channel_matrix(
             remedy="a shorter grid, or none near edges: "
             f"exclude: [{{near_edges: {0.5 * float(candidates.length[first]):.3g}}}]",
         )
-    entries = [_entries(position, points.take(part), name) for name, part, _ in by_kind(points.kind, points.nodes)]
+    entries = [_entries(position, points.take(part), kind) for kind, part, _ in by_kind(points.kind, points.nodes)]
     value, row, column = (
         (np.concatenate(parts) for parts in zip(*entries, strict=True)) if entries else (np.zeros(0),) * 3
     )
@@ -75,17 +75,17 @@ def channel_matrix(
     return sparse.csr_array(sparse.coo_array((value, (row.astype(int), column.astype(int))), shape=shape_))
 
 
-def _entries(position: np.ndarray, points: Points, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _entries(position: np.ndarray, points: Points, kind: Kind) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Value, row and column of every entry of the points (p) on facets of one kind."""
-    N = shape(name, points.local)
+    N = kind.shape(points.local)
     nodes = points.nodes[:, : N.shape[1]]
     d = points.direction
     strain = points.quantity == STRAIN
     if strain.any():
-        _, J = facet_points(name, position[nodes[strain]], points.local[strain])
+        _, J = facet_points(kind, position[nodes[strain]], points.local[strain])
         # d in the dual base of the tangents: solve (JᵀJ) s = Jᵀd.
         s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, d[strain])[..., None])
-        N[strain] = (shape_gradient(name, points.local[strain]) @ s)[..., 0]
+        N[strain] = (kind.gradient(points.local[strain]) @ s)[..., 0]
     value = (points.weight[:, None] * N)[..., None] * d[:, None]
     row = np.broadcast_to(points.channel[:, None, None], value.shape)
     column = 3 * nodes[..., None] + np.arange(3)

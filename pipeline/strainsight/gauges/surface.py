@@ -6,25 +6,25 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from strainsight.fem.elements import REFERENCE_NODES, centre, shape, shape_gradient
-from strainsight.mesh.facets import FACET_KINDS
+from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.kinds.kind import Kind
 
 
-def by_kind(kind: np.ndarray, nodes: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """(name, which (m,), nodes (m, k) unpadded) of every facet kind that occurs; kind (f,) codes, nodes (f, 8)."""
-    for code in np.unique(kind):
-        name = FACET_KINDS[code]
-        which = np.flatnonzero(kind == code)
-        yield name, which, nodes[which, : len(REFERENCE_NODES[name])]
+def by_kind(code: np.ndarray, nodes: np.ndarray) -> Iterator[tuple[Kind, np.ndarray, np.ndarray]]:
+    """(kind, which (m,), nodes (m, k) unpadded) of every facet kind that occurs; code (f,) into FACETS, nodes (f, 8)."""
+    for number in np.unique(code):
+        kind = FACETS[number]
+        which = np.flatnonzero(code == number)
+        yield kind, which, nodes[which, : len(kind.nodes)]
 
 
-def facet_points(name: str, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def facet_points(kind: Kind, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """x(ξ) = Σ Nₖ xₖ and its tangents J = ∂x/∂ξ of every facet at its own ξ.
 
     corners (m, k, 3) [m] all nodes of the facets; xi (m, 2) [-]. Returns x (m, 3) [m] and J (m, 3, 2) [m].
     """
-    x = np.einsum("mk,mkc->mc", shape(name, xi), corners)
-    return x, np.einsum("mka,mkc->mca", shape_gradient(name, xi), corners)
+    x = np.einsum("mk,mkc->mc", kind.shape(xi), corners)
+    return x, np.einsum("mka,mkc->mca", kind.gradient(xi), corners)
 
 
 def normals(J: np.ndarray) -> np.ndarray:
@@ -36,11 +36,11 @@ def normals(J: np.ndarray) -> np.ndarray:
     return np.where(flat, n / np.where(flat, length, 1.0), 0.0)
 
 
-def facet_centres(position: np.ndarray, kind: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (f, 3) [m] and outward unit normal there (f, 3); position (n, 3) [m], kind (f,) codes, nodes (f, 8)."""
-    x, n = np.zeros((len(kind), 3)), np.zeros((len(kind), 3))
-    for name, which, own in by_kind(kind, nodes):
-        x[which], J = facet_points(name, position[own], np.tile(centre(name), (len(which), 1)))
+def facet_centres(position: np.ndarray, code: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (f, 3) [m] and outward unit normal there (f, 3); position (n, 3) [m], code (f,) into FACETS, nodes (f, 8)."""
+    x, n = np.zeros((len(code), 3)), np.zeros((len(code), 3))
+    for kind, which, own in by_kind(code, nodes):
+        x[which], J = facet_points(kind, position[own], np.tile(kind.centre, (len(which), 1)))
         n[which] = normals(J)
     return x, n
 

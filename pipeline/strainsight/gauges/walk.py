@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.fem.elements import REFERENCE_NODES
 from strainsight.gauges.edges import edges_of
 from strainsight.gauges.surface import by_kind, facet_centres, facet_points
-from strainsight.mesh.facets import CORNERS, Facets
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds.kind import Kind
 
 TURNS = 60.0
 """Degrees: a surface that has turned by more than this away from where the walk began ends it as an edge would."""
@@ -58,14 +58,13 @@ def skin_of(position: np.ndarray, facets: Facets) -> Skin:
     for a, b in ((smooth, smooth + 1), (smooth + 1, smooth)):
         beyond[edges.facet[a], edges.side[a]] = edges.facet[b]
         side[edges.facet[a], edges.side[a]] = edges.side[b]
-    for name, which, nodes in by_kind(facets.kind, facets.nodes):
+    for kind, which, nodes in by_kind(facets.kind, facets.nodes):
         x = position[nodes]
         size[which] = np.linalg.norm(x.max(axis=1) - x.min(axis=1), axis=1)
-        corners = CORNERS[name]
-        for a in range(corners):
-            left, right = x[:, a], x[:, (a + 1) % corners]
+        for a in range(kind.corners):
+            left, right = x[:, a], x[:, (a + 1) % kind.corners]
             mean = 0.5 * (left + right)
-            middle = x[:, corners + a] if len(REFERENCE_NODES[name]) > corners else mean
+            middle = x[:, kind.corners + a] if kind.edges else mean
             curve[which, a] = np.stack([middle, 0.5 * (right - left), mean - middle], axis=1)
     _, normal = facet_centres(position, facets.kind, facets.nodes)
     return Skin(position, facets, beyond, side, curve, size, normal)
@@ -172,21 +171,20 @@ def local_at(
     facet (p,) index; origin x₀ (p, 3) [m]; plane (p, 2, 3) unit e₁, e₂; target (p, 2) [m]. Returns ξ and found (p,).
     """
     xi, found = np.zeros((len(facet), 2)), np.zeros(len(facet), dtype=bool)
-    for name, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
+    for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
         corners, own = skin.position[nodes], plane[which]
-        xi[which], found[which] = _newton(name, corners, origin[which], own, target[which], skin.size[facet[which]])
+        xi[which], found[which] = _newton(kind, corners, origin[which], own, target[which], skin.size[facet[which]])
     return xi, found
 
 
 def _newton(
-    name: str, corners: np.ndarray, origin: np.ndarray, plane: np.ndarray, target: np.ndarray, size: np.ndarray
+    kind: Kind, corners: np.ndarray, origin: np.ndarray, plane: np.ndarray, target: np.ndarray, size: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    reference = REFERENCE_NODES[name]
-    xi = np.tile(reference[: CORNERS[name]].mean(axis=0), (len(corners), 1))
+    xi = np.tile(kind.centre, (len(corners), 1))
     enough = 1e-11 * size + 4e-16 * np.abs(origin).max(axis=1, initial=0.0)
     left = np.arange(len(corners))
     for _ in range(25):
-        x, J = facet_points(name, corners[left], xi[left])
+        x, J = facet_points(kind, corners[left], xi[left])
         miss = target[left] - np.einsum("mac,mc->ma", plane[left], x - origin[left])
         off = np.abs(miss).max(axis=1, initial=0.0) >= enough[left]
         left, J, miss = left[off], J[off], miss[off]

@@ -14,12 +14,10 @@ from strainsight.errors import DeckError
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
-ELEMENT_KINDS = ("tet4", "tet10", "hex8", "hex20", "wedge6", "wedge15")
-
 
 @dataclass(frozen=True)
 class CellBlock:
-    """Elements of one kind: ids (n,) of the file, nodes (n, k) indices of nodes in VTK order, region (n,) ids."""
+    """Elements of one of the `kinds`: ids (n,) of the file, nodes (n, k) indices of nodes in VTK order, region (n,) ids."""
 
     kind: str
     ids: IntArray

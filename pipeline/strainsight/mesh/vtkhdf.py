@@ -12,23 +12,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strainsight.mesh.facets import FACET_KINDS, Facets
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 
-VTK_TYPE = {
-    "vertex": 1,
-    "line": 3,
-    "tri3": 5,
-    "tri6": 22,
-    "quad4": 9,
-    "quad8": 23,
-    "tet4": 10,
-    "tet10": 24,
-    "hex8": 12,
-    "hex20": 25,
-    "wedge6": 13,
-    "wedge15": 26,
-}
+VTK_TYPE = {"vertex": 1, "line": 3} | {kind.name: kind.vtk for kind in (*FACETS, *ELEMENTS)}
 """VTK's cell type numbers."""
 
 
@@ -108,7 +96,7 @@ def facet_cells(facets: Facets, corner: IntArray | None = None) -> tuple[IntArra
         own = np.flatnonzero(facets.kind == code)
         count = int(np.sum(nodes[own[0]] >= 0))
         local = np.searchsorted(used, nodes[own, :count])
-        blocks.append(CellBlock(FACET_KINDS[code], facets.element_id[own], local, facets.region[own]))
+        blocks.append(CellBlock(FACETS[code].name, facets.element_id[own], local, facets.region[own]))
     return used, tuple(blocks), order
 
 

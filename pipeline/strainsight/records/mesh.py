@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import (
-    ELEMENT_KINDS,
     AveragingElement,
     CellBlock,
     Material,
@@ -284,7 +284,7 @@ class MeshColumns:
             position=self.nodes.position,
             blocks=tuple(
                 CellBlock(kind, cells[kind].id, cells[kind].nodes, cells[kind].region)
-                for kind in ELEMENT_KINDS
+                for kind in (known.name for known in ELEMENTS)
                 if kind in cells
             ),
             regions={row[0]: Region(*row) for row in named},

@@ -10,6 +10,7 @@ from scipy import sparse
 from strainsight.errors import DeckError
 from strainsight.fem.element_matrices import element_masses
 from strainsight.fem.model import FiniteElementModel
+from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Mesh, PointMass
 
 CHUNK = 4096
@@ -94,7 +95,7 @@ def scalar_mass(mesh: Mesh) -> sparse.csr_array:
         for start in range(0, len(block.ids), CHUNK):
             cut = slice(start, start + CHUNK)
             nodes = block.nodes[cut]
-            m = element_masses(block.kind, mesh.position[nodes], block.ids[cut])[:, :, 0] * density[cut, None]
+            m = element_masses(kind_of(block.kind), mesh.position[nodes], block.ids[cut])[:, :, 0] * density[cut, None]
             # half of the diagonal, because the transpose is added below
             values.append((m * np.where(a == b, 0.5, 1.0)).ravel())
             rows.append(nodes[:, a].ravel())

@@ -8,48 +8,31 @@ import pytest
 
 from strainsight.errors import DeckError
 
-CORNERS = {
-    "CTETRA": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
-    "CHEXA": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
-    "CPENTA": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
-}
-# Edges in the order of G5.., G9.., G7.. in the figures of the Quick Reference Guide: bottom, uprights, top.
-NASTRAN_EDGES = {
-    "CTETRA": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
-    "CHEXA": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4)],
-    "CPENTA": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 4), (2, 5), (3, 4), (4, 5), (5, 3)],
-}
-# From the class descriptions of vtkQuadraticTetra, vtkQuadraticHexahedron and vtkQuadraticWedge.
-VTK_EDGES = {
-    "CTETRA": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
-    "CHEXA": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
-    "CPENTA": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
-}
+from ...solids import SOLIDS
 
 
-def quadratic_deck(name: str) -> str:
-    corners = np.array(CORNERS[name], dtype=float) * [1.0, 1.25, 1.5]
-    points = np.vstack([corners, *[(corners[a] + corners[b]) / 2 for a, b in NASTRAN_EDGES[name]]])
+def one_element(kind: str) -> str:
+    solid = SOLIDS[kind]
+    points = solid.points(solid.nastran_edges)
     ids = [50 - i for i in range(len(points))]
     lines = [f"GRID    {i:8d}        " + "".join(f"{x:8.4f}" for x in p) for i, p in zip(ids, points, strict=True)]
     fields = ["7", "1", *map(str, ids)]
     for i in range(0, len(fields), 8):
-        lines.append((name if i == 0 else "+").ljust(8) + "".join(f"{f:>8}" for f in fields[i : i + 8]))
+        lines.append((solid.nastran if i == 0 else "+").ljust(8) + "".join(f"{f:>8}" for f in fields[i : i + 8]))
     return "\n".join([*lines, "PSOLID  1       1", "MAT1    1       2.1+11          .3      7850.", "ENDDATA", ""])
 
 
-@pytest.mark.parametrize("name", CORNERS)
-def test_mid_side_nodes_lie_on_the_edges_that_vtk_says(read, name):
-    mesh = read("BEGIN BULK\n" + quadratic_deck(name))
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_nodes_lie_where_vtk_says(read, kind):
+    mesh = read("BEGIN BULK\n" + one_element(kind))
     (block,) = mesh.blocks
-    x = mesh.position[block.nodes[0]]
-    k = len(CORNERS[name])
-    np.testing.assert_allclose(x[k:], [(x[a] + x[b]) / 2 for a, b in VTK_EDGES[name]], atol=1e-12)
+    assert block.kind == kind
+    np.testing.assert_allclose(mesh.position[block.nodes[0]], SOLIDS[kind].points(), atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["CTETRA", "CHEXA"])  # meshio knows no quadratic wedge
-def test_connectivity_is_what_meshio_reads(read, name, tmp_path):
-    mesh = read("BEGIN BULK\n" + quadratic_deck(name))
+@pytest.mark.parametrize("kind", [kind for kind in SOLIDS if kind != "wedge15"])  # meshio knows no quadratic wedge
+def test_connectivity_is_what_meshio_reads(read, kind, tmp_path):
+    mesh = read("BEGIN BULK\n" + one_element(kind))
     other = meshio.read(tmp_path / "deck.bdf", file_format="nastran")
     np.testing.assert_allclose(mesh.position[mesh.blocks[0].nodes[0]], other.points[other.cells[0].data[0]])
 
@@ -118,7 +101,7 @@ def test_every_card_not_taken_over_is_counted(read, tetrahedron):
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4,5\n,,,7", "2 of 6 mid-side nodes", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,x", "'x', not an integer", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", "property 2 is no PSOLID", 5),
-        ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1", "CPYRAM solids are not taken over", 5),
+        ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1", "CPYRAM solids are not supported", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,10,1,2,1,3,4", "element id 10 stands twice", 6),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,11,1,2,3,1,4", "the same nodes as CTETRA 10", 6),
         ("CTETRA,10,1,1,2,3,4", "CBAR,10,1,1,2", "no solid element", None),

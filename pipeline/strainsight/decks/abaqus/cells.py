@@ -1,4 +1,4 @@
-"""Elements of an *ELEMENT keyword as arrays: solids of six kinds, and others that are only counted."""
+"""Elements of an *ELEMENT keyword as arrays: solids, and others that are only counted."""
 
 from __future__ import annotations
 
@@ -10,44 +10,18 @@ from strainsight.decks.abaqus.text import Keyword, integers, split
 from strainsight.decks.faults import IdTable
 from strainsight.decks.numbers import no_integer, parse_integer
 from strainsight.errors import DeckError
-from strainsight.mesh.model import ELEMENT_KINDS, IntArray
+from strainsight.mesh.kinds import ELEMENTS, FAMILIES
+from strainsight.mesh.kinds.kind import ElementKind
+from strainsight.mesh.model import IntArray
 
-_HYBRID, _MODES = "without its hybrid pressure", "with incompatible modes"
-SOLIDS: dict[str, tuple[str, str]] = {
-    "C3D4": ("tet4", ""),
-    "C3D4H": ("tet4", _HYBRID),
-    "C3D6": ("wedge6", ""),
-    "C3D6H": ("wedge6", _HYBRID),
-    "C3D8": ("hex8", f"{_MODES}, as C3D8I"),
-    "C3D8I": ("hex8", ""),
-    "C3D8S": ("hex8", f"{_MODES}, as C3D8I"),
-    "C3D8R": ("hex8", f"{_MODES}: full integration, no hourglass control"),
-    "C3D8H": ("hex8", f"{_MODES}, {_HYBRID}"),
-    "C3D8HS": ("hex8", f"{_MODES}, {_HYBRID}"),
-    "C3D8IH": ("hex8", _HYBRID),
-    "C3D8RH": ("hex8", f"{_MODES}: full integration, no hourglass control, {_HYBRID}"),
-    "C3D10": ("tet10", ""),
-    "C3D10I": ("tet10", "as C3D10"),
-    "C3D10S": ("tet10", "as C3D10"),
-    "C3D10T": ("tet10", "as C3D10"),
-    "C3D10H": ("tet10", _HYBRID),
-    "C3D10HS": ("tet10", _HYBRID),
-    "C3D10M": ("tet10", "as C3D10, without its modified formulation"),
-    "C3D10MH": ("tet10", f"as C3D10, without its modified formulation, {_HYBRID}"),
-    "C3D15": ("wedge15", ""),
-    "C3D15H": ("wedge15", _HYBRID),
-    "C3D20": ("hex20", ""),
-    "C3D20R": ("hex20", "integrated fully"),
-    "C3D20H": ("hex20", _HYBRID),
-    "C3D20RH": ("hex20", f"integrated fully, {_HYBRID}"),
-}
+SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""
-NODES = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20, "wedge6": 6, "wedge15": 15}
+USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS)
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Elements of one *ELEMENT keyword: type in capitals; kind, "" where it is no solid taken over; ids (m,); nodes in a
+    """Elements of one *ELEMENT keyword: type in capitals; kind, None where it is no solid; ids (m,); nodes in a
     flat (c,) array of rows (−1 where there is none), first (m + 1,) where those of each element begin; data line (m,).
 
     words: position in nodes → entry that is no number (node of an instance, seen from the assembly).
@@ -55,7 +29,7 @@ class Cells:
 
     keyword: Keyword
     type: str
-    kind: str
+    kind: ElementKind | None
     ids: IntArray
     nodes: IntArray
     first: IntArray
@@ -66,20 +40,19 @@ class Cells:
 def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     """The elements of an *ELEMENT keyword, on as many lines each as it takes, with the rows of their nodes in `table`.
 
-    Raises DeckError for a wrong number of nodes, a node that is missing, and solids that are not taken over.
+    Raises DeckError for a wrong number of nodes, a node that is missing, and solids that are not supported.
     """
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
         raise keyword.error(
-            f"{type_} solids are not taken over ({len(keyword.texts)} lines)",
-            "mesh with tetrahedra, hexahedra or wedges (C3D4, C3D10, C3D8, C3D20, C3D6, C3D15)",
+            f"{type_} solids are not supported ({len(keyword.texts)} lines)", f"mesh with {FAMILIES} ({USUAL})"
         )
     if not keyword.texts:
         keyword.rows()
     if type_ not in SOLIDS:
         return _other_cells(keyword, type_, table)
-    kind = SOLIDS[type_][0]
-    width = NODES[kind] + 1
+    kind, _ = SOLIDS[type_]
+    width = len(kind.nodes) + 1
     tokens, counts = keyword.flat()
     ends = np.cumsum(counts)
     first = np.flatnonzero((ends - counts) % width == 0)
@@ -158,9 +131,9 @@ def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
     numbers = [parse_integer(entry) for entry in flat]
     rows, missing = table.rows(np.array([number or 0 for number in numbers], dtype=np.int64))
     words = {i: entry for i, (entry, number) in enumerate(zip(flat, numbers, strict=True)) if number is None}
-    return Cells(keyword, type_, "", ids, np.where(missing, -1, rows), first, np.array(lines), words)
+    return Cells(keyword, type_, None, ids, np.where(missing, -1, rows), first, np.array(lines), words)
 
 
-def kind_index(kind: str) -> int:
-    """Position in ELEMENT_KINDS; −1 for elements that are no solids."""
-    return ELEMENT_KINDS.index(kind) if kind else -1
+def kind_index(kind: ElementKind | None) -> int:
+    """Position in ELEMENTS; −1 for elements that are no solids."""
+    return ELEMENTS.index(kind) if kind else -1

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.abaqus.assembly import assemble
-from strainsight.decks.abaqus.cells import SOLIDS
+from strainsight.decks.abaqus.cells import SOLIDS, USUAL
 from strainsight.decks.abaqus.materials import regions_and_materials
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.supports import concentrated_loads, fixed_components, nodal_axes, point_masses
@@ -18,6 +18,7 @@ from strainsight.decks.abaqus.text import Keyword, read_keywords
 from strainsight.decks.abaqus.ties import Ties, ties
 from strainsight.decks.faults import check_elements
 from strainsight.errors import DeckError
+from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
 
 TAKEN = re.compile(
@@ -40,7 +41,7 @@ REFUSED = {
 def read_abaqus(path: Path, *, required: bool = True) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
-    Taken over: *NODE, *ELEMENT (C3D4, C3D6, C3D8, C3D10, C3D15, C3D20 and their variants, MASS, ROTARYI), *NSET, *ELSET,
+    Taken over: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI), *NSET, *ELSET,
     *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), *SOLID SECTION, *BOUNDARY, *CLOAD,
     *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM), *INCLUDE. What else changes the
     structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there are several instances.
@@ -102,7 +103,7 @@ def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
         raise DeckError(
             "the deck holds no solid element",
             where=str(path),
-            remedy="the model needs C3D4, C3D10, C3D8, C3D20, C3D6 or C3D15 elements",
+            remedy=f"the model needs {FAMILIES} ({USUAL})",
         )
 
 
@@ -137,7 +138,7 @@ def _equations(keyword: Keyword) -> int:
 
 def _reinterpreted(assembly: Assembly) -> list[str]:
     return [
-        f"{count} {type_} taken as {SOLIDS[type_][0]} {SOLIDS[type_][1]}"
+        f"{count} {type_} taken as {SOLIDS[type_][0].name} {SOLIDS[type_][1]}"
         for type_, count in sorted(Counter(assembly.type).items())
         if type_ in SOLIDS and SOLIDS[type_][1]
     ]

@@ -10,8 +10,10 @@ import numpy as np
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.numbers import parse_integer
-from strainsight.mesh.facets import CORNERS, FACET_KINDS, FACETS, Facets, exterior_facets
-from strainsight.mesh.model import ELEMENT_KINDS, CellBlock, FloatArray, IntArray, Mesh
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.kinds import ELEMENTS, FACETS
+from strainsight.mesh.kinds.kind import Kind
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 
 
 @dataclass(frozen=True)
@@ -35,12 +37,11 @@ class _Builder:
 def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
     """Solids by kind: their ids, nodes (rows) and region."""
     blocks = []
-    for i, kind in enumerate(ELEMENT_KINDS):
+    for i, kind in enumerate(ELEMENTS):
         rows = np.flatnonzero(assembly.kind == i)
         if rows.size:
-            width = int(assembly.first[rows[0] + 1] - assembly.first[rows[0]])
-            nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(width)]
-            blocks.append(CellBlock(kind, assembly.element_ids[rows], nodes, region[rows]))
+            nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(len(kind.nodes))]
+            blocks.append(CellBlock(kind.name, assembly.element_ids[rows], nodes, region[rows]))
     return tuple(blocks)
 
 
@@ -86,11 +87,11 @@ def _facets(builder: _Builder, keyword: Keyword, row: Row, scope: Scope) -> list
         return _outside(builder, rows)
     found = []
     for i in np.unique(assembly.kind[rows]):
-        facets = FACETS[ELEMENT_KINDS[i]]
+        facets = ELEMENTS[i].facets
         number = parse_integer(label[1:]) if label.startswith("S") else None
         if number is None or not 1 <= number <= len(facets):
             raise row.error(
-                f"{row.text(1)!r} is no facet of a {ELEMENT_KINDS[i]}", f"write S1 to S{len(facets)}, or nothing"
+                f"{row.text(1)!r} is no facet of a {ELEMENTS[i].name}", f"write S1 to S{len(facets)}, or nothing"
             )
         kind, local = facets[number - 1]
         own = rows[assembly.kind[rows] == i]
@@ -106,23 +107,19 @@ def _outside(builder: _Builder, rows: IntArray) -> list[tuple[IntArray, FloatArr
     outside = builder.exterior
     chosen = np.isin(outside.element_id, builder.assembly.element_ids[rows])
     found = []
-    for i, kind in enumerate(FACET_KINDS):
+    for i, kind in enumerate(FACETS):
         nodes = outside.nodes[chosen & (outside.kind == i)]
         if nodes.size:
-            found.append(_shares(builder.assembly, kind, nodes[:, : len(_reference(kind))]))
+            found.append(_shares(builder.assembly, kind, nodes[:, : len(kind.nodes)]))
     return found
 
 
-def _reference(kind: str) -> tuple[int, ...]:
-    return next(local for facets in FACETS.values() for name, local in facets if name == kind)
-
-
-def _shares(assembly: Assembly, kind: str, nodes: IntArray) -> tuple[IntArray, FloatArray]:
+def _shares(assembly: Assembly, kind: Kind, nodes: IntArray) -> tuple[IntArray, FloatArray]:
     """Each node of facets (f, k) with a k-th of the area between the facet's corners."""
-    x = assembly.position[nodes[:, : CORNERS[kind]]]
+    x = assembly.position[nodes[:, : kind.corners]]
     area = 0.5 * np.linalg.norm(
         np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-        if CORNERS[kind] == 3
+        if kind.corners == 3
         else np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]),
         axis=1,
     )

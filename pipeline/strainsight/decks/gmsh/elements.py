@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
+from strainsight.mesh.kinds import ELEMENTS
 
 
 class ElementType(NamedTuple):
@@ -71,20 +71,12 @@ TYPES: Mapping[int, ElementType] = {
 }
 """Number → type, up to the fifth order of lines and surfaces."""
 
-KINDS: Mapping[int, str] = {4: "tet4", 5: "hex8", 6: "wedge6", 11: "tet10", 17: "hex20", 18: "wedge15"}
-"""The solids that are taken over."""
-
-TO_VTK: Mapping[str, np.ndarray] = {
-    # gmsh numbers the mid-sides of hexahedra and prisms by ascending ends of the edges, VTK bottom, top, uprights.
-    "tet10": np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 8]),
-    "hex20": np.array([*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]),
-    "wedge15": np.array([*range(6), 6, 9, 7, 12, 14, 13, 8, 10, 11]),
-}
-"""VTK's node a is gmsh's node TO_VTK[kind][a]."""
+KINDS = {kind.gmsh: kind for kind in ELEMENTS}
+"""The solids that are supported."""
 
 
 def remedy(number: int) -> str:
-    """What to do about a solid that is not taken over."""
+    """What to do about a solid that is not supported."""
     kind = TYPES[number]
     if "pyramid" in kind.name:
         return (

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.faults import IdTable, Where, check_elements, check_nodes, plural
-from strainsight.decks.gmsh.elements import KINDS, TO_VTK, TYPES, remedy
+from strainsight.decks.gmsh.elements import KINDS, TYPES, remedy
 from strainsight.decks.gmsh.records import Chunk, NodeRows
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
 from strainsight.errors import DeckError
-from strainsight.mesh.model import ELEMENT_KINDS, CellBlock, IntArray, Mesh, Origin, Region
+from strainsight.mesh.kinds import ELEMENTS
+from strainsight.mesh.kinds.kind import in_order
+from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin, Region
 
 __all__ = ["is_gmsh", "read_gmsh"]
 
@@ -99,7 +101,7 @@ def _check_types(solids: list[Chunk], elements: list[Chunk] | None, path: str, w
             name, count = TYPES[chunk.type].name, sum(len(c.ids) for c in solids if c.type == chunk.type)
             element = int(chunk.ids[0])
             raise DeckError(
-                f"element {element} is a {name}, which is not taken over ({count} in the file)",
+                f"element {element} is a {name}, which is not supported ({count} in the file)",
                 where=where("element", element),
                 remedy=remedy(chunk.type),
                 entity=("element", element),
@@ -164,15 +166,15 @@ def _blocks(
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
         notes.append(f"{plural(count, 'element')} in several physical volumes ({both}): region of the lowest tag")
     blocks = []
-    for kind in ELEMENT_KINDS:
-        own = [chunk for chunk in solids if KINDS[chunk.type] == kind]
+    for kind in ELEMENTS:
+        own = [chunk for chunk in solids if chunk.type == kind.gmsh]
         if not own:
             continue
         index = np.concatenate([_indices(chunk, table, where) for chunk in own])
         region = [np.full(len(chunk.ids), min(chunk.groups, default=spare)) for chunk in own]
         ids = np.concatenate([chunk.ids for chunk in own])
-        order = TO_VTK.get(kind, np.arange(index.shape[1]))
-        blocks.append(CellBlock(kind, ids, index[:, order], np.concatenate(region).astype(np.int64)))
+        nodes = in_order(index, kind.gmsh_order)
+        blocks.append(CellBlock(kind.name, ids, nodes, np.concatenate(region).astype(np.int64)))
     used = {int(tag) for block in blocks for tag in np.unique(block.region)}
     return tuple(blocks), {tag: region for tag, region in regions.items() if tag in used}, notes
 

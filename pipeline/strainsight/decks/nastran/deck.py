@@ -30,11 +30,10 @@ TAKEN = {
 def read_nastran(path: Path, *, required: bool = True) -> Mesh:
     """A Nastran deck in its own units, with its own ids.
 
-    Taken over: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, CTETRA, CHEXA, CPENTA (linear and quadratic), PSOLID,
-    MAT1, SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, FORCE, SET1, SET3, case-control SPC and SET, PARAM WTMASS, INCLUDE. Every
-    other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk data
-    "SET1-5"; FORCE cards of set 5 are the load "FORCE-5". Without a selection in the case control the only set of supports
-    counts.
+    Taken over: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
+    SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, FORCE, SET1, SET3, case-control SPC and SET, PARAM WTMASS, INCLUDE. Every other
+    card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk data "SET1-5"; FORCE
+    cards of set 5 are the load "FORCE-5". Without a selection in the case control the only set of supports counts.
     required: there have to be solids. Raises DeckError with file:line for what cannot be taken over as it stands.
     """
     path = Path(path)

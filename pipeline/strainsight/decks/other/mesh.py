@@ -12,19 +12,13 @@ from strainsight.decks.faults import check_elements, check_nodes, plural
 from strainsight.decks.other.apart import load_apart
 from strainsight.decks.other.arrays import Labels, labels, numbers_of, switches
 from strainsight.decks.other.load import Loaded, load
-from strainsight.decks.other.orders import MIRRORED, in_our_order
+from strainsight.decks.other.orders import in_our_order
 from strainsight.errors import DeckError
-from strainsight.mesh.model import ELEMENT_KINDS, CellBlock, FloatArray, IntArray, Mesh, Region
+from strainsight.mesh.kinds import ELEMENTS, FAMILIES
+from strainsight.mesh.kinds.kind import in_order
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 
-KINDS = {
-    "tetra": "tet4",
-    "tetra10": "tet10",
-    "hexahedron": "hex8",
-    "voxel": "hex8",
-    "hexahedron20": "hex20",
-    "wedge": "wedge6",
-    "wedge15": "wedge15",
-}
+KINDS = {cell: kind for kind in ELEMENTS for cell in kind.meshio}
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 
@@ -101,14 +95,14 @@ def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
 
 
 def _solids(raw: Any, path: str, required: bool) -> list[int]:
-    """Which blocks of cells are solids that are taken over."""
+    """Which blocks of cells are solids that are supported."""
     found = []
     for i, block in enumerate(raw.cells):
         if block.dim == 3 and block.type not in KINDS and len(block.data):
             raise DeckError(
-                f"{plural(len(block.data), block.type + ' cell')}: not taken over",
+                f"{plural(len(block.data), block.type + ' cell')}: not supported",
                 where=path,
-                remedy="mesh with tetrahedra, hexahedra or wedges, of first order or of second without nodes on facets",
+                remedy=f"mesh with {FAMILIES} ({', '.join(KINDS)})",
             )
         if block.type in KINDS and len(block.data):
             found.append(i)
@@ -122,7 +116,7 @@ def _check_cells(raw: Any, solids: list[int], points: int, path: str) -> None:
     remedy = "write the mesh again: the file is damaged"
     for b in solids:
         kind, nodes = raw.cells[b].type, np.asarray(raw.cells[b].data)
-        width = MIRRORED[KINDS[kind]].size
+        width = len(KINDS[kind].nodes)
         if nodes.ndim != 2 or nodes.shape[1] != width or nodes.dtype.kind not in "iu":
             raise DeckError(f"the {kind} cells do not have {width} nodes each", where=path, remedy=remedy)
         wrong = nodes[(nodes < 0) | (nodes >= points)]
@@ -142,26 +136,21 @@ def _blocks(
 ) -> tuple[CellBlock, ...]:
     raw = loaded.mesh
     blocks = []
-    for kind in ELEMENT_KINDS:
+    for kind in ELEMENTS:
         own = [b for b in solids if KINDS[raw.cells[b].type] == kind]
         if own:
-            nodes = [in_our_order(kind, _corners_in_rings(raw.cells[b]), loaded.format, position, notes) for b in own]
+            cells_ = [in_order(np.asarray(raw.cells[b].data, np.int64), kind.meshio[raw.cells[b].type]) for b in own]
+            nodes = [in_our_order(kind, block, loaded.format, position, notes) for block in cells_]
             rows = [cells.rows[b] for b in own]
             blocks.append(
                 CellBlock(
-                    kind,
+                    kind.name,
                     np.concatenate([ids[r] for r in rows]),
                     np.concatenate(nodes),
                     np.concatenate([region[r] for r in rows]),
                 )
             )
     return tuple(blocks)
-
-
-def _corners_in_rings(block: Any) -> IntArray:
-    """Nodes of a block; a voxel's, which VTK counts row by row, as those of a hexahedron."""
-    nodes = np.asarray(block.data, dtype=np.int64)
-    return nodes[:, [0, 1, 3, 2, 4, 5, 7, 6]] if block.type == "voxel" else nodes
 
 
 def _regions(raw: Any, tags: Labels | None, region: IntArray) -> dict[int, Region]:

@@ -1,0 +1,26 @@
+"""The kinds of elements and facets: a record of each, a file a family. A new element is a file and an entry in `ELEMENTS`."""
+
+from __future__ import annotations
+
+from strainsight.errors import DeckError
+from strainsight.mesh.kinds.hexahedra import HEX8, HEX20
+from strainsight.mesh.kinds.kind import ElementKind
+from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8
+from strainsight.mesh.kinds.tetrahedra import TET4, TET10
+from strainsight.mesh.kinds.triangles import TRI3, TRI6
+from strainsight.mesh.kinds.wedges import WEDGE6, WEDGE15
+
+FACETS = (TRI3, TRI6, QUAD4, QUAD8)
+"""The codes of facets in artefacts are places in this tuple."""
+ELEMENTS = (TET4, TET10, HEX8, HEX20, WEDGE6, WEDGE15)
+_BY_NAME = {kind.name: kind for kind in ELEMENTS}
+*_FIRST, _LAST = dict.fromkeys(kind.family for kind in ELEMENTS)
+FAMILIES = f"{', '.join(_FIRST)} or {_LAST}"
+"""In the words of a remedy."""
+
+
+def kind_of(name: str) -> ElementKind:
+    """The kind of this name, as of a `CellBlock`. Raises DeckError for one that is not supported."""
+    if name not in _BY_NAME:
+        raise DeckError(f"element kind {name!r} is not supported", remedy=f"use {', '.join(_BY_NAME)}")
+    return _BY_NAME[name]

@@ -1,0 +1,100 @@
+"""What the package knows of one kind of facet or element, in one record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from strainsight.mesh.model import FloatArray, IntArray
+
+Edges = tuple[tuple[int, int], ...]
+Order = tuple[int, ...]
+"""Node a of ours is node order[a] of another numbering; () where the two agree."""
+Rule = tuple[FloatArray, FloatArray]
+"""∫ f dξ ≈ Σ w_q f(ξ_q): points (q, d) [-] and positive weights (q,) [-] that sum to the domain's measure."""
+Values = tuple[FloatArray, FloatArray]
+"""Of shape functions: N_a (q, k) [-] and ∂N_a/∂ξ_d (q, k, d) [-]."""
+
+HYBRID = "without its hybrid pressure"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Kind:
+    """A facet, and what every element has too; nodes in VTK order.
+
+    nodes (k, d) [-] of the reference domain, first those at its corners; edges: the corners between which each of the
+    others lies; centre (d,) [-], the centroid; functions: ξ (q, d) [-] → N_a (q, k) and ∂N_a/∂ξ_d (q, k, d), with
+    N_a(ξ_b) = δ_ab; stiffness, mass: rules that integrate ∇N ∇Nᵀ and N Nᵀ exactly where the Jacobian is constant; vtk: the
+    number of the cell there.
+    Reference domains: simplices 0 ≤ ξᵢ, Σξᵢ ≤ 1; squares and cubes [−1, 1]ᵈ; wedges triangle × [−1, 1]; pyramids
+    |ξ|, |η| ≤ 1 − ζ, 0 ≤ ζ.
+    """
+
+    name: str
+    nodes: FloatArray
+    edges: Edges = ()
+    centre: FloatArray
+    functions: Callable[[FloatArray], Values]
+    stiffness: Rule
+    mass: Rule
+    vtk: int
+
+    @property
+    def corners(self) -> int:
+        """How many of the nodes lie at corners."""
+        return len(self.nodes) - len(self.edges)
+
+    def shape(self, xi: FloatArray) -> FloatArray:
+        """Shape functions N_a(ξ): xi (q, d) [-] → (q, k) [-]."""
+        return self.functions(np.atleast_2d(xi))[0]
+
+    def gradient(self, xi: FloatArray) -> FloatArray:
+        """∂N_a/∂ξ_d: xi (q, d) [-] → (q, k, d) [-]."""
+        return self.functions(np.atleast_2d(xi))[1]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ElementKind(Kind):
+    """A solid.
+
+    family: in messages, "tetrahedra"; facets: kind and local nodes of each, normal outward, in the order of Abaqus'
+    S1, S2, …; sides: a corner and three corners beside it, right-handed; regular: |J| there over the product of the three
+    sides, in the regular element; mirrored: the order of the same element counted the other way round about its axis;
+    either_way: files of every program number it so or mirrored; bubble_gradient: ξ (q, 3) → ∂P_i/∂ξ_d (q, p, 3) of
+    incompatible modes beside the nodes, condensed in each element.
+    nastran: the card; gmsh: the number of the type; abaqus: types in VTK order → how each is reinterpreted; meshio: names
+    of the cell → order of its nodes; orders: formats whose order meshio passes on as it is.
+    """
+
+    family: str
+    facets: tuple[tuple[Kind, Order], ...]
+    sides: tuple[tuple[int, int, int, int], ...]
+    regular: float
+    mirrored: Order
+    either_way: bool = False
+    bubble_gradient: Callable[[FloatArray], FloatArray] | None = None
+    nastran: str
+    nastran_order: Order = ()
+    gmsh: int
+    gmsh_order: Order = ()
+    abaqus: Mapping[str, str]
+    meshio: Mapping[str, Order]
+    orders: Mapping[str, Order] = field(default_factory=dict)
+
+
+def with_midsides(corners: FloatArray, edges: Edges) -> FloatArray:
+    """The corners (c, d), and a node in the middle of each edge."""
+    return np.vstack([corners, *(0.5 * (corners[[a]] + corners[[b]]) for a, b in edges)])
+
+
+def mirrored(corners: Order, edges: Edges) -> Order:
+    """The order of corners, and of the nodes on edges that goes with it."""
+    place = {frozenset(edge): len(corners) + i for i, edge in enumerate(edges)}
+    return (*corners, *(place[frozenset((corners[a], corners[b]))] for a, b in edges))
+
+
+def in_order(nodes: IntArray, order: Order) -> IntArray:
+    """Nodes (n, k) of elements, their columns in an order."""
+    return nodes[:, list(order)] if order else nodes

@@ -1,0 +1,36 @@
+"""Quadrangles: facets of hexahedra, wedges and pyramids."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from strainsight.mesh.kinds.functions import multilinear, serendipity
+from strainsight.mesh.kinds.kind import Kind, with_midsides
+from strainsight.mesh.kinds.rules import gauss
+
+CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
+EDGES = ((0, 1), (1, 2), (2, 3), (3, 0))
+NODES = with_midsides(CORNERS, EDGES)
+CENTRE = np.zeros(2)
+
+QUAD4 = Kind(
+    name="quad4",
+    nodes=CORNERS,
+    centre=CENTRE,
+    functions=partial(multilinear, nodes=CORNERS),
+    stiffness=gauss(2, 2),
+    mass=gauss(2, 2),
+    vtk=9,
+)
+QUAD8 = Kind(
+    name="quad8",
+    nodes=NODES,
+    edges=EDGES,
+    centre=CENTRE,
+    functions=partial(serendipity, nodes=NODES),
+    stiffness=gauss(3, 2),
+    mass=gauss(3, 2),
+    vtk=23,
+)

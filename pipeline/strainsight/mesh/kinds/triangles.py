@@ -1,0 +1,35 @@
+"""Triangles: facets of tetrahedra, wedges and pyramids."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from strainsight.mesh.kinds.functions import barycentric, quadratic_simplex
+from strainsight.mesh.kinds.kind import Kind, with_midsides
+from strainsight.mesh.kinds.rules import triangle
+
+CORNERS = np.vstack([np.zeros(2), np.eye(2)])
+EDGES = ((0, 1), (1, 2), (2, 0))
+CENTRE = np.full(2, 1 / 3)
+
+TRI3 = Kind(
+    name="tri3",
+    nodes=CORNERS,
+    centre=CENTRE,
+    functions=barycentric,
+    stiffness=triangle(2),
+    mass=triangle(2),
+    vtk=5,
+)
+TRI6 = Kind(
+    name="tri6",
+    nodes=with_midsides(CORNERS, EDGES),
+    edges=EDGES,
+    centre=CENTRE,
+    functions=partial(quadratic_simplex, edges=EDGES),
+    stiffness=triangle(4),
+    mass=triangle(4),
+    vtk=22,
+)
