@@ -7,6 +7,7 @@ figures of the manuals: Nastran Quick Reference Guide, Abaqus Elements Guide, gm
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -17,6 +18,7 @@ SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
 TET = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 HEX = tuple((x, y, z) for z in (0, 1) for x, y in SQUARE)
 WEDGE = tuple((x, y, z) for z in (0, 1) for x, y in TRIANGLE)
+PYRAMID = (*HEX[:4], (0.25, 0.5, 1))
 LOOP3, LOOP4 = ((0, 1), (1, 2), (2, 0)), ((0, 1), (1, 2), (2, 3), (3, 0))
 UP3, UP4 = tuple((a, a + 3) for a in range(3)), tuple((a, a + 4) for a in range(4))
 TOP3, TOP4 = tuple((a + 3, b + 3) for a, b in LOOP3), tuple((a + 4, b + 4) for a, b in LOOP4)
@@ -60,7 +62,33 @@ SOLIDS = {
         *(WEDGE, "CPENTA", "C3D15", 18, 26, "wedge15", (*LOOP3, *TOP3, *UP3), (*LOOP3, *UP3, *TOP3)),
         gmsh_edges=tuple(sorted((min(edge), max(edge)) for edge in (*LOOP3, *TOP3, *UP3))),
     ),
+    "pyra5": Solid(PYRAMID, "CPYRAM", "C3D5", 7, 14, "pyramid"),
 }
+
+
+def _kuhn() -> list[tuple[int, ...]]:
+    """Six tetrahedra in a hexahedron: the paths along its edges from corner 0 to corner 6."""
+    cuts = []
+    for steps in permutations(np.eye(3, dtype=int).tolist()):
+        a, b, c = (HEX.index(tuple(corner)) for corner in np.cumsum(steps, axis=0).tolist())
+        cuts.append((0, a, b, c) if np.linalg.det(steps) > 0 else (0, b, a, c))
+    return cuts
+
+
+CUTS = {
+    HEX: [tuple(range(8))],
+    WEDGE: [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)],
+    TET: _kuhn(),
+    PYRAMID: [(0, 1, 2, 3, 8), (7, 6, 5, 4, 8), (4, 5, 1, 0, 8), (5, 6, 2, 1, 8), (6, 7, 3, 2, 8), (7, 4, 0, 3, 8)],
+}
+"""How a hexahedron is cut into linear elements: wedges along the diagonal 0-2, pyramids on its facets with the node 8 inside."""
+REGULAR = {
+    TET: ((1, 1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, 1)),
+    HEX: HEX,
+    WEDGE: tuple((np.cos(a), np.sin(a), z) for z in (0, 3**0.5) for a in (0, 2 * np.pi / 3, 4 * np.pi / 3)),
+    PYRAMID: (*HEX[:4], (0.5, 0.5, 0.5**0.5)),
+}
+"""Corners of the element whose sides are all of one length."""
 
 
 def facets_point_outward(x: np.ndarray, facets) -> bool:

@@ -19,7 +19,7 @@ from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.model import build_model
 from strainsight.mesh.model import Material, Mesh
 
-from ..solids import HEX, SOLIDS, WEDGE, Solid
+from ..solids import HEX, SOLIDS, SQUARE, WEDGE, Solid
 
 STEEL = Material(1, 2.1e11, 0.3, 7850.0)
 RUBBER = Material(2, 5.0e6, 0.45, 1100.0)
@@ -48,7 +48,7 @@ class Element:
 
 
 class Model:
-    """Tetrahedra, linear hexahedra and wedges, and a quadratic hexahedron beside a wedge, curved; numbers out of order."""
+    """Every kind but two, a quadratic hexahedron beside a wedge, curved; numbers out of order."""
 
     def __init__(self):
         self.x: dict[int, tuple[float, float, float]] = {}
@@ -62,6 +62,7 @@ class Model:
         self.add("wedge15", 11, [(x + 4, y, z) for x, y, z in beside])
         self.add("tet10", 11, [(8, 0, 0), (9, 0, 0), (8, 1, 0), (8, 0, 1)])
         self.add("tet10", 11, [(9, 0, 0), (9, 1, 1), (8, 1, 0), (8, 0, 1)])
+        self.add("pyra5", 11, [*((x, y, 2) for x, y in SQUARE), (0.5, 0.25, 3)])
         self.foot = self.elements[0].corners[:4]
 
     def add(self, kind, region, corners):

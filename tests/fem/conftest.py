@@ -2,33 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import permutations
-
 import numpy as np
 import pytest
 
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
-from ..solids import HEX, SOLIDS
-
-LINEAR = {
-    kind: next(other for other, linear in SOLIDS.items() if linear.corners == solid.corners and not linear.edges)
-    for kind, solid in SOLIDS.items()
-}
-
-
-def kuhn() -> list[tuple[int, ...]]:
-    """Six tetrahedra in a hexahedron: the paths along its edges from corner 0 to corner 6."""
-    cuts = []
-    for order in permutations(range(3)):
-        path = [HEX.index(tuple(np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0)[i])) for i in range(3)]
-        odd = round(np.linalg.det(np.eye(3)[list(order)])) < 0
-        cuts.append((0, path[1], path[0], path[2]) if odd else (0, *path))
-    return cuts
-
-
-CUTS = {"hex8": [tuple(range(8))], "wedge6": [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)], "tet4": kuhn()}
-"""How a hexahedron is cut into linear elements: wedges along the diagonal 0-2."""
+from ..solids import CUTS, HEX, PYRAMID, SOLIDS
 
 
 def with_midsides(position: np.ndarray, cells: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -77,9 +56,14 @@ def make_box(
     i, j, k = (a.ravel() for a in np.meshgrid(*[np.arange(c) for c in counts], indexing="ij"))
     hexahedra = np.stack([number[i + a, j + b, k + c] for a, b, c in HEX], axis=1)
     inner = np.all((grid > 0) & (grid < np.array(counts)), axis=1)
-    moved = grid + distort * np.random.default_rng(seed).uniform(-1, 1, grid.shape) * inner[:, None]
+    rng = np.random.default_rng(seed)
+    moved = grid + distort * rng.uniform(-1, 1, grid.shape) * inner[:, None]
     position = moved / np.array(counts) * np.array(size)
-    cells = np.concatenate([hexahedra[:, list(cut)] for cut in CUTS[LINEAR[kind]]])
+    if SOLIDS[kind].corners == PYRAMID:
+        inside = position[hexahedra].mean(axis=1)
+        hexahedra = np.column_stack([hexahedra, len(position) + np.arange(len(hexahedra))])
+        position = np.vstack([position, inside + 0.3 * distort * rng.uniform(-1, 1, inside.shape) * size / counts])
+    cells = np.concatenate([hexahedra[:, list(cut)] for cut in CUTS[SOLIDS[kind].corners]])
     if SOLIDS[kind].edges:
         position, cells = with_midsides(position, cells, kind)
     fixed = [(n, c) for n in np.flatnonzero(np.isclose(position[:, 0], 0.0)) for c in range(3)] if clamp_root else []

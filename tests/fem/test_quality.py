@@ -8,16 +8,13 @@ import pytest
 from strainsight.fem.quality import element_quality
 from strainsight.mesh.kinds import ELEMENTS
 
-from ..solids import SOLIDS
+from ..solids import REGULAR, SOLIDS
 
 KINDS = tuple(kind.name for kind in ELEMENTS)
-CUBE = 2.0 * np.array(SOLIDS["hex8"].corners)
-REGULAR = {
-    "tet": np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]], float),
-    "hex": CUBE,
-    "wed": np.array([[np.cos(a), np.sin(a), z] for z in (0, 3**0.5) for a in (0, 2 * np.pi / 3, 4 * np.pi / 3)]),
-}
-"""Corners of the elements whose sides are all of one length."""
+
+
+def regular(kind: str) -> np.ndarray:
+    return np.array(REGULAR[SOLIDS[kind].corners], dtype=float)
 
 
 @pytest.fixture
@@ -37,7 +34,7 @@ def one(mesh_of, midsides):
 def test_a_regular_element_has_shape_one_whatever_its_size_and_place(kind, one):
     rotation = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
     rotation *= np.sign(np.linalg.det(rotation))
-    corners = 1e-3 * REGULAR[kind[:3]] @ rotation.T + 7.0
+    corners = 1e-3 * regular(kind) @ rotation.T + 7.0
     (quality,) = element_quality(one(kind, corners))
     assert quality.shape[0] == pytest.approx(1.0, abs=1e-10)
     assert quality.curvature[0] == pytest.approx(1.0, abs=1e-9)
@@ -45,7 +42,7 @@ def test_a_regular_element_has_shape_one_whatever_its_size_and_place(kind, one):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_mirrored_element_has_the_negative_shape(kind, one):
-    (quality,) = element_quality(one(kind, REGULAR[kind[:3]] * [1, 1, -1]))
+    (quality,) = element_quality(one(kind, regular(kind) * [1, 1, -1]))
     assert quality.shape[0] == pytest.approx(-1.0, abs=1e-12)
 
 
@@ -62,7 +59,7 @@ def _ring(corners):
 
 @pytest.mark.parametrize("angle", [30.0, 60.0, 85.0])
 def test_a_sheared_cube_has_the_sine_of_its_angle(angle, one):
-    corners = CUBE.copy()
+    corners = regular("hex8")
     corners[:, 0] += corners[:, 2] / np.tan(np.radians(angle))
     (quality,) = element_quality(one("hex8", corners))
     assert quality.shape[0] == pytest.approx(np.sin(np.radians(angle)), rel=1e-12)
@@ -79,7 +76,7 @@ def test_a_corner_of_three_right_angles_has_the_shape_of_its_worst_corner(height
 
 
 def test_a_mid_side_node_off_the_middle_shows_in_the_curvature(one):
-    mesh = one("tet10", REGULAR["tet"])
+    mesh = one("tet10", regular("tet10"))
     mesh.position[4] += 0.2 * (mesh.position[1] - mesh.position[0])
     (quality,) = element_quality(mesh)
     assert quality.shape[0] == pytest.approx(1.0)

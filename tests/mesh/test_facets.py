@@ -76,6 +76,8 @@ def rule(kind):
 
 
 def volume(kind, x):
+    if kind == "pyra5":  # the hexahedron whose upper facet has shrunk to a point
+        return volume("hex8", x[[0, 1, 2, 3, 4, 4, 4, 4]])
     xi, w = rule(kind)
     _, gradient = shapes(kind, xi)
     return np.sum(w * np.linalg.det(np.einsum("qkd,ki->qid", gradient, x)))

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from ..solids import SOLIDS
+
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 STAGES = (
     "import",
@@ -24,7 +26,7 @@ STAGES = (
     "simulate",
 )
 BELOW_KIND = {
-    "<kind>": r"(tet4|tet10|hex8|hex20|wedge6|wedge15)",
+    "<kind>": f"({'|'.join(SOLIDS)})",
     "<name>": r"(?!constant$)[\w-]+",
     "<parameter>": r"(?!constant$)[\w-]+",
     "<case>": r"[\w+]+",

@@ -60,14 +60,14 @@ def test_what_is_wrong_is_named_with_its_line(read, case):
 @pytest.mark.parametrize(
     ("number", "nodes", "name", "remedy"),
     [
-        (7, 5, "5-node pyramid", "without pyramids"),
         (12, 27, "27-node hexahedron", "Mesh.SecondOrderIncomplete = 1"),
         (13, 18, "18-node prism", "Mesh.SecondOrderIncomplete = 1"),
-        (19, 13, "13-node pyramid", "without pyramids"),
+        (14, 14, "14-node pyramid", "without pyramids"),
+        (19, 13, "13-node pyramid", "Mesh.ElementOrder = 1"),
         (29, 20, "20-node tetrahedron", "Mesh.ElementOrder = 2"),
     ],
 )
-def test_solids_that_are_not_taken_over_are_refused_with_the_way_out(read, number, nodes, name, remedy):
+def test_solids_that_are_not_supported_are_refused_with_the_way_out(read, number, nodes, name, remedy):
     extra = f"17 {number} 0 " + " ".join(["10"] * nodes)
     with pytest.raises(DeckError, match=name) as error:
         read(OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", extra + "\n$EndEl"))

@@ -186,14 +186,14 @@ def test_links_out_of_an_hdf5_file_are_refused(write, tmp_path):
         read_meshio(path)
 
 
-PYRAMID = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1.0)])
+PYRAMID13 = np.random.default_rng(0).random((13, 3))
 
 
 @pytest.mark.parametrize(
     ("name", "cells", "points", "message"),
     [
-        ("part.vtu", [("pyramid", [[0, 1, 2, 3, 4]])], PYRAMID, "1 pyramid cell: not supported"),
-        ("part.vtk", [*CELLS, ("pyramid", [[0, 1, 2, 3, 4]])], PYRAMID, "1 pyramid cell: not supported"),
+        ("part.vtu", [("pyramid13", [range(13)])], PYRAMID13, "1 pyramid13 cell: not supported"),
+        ("part.vtk", [*CELLS, ("pyramid13", [range(13)])], PYRAMID13, "1 pyramid13 cell: not supported"),
         ("part.vtu", [("triangle", [[0, 1, 2]])], TETRAHEDRON, r"no solid element \(1 triangle cell\)"),
         ("part.vtu", [("tetra", [[0, 1, 2, 9]])], TETRAHEDRON, "refers to point 9 .*there are 5 points"),
         ("part.vtu", [("tetra", [[0, 1, 2, 2]])], TETRAHEDRON, "element 1 \\(tet4\\): a node stands twice"),

@@ -80,7 +80,8 @@ def remedy(number: int) -> str:
     kind = TYPES[number]
     if "pyramid" in kind.name:
         return (
-            "mesh without pyramids: tetrahedra throughout (Mesh.RecombineAll = 0), or hexahedra by transfinite volumes"
+            "set Mesh.ElementOrder = 1 (pyramids are supported in first order only), or mesh without pyramids: tetrahedra "
+            "throughout (Mesh.RecombineAll = 0), or hexahedra by transfinite volumes"
         )
     if number in (12, 13):
         return "set Mesh.SecondOrderIncomplete = 1 before meshing: 20-node hexahedra and 15-node prisms are taken over"

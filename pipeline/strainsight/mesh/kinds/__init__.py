@@ -5,6 +5,7 @@ from __future__ import annotations
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds.hexahedra import HEX8, HEX20
 from strainsight.mesh.kinds.kind import ElementKind
+from strainsight.mesh.kinds.pyramids import PYRA5
 from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8
 from strainsight.mesh.kinds.tetrahedra import TET4, TET10
 from strainsight.mesh.kinds.triangles import TRI3, TRI6
@@ -12,7 +13,7 @@ from strainsight.mesh.kinds.wedges import WEDGE6, WEDGE15
 
 FACETS = (TRI3, TRI6, QUAD4, QUAD8)
 """The codes of facets in artefacts are places in this tuple."""
-ELEMENTS = (TET4, TET10, HEX8, HEX20, WEDGE6, WEDGE15)
+ELEMENTS = (TET4, TET10, HEX8, HEX20, WEDGE6, WEDGE15, PYRA5)
 _BY_NAME = {kind.name: kind for kind in ELEMENTS}
 *_FIRST, _LAST = dict.fromkeys(kind.family for kind in ELEMENTS)
 FAMILIES = f"{', '.join(_FIRST)} or {_LAST}"
