@@ -9,8 +9,7 @@ import pytest
 
 from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import DeckError, UserError
-from strainsight.mesh.additions import node_index, with_material, with_node, with_rigid_element
-from strainsight.mesh.suspicions import empty_regions, only_control, suspicions, unused_nodes
+from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.units import LENGTH, MASS, length_factor, mass_factor
 
 
@@ -41,7 +40,7 @@ def test_one_structure_in_six_systems_of_units(tmp_path, length_unit, mass_unit,
     assert material.density == pytest.approx(7850, rel=1e-5)
     assert material.poisson_ratio == 0.3
     assert mesh.point_masses[0].mass == pytest.approx(3.0, rel=1e-6)
-    assert suspicions(mesh) == ()
+    assert sanity_warnings(mesh) == ()
 
 
 def test_pound_units_follow_from_the_international_pound_and_standard_gravity():
@@ -132,64 +131,6 @@ def test_elements_that_do_not_fit_together_show_on_reading(tmp_path):
     assert caught.value.where == f"{path}:13"
 
 
-@pytest.mark.parametrize(
-    ("length", "E", "rho", "units", "says"),
-    [
-        (
-            "1000.",
-            "2.1e5",
-            "7.85e-9",
-            ("m", "kg"),
-            "length_unit mm and mesh.mass_unit t it is 2.1e+11 Pa and 7850 kg/m³",
-        ),
-        ("1.", "2.1e5", "7850.", ("m", "kg"), "Young's modulus is 2.1e+05 Pa"),
-        ("1.", "2.1e5", "7850.", ("m", "kg"), "2.1e+05 looks like MPa"),
-        ("1000.", "2.1e8", "7.85e-6", ("m", "kg"), "length_unit mm and mesh.mass_unit kg it is 2.1e+11 Pa"),
-        ("1.", "2.1e11", "7850.", ("mm", "t"), "length_unit m and mesh.mass_unit kg it is 2.1e+11 Pa"),
-        ("1000.", "2.1e5", "7.85e-9", ("mm", "kg"), "density is 7.85 kg/m³, outside 10 to 100000"),
-        ("1.", "3.0e7", "15.", ("m", "kg"), None),
-        ("1.", "2.1e9", "78500.", ("m", "kg"), None),
-        ("1.", "1.e7", "99000.", ("m", "kg"), None),
-        ("1.", "2.e6", "90000.", ("m", "kg"), "speed of sound √(E/ρ) is 4.71 m/s"),
-        ("1000.", "2.1e11", "7850.", ("m", "kg"), "extent is 1e+03 m"),
-        ("1.", "2.1e11", "0.", ("m", "kg"), "material 1 has no density"),
-    ],
-)
-def test_values_that_speak_of_a_wrong_unit_are_suspicious(tmp_path, length, E, rho, units, says):
-    said = " / ".join(suspicions(read_mesh(deck(tmp_path / "a.bdf", length, E, rho, "1."), *units), *units))
-    assert (says in said) if says else not said
-
-
-def test_what_is_not_used_or_not_taken_is_said(tmp_path):
-    path = deck(tmp_path / "a.bdf", "1.", "2.1e11", "7850.", "0.")
-    path.write_text(path.read_text() + "GRID,9\nPSOLID,2,1\nCQUAD4,70,3,1,2,3,4\nMPC,1\nMOMENT,1\nPARAM,POST,-1\n")
-    mesh = read_mesh(path)
-    assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
-    assert empty_regions(mesh) == (2,)
-    assert suspicions(mesh) == (
-        "1 node belongs to nothing and is left out of the model: 9",
-        "region 2 (PSOLID 2) has no elements",
-        "1 × CQUAD4 not taken over: the stiffness, mass or tie it may add is missing",
-        "1 × MPC not taken over: the stiffness, mass or tie it may add is missing",
-    )
-
-
-def test_a_structure_without_supports_is_suspicious(tmp_path):
-    path = deck(tmp_path / "a.bdf", "1.", "2.1e11", "7850.", "0.")
-    path.write_text(path.read_text().replace("SPC1,1,123,1,2,3\n", ""))
-    assert "nothing is fixed" in suspicions(read_mesh(path))
-
-
-@pytest.mark.parametrize("card", ["PARAM", "EIGRL", "TABDMP1", "MOMENT", "*CLOAD moment", "*DLOAD"])
-def test_cards_that_steer_or_load_are_no_warning(card):
-    assert only_control(card)
-
-
-@pytest.mark.parametrize("card", ["CQUAD4", "RBAR", "MPC", "*TIE", "*ELEMENT, TYPE=S4R", "CELAS2", "DMIG"])
-def test_cards_that_change_the_structure_are(card):
-    assert not only_control(card)
-
-
 GMSH = SHELLS["a.msh"].replace("7 3 2 1 1 1 2 3 4", "7 4 2 1 1 1 2 4 3").replace("3 1 1 0", "3 0 0 1")
 
 
@@ -210,30 +151,6 @@ def test_other_packed_meshes_are_refused_clearly(tmp_path, name):
     with pytest.raises(DeckError, match="packed") as caught:
         read_mesh(tmp_path / name)
     assert "unpack it" in caught.value.remedy
-
-
-def test_a_material_of_the_config_is_named_by_its_key(tmp_path):
-    mesh = with_material(
-        read_mesh(deck(tmp_path / "a.bdf", "1.", "2.1e11", "7850.", "0.")),
-        None,
-        2.1e5,
-        0.3,
-        7850.0,
-        "mesh.materials.steel",
-    )
-    (said,) = suspicions(mesh)
-    assert said.startswith("mesh.materials.steel: Young's modulus is 2.1e+05 Pa")
-    assert "values of the config are in Pa" in said
-
-
-def test_a_reference_node_given_in_millimetres_is_suspicious(tmp_path):
-    mesh = read_mesh(deck(tmp_path / "a.bdf", "1000.", "2.1e5", "7.85e-9", "0."), "mm", "t")
-    near = with_node(mesh, 900, (1.5, 0, 0))
-    near = with_rigid_element(near, node_index(near, 900), np.array([1]), (0, 1, 2), "mesh.ties.0")
-    assert suspicions(near, "mm", "t") == ()
-    far = with_node(mesh, 900, (50.0, 0, 0))
-    far = with_rigid_element(far, node_index(far, 900), np.array([1]), (0, 1, 2), "mesh.ties.0")
-    assert any("node 900 of mesh.ties.0 lies 49 m from its nodes" in text for text in suspicions(far, "mm", "t"))
 
 
 @pytest.mark.parametrize("name", ["part.bdf.gz", "part.inp.gz"])

@@ -136,7 +136,7 @@ def test_a_wedge_numbered_from_its_other_end_is_named(box):
     """Its facets would point inwards."""
     mesh = box("wedge6", (1, 1, 1))
     block = mesh.blocks[0]
-    with pytest.raises(DeckError, match="2 wedge6 elements are flat or turned inside out: 1, 2 "):
+    with pytest.raises(DeckError, match="2 wedge6 elements are flat or inverted: 1, 2 "):
         assemble(replace(mesh, blocks=(replace(block, nodes=block.nodes[:, [3, 4, 5, 0, 1, 2]]),)))
 
 
@@ -197,12 +197,12 @@ def test_kinds_mix_in_one_mesh(box):
 
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8"])
-def test_elements_inside_out_are_named(box, kind):
+def test_inverted_elements_are_named(box, kind):
     mesh = box(kind, (2, 1, 1))
     block = mesh.blocks[0]
     nodes = block.nodes.copy()
     nodes[1] = nodes[1][[1, 0, *range(2, nodes.shape[1])]]
-    with pytest.raises(DeckError, match=f"inside out: {block.ids[1]} "):
+    with pytest.raises(DeckError, match=f"inverted: {block.ids[1]} "):
         assemble(replace(mesh, blocks=(replace(block, nodes=nodes),)))
 
 

@@ -137,8 +137,8 @@ def refused(mesh, what, **change):
 def test_um_sets_that_do_not_determine_the_equations_are_refused(box):
     mesh = box("hex8", (1, 1, 1))
     mesh = replace(mesh, node_ids=np.append(mesh.node_ids, 900), position=np.vstack([mesh.position, [0.5, 0.5, 0.5]]))
-    named = "RBE3 3 cannot be solved for its UM set"
-    refused(mesh, f"{named} .nodes 1 component 2, 2 component 2, 3 component 2", dependent=[(0, 1), (1, 1), (2, 1)])
+    named = "averaging element 3 cannot be solved for the motions that it states as dependent"
+    refused(mesh, f"{named} .node 1 component 2, 2 component 2, 3 component 2", dependent=[(0, 1), (1, 1), (2, 1)])
     refused(mesh, named, dependent=[(0, 0), (0, 0), (0, 1)])
     refused(mesh, named, dependent=[(0, 0), (7, 1), (0, 2)])
     refused(mesh, named, dependent=[(0, 0), (0, 1)])

@@ -242,13 +242,13 @@ def test_contradictions_name_the_nodes(box):
     refused(
         mesh,
         ("tie", 2),
-        f"node {mesh.node_ids[tip[0]]} is dependent in RBE2 1 and in RBE2 2",
+        f"node {mesh.node_ids[tip[0]]} is dependent in rigid element 1 and in rigid element 2",
         rigid=(rigid, RigidElement(2, b, tip[:1], (0,))),
     )
     refused(
         mesh,
         ("tie", 1),
-        f"node {mesh.node_ids[root]} is clamped in component 1 and dependent in RBE2 1",
+        f"node {mesh.node_ids[root]} is clamped in component 1 and dependent in rigid element 1",
         rigid=(RigidElement(1, a, np.array([root]), (0,)),),
     )
     refused(
@@ -260,11 +260,12 @@ def test_contradictions_name_the_nodes(box):
             RigidElement(2, b, np.array([a]), (0, 1, 2, 3, 4, 5)),
         ),
     )
-    refused(mesh, ("tie", 1), "RBE2 1 depends on its own reference", rigid=(RigidElement(1, a, np.array([a]), (0,)),))
+    refused(mesh, ("tie", 1), "rigid element 1 depends on its own reference", rigid=(RigidElement(1, a, np.array([a]), (0,)),))
     refused(
-        mesh, ("tie", 1), "RBE2 1 has no dependent nodes", rigid=(RigidElement(1, a, np.array([], dtype=int), (0,)),)
+        mesh, ("tie", 1), "rigid element 1 has no dependent nodes", rigid=(RigidElement(1, a, np.array([], dtype=int), (0,)),)
     )
-    refused(mesh, ("tie", 3), "RBE3 3 needs nodes", averaging=(AveragingElement(3, a, tip, np.zeros(len(tip)), (0,)),))
+    weightless = AveragingElement(3, a, tip, np.zeros(len(tip)), (0,))
+    refused(mesh, ("tie", 3), "averaging element 3 needs nodes", averaging=(weightless,))
     line = tip[np.isclose(mesh.position[tip, 1], 0)]
     refused(
         mesh,
@@ -275,7 +276,7 @@ def test_contradictions_name_the_nodes(box):
     refused(
         mesh,
         ("tie", 3),
-        f"RBE3 3 averages node {mesh.node_ids[b]}, which no element holds",
+        f"averaging element 3 averages node {mesh.node_ids[b]}, which no element holds",
         averaging=(AveragingElement(3, a, np.append(tip, b), np.ones(len(tip) + 1), (0, 1, 2)),),
     )
     refused(

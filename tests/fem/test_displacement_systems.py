@@ -162,7 +162,7 @@ def test_a_clamp_on_a_tied_component_is_told_in_the_nodes_own_components(support
     turned = replace(mesh, axes={node: TURN})
     # component 2 is not tied: it may be clamped
     constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 1]])))
-    with pytest.raises(DeckError, match=f"node {mesh.node_ids[node]} is clamped in component 3 .* RBE2 1") as caught:
+    with pytest.raises(DeckError, match=f"node {mesh.node_ids[node]} is clamped in component 3 .* rigid element 1") as caught:
         constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 2]])))
     assert caught.value.entity == ("tie", 1)
 

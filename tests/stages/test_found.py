@@ -23,7 +23,7 @@ EIGRL,1
 
 
 def test_sentences_stand_in_the_last_column(tmp_path):
-    rows = table(tmp_path, doubts=("one is odd",))
+    rows = table(tmp_path, warnings=("one is odd",))
     assert ("warning", "", "one is odd") in rows
     sentences = [row for row in rows if row[0] in ("warning", "note")]
     assert all(how_many == "" and detail for _, how_many, detail in sentences)
@@ -35,11 +35,11 @@ def test_one_is_not_said_as_many(tmp_path):
     assert found["node set SET1-6"][0] == "1 node"
     assert found["node set SET1-5"][0] == "2 nodes"
     assert found["fixed"] == ("9 components", "3 nodes")
-    assert found["not taken over"] == ("EIGRL", "1 time, of no effect here")
+    assert found["ignored"] == ("EIGRL", "1 time, of no effect here")
 
 
-def table(folder, doubts=()):
+def table(folder, warnings=()):
     path = folder / "a.bdf"
     path.write_text(DECK)
-    (found,) = found_tables(read_mesh(path), None, (), doubts)
+    (found,) = found_tables(read_mesh(path), None, (), warnings)
     return found.rows

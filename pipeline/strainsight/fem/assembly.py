@@ -40,7 +40,7 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
 
     D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³];
     everything else is in the constant part [N/m, kg]. Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
-    Raises DeckError for an element turned inside out (ids named), a region or material that is missing or not physical,
+    Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
     and UserError for parameters that overlap or name no region, or where the memory cannot be enough.
     """
     check_mesh(mesh)
@@ -84,7 +84,11 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
         mass += point.mass
         moment = moment + point.mass * (mesh.position[point.node] + point.offset)
     if not mass > 0.0:
-        raise DeckError(f"the total mass is {mass:g} kg", remedy="give the materials a density (RHO on MAT1)")
+        named = ", ".join(str(mesh.regions[number]) for number in density)
+        raise DeckError(
+            f"the total mass is {mass:g} kg: the density of {named or 'all regions'} is zero",
+            remedy="give their materials a density, in the mesh file or under mesh.materials",
+        )
     return mass, moment / mass
 
 

@@ -50,7 +50,7 @@ def check_materials(mesh: Mesh) -> None:
                 f"refers to material {region.material}, which is not there" if region.material else "has no material"
             )
             raise DeckError(
-                f"region {region.id} ({region.name}) {known}",
+                f"{region} {known}",
                 where=mesh.source or None,
                 remedy=f"state it in the config: mesh.materials: {{NAME: {{regions: [{region.id}], youngs_modulus: …, "
                 "poisson_ratio: …, density: …}}",
@@ -60,14 +60,14 @@ def check_materials(mesh: Mesh) -> None:
 
 def _check_material(m: Material) -> None:
     if not (m.youngs_modulus > 0 and np.isfinite(m.youngs_modulus)):
-        raise DeckError(f"material {m.id} has Young's modulus {m.youngs_modulus:g} Pa", remedy="it must be positive")
+        raise DeckError(f"{m} has Young's modulus {m.youngs_modulus:g} Pa", remedy="it must be positive")
     if not -1 < m.poisson_ratio < 0.5:
         raise DeckError(
-            f"material {m.id} has Poisson's ratio {m.poisson_ratio:g}",
+            f"{m} has Poisson's ratio {m.poisson_ratio:g}",
             remedy="it must lie between -1 and 0.5, at most 0.49 in practice",
         )
     if not (m.density >= 0 and np.isfinite(m.density)):
-        raise DeckError(f"material {m.id} has density {m.density:g} kg/m³", remedy="it must not be negative")
+        raise DeckError(f"{m} has density {m.density:g} kg/m³", remedy="it must not be negative")
 
 
 def _check_midsides(mesh: Mesh, block: CellBlock) -> None:

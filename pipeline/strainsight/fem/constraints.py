@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import DeckError
-from strainsight.fem.ties import Equations, Rows, equations, name_of, references, rotation_rows, turned_nodes
+from strainsight.fem.ties import Equations, Rows, equations, references, rotation_rows, turned_nodes
 from strainsight.mesh.model import Mesh
 
 
@@ -37,7 +37,7 @@ class Constraint:
 def constraint_transform(
     mesh: Mesh, *, supported: np.ndarray | None = None, rotations: Sequence[int] | np.ndarray = ()
 ) -> Constraint:
-    """Clamped components (SPC), rigid elements (RBE2) and averaging elements (RBE3) as one transformation.
+    """Clamped components, rigid elements and averaging elements as one transformation.
 
         z = Q z',   z' = D z' + E z_free,   T = Q (I + D + D² + …) E
 
@@ -102,7 +102,7 @@ def _clamped(mesh: Mesh, rows: Rows, found: Equations) -> np.ndarray:
         if row in found.by:
             raise DeckError(
                 f"node {mesh.node_ids[node]} is clamped in component {component + 1} and dependent in "
-                f"{name_of(found.by[row])}",
+                f"{found.by[row]}",
                 remedy="clamp the reference node instead, or take the node out of the element",
                 entity=("tie", found.by[row].id),
             )
@@ -135,7 +135,7 @@ def _resolved(mesh: Mesh, rows: Rows, found: Equations, free: np.ndarray) -> spa
 
 
 def _check_carried(mesh: Mesh, rows: Rows, T: sparse.csr_array, carried: np.ndarray) -> None:
-    """Masses and RBE3 may not hang on motions that nothing carries."""
+    """Masses and averaging elements may not hang on motions that nothing carries."""
     if not mesh.averaging and not mesh.point_masses:
         return
     reached = np.diff(T[:, np.flatnonzero(carried)].tocsr().indptr) > 0
@@ -147,7 +147,7 @@ def _check_carried(mesh: Mesh, rows: Rows, T: sparse.csr_array, carried: np.ndar
         if lost[own].any():
             node = int(own[np.argmax(lost[own])]) // 3
             raise DeckError(
-                f"{name_of(e)} averages node {mesh.node_ids[node]}, which no element holds",
+                f"{e} averages node {mesh.node_ids[node]}, which no element holds",
                 remedy="take the node out, or connect it",
                 entity=("tie", e.id),
             )
@@ -156,6 +156,6 @@ def _check_carried(mesh: Mesh, rows: Rows, T: sparse.csr_array, carried: np.ndar
         if point.mass > 0 and point.node not in attached and not reached[rows.translations([point.node])].all():
             raise DeckError(
                 f"point mass {point.id} sits on node {mesh.node_ids[point.node]}, which no element holds",
-                remedy="connect the node with an RBE2 or RBE3, or remove the mass",
+                remedy="tie the node to the solids (mesh.ties), or remove the mass",
                 entity=("node", int(mesh.node_ids[point.node])),
             )

@@ -68,7 +68,7 @@ def jacobians(
         worst = int(np.argmin(det.min(axis=1) / size[:, 0]))
         names = ", ".join(str(id) for id in ids[bad][:5]) + (", …" if bad.sum() > 5 else "")
         raise DeckError(
-            f"{bad.sum()} {kind.name} elements are flat or turned inside out: {names} "
+            f"{bad.sum()} {kind.name} elements are flat or inverted: {names} "
             f"(least Jacobian {det[worst].min():.3g} m³ in element {ids[worst]})",
             remedy="check the order of their nodes and how far their mid-side nodes are off the middle",
             entity=("element", int(ids[worst])),

@@ -1,4 +1,4 @@
-"""What is odd about ready matrices on their mesh."""
+"""Sanity checks of ready matrices on their mesh."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def check_support(model: FiniteElementModel, at: Mapping[str, float]) -> list[st
         raise UserError(
             f"the structure can move freely: {', '.join(named) or f'{loose.shape[1]} rigid motion(s)'}; neither the supports of "
             "the mesh nor the matrices resist",
-            remedy="fix nodes that the matrices have (SPC1, mesh.supports), or give matrices with the supports in them",
+            remedy="fix nodes that the matrices have (mesh.supports), or give matrices with the supports in them",
         )
     if len(model.mesh.fixed):
         return []

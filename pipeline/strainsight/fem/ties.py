@@ -13,7 +13,7 @@ from strainsight.mesh.model import AveragingElement, Mesh, RigidElement
 
 MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
 HELD = 1e-10
-"""Least over largest strength with which the nodes of an RBE3, or its UM set, hold a motion."""
+"""Least over largest strength with which the nodes of an averaging element, or its dependent motions, hold a motion."""
 ROUNDING = 1e-13
 
 Tie = RigidElement | AveragingElement
@@ -96,7 +96,7 @@ class Equations:
         for row, node in zip(rows.tolist(), nodes.tolist(), strict=True):
             if row in self.by:
                 raise DeckError(
-                    f"node {mesh.node_ids[node]} is dependent in {name_of(self.by[row])} and in {name_of(e)}",
+                    f"node {mesh.node_ids[node]} is dependent in {self.by[row]} and in {e}",
                     remedy="let it follow one of them only",
                     entity=("tie", e.id),
                 )
@@ -112,11 +112,6 @@ class Equations:
             return sparse.csr_array((self.size, self.size))
         places = np.concatenate(self.rows), np.concatenate(self.columns)
         return sparse.csr_array((np.concatenate(self.values), places), shape=(self.size, self.size))
-
-
-def name_of(e: Tie) -> str:
-    """The element in the words of its file, else in those of a Nastran deck."""
-    return e.name or f"{'RBE2' if isinstance(e, RigidElement) else 'RBE3'} {e.id}"
 
 
 def references(mesh: Mesh) -> set[int]:
@@ -147,11 +142,12 @@ def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
 def equations(mesh: Mesh, rows: Rows) -> Equations:
     """What the rigid and averaging elements of a mesh say, with Q_i the axes of node i:
 
-        RBE2   Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r               in the stated components of u'_i, θ'_i
-        RBE3   (u_r, θ_r) = (Σ w_i R_iᵀR_i)⁻¹ Σ w_i R_iᵀ u'_i,   R_i = Q_iᵀ[I, −(x_i − x_r)×], rows of the directions that count
+        rigid       Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r           in the stated components of u'_i, θ'_i
+        averaging   (u_r, θ_r) = (Σ w_i R_iᵀR_i)⁻¹ Σ w_i R_iᵀ u'_i,   R_i = Q_iᵀ[I, −(x_i − x_r)×], of the directions that count
 
-    An RBE3 with a UM set is solved for the motions of that. Raises DeckError, naming element and nodes, for a motion that two
-    elements prescribe, for an RBE3 whose nodes do not hold its reference, and for a UM set that cannot be solved for.
+    An averaging element that states dependent motions is solved for those. Raises DeckError, naming element and nodes, for a
+    motion that two elements prescribe, for an averaging element whose nodes do not hold its reference, and for dependent
+    motions that cannot be solved for.
     """
     found = Equations(rows.size)
     for rigid in mesh.rigid:
@@ -189,7 +185,7 @@ def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> Non
     if len(nodes) == 0 or e.reference in nodes:
         own = f"depends on its own reference node {mesh.node_ids[e.reference]}"
         fault = "has no dependent nodes" if len(nodes) == 0 else own
-        raise DeckError(f"{name_of(e)} {fault}", remedy="correct its nodes", entity=("tie", e.id))
+        raise DeckError(f"{e} {fault}", remedy="correct its nodes", entity=("tie", e.id))
     arm = mesh.position[nodes] - mesh.position[e.reference]
     motion = np.zeros((len(nodes), 6, 6))
     motion[:, :3] = rigid_rows(arm)
@@ -230,7 +226,7 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations
     if not strength[-1] > HELD * np.linalg.norm(C, 2):
         named = ", ".join(f"{mesh.node_ids[node]} component {c + 1}" for node, c in dependent.tolist())
         raise DeckError(
-            f"{name_of(e)} cannot be solved for its UM set (nodes {named})",
+            f"{e} cannot be solved for the motions that it states as dependent (node {named})",
             remedy="choose as many motions of its nodes as it has reference components, not all on a line",
             entity=("tie", e.id),
         )
@@ -245,7 +241,7 @@ def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(
-            f"{name_of(e)} needs nodes other than its reference and weights that are not negative",
+            f"{e} needs nodes other than its reference and weights that are not negative",
             remedy="correct its nodes and weights",
             entity=("tie", e.id),
         )
@@ -266,7 +262,7 @@ def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection
     if loose.any():
         motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
         raise DeckError(
-            f"the {len(nodes)} nodes of {name_of(e)} do not hold {motion} of its reference node {mesh.node_ids[e.reference]}",
+            f"the {len(nodes)} nodes of {e} do not hold {motion} of its reference node {mesh.node_ids[e.reference]}",
             remedy="they lie on a line or a point: add nodes off it, or drop rotations from its components",
             entity=("tie", e.id),
         )

@@ -1,4 +1,4 @@
-"""What a deck says, in SI units and with the ids of the file."""
+"""What a mesh file says, in SI units and with the ids of the file."""
 
 from __future__ import annotations
 
@@ -47,6 +47,9 @@ class Region:
     name: str
     material: int
 
+    def __str__(self) -> str:
+        return f"region {self.id} ({self.name})"
+
 
 @dataclass(frozen=True)
 class RigidElement:
@@ -61,6 +64,9 @@ class RigidElement:
     nodes: IntArray
     components: tuple[int, ...]
     name: str = ""
+
+    def __str__(self) -> str:
+        return self.name or f"rigid element {self.id}"
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,9 @@ class AveragingElement:
     directions: NDArray[np.bool_] | None = None
     dependent: IntArray | None = None
     name: str = ""
+
+    def __str__(self) -> str:
+        return self.name or f"averaging element {self.id}"
 
 
 @dataclass(frozen=True)
@@ -119,8 +128,9 @@ class Mesh:
     node_ids (n,) of the file; position (n, 3) [m]; blocks of cells; fixed (f, 2) pairs (node index, component 0-5)
     that are held at zero; axes: node index → (3, 3) axes, one in a column, that the components of fixed, rigid and
     averaging mean at that node (CD of a GRID), the basic ones where it has none; node_sets and element_sets name → ids of
-    the file; loads: name → forces of the file; ignored card → count not taken over; notes: sentences on how something was
-    taken over; included: files that the deck takes in; origin: "node", "element", "tie" → lines.
+    the file; loads: name → forces of the file; ignored: card or the like that is not supported → count; effect: "structure" for
+    those that may add stiffness, mass or a tie, "none" for those that change none of them; notes: sentences on how something
+    was read; included: files that the deck takes in; origin: "node", "element", "tie" → lines.
     """
 
     node_ids: IntArray
@@ -137,6 +147,7 @@ class Mesh:
     element_sets: Mapping[str, IntArray] = field(default_factory=dict)
     loads: Mapping[str, NodalForces] = field(default_factory=dict)
     ignored: Mapping[str, int] = field(default_factory=dict)
+    effect: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     source: str = ""
     included: tuple[str, ...] = ()

@@ -203,8 +203,11 @@ class Sets:
 
 @record
 class Ignored:
-    card: tuple[str, ...] = dataset("/card", "1", "card", "card that has no effect here")
+    card: tuple[str, ...] = dataset("/card", "1", "card", "card that is not supported")
     count: np.ndarray = dataset("/count", "1", "card", "how often")
+    effect: tuple[str, ...] = dataset(
+        "/effect", "1", "card", "structure: it may add stiffness, mass or a tie; none: it changes none of them; empty: unknown"
+    )
 
 
 @record
@@ -265,7 +268,11 @@ class MeshColumns:
             ),
             node_sets=_sets(mesh.node_sets),
             element_sets=_sets(mesh.element_sets),
-            ignored=Ignored(card=tuple(mesh.ignored), count=_ints(list(mesh.ignored.values()))),
+            ignored=Ignored(
+                card=tuple(mesh.ignored),
+                count=_ints(list(mesh.ignored.values())),
+                effect=tuple(mesh.effect.get(card, "") for card in mesh.ignored),
+            ),
             notes=tuple(mesh.notes),
         )
 
@@ -299,6 +306,7 @@ class MeshColumns:
             loads={name: NodalForces(*row) for name, row in zip(loads.name, forces, strict=True)},
             notes=self.notes,
             ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),
+            effect={card: e for card, e in zip(self.ignored.card, self.ignored.effect, strict=True) if e},
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.mesh import MeshFile
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.suspicions import suspicions
+from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.mesh import MeshColumns
@@ -39,16 +39,16 @@ def run(context: Context) -> Output:
         attributes=grid_attributes,
         summary=summary,
         message=", ".join(part for part in parts if part),
-        tables=found_tables(mesh, weight, quality, _doubts(mesh, config)),
+        tables=found_tables(mesh, weight, quality, _warnings(mesh, config)),
         inputs=tuple(Path(name) for name in mesh.included),
     )
 
 
-def _doubts(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
+def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
     """Sentences for a warning; with ready matrices the materials and the unused nodes of the file mean nothing."""
     if config.matrices is not None:
         return ()
-    return suspicions(mesh, config.length_unit, config.mass_unit)
+    return sanity_warnings(mesh, config.length_unit, config.mass_unit)
 
 
 def _grid(mesh: Mesh) -> VtkHdf:
@@ -62,4 +62,4 @@ def _grid(mesh: Mesh) -> VtkHdf:
     )
 
 
-IMPORT = Stage("import", version=2, reads=("mesh",), upstream=(), files=("mesh.file",), run=run)
+IMPORT = Stage("import", version=3, reads=("mesh",), upstream=(), files=("mesh.file",), run=run)

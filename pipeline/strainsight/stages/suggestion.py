@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.config.template import Suggestion
 from strainsight.decks.reader import read_mesh
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.suspicions import usual_units
+from strainsight.mesh.sanity import usual_units
 
 STEEL = 2.0e11
 

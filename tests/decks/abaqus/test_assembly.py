@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import DeckError
-from strainsight.mesh.suspicions import unused_nodes
+from strainsight.mesh.sanity import unused_nodes
 
 POINTS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], dtype=float)
 UP = np.array([0.0, 0.0, 5.0])

@@ -12,7 +12,7 @@ import pytest
 
 from strainsight.decks.reader import read_mesh
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.suspicions import suspicions
+from strainsight.mesh.sanity import sanity_warnings
 
 MESHES = Path(__file__).parents[3] / "meshes"
 
@@ -52,7 +52,7 @@ def test_it_is_a_steel_bar_held_at_the_root_with_a_rigid_tip(mesh):
     assert rigid.reference == tip
     assert set(rigid.nodes) == set(np.flatnonzero(x[:, 0] == 2)) - {tip}
     assert mesh.ignored == {"EIGRL": 1}
-    assert suspicions(mesh) == ()
+    assert sanity_warnings(mesh) == ()
 
 
 def test_its_surface_is_that_of_the_bar(mesh):

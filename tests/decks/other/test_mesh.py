@@ -71,7 +71,7 @@ def test_wedges_of_the_other_convention_are_turned_round_and_said(tmp_path, kind
 
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8"])
-def test_solids_that_are_inside_out_stay_so_for_the_checks_to_find(tmp_path, kind):
+def test_solids_that_are_inverted_stay_so_for_the_checks_to_find(tmp_path, kind):
     grid(kind, nodes_of(kind, mirrored=True)).save(tmp_path / "part.vtu")
     with pytest.raises(AssertionError):
         check_element(read_meshio(tmp_path / "part.vtu"), kind)

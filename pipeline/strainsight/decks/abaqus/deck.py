@@ -16,6 +16,7 @@ from strainsight.decks.abaqus.supports import concentrated_loads, fixed_componen
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords
 from strainsight.decks.abaqus.ties import Ties, ties
+from strainsight.decks.effects import effects
 from strainsight.decks.faults import check_elements
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
@@ -32,6 +33,10 @@ HARMLESS = re.compile(
     r"(MODAL)?DYNAMIC|STEADYSTATEDYNAMICS|BUCKLE|VISCO|RANDOMRESPONSE|RESPONSESPECTRUM|HEATTRANSFER|DIRECTCYCLIC"
 )
 """Output, procedures and their control: they change neither stiffness, mass, ties nor supports."""
+STRUCTURAL = re.compile(
+    r"\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|TEMPERATURE|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT|INITIAL|AMPLITUDE)"
+)
+CONTROL = re.compile(r"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)")
 REFUSED = {
     "PARAMETER": ("parameters are not taken over", "write their values out"),
     "MANIFEST": ("assemblies of several files are not taken over", "write the deck as one file"),
@@ -89,6 +94,7 @@ def read_abaqus(path: Path, *, required: bool = True) -> Mesh:
         element_sets=element_sets,
         loads=loads,
         ignored=dict(sorted(ignored.items())),
+        effect=effects(ignored, STRUCTURAL, CONTROL),
         notes=(*_reinterpreted(assembly), *assembly.notes),
         source=str(path),
         included=included,

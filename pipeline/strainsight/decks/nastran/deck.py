@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from strainsight.decks.effects import effects
 from strainsight.decks.faults import elastic_fault
 from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS, CoordinateSystem
@@ -25,6 +27,13 @@ TAKEN = {
     *BY_POINTS,
     *BY_NODES,
 }
+STRUCTURAL = re.compile(
+    r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT"
+)
+CONTROL = re.compile(
+    r"PARAM$|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
+    r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA"
+)
 
 
 def read_nastran(path: Path, *, required: bool = True) -> Mesh:
@@ -72,6 +81,7 @@ def read_nastran(path: Path, *, required: bool = True) -> Mesh:
         element_sets=element_sets,
         loads=nodal_forces(cards, grids),
         ignored=dict(sorted(ignored.items())),
+        effect=effects(ignored, STRUCTURAL, CONTROL),
         notes=tuple(notes),
         source=str(path),
         included=deck.included,

@@ -15,11 +15,11 @@ TURNED = "med"
 def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatArray, notes: list[str]) -> IntArray:
     """Cells (n, k) as meshio gives them for a format → our order.
 
-    Where every corner of every cell is then turned inside out, and cells of this kind are known to be written either
+    Where every corner of every cell is then inverted, and cells of this kind are known to be written either
     way (wedges; anything in MED), they are turned back, with a note.
     """
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
-    if (form == TURNED or kind.either_way) and _inside_out(kind, nodes, position):
+    if (form == TURNED or kind.either_way) and _inverted(kind, nodes, position):
         nodes = in_order(nodes, kind.mirrored)
         notes.append(
             f"{plural(len(nodes), kind.name + ' element')} numbered against the convention of {form}: turned round"
@@ -27,7 +27,7 @@ def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatA
     return nodes
 
 
-def _inside_out(kind: ElementKind, nodes: IntArray, position: FloatArray) -> bool:
+def _inverted(kind: ElementKind, nodes: IntArray, position: FloatArray) -> bool:
     """Whether the edges at every corner of every cell are left-handed."""
     for a, *others in kind.sides:
         edges = np.stack([position[nodes[:, b]] - position[nodes[:, a]] for b in others], axis=1)

@@ -21,7 +21,7 @@ SIDES = (
     *((4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3)),
 )
 MIRRORED = (0, 3, 2, 1, 4, 7, 6, 5)
-UPRIGHTS_AMID = (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)
+UPRIGHTS_SECOND = (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)
 """Mid-sides bottom, uprights, top (Nastran, Exodus); ours are bottom, top, uprights."""
 _MODES = "with incompatible modes"
 _REDUCED = f"{_MODES}: full integration, no hourglass control"
@@ -90,7 +90,7 @@ HEX20 = ElementKind(
     mirrored=mirrored(MIRRORED, EDGES),
     vtk=25,
     nastran="CHEXA",
-    nastran_order=UPRIGHTS_AMID,
+    nastran_order=UPRIGHTS_SECOND,
     gmsh=17,
     # mid-sides by ascending ends of the edges
     gmsh_order=(*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
@@ -101,5 +101,5 @@ HEX20 = ElementKind(
         "C3D20RH": f"integrated fully, {HYBRID}",
     },
     meshio={"hexahedron20": ()},
-    orders={"exodus": UPRIGHTS_AMID},
+    orders={"exodus": UPRIGHTS_SECOND},
 )

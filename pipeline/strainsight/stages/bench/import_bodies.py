@@ -7,8 +7,8 @@ from pathlib import Path
 
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.bench.bodies import FlexibleBody
+from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.scaling import scaled
-from strainsight.mesh.suspicions import suspicions
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import Place, written
 from strainsight.stages.pages.found import found_tables
@@ -32,9 +32,9 @@ def run(context: Context) -> Output:
         weight, quality = checked(mesh, body.mesh, key)
         assert weight is not None
         datasets |= written(MeshColumns.of(mesh), at=Place(f"/bodies/{name}"))
-        doubts = suspicions(deck, body.mesh.length_unit, body.mesh.mass_unit)
+        warnings = sanity_warnings(deck, body.mesh.length_unit, body.mesh.mass_unit)
         tables += [
-            replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, doubts)
+            replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, warnings)
         ]
         included += [Path(found) for found in mesh.included]
         summary |= {f"nodes.{name}": len(mesh.node_ids), f"mass.{name}": float(weight[0])}
@@ -50,7 +50,7 @@ def run(context: Context) -> Output:
 
 IMPORT = Stage(
     "import",
-    version=2,
+    version=3,
     reads=("bodies.*.mesh", "bodies.*.scale"),
     upstream=(),
     files=("bodies.*.mesh.file",),

@@ -9,7 +9,6 @@ import numpy as np
 
 from strainsight.fem.quality import POOR, Quality
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.suspicions import only_control
 from strainsight.workflow.output import Table
 
 Row = tuple[str, str, str]
@@ -21,10 +20,10 @@ def found_tables(
     mesh: Mesh,
     weight: tuple[float, np.ndarray] | None,
     quality: Sequence[Quality],
-    doubts: Sequence[str],
+    warnings: Sequence[str],
 ) -> tuple[Table, ...]:
-    """One table: nodes, elements by type and region, materials, supports, ties, sets, quality, mass, what was not taken
-    over, notes and warnings (doubts). weight: mass [kg] and centre (3,) [m], where the mesh has densities."""
+    """One table: nodes, elements by type and region, materials, supports, ties, sets, quality, mass, what is
+    ignored, notes and warnings. weight: mass [kg] and centre (3,) [m], where the mesh has densities."""
     rows: list[Row] = _geometry(mesh)
     rows += _regions(mesh)
     rows += _constraints(mesh)
@@ -32,15 +31,15 @@ def found_tables(
     rows += [_quality(entry) for entry in quality if len(entry.ids)]
     if weight is not None:
         rows.append(("mass", f"{weight[0]:.6g} kg", "centre ({:.4g}, {:.4g}, {:.4g}) m".format(*weight[1])))
-    rows += [("not taken over", card, _times(card, count)) for card, count in mesh.ignored.items()]
+    rows += [("ignored", card, _times(count, mesh.effect.get(card))) for card, count in mesh.ignored.items()]
     # Sentences stand in the last column: in another they would push those behind it out of sight.
     rows += [("note", "", text) for text in mesh.notes]
-    rows += [("warning", "", text) for text in (*doubts, *_poor(quality))]
+    rows += [("warning", "", text) for text in (*warnings, *_poor(quality))]
     return (Table("the mesh", ("what", "how many", "detail"), tuple(rows)),)
 
 
-def _times(card: str, count: int) -> str:
-    return _number(count, "time") + ", of no effect here" * only_control(card)
+def _times(count: int, effect: str | None) -> str:
+    return _number(count, "time") + ", of no effect here" * (effect == "none")
 
 
 def _number(count: int, what: str) -> str:
@@ -82,7 +81,7 @@ def _constraints(mesh: Mesh) -> list[Row]:
         rows.append(("own displacement systems", _number(len(mesh.axes), "node"), ""))
     for kind, elements in (("rigid element", mesh.rigid), ("averaging element", mesh.averaging)):
         ties = [
-            (e.name or f"{kind} {e.id}", _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}")
+            (str(e), _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}")
             for e in elements
         ]
         rows += _shortened(ties, f"{kind}s")

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight import __version__
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.suspicions import only_control, suspicions
+from strainsight.mesh.sanity import sanity_warnings
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
@@ -90,11 +90,11 @@ def placement_report(context: Context) -> PlacementReport:
 def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
     """What a reader has to know: of the model, and once they were validated, of the estimates."""
     ready = read(Reduced, up["rom"]).matrices if "rom" in up else None
-    said = [f"{text}." for text in (suspicions(mesh) if ready is None else ready.notes)]
-    cards = [card for card in map(str, mesh.ignored) if not only_control(card)]
+    said = [f"{text}." for text in (sanity_warnings(mesh) if ready is None else ready.notes)]
+    cards = [card for card in mesh.ignored if mesh.effect.get(card) != "none"]
     if cards:
         but = ": what they add must be in the matrices" * (ready is not None)
-        said.append(f"Not taken over from the deck: {', '.join(cards)}{but}.")
+        said.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
     return (*said, *(_doubts(up["validate"], names) if "validate" in up else ()))
 
 

@@ -1,12 +1,10 @@
-"""What is odd about a mesh though it can be taken over."""
+"""Sanity checks of a mesh: what is more likely a mistake than meant, though it can be computed."""
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
-from strainsight.mesh.model import IntArray, Material, Mesh
+from strainsight.mesh.model import AveragingElement, IntArray, Material, Mesh, RigidElement
 from strainsight.mesh.units import length_factor, mass_factor
 
 MODULUS = (1e6, 1e13)
@@ -21,16 +19,6 @@ WAVE_SPEED = (10.0, 2.5e4)
 LIKELY_MODULUS = (1e9, 6e11)
 LIKELY_DENSITY = (500.0, 2.5e4)
 USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft", "slug"), ("cm", "kg"), ("m", "t"))
-
-_STRUCTURAL = re.compile(
-    r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT"
-    r"|\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|TEMPERATURE|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT|INITIAL|AMPLITUDE)"
-)
-_UNUSED = re.compile(r" that no | not selected$")
-_CONTROL = re.compile(
-    r"PARAM$|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
-    r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA|\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)"
-)
 
 
 def unused_nodes(mesh: Mesh) -> IntArray:
@@ -53,14 +41,14 @@ def empty_regions(mesh: Mesh) -> tuple[int, ...]:
     return tuple(i for i in mesh.regions if i not in filled)
 
 
-def suspicions(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -> tuple[str, ...]:
-    """Sentences for a warning: values that speak of a wrong unit, what is not used, structural cards not taken over.
+def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -> tuple[str, ...]:
+    """Warnings: values that speak of a wrong unit, what is not used, what the file has and this model lacks.
 
     length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense.
     """
     found = []
     for material in mesh.materials.values():
-        found += _odd_material(material, length_unit, mass_unit)
+        found += _material_warnings(material, length_unit, mass_unit)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
     found += _outside("the structure's extent", extent, EXTENT, "m", "check mesh.length_unit")
     found += _far_references(mesh)
@@ -68,20 +56,15 @@ def suspicions(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -> tup
         shown = ", ".join(str(mesh.node_ids[i]) for i in unused[:5]) + (", …" if unused.size > 5 else "")
         words = "nodes belong to nothing and are" if unused.size > 1 else "node belongs to nothing and is"
         found.append(f"{unused.size} {words} left out of the model: {shown}")
-    found += [f"region {i} ({mesh.regions[i].name}) has no elements" for i in empty_regions(mesh)]
+    found += [f"{mesh.regions[i]} has no elements" for i in empty_regions(mesh)]
     if len(mesh.fixed) == 0:
         found.append("nothing is fixed")
     found += [
-        f"{count} × {card} not taken over: the stiffness, mass or tie it may add is missing"
+        f"{count} × {card} ignored: the stiffness, mass or tie it may add is missing"
         for card, count in mesh.ignored.items()
-        if _STRUCTURAL.match(card) and not _UNUSED.search(card)
+        if mesh.effect.get(card) == "structure"
     ]
     return tuple(found)
-
-
-def only_control(card: str) -> bool:
-    """A card or keyword that steers an analysis or loads the structure, and changes neither its stiffness nor its mass."""
-    return bool(_CONTROL.match(card))
 
 
 def _far_references(mesh: Mesh) -> list[str]:
@@ -90,20 +73,19 @@ def _far_references(mesh: Mesh) -> list[str]:
     if not nodes:
         return []
     size = float(np.linalg.norm(np.ptp(mesh.position[np.unique(np.concatenate(nodes))], axis=0)))
-    ties = [(e.name or f"rigid element {e.id}", e.reference, e.nodes) for e in mesh.rigid]
-    ties += [(e.name or f"averaging element {e.id}", e.reference, e.nodes) for e in mesh.averaging]
+    ties: list[RigidElement | AveragingElement] = [*mesh.rigid, *mesh.averaging]
     found = []
-    for name, reference, others in ties:
-        distance = float(np.linalg.norm(mesh.position[others] - mesh.position[reference], axis=1).min())
+    for tie in ties:
+        distance = float(np.linalg.norm(mesh.position[tie.nodes] - mesh.position[tie.reference], axis=1).min())
         if distance > 3 * size:
             found.append(
-                f"node {mesh.node_ids[reference]} of {name} lies {distance:.3g} m from its nodes, the solids are {size:.3g} m "
+                f"node {mesh.node_ids[tie.reference]} of {tie} lies {distance:.3g} m from its nodes, the solids are {size:.3g} m "
                 "long: positions in the config are in m, whatever the unit of the file"
             )
     return found
 
 
-def _odd_material(material: Material, length_unit: str, mass_unit: str) -> list[str]:
+def _material_warnings(material: Material, length_unit: str, mass_unit: str) -> list[str]:
     name, E, rho = str(material), material.youngs_modulus, material.density
     own = name.startswith("mesh.materials.")
     remedy = "values of the config are in Pa and kg/m³" if own else _likely_units(E, rho, length_unit, mass_unit)

@@ -1,0 +1,19 @@
+"""What cards of a deck that are not supported would do to the structure, by patterns of its format."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+_UNUSED = re.compile(r" that no | not selected$")
+
+
+def effects(cards: Iterable[str], structural: re.Pattern[str], control: re.Pattern[str]) -> dict[str, str]:
+    """Card → "structure" or "none" (see `Mesh`), where a pattern matches its beginning; not of cards that nothing refers to."""
+    found: dict[str, str] = {}
+    for card in cards:
+        if control.match(card):
+            found[card] = "none"
+        elif structural.match(card) and not _UNUSED.search(card):
+            found[card] = "structure"
+    return found
