@@ -160,7 +160,7 @@ class Run:
     def validated(self) -> Validated:
         return self._record(Validated, "validate")
 
-    def to_pyvista(self, stage: str = "import") -> pyvista.DataSet:
+    def to_pyvista(self, stage: str = "import") -> pyvista.DataObject:
         """The grid of a stage: "import" the mesh, "rom" the modes, "place" the pool, "validate" the strain of the candidates."""
         from pyvista import HDFReader
 
