@@ -27,6 +27,12 @@ def refused(*overrides: str) -> ConfigError:
     return caught.value
 
 
+def test_a_modulus_called_as_the_constant_term_of_a_matrix_is_refused():
+    error = refused("bodies.hub.moduli.constant={region: 1, value: 1.7e+11}")
+    assert error.key == "bodies.hub.moduli.constant"
+    assert "is taken" in str(error)
+
+
 @pytest.mark.parametrize(
     ("override", "key", "says"),
     [

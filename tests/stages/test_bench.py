@@ -9,17 +9,14 @@ import pytest
 from scipy.linalg import eigh
 from typer.testing import CliRunner
 
+from strainsight.cases.bench.reduction import body_damping
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
 from strainsight.fem.affine import AffineOperator
-from strainsight.records.bodies import body_datasets, body_from
 from strainsight.rom.craig_bampton import CraigBampton
-from strainsight.rom.inertia import InertiaInvariants
-from strainsight.stages.bench import reduce
+from strainsight.rom.model import Damping
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.workflow.artefact import Artefact, Header
-from strainsight.workflow.output import Output
-from strainsight.workflow.store import write_artefact
+from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .conftest import ROOT, finished, job_of
@@ -203,35 +200,17 @@ def test_gauges_may_be_zeroed_at_the_start(bench, tmp_path):
     np.testing.assert_array_equal(zeroed["/sensors/gauges"], plain - plain[0])
 
 
-def test_a_modulus_of_any_name_comes_back_as_it_was_reduced(tmp_path):
-    """K = K₀ + E K₁ after the record; E is called as the constant term is."""
-    stiffness = AffineOperator(np.diag([1.0, 2.0]), {"constant": np.diag([3.0, 4.0])})
-    rng = np.random.default_rng(0)
-    inertia = InertiaInvariants(
-        2.0, rng.random(3), rng.random((3, 2)), np.eye(3), rng.random((2, 3, 3)), rng.random((2, 2, 3, 3)),
-        rng.random((3, 3, 2)), rng.random((2, 3, 3, 2)), np.eye(2),
-    )  # fmt: skip
-    reduced = CraigBampton(stiffness, np.eye(2), np.eye(6, 2), {7: np.eye(6, 2)}, np.array([1.0]), 5.0)
-    record = body_datasets("b", reduced, inertia, AffineOperator(np.eye(2), {}), np.eye(6, 2), True)
-    header = Header("reduce", 1, "0" * 64, {}, {}, {})
-    artefact = write_artefact(tmp_path / "reduce.h5", Output(record, {}, "made by hand"), header)
-    found = body_from(artefact, "b")
-    np.testing.assert_array_equal(found.body.stiffness.at({"constant": 2.0}), np.diag([7.0, 10.0]))
-    np.testing.assert_array_equal(found.interface[7], np.eye(6, 2))
-    np.testing.assert_array_equal(found.body.invariants.coupling, inertia.coupling)
-
-
 def test_modal_damping_is_that_of_the_free_modes_of_a_free_body():
     """Three masses on two springs, the first one the interface: ζ of each mode that deforms it, nothing on its drift."""
     K = 1e4 * np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
     M = np.diag([1.0, 2.0, 1.5])
     body = CraigBampton(AffineOperator(K, {}), M, np.eye(3), {1: np.eye(6, 3)}, np.zeros(0), np.inf)
-    for law in ({"type": "modal", "ratio": 0.05}, {"type": "rayleigh", "alpha": 3.0, "beta": 1e-4}):
-        C = reduce._damping(body, law, {}, 1).constant
+    for law in (Damping("modal", ratio=0.05), Damping("rayleigh", alpha=3.0, beta=1e-4)):
+        C = body_damping(body, law, {}, 1).constant
         np.testing.assert_allclose(C @ np.ones(3), 0.0, atol=1e-9)
         lam, Phi = eigh(K, M)
         omega = np.sqrt(lam[1:])
-        ratio = np.full(2, 0.05) if law["type"] == "modal" else 0.5 * (3.0 / omega + 1e-4 * omega)
+        ratio = np.full(2, 0.05) if law.kind == "modal" else 0.5 * (3.0 / omega + 1e-4 * omega)
         np.testing.assert_allclose(np.diag(Phi.T @ C @ Phi)[1:], 2 * ratio * omega, rtol=1e-9)
 
 
@@ -239,7 +218,7 @@ def test_a_slow_mode_beside_a_stiff_residual_vector_is_damped():
     """Eigenvalues 1 and 1e11 (rad/s)² of a held body: neither is rigid."""
     lam = np.array([1.0, 1e11])
     body = CraigBampton(AffineOperator(np.diag(lam), {}), np.eye(2), np.eye(2), {}, np.array([1.0]), 5.0)
-    C = reduce._damping(body, {"type": "modal", "ratio": 0.05}, {}, 0).constant
+    C = body_damping(body, Damping("modal", ratio=0.05), {}, 0).constant
     np.testing.assert_allclose(C, np.diag(0.1 * np.sqrt(lam)), rtol=1e-9)
 
 

@@ -345,6 +345,13 @@ def _components(letters: str) -> tuple[int, ...]:
     return tuple(int(letter) - 1 for letter in letters)
 
 
+@record
+class Meshes:
+    """import.h5 of a bench."""
+
+    bodies: dict[str, Mesh] = group("/bodies/<name>", MeshColumns)
+
+
 def mesh_from(source: Source, below: str = "") -> Mesh:
     """The mesh of an import, or of a body of a bench below its group."""
     return read(MeshColumns, source, below).made()

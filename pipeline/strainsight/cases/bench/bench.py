@@ -17,7 +17,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.bearing.law import BearingLaw
-from strainsight.multibody.bodies import Body, RigidBody
+from strainsight.multibody.bodies import Body, FlexibleBody, RigidBody
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose
@@ -54,8 +54,8 @@ def bench_of(
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
         with blame(f"bodies.{name}"):
-            bodies.append(_rigid(name, entry) if entry.type == "rigid" else reduced[name].body)
-        held = entry.type == "flexible" and reduced[name].body.clamped
+            bodies.append(_rigid(name, entry) if entry.type == "rigid" else _flexible(name, reduced[name]))
+        held = entry.type == "flexible" and reduced[name].clamped
         if held and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
             raise ConfigError(
                 f"'{name}' is held on the ground by the supports of its deck",
@@ -145,6 +145,10 @@ def motion_sensor(name: str, entry: Any, frames: Mapping[str, Frame]) -> Sensor:
     return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
 
 
+def _flexible(name: str, reduced: ReducedBody) -> FlexibleBody:
+    return FlexibleBody(name, reduced.clamped, reduced.stiffness, reduced.mass, reduced.damping, reduced.inertia)
+
+
 def _rigid(name: str, entry: Any) -> RigidBody:
     """The inertia of the config is about the centre of mass, that of the kernel about the origin."""
     I, c = entry.inertia, np.asarray(entry.centre, dtype=float)
@@ -161,7 +165,7 @@ def _frame(name: str, entry: Any, reduced: Mapping[str, ReducedBody], meshes: Ma
     with blame(f"frames.{name}.node"):
         mesh = meshes[entry.body]
         origin = mesh.position[node_index(mesh, int(entry.node))]
-        rows = reduced[entry.body].interface[int(entry.node)]
+        rows = reduced[entry.body].interface[str(entry.node)]
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 
 

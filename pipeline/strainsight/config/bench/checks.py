@@ -13,6 +13,7 @@ from strainsight.config.bench.checks_bearing import bearings_alone
 from strainsight.config.bench.checks_estimate import estimate_problems
 from strainsight.config.bench.field import field_problems
 from strainsight.config.bench.place import place_problems
+from strainsight.config.checks_model import RESERVED
 from strainsight.config.names import GROUND, name_problems, names_in
 from strainsight.config.problem import Problem
 
@@ -75,6 +76,9 @@ def _moduli(config: BenchConfig) -> Iterator[Problem]:
     for name, body in config.bodies.items():
         if isinstance(body, FlexibleBody):
             for key, modulus in body.moduli.items():
+                if key in RESERVED:
+                    where = f"bodies.{name}.moduli.{key}"
+                    yield Problem(where, f"the name '{key}' is taken", "choose another name", at_key=True)
                 owner, value = first.setdefault(key, (name, modulus.value))
                 if value != modulus.value:
                     yield Problem(

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.flexible import flexible_bodies
 from strainsight.cases.bench.inverse.output import estimate_output
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
@@ -18,6 +17,7 @@ from strainsight.cases.bench.inverse.unknowns import Unknowns, free_properties, 
 from strainsight.cases.bench.loads import loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
 from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.stages.bench import inputs
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -60,7 +60,7 @@ def run(context: Context) -> Output:
 def estimated(context: Context) -> Estimated:
     """All that the stage finds."""
     config, estimate = context.config, context.config.estimate
-    reduced, meshes = flexible_bodies(context)
+    reduced, meshes = inputs.bodies(context), inputs.meshes(context)
     bench = bench_of(config, reduced, meshes, free_properties(estimate))
     sensors = sensors_of(config, bench, reduced, meshes, context.upstream.get("place"))
     used = some_of(bench, sensors, list(estimate.sensors))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.bench.reduction import moduli_of
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.recovery import facet_strain
@@ -14,10 +15,8 @@ from strainsight.fem.stress import surface_model, surface_state
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.vtkhdf import facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
-from strainsight.records.bodies import body_from
 from strainsight.records.grids import vtkhdf_datasets
-from strainsight.records.mesh import mesh_from
-from strainsight.stages.bench.reduce import moduli_of
+from strainsight.stages.bench import inputs
 from strainsight.workflow.output import Dataset, Output, Scalar
 from strainsight.workflow.stage import Context, Stage
 
@@ -36,13 +35,10 @@ def run(context: Context) -> Output:
     """The surface at some instants: displacement and strain in body axes, stress with the moduli of those instants."""
     config, settings = context.config, context.config.field
     name, source = settings.body, context.upstream[settings.of]
-    mesh, reduced = (
-        mesh_from(context.upstream["import"], f"/bodies/{name}"),
-        body_from(context.upstream["reduce"], name),
-    )
+    mesh, reduced = inputs.meshes(context)[name], inputs.bodies(context)[name]
     time, q = source["/time"], source["/q"]
     first, stop = (int(i) for i in context.upstream["simulate"][f"/coordinates/{name}"])
-    modes = reduced.body.modes
+    modes = len(reduced.mass)
     at = _instants(len(time), settings)
     if not np.isfinite(q[at]).all():
         lost = time[at][~np.isfinite(q[at]).all(axis=1)][0]

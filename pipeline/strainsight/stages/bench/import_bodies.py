@@ -5,33 +5,33 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from strainsight.cases.bench.reduction import flexible
 from strainsight.cases.structure.mesh import checked, mesh_of
-from strainsight.config.bench.bodies import FlexibleBody
+from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.scaling import scaled
-from strainsight.records.mesh import MeshColumns
-from strainsight.records.record import Place, written
+from strainsight.records.mesh import Meshes
+from strainsight.records.record import written
 from strainsight.stages.pages.found import found_tables
-from strainsight.workflow.output import Dataset, Output, Scalar, Table
+from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context) -> Output:
     """Read every deck, convert its units, add what the config adds, check it, weigh it."""
-    datasets: dict[str, Dataset] = {}
+    meshes: dict[str, Mesh] = {}
     summary: dict[str, Scalar] = {}
     tables: list[Table] = []
     included: list[Path] = []
     parts = []
-    flexible = {name: body for name, body in context.config.bodies.items() if isinstance(body, FlexibleBody)}
-    for i, (name, body) in enumerate(flexible.items()):
-        context.progress(name, i / len(flexible))
+    bodies = flexible(context.config)
+    for i, (name, body) in enumerate(bodies.items()):
+        context.progress(name, i / len(bodies))
         key = f"bodies.{name}.mesh"
         deck = mesh_of(body.mesh, context.files[f"{key}.file"], key)
-        mesh = scaled(deck, float(body.scale))
+        mesh = meshes[name] = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
         assert weight is not None
-        datasets |= written(MeshColumns.of(mesh), at=Place(f"/bodies/{name}"))
         warnings = sanity_warnings(deck, body.mesh.length_unit, body.mesh.mass_unit)
         tables += [
             replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, warnings)
@@ -40,7 +40,7 @@ def run(context: Context) -> Output:
         summary |= {f"nodes.{name}": len(mesh.node_ids), f"mass.{name}": float(weight[0])}
         parts.append(f"{name} {len(mesh.node_ids)} nodes, {weight[0]:.5g} kg")
     return Output(
-        datasets=datasets,
+        datasets=written(Meshes(bodies=meshes)),
         summary=summary,
         message="; ".join(parts) or "no flexible body",
         tables=tuple(tables),

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.flexible import flexible_bodies
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.cases.bench.layout.output import Found, output_of
 from strainsight.cases.bench.layout.placed import PLACED, layout_of
@@ -26,6 +25,8 @@ from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
 from strainsight.placement.limits import Limits, limits_of
 from strainsight.placement.scenario import whole_pool_weight
+from strainsight.stages.bench.inputs import bodies
+from strainsight.stages.bench.inputs import meshes as body_meshes
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -33,7 +34,7 @@ from strainsight.workflow.stage import Context, Stage
 def run(context: Context) -> Output:
     """Linearise about the static equilibrium, screen, eliminate, exchange, certify; draw layouts to compare with."""
     config, place = context.config, context.config.place
-    reduced, meshes = flexible_bodies(context)
+    reduced, meshes = bodies(context), body_meshes(context)
     bench = bench_of(config, reduced, meshes)
     inputs = tuple(name for name in bench.system.inputs if name in config.estimate.inputs)
     q, u = _equilibrium(context, bench)

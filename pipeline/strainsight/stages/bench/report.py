@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from strainsight import __version__
+from strainsight.cases.bench.reduction import flexible
 from strainsight.errors import StrainsightError
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import bench_figures, bench_page
@@ -52,7 +53,7 @@ def run(context: Context) -> Output:
 def _body(context: Context) -> str | None:
     """The flexible body to show: that of the field or of the placement, else the first with gauges, else the first."""
     config, up = context.config, context.upstream
-    if "import" not in up or all(body.type != "flexible" for body in config.bodies.values()):
+    if "import" not in up or not flexible(config):
         return None
     strain = [str(sensor.body) for sensor in config.sensors.values() if sensor.type == "strain"]
     return body_of(config, None if "field" in up or "place" in up else next(iter(strain), None))

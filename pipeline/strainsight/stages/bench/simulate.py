@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.flexible import flexible_bodies
 from strainsight.cases.bench.loads import loads_of
 from strainsight.cases.bench.rings import rings_in_time
 from strainsight.cases.bench.sensors import reading_datasets, sensors_of
@@ -15,6 +14,7 @@ from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
 from strainsight.multibody.spectrum import coupled_frequencies
+from strainsight.stages.bench import inputs
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -31,7 +31,7 @@ TILT = 0.1
 def run(context: Context) -> Output:
     """Assemble the bench, bring it to its start, step through the loads, read the sensors."""
     config = context.config
-    reduced, meshes = flexible_bodies(context)
+    reduced, meshes = inputs.bodies(context), inputs.meshes(context)
     bench = bench_of(config, reduced, meshes)
     h, steps = float(config.simulate.time_step), round(config.simulate.duration / config.simulate.time_step)
     time = h * np.arange(steps + 1)

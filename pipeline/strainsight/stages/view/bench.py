@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from strainsight.cases.bench.layout.placed import PLACED, placed_layout
+from strainsight.cases.bench.reduction import flexible
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.records.below import Below
-from strainsight.records.mesh import mesh_from
+from strainsight.records.bodies import ReducedBodies, ReducedBody
+from strainsight.records.mesh import Meshes
+from strainsight.records.record import read
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
 from strainsight.stages.view.placement import bare
@@ -27,29 +29,29 @@ def body_of(config: BenchConfig, asked: str | None) -> str:
 
     Raises UserError where there is none, or none of that name.
     """
-    flexible = [name for name, body in config.bodies.items() if body.type == "flexible"]
-    if not flexible:
+    bodies = list(flexible(config))
+    if not bodies:
         raise UserError("no body of this bench is flexible", remedy="there is no mesh to show: see report.html")
-    if asked is not None and asked not in flexible:
-        names = ", ".join(flexible)
+    if asked is not None and asked not in bodies:
+        names = ", ".join(bodies)
         raise UserError(
             f"--body {asked}: this bench has no flexible body of that name",
-            remedy=did_you_mean(asked, flexible, f"flexible bodies are {names}"),
+            remedy=did_you_mean(asked, bodies, f"flexible bodies are {names}"),
         )
-    wanted = [asked, *(section.body for section in (config.field, config.place) if section is not None), flexible[0]]
+    wanted = [asked, *(section.body for section in (config.field, config.place) if section is not None), bodies[0]]
     return next(name for name in wanted if name is not None)
 
 
 def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artefact], at: float | None) -> View:
     """What is asked for of the body, from the artefacts that `offers` names; at [s]: the instant of a field."""
-    mesh = mesh_from(up["import"], f"/bodies/{body}")
+    mesh = read(Meshes, up["import"]).bodies[body]
     title = f"{config.name}: {body}"
     layout = bare(mesh, {})
     if what == "mesh":
         elements = sum(len(block.nodes) for block in mesh.blocks)
         return View(f"{title}, {elements} elements, {len(mesh.node_ids)} nodes", layout)
     if what == "modes":
-        return _modes(title, layout, mesh, Below(up["reduce"], f"/bodies/{body}"))
+        return _modes(title, layout, mesh, read(ReducedBodies, up["reduce"]).bodies[body])
     if what == "candidates":
         return _candidates(title, layout, up["place"])
     layout = replace(layout, gauges=_gauges(config, body, mesh, up))
@@ -60,12 +62,12 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
     return View(f"{title}, {len(layout.gauges)} gauges", layout)
 
 
-def _modes(title: str, layout: Layout, mesh: Mesh, part: Below) -> View:
+def _modes(title: str, layout: Layout, mesh: Mesh, part: ReducedBody) -> View:
     """The modes with the interfaces held: the first coordinates that move no interface node."""
-    still = ~np.any([np.any(rows, axis=0) for rows in part.children("/interface").values()], axis=0)
-    frequency = part["/frequency"]
+    still = ~np.any([np.any(rows, axis=0) for rows in part.interface.values()], axis=0)
+    frequency = part.frequency
     own = np.flatnonzero(still)[: len(frequency)]
-    shapes = np.moveaxis(part["/basis"][:, own].reshape(len(mesh.position), 3, -1), 2, 0)
+    shapes = np.moveaxis(part.basis[:, own].reshape(len(mesh.position), 3, -1), 2, 0)
     captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
     bodies = replace(layout, fixed=np.empty((0, 3)))
     return modes_view(f"{title}, interfaces held", bodies, shapes, captions, "kg^-1/2")

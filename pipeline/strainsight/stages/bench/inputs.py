@@ -1,0 +1,19 @@
+"""What the stages of a bench read from the artefacts above them."""
+
+from __future__ import annotations
+
+from strainsight.mesh.model import Mesh
+from strainsight.records.bodies import ReducedBodies, ReducedBody
+from strainsight.records.mesh import Meshes
+from strainsight.records.record import read
+from strainsight.workflow.stage import Context
+
+
+def meshes(context: Context) -> dict[str, Mesh]:
+    """import.h5: flexible body → its mesh."""
+    return read(Meshes, context.upstream["import"]).bodies
+
+
+def bodies(context: Context) -> dict[str, ReducedBody]:
+    """reduce.h5: flexible body → what it was reduced to."""
+    return read(ReducedBodies, context.upstream["reduce"]).bodies
