@@ -58,6 +58,16 @@ class Model:
     damping: Affine = group("/damping", AffineForm)
 
 
+@record
+class History:
+    value: np.ndarray = dataset("/value", "<unit>", "sample", "history of <what>")
+
+
+@record
+class Histories:
+    loads: dict[str, History] = group("/loads/<name>", unit="unit of <name>", what="<name>")
+
+
 def run_of(**changes) -> Run:
     given = {
         "time": np.arange(4.0),
@@ -100,6 +110,16 @@ def test_units_names_and_labels_of_axes_are_those_of_the_fields():
     assert datasets["/strain"].scales == ("/time", "")
     assert datasets["/time"].scales == ()
     assert "/glued" not in datasets
+
+
+def test_records_by_name_take_unit_and_words_of_their_name():
+    loads = {name: History(value=np.zeros(2)) for name in ("E", "tip")}
+    datasets = written(Histories(loads=loads), UNITS)
+    assert {path: (own.unit, own.description) for path, own in datasets.items()} == {
+        "/loads/E/value": ("Pa", "history of E"),
+        "/loads/tip/value": ("N", "history of tip"),
+    }
+    assert listed(Histories) == [("/loads/<name>/value", "sample", "unit of <name>", "history of <name>")]
 
 
 def test_a_field_is_read_when_it_is_asked_for():

@@ -70,7 +70,8 @@ def dataset(path: str, unit: str, axes: str, what: str, *, default: EllipsisType
 def group(path: str, through: Any = None, unit: str = "", what: str = "", *, default: EllipsisType | None = ...) -> Any:
     """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file.
 
-    unit, what: stand for `<unit>` and `<what>` in the fields of that record, which several groups may share.
+    unit, what: stand for `<unit>` and `<what>` in the fields of that record, which several groups may share; "unit of <name>" is
+    then that of the name of the group.
     """
     return _field(Place(path, unit, what=what), through, default)
 
@@ -141,15 +142,14 @@ def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) 
             path = below + place.path.replace(NAME, key)
             if kind.record is not None:
                 form = part if kind.record is kind.leaf else kind.record.of(part)
-                found |= written(form, units, replace(_within(place, at), path=path))
+                found |= written(form, units, replace(_named_as(key, _within(place, at), units), path=path))
                 continue
             array = _array(part)
             if wrong := _contradiction(place, array, lengths, path):
                 raise ValueError(wrong)
-            stated = _within(place, at)
-            unit = (units or {})[key] if NAME in stated.unit else stated.unit
+            stated = _named_as(key, _within(place, at), units)
             scales = tuple(_label(axis, place, fields, below) for axis in place.axes)
-            found[path] = Dataset(array, unit, stated.what.replace(NAME, key), scales if any(scales) else ())
+            found[path] = Dataset(array, stated.unit, stated.what, scales if any(scales) else ())
     return found
 
 
@@ -168,6 +168,12 @@ def _within(place: Place, at: Place) -> Place:
         unit=place.unit.replace("<unit>", at.unit),
         what=place.what.replace("<what>", at.what),
     )
+
+
+def _named_as(key: str, place: Place, units: Mapping[str, str] | None) -> Place:
+    """A place of one name: its unit is that of the name where it says so."""
+    unit = (units or {})[key] if NAME in place.unit else place.unit
+    return replace(place, unit=unit, what=place.what.replace(NAME, key))
 
 
 def _parts(value: Any, kind: _Kind) -> Iterator[tuple[str, Any]]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.bench.bearings import bearings_of
 from strainsight.cases.bench.layout.placed import placed_layout
 from strainsight.errors import ConfigError, blame
 from strainsight.gauges.glued import GluedEntry, glued
@@ -67,10 +68,7 @@ def bench_of(
                 np.array(entry.pose.origin), axes_of(entry.pose), np.array(entry.velocity), np.array(entry.spin)
             )
     frames = {name: _frame(name, entry, reduced, meshes) for name, entry in config.frames.items()}
-    bearings = {}
-    for name, entry in config.bearings.items():
-        with blame(f"bearings.{name}"):
-            bearings[name] = bearing_of(entry)
+    bearings = bearings_of(config.bearings)
     joints = [
         JOINTS[entry.type](name, *_between(entry, frames), **_keys(entry)) for name, entry in config.joints.items()
     ]
@@ -84,27 +82,6 @@ def bench_of(
         values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
     return Bench(system, frames, bearings, poses, theta)
-
-
-def bearing_of(entry: Any) -> Bearing:
-    """A bearing of the config; angles there are in degrees."""
-    plain = (
-        "balls",
-        "ball_diameter",
-        "pitch_diameter",
-        "radius_inner_left",
-        "radius_inner_right",
-        "radius_outer_left",
-        "radius_outer_right",
-        "preload",
-        "groove_centres",
-        "youngs_modulus",
-        "poisson_ratio",
-        "density",
-        "speed",
-    )
-    values: dict[str, Any] = {name: getattr(entry, name) for name in plain}
-    return Bearing(**values, contact_angle=np.deg2rad(entry.contact_angle), first_ball=np.deg2rad(entry.first_ball))
 
 
 def axes_of(pose: Any) -> np.ndarray:

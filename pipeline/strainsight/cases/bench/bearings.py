@@ -1,0 +1,104 @@
+"""Bearings alone, as bearing engineers look at them: under loads, and along one displacement (thesis 1.18-1.25)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.config.bench.bearing import Bearing as StatedBearing
+from strainsight.config.bench.bearing import Curve, LoadCase
+from strainsight.errors import StrainsightError, blame
+from strainsight.multibody.bearing.element import ball_loads, bearing_load
+from strainsight.multibody.bearing.equilibrium import displacement
+from strainsight.multibody.bearing.geometry import Bearing
+from strainsight.records.bearing import BearingCase, BearingCurve
+
+ALONG = ("x", "y", "z", "tilt_y", "tilt_z")
+USUAL_REACH, USUAL_POINTS = 1e-4, 41
+"""[m] of the curves where the config asks for none: at the pitch circle, whether it slides or tilts."""
+
+
+@dataclass(frozen=True)
+class Displaced:
+    """A bearing along one displacement, number `along` of the five."""
+
+    bearing: str
+    along: int
+    curve: BearingCurve
+
+
+def bearing_of(entry: StatedBearing) -> Bearing:
+    """A bearing of the config; angles there are in degrees."""
+    angles = {"contact_angle": np.deg2rad(entry.contact_angle), "first_ball": np.deg2rad(entry.first_ball)}
+    return Bearing(**(dict(entry) | angles))
+
+
+def bearings_of(stated: Mapping[str, StatedBearing]) -> dict[str, Bearing]:
+    """All bearings of a config, by name."""
+    found = {}
+    for name, entry in stated.items():
+        with blame(f"bearings.{name}"):
+            found[name] = bearing_of(entry)
+    return found
+
+
+def loaded(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:
+    """Bearing → load case → its equilibrium, for the bearings that each case is of."""
+    return {
+        name: {case: _loaded(name, bearing, case, entry) for case, entry in cases.items() if _is_of(name, entry)}
+        for name, bearing in bearings.items()
+    }
+
+
+def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingCase:
+    load = np.array([*entry.force, *entry.moment], dtype=float)
+    try:
+        q = displacement(bearing, load)
+    except StrainsightError as error:
+        # a case may be of several bearings
+        raise type(error)(f"'{name}': {error.what}", key=f"cases.{case}", remedy=error.remedy) from error
+    found, balls = bearing_load(bearing, q), ball_loads(bearing, q)
+    return BearingCase(
+        load=found.force,
+        displacement=q,
+        stiffness=found.tangent,
+        station=balls.angle,
+        force=balls.force,
+        contact_angle=balls.contact_angle,
+        pressure=balls.pressure,
+    )
+
+
+def displaced(bearings: Mapping[str, Bearing], curves: Sequence[Curve]) -> list[Displaced]:
+    """The curves of every bearing; usual ones along and across its axis, and tilted, where the config asks for none."""
+    found = []
+    for name, bearing in bearings.items():
+        for key, along, reach, points in _asked(name, bearing, curves):
+            over = np.linspace(-reach, reach, points)
+            q = np.zeros((points, 5))
+            q[:, along] = over
+            with blame(key):
+                load = np.array([bearing_load(bearing, row, slopes=False).force for row in q])
+            found.append(Displaced(name, along, BearingCurve(displacement=over, load=load)))
+    return found
+
+
+def _asked(name: str, bearing: Bearing, curves: Sequence[Curve]) -> list[tuple[str, int, float, int]]:
+    """Key of the config, number of the displacement, reach [m or rad] and points of every curve of a bearing."""
+    if not curves:
+        half = bearing.pitch_diameter / 2
+        usual = ((along, USUAL_REACH if along < 3 else USUAL_REACH / half) for along in (0, 1, 3))
+        return [(f"bearings.{name}", along, reach, USUAL_POINTS) for along, reach in usual]
+    return [
+        (f"curves.{i}", ALONG.index(curve.along), curve.reach, curve.points)
+        for i, curve in enumerate(curves)
+        if _is_of(name, curve)
+    ]
+
+
+def _is_of(name: str, entry: LoadCase | Curve) -> bool:
+    """Whether a load case or a curve is of this bearing; null means every one."""
+    chosen = entry.bearing
+    return chosen is None or name in ((chosen,) if isinstance(chosen, str) else chosen)
