@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from strainsight.records.artefacts import PLACEMENT
+from strainsight.records.artefacts import BENCH, PLACEMENT, SHARED
 from strainsight.records.record import listed
 
 PAGE = Path(__file__).parent / "artefacts.md"
@@ -23,11 +23,13 @@ def table(kind: type) -> str:
 
 def renewed(text: str) -> str:
     """The page with the table of every artefact that is a record made anew."""
-    for stage, kind in PLACEMENT.items():
-        pattern = rf"(^## {stage}\.h5\n(?:(?!^## |^\|).*\n)*)(?:^\|.*\n)+"
+    kinds = {f"{stage}.h5": kind for stage, kind in PLACEMENT.items()}
+    kinds |= {f"{stage}.h5{' of a bench' * (stage in SHARED)}": kind for stage, kind in BENCH.items()}
+    for heading, kind in kinds.items():
+        pattern = rf"(^## {re.escape(heading)}\n(?:(?!^## |^\|).*\n)*)(?:^\|.*\n)+"
         text, found = re.subn(pattern, lambda own, kind=kind: own[1] + table(kind), text, flags=re.MULTILINE)
         if found != 1:
-            raise ValueError(f"{PAGE.name} has {found} tables under '{stage}.h5', not one")
+            raise ValueError(f"{PAGE.name} has {found} tables under '{heading}', not one")
     return text
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from strainsight.records.bearing import BearingsAlone
+from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed
 from strainsight.records.reduced import Modes, Reduced
@@ -19,3 +21,11 @@ PLACEMENT: dict[str, Any] = {
     "spectrum": Modes,
 }
 """Stage of a placement → the record that it writes, of those that write one."""
+
+BENCH: dict[str, Any] = {
+    "reduce": ReducedBodies,
+    "bearing": BearingsAlone,
+}
+"""The same of a bench."""
+SHARED = ("import", "place", "estimate", "report", "suite")
+"""Stages of both: docs/artefacts.md says "of a bench" in the heading of the second."""
