@@ -226,7 +226,7 @@ def test_its_artefact_holds_the_table(first, folder):
     assert suite["/run/gauges"][:2].tolist() == [4, 2]
     assert suite["/unknown/run"].tolist() == [0, 1, 2]
     place = Artefact(folder / "results" / "placed" / "place.h5")
-    assert suite["/run/trace_final"][1] == place.summary["trace_final"]
+    assert suite["/run/metric_final"][1] == place.summary["trace_final"]
     validate = Artefact(folder / "results" / "cantilever-youngs-modulus" / "validate.h5")
     assert suite["/unknown/error"][0] == validate.summary["error.E"]
     assert suite["/unknown/verdict"].tolist()[1:] == ["", ""]

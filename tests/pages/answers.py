@@ -98,9 +98,9 @@ def _decisive(validate: h5py.File, name: str, load: bool) -> float:
 def _best_other(place: h5py.File) -> float:
     """The least metric of the other rules; of the random sets the one in the middle counts."""
     rules = [rule.decode() for rule in place["criteria/rule"][()]]
-    traces = place["criteria/trace"][()]
-    drawn = sorted(trace for rule, trace in zip(rules, traces, strict=True) if rule.startswith("random_"))
-    others = [t for rule, t in zip(rules, traces, strict=True) if not rule.startswith("random_")][1:]
+    values = place["criteria/value"][:, 0]
+    drawn = sorted(value for rule, value in zip(rules, values, strict=True) if rule.startswith("random_"))
+    others = [t for rule, t in zip(rules, values, strict=True) if not rule.startswith("random_")][1:]
     middle = drawn[(len(drawn) - 1) // 2 : (len(drawn) - 1) // 2 + 1]
     return min(value for value in [*others, *middle] if np.isfinite(value))
 

@@ -39,7 +39,7 @@ def test_its_first_table_has_the_numbers_of_the_runs(look, report):
         told = {key: suite[f"unknown/{key}"][()] for key in ("name", "error", "std", "smoothed")}
         load = np.char.startswith(told["name"].astype(bytes), b"F")
         errors = [*told["smoothed"][load], *told["error"][~load], *told["std"][~load]]
-        wanted = [*errors, *suite["run/gap"][()], *suite["run/trace_final"][()]]
+        wanted = [*errors, *suite["run/gap"][()], *suite["run/metric_final"][()]]
     wanted = [float(value) for value in wanted if value == value]
     assert len(wanted) > 8
     assert [value for value in wanted if value not in shown] == []

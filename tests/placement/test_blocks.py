@@ -72,8 +72,8 @@ def test_slope_and_curvature_of_a_common_weight_are_those_of_forty_digits(blocks
     pool = solve_pool(blocks)
     s = pool.scenario
     loop = loop_of(pool, np.arange(12), pool.P)
-    shared = slopes(loop, s.weight)
-    gradient = gauge_gradients(loop, pool.rows, s.weight)
+    shared = slopes(loop, np.diag(s.weight))
+    gradient = gauge_gradients(loop, pool.rows, np.diag(s.weight))
     step = mpmath.mpf(1) / 2**20
     for g in (0, 1, 5):
         values = [in_digits(s, np.where(np.arange(12) == g, float(1 + k * step), 1.0), pool.P) for k in (-1, 0, 1)]
@@ -92,13 +92,13 @@ def test_a_block_leaves_and_comes_back_and_never_below_its_bounds(oracle, blocks
     P = subset_covariance(pool, gauges)
     np.testing.assert_allclose(P, oracle(s, gauges), atol=1e-8 * np.abs(P).max())
     loop = loop_of(pool, gauges, P)
-    shared = slopes(loop, s.weight)
+    shared = slopes(loop, np.diag(s.weight))
     for g in gauges:
         rest = np.delete(gauges, g)
         D = removal(s.F, s.Q, loop, pool.rows[g], lambda rest=rest: pool.rows[rest], pool.modes)
         np.testing.assert_allclose(P + D, oracle(s, rest), atol=1e-7 * np.abs(P + D).max())
         rise = s.weight @ np.diag(D)
-        bound = gauge_gradients(loop, pool.rows[[g]], s.weight)[0]
+        bound = gauge_gradients(loop, pool.rows[[g]], np.diag(s.weight))[0]
         sharper = sharper_bound(shared, pool.rows[g])
         assert bound <= sharper * (1 + 1e-12)
         assert sharper <= rise * (1 + 1e-10)
@@ -112,7 +112,7 @@ def test_blocks_leave_in_the_order_of_algorithm_2(oracle, beam_of, scenarios_of,
     found = eliminate(scenarios, 3, aggregate)
     scaled = [p.scenario for p in found.pools]
     left = list(range(12))
-    for out, after in zip(found.removed.tolist(), found.trace[1:], strict=True):
+    for out, after in zip(found.removed.tolist(), found.cost[1:], strict=True):
         costs = {g: cost_of(oracle, scaled, [o for o in left if o != g], aggregate) for g in left}
         np.testing.assert_allclose(costs[out], min(costs.values()), rtol=1e-8)
         np.testing.assert_allclose(after, costs[out], rtol=1e-6)
@@ -125,9 +125,9 @@ def test_a_rosette_is_its_three_channels_as_three_gauges(beam_of, scenarios_of):
     rosettes = replace(single, H=single.H.reshape(4, 3, -1), r=single.r.reshape(4, 3))
     kept = eliminate([rosettes], 2)
     alone = [solve_pool(single)]
-    np.testing.assert_allclose(kept.trace[0], score(alone, np.arange(12)), rtol=1e-10)
+    np.testing.assert_allclose(kept.cost[0], score(alone, np.arange(12)), rtol=1e-10)
     channels = (3 * kept.kept[:, None] + np.arange(3)).ravel()
-    np.testing.assert_allclose(kept.trace[-1], score(alone, channels), rtol=1e-9)
+    np.testing.assert_allclose(kept.cost[-1], score(alone, channels), rtol=1e-9)
     # and what one failure loses are all three
     loss = loss_if_one_fails(kept.pools, kept.kept)
     np.testing.assert_allclose(loss, [score(alone, channels[3:]), score(alone, channels[:3])], rtol=1e-9)
@@ -141,7 +141,7 @@ def test_channels_of_nothing_and_one_noise_for_a_block_change_nothing(beam_of, s
         padded = eliminate([replace(single, H=H, r=r)], 4)
         plain = eliminate([single], 4)
         assert padded.removed.tolist() == plain.removed.tolist()
-        np.testing.assert_allclose(padded.trace, plain.trace, rtol=1e-9)
+        np.testing.assert_allclose(padded.cost, plain.cost, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("aggregate", "instants"), [("mean", (63,)), ("worst", (55, 260))])
@@ -159,7 +159,7 @@ def test_the_search_over_blocks_is_exhaustive_search(oracle, beam_of, scenarios_
     np.testing.assert_allclose(costs[tuple(found.gauges.tolist())], best, rtol=1e-8)
     swapped = exchange(pools, eliminate(scenarios, 3, aggregate).kept, aggregate)
     assert costs[tuple(swapped.gauges.tolist())] >= best * (1 - 1e-9)
-    certificate = certify(pools, swapped.gauges, swapped.trace[-1], aggregate)
+    certificate = certify(pools, swapped.gauges, swapped.cost[-1], aggregate)
     assert 0.3 * best < certificate.lower_bound <= best * (1 + 1e-8)
     robust = robust_set(pools, 4, aggregate)
     np.testing.assert_allclose(robust.loss, loss_if_one_fails(pools, robust.gauges, aggregate), rtol=1e-9)

@@ -109,7 +109,7 @@ def test_out_of_time_before_any_set_it_says_so(monkeypatch, six_loads):
     def dead_end(*_, **__):
         raise InfeasibleError("no way on", remedy="none")
 
-    monkeypatch.setattr(module, "eliminate", dead_end)
+    monkeypatch.setattr(module, "eliminate_from", dead_end)
     monkeypatch.setattr(room.Search, "_round", lambda *_: None)
     found = branch_and_bound(pools, 2, time_limit=0.0)
     assert len(found.gauges) == 0

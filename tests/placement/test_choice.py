@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.placement.choice import known_to_go, least_missed
+from strainsight.placement.choice import Step, known_to_go, least_missed
 from strainsight.placement.remaining import Remaining
-from strainsight.placement.scenario import loop_of, subset_covariance, weighted_trace
+from strainsight.placement.scenario import loop_of, subset_covariance
 
 from .wandering import COMBINED, costs_of, pools_of
 
 POOL, LEVELS, WEIGHT = 12, (1.0, 9.0), np.array([1.0, 3.0, 0.5])
 
 
-class Step:
+class Left:
     """What is left after some gauges have gone; two scenarios, H (2, pool, 3) at unit noise."""
 
     def __init__(self, H, aggregate, removed=(), fixed=()):
@@ -26,7 +26,8 @@ class Step:
         self.gauges = self.left.gauges.tolist()
         P = [subset_covariance(pool, self.gauges) for pool in self.pools]
         self.loops = [loop_of(pool, self.gauges, p) for pool, p in zip(self.pools, P, strict=True)]
-        self.costs = np.array([weighted_trace(pool, p) for pool, p in zip(self.pools, P, strict=True)])
+        self.costs = np.array([pool.metric.value(p) for pool, p in zip(self.pools, P, strict=True)])
+        self.step = Step(self.pools, self.loops, self.costs, self.left, aggregate)
 
     def each(self, gauges):
         """tr(W P) of every scenario."""
@@ -38,7 +39,7 @@ class Step:
 
     def found(self, relief=None):
         at_places = None if relief is None else relief[self.left.index]
-        return least_missed(self.pools, self.loops, self.costs, self.left, self.aggregate, at_places)
+        return least_missed(self.step, at_places)
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
@@ -49,7 +50,7 @@ def test_the_least_rise_per_relief_of_all_is_found(aggregate, seed):
     H = rng.normal(size=(2, POOL, 3))
     H[:, [4, 9]] = -H[:, [2, 6]]
     for removed, fixed in (((), ()), ((1, 7, 10), (0, 3)), ((0, 3, 5, 8, 10, 11, 7), (1,))):
-        step = Step(H, aggregate, removed, fixed)
+        step = Left(H, aggregate, removed, fixed)
         for relief in (None, 10.0 ** rng.uniform(-2, 2, POOL) * (rng.random(POOL) < 0.7), np.full(POOL, 100.0)):
             per = np.ones(POOL) if relief is None else relief
             per[[4, 9]] = per[[2, 6]]
@@ -71,18 +72,18 @@ def test_the_least_rise_per_relief_of_all_is_found(aggregate, seed):
 
 def test_where_every_removal_loses_an_unknown_none_is_found():
     H = np.random.default_rng(1).normal(size=(2, POOL, 3))
-    step = Step(H, "mean", range(3, POOL))
+    step = Left(H, "mean", range(3, POOL))
     choice, solves, _ = step.found()
     assert choice is None
     assert solves == 3
-    assert Step(H, "mean", range(5, POOL), fixed=range(5)).found()[:2] == (None, 0)
+    assert Left(H, "mean", range(5, POOL), fixed=range(5)).found()[:2] == (None, 0)
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 def test_a_gauge_that_is_known_to_go_is_taken_at_what_it_costs(aggregate):
-    step = Step(np.random.default_rng(2).normal(size=(2, POOL, 3)), aggregate, (0, 4, 6))
+    step = Left(np.random.default_rng(2).normal(size=(2, POOL, 3)), aggregate, (0, 4, 6))
     for gauge in (2, 11):
-        choice = known_to_go(step.pools, step.loops, step.costs, step.left, aggregate, gauge)
+        choice = known_to_go(step.step, gauge)
         assert (choice.gauge, step.left.index[choice.at], choice.ties) == (gauge, gauge, ())
         np.testing.assert_allclose(choice.rise, step.rise(gauge), rtol=1e-8)
         parts = [p.scenario.weight @ np.diag(D) for p, D in zip(step.pools, choice.increments, strict=True)]

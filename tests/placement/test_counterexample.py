@@ -118,7 +118,7 @@ def test_removing_one_by_one_is_not_optimal_and_a_swap_mends_it(cost_of):
     greedy = eliminate([scenario], 2)
     assert greedy.kept.tolist() == [0, 3]
     assert best == [2, 3]
-    np.testing.assert_allclose(greedy.trace[-1] / cost_of(scenario, best), 1.2490867, rtol=1e-6)
+    np.testing.assert_allclose(greedy.cost[-1] / cost_of(scenario, best), 1.2490867, rtol=1e-6)
     assert exchange(greedy.pools, greedy.kept).gauges.tolist() == best
     assert branch_and_bound(greedy.pools, 2).gauges.tolist() == best
 
@@ -133,7 +133,7 @@ def test_where_swaps_are_stuck_branch_and_bound_finds_the_optimum(cost_of):
     swapped = exchange(greedy.pools, greedy.kept)
     assert greedy.kept.tolist() == swapped.gauges.tolist() == [4, 5]
     assert best == [0, 1]
-    np.testing.assert_allclose(swapped.trace[-1] / cost_of(scenario, best), 1.5840593, rtol=1e-6)
+    np.testing.assert_allclose(swapped.cost[-1] / cost_of(scenario, best), 1.5840593, rtol=1e-6)
     found = branch_and_bound(greedy.pools, 2)
     assert found.proven
     assert found.gauges.tolist() == best

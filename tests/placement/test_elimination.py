@@ -42,9 +42,9 @@ def compare(oracle, found, aggregate):
     assert np.all(chosen[decided] == best[decided])
     assert decided.mean() > 0.9
     np.testing.assert_allclose(chosen, best, rtol=1e-9)
-    np.testing.assert_allclose(found.trace, [start, *chosen], rtol=1e-7)
-    np.testing.assert_allclose(found.blocks.sum(axis=1), found.trace, rtol=1e-12)
-    np.testing.assert_allclose(np.diff(found.trace), found.rise, rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(found.cost, [start, *chosen], rtol=1e-7)
+    np.testing.assert_allclose(found.blocks.sum(axis=1), found.cost, rtol=1e-12)
+    np.testing.assert_allclose(np.diff(found.cost), found.rise, rtol=1e-5, atol=1e-12)
     assert found.residual < 1e-10
 
 
@@ -53,7 +53,7 @@ def compare(oracle, found, aggregate):
 def test_one_scenario_is_brute_force(oracle, beam_of, scenarios_of, inputs, parameters, noise):
     found = eliminate(scenarios_of(beam_of(30, 6), inputs, parameters, noise=noise), 4)
     compare(oracle, found, "mean")
-    np.testing.assert_allclose(found.trace[0], len(inputs) + len(parameters), rtol=1e-9)
+    np.testing.assert_allclose(found.cost[0], len(inputs) + len(parameters), rtol=1e-9)
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
@@ -73,7 +73,7 @@ def test_it_is_lazy(beam_of, scenarios_of, monkeypatch):
     found = eliminate(scenarios_of(beam_of(60), ("Fz",), ("E",)), 4)
     assert found.solves.sum() == len(asked)
     assert found.solves.min() >= 1
-    assert found.trace.shape == (57,)
+    assert found.cost.shape == (57,)
     assert found.blocks.shape == (57, 2)
     assert found.solves.mean() < 2
     assert np.all(found.rise > 0)
@@ -87,7 +87,7 @@ def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of)
     moved = Scenario(scenario.F, scenario.Q, scenario.H[shuffle] * 1e6, scenario.r[shuffle] * 1e12, scenario.weight)
     again = eliminate([moved.scaled(10.0 ** rng.uniform(-4, 4, len(scenario.F)))], 5)
     assert shuffle[again.removed].tolist() == found.removed.tolist()
-    np.testing.assert_allclose(again.trace, found.trace, rtol=1e-8)
+    np.testing.assert_allclose(again.cost, found.cost, rtol=1e-8)
 
 
 def test_twins_tie_and_the_lower_index_leaves(beam_of, scenarios_of):
@@ -128,7 +128,7 @@ def test_glued_gauges_stay(beam_of, scenarios_of):
     glued = [int(free.removed[0]), int(free.removed[1])]
     found = eliminate(scenarios, 4, fixed=glued)
     assert set(glued) <= set(found.kept.tolist())
-    assert found.trace[-1] >= free.trace[-1]
+    assert found.cost[-1] >= free.cost[-1]
 
 
 def test_impossible_requests_are_refused(beam_of, scenarios_of):
@@ -140,7 +140,7 @@ def test_impossible_requests_are_refused(beam_of, scenarios_of):
     assert eliminate(scenarios, 3).kept.shape == (3,)
     whole = eliminate(scenarios, 12)
     assert whole.removed.shape == (0,)
-    assert whole.trace.shape == (1,)
+    assert whole.cost.shape == (1,)
 
 
 def test_load_modulus_and_density_together_are_refused_in_words(beam_of, scenarios_of):

@@ -9,12 +9,13 @@ import pytest
 
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
 from strainsight.placement.branch_and_bound import branch_and_bound
-from strainsight.placement.criteria import eliminate_by
-from strainsight.placement.elimination import eliminate
+from strainsight.placement.criteria.choices import CRITERIA
+from strainsight.placement.elimination import eliminate, eliminate_from
 from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import robust_set
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import as_limits
+from strainsight.placement.metric import Metric
 from strainsight.placement.score import score
 
 KEEP, SHAKES, ROUNDING = 4, 3, 1e-13
@@ -33,7 +34,7 @@ def mirrored(beam_of, scenarios_of):
 def found_by_all(scenario, rows, prior) -> dict[str, tuple[int, ...]]:
     """What every way to a layout finds."""
     pool, result = len(rows), eliminate([scenario], KEEP)
-    pools, unknown = result.pools, np.flatnonzero(scenario.weight > 0)
+    pools = result.pools
     start = random_sets(pool, KEEP, 1, seed=2)[0]
     swapped = exchange(pools, start)
     proof = branch_and_bound(pools, KEEP, start=start, time_limit=60.0)
@@ -47,13 +48,15 @@ def found_by_all(scenario, rows, prior) -> dict[str, tuple[int, ...]]:
         "fill": fill(pools, result.kept, as_limits(pool, KEEP + 3, ())),
         "robust": robust_set(pools, KEEP).gauges,
         "proof": proof.gauges,
-        "log_determinant": eliminate_by(pools, KEEP, "log_determinant", unknown),
-        "worst_eigenvalue": eliminate_by(pools, KEEP, "worst_eigenvalue", unknown),
         "d_optimal": d_optimal(rows, np.ones(pool), prior, KEEP),
     }
     for keep in (KEEP, rows.shape[1] + 3):
         found[f"effective_independence {keep}"] = effective_independence(rows, keep)
         found[f"qr_pivoting {keep}"] = qr_pivoting(rows, keep)
+    for criterion in CRITERIA[1:]:
+        own = [pool.under(Metric(scenario.weight, criterion)) for pool in pools]
+        found[f"elimination by {criterion.name}"] = eliminate_from(own, KEEP).removed
+        found[f"exchange by {criterion.name}"] = exchange(own, start).gauges
     return {name: tuple(np.asarray(gauges).tolist()) for name, gauges in found.items()}
 
 

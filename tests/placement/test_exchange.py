@@ -21,10 +21,10 @@ def test_no_single_swap_helps_any_more(beam_of, scenarios_of, aggregate, instant
     start = random_sets(16, 4, 1, seed=8)[0]
     found = exchange(pools, start, aggregate)
     assert found.complete
-    assert len(found.swaps) == len(found.trace) - 1 > 0
-    assert all(b < a for a, b in zip(found.trace, found.trace[1:], strict=False))
+    assert len(found.swaps) == len(found.cost) - 1 > 0
+    assert all(b < a for a, b in zip(found.cost, found.cost[1:], strict=False))
     present = score(pools, found.gauges, aggregate)
-    assert abs(present - found.trace[-1]) < 1e-8 * present
+    assert abs(present - found.cost[-1]) < 1e-8 * present
     for out in found.gauges:
         for into in set(range(16)) - set(found.gauges.tolist()):
             other = sorted({*found.gauges.tolist(), into} - {int(out)})
@@ -38,7 +38,7 @@ def test_glued_gauges_are_not_swapped_and_a_limit_is_kept(beam_of, scenarios_of)
     assert set(glued) <= set(exchange(pools, start, fixed=glued).gauges.tolist())
     stopped = exchange(pools, start, limit=1)
     assert not stopped.complete
-    assert stopped.trace[-1] <= stopped.trace[0]
+    assert stopped.cost[-1] <= stopped.cost[0]
 
 
 @pytest.mark.parametrize("instants", [(63,), (55, 871)])
@@ -73,7 +73,7 @@ def test_beside_gauges_that_may_not_leave_room_is_filled(beam_of, scenarios_of):
     assert [out for out, _ in found.swaps] == [-1, -1]
     assert len(found.gauges) == 5
     assert set(glued) <= set(found.gauges.tolist())
-    assert found.trace[0] > found.trace[1] > found.trace[2]
+    assert found.cost[0] > found.cost[1] > found.cost[2]
     assert found.complete
     full = exchange(pools, found.gauges, limits=limits, fixed=found.gauges.tolist())
     assert (full.swaps, full.solves, full.complete) == ((), 0, True)

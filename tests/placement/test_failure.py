@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.placement import failure, losses
+from strainsight.placement import failure, losses, score
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
@@ -179,14 +179,14 @@ def test_as_many_gauges_as_unknowns_cannot_be_robust(beam_of, scenarios_of):
 def test_a_failure_whose_covariance_is_not_solved_is_not_called_a_lost_unknown(beam_of, scenarios_of, monkeypatch):
     pools = tuple(solve_pool(s) for s in scenarios_of(beam_of(8), ("Fz",), ("E",)))
     plain = loss_if_one_fails(pools, [1, 4, 6])
-    solve = losses.subset_covariance
+    solve = score.subset_covariance
 
     def unsolved(pool, gauges):
         if list(gauges) == [1, 6]:
             raise NumericalError("solved to 1e-7 only")
         return solve(pool, gauges)
 
-    monkeypatch.setattr(losses, "subset_covariance", unsolved)
+    monkeypatch.setattr(score, "subset_covariance", unsolved)
     loss = loss_if_one_fails(pools, [1, 4, 6])
     assert np.isfinite(plain).all()
     assert np.isnan(loss[1])

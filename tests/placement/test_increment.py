@@ -58,8 +58,8 @@ def test_bounds_never_exceed_the_exact_rise_and_touch_it_in_the_limit(beam_of, s
     s, gauges = pool.scenario, np.arange(size)
     P = subset_covariance(pool, gauges)
     loop = loop_of(pool, gauges, P)
-    bounds = gauge_gradients(loop, pool.rows[gauges], s.weight)
-    shared = slopes(loop, s.weight)
+    bounds = gauge_gradients(loop, pool.rows[gauges], np.diag(s.weight))
+    shared = slopes(loop, np.diag(s.weight))
     for g in gauges:
         D = removal(s.F, s.Q, loop, pool.rows[g], lambda g=g: pool.rows[np.delete(gauges, g)], pool.modes)
         fresh = subset_covariance(pool, np.delete(gauges, g))
@@ -76,7 +76,7 @@ def test_bounds_never_exceed_the_exact_rise_and_touch_it_in_the_limit(beam_of, s
 def test_gradients_are_those_of_the_trace_in_the_gauge_weights(beam_of, scenarios_of):
     (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
     pool = solve_pool(scenario)
-    gradient = gauge_gradients(loop_of(pool, np.arange(10), pool.P), pool.rows, pool.scenario.weight)
+    gradient = gauge_gradients(loop_of(pool, np.arange(10), pool.P), pool.rows, np.diag(pool.scenario.weight))
 
     def trace(g, weight):
         r = scenario.r.copy()
@@ -135,14 +135,14 @@ def test_a_removal_that_costs_a_millionfold_is_still_finite_and_right(beam_of, s
 def test_bounds_are_in_the_unit_of_the_weight(beam_of, scenarios_of, unit):
     (scenario,) = scenarios_of(beam_of(12), ("Fz",), ("E",))
     pool = solve_pool(scenario)
-    loop, weight = loop_of(pool, np.arange(12), pool.P), pool.scenario.weight
+    loop, W = loop_of(pool, np.arange(12), pool.P), np.diag(pool.scenario.weight)
     np.testing.assert_allclose(
-        gauge_gradients(loop, pool.rows, unit * weight), unit * gauge_gradients(loop, pool.rows, weight), rtol=1e-9
+        gauge_gradients(loop, pool.rows, unit * W), unit * gauge_gradients(loop, pool.rows, W), rtol=1e-9
     )
     for block in pool.rows:
         np.testing.assert_allclose(
-            sharper_bound(slopes(loop, unit * weight), block),
-            unit * sharper_bound(slopes(loop, weight), block),
+            sharper_bound(slopes(loop, unit * W), block),
+            unit * sharper_bound(slopes(loop, W), block),
             rtol=1e-6,
         )
 
@@ -155,13 +155,13 @@ def test_both_bounds_of_a_walk_are_those_of_its_closed_form(share):
         np.zeros((1, 1)), np.full((1, 1), q), np.sqrt([[g * (1 - share)], [g * share]]), np.ones(2), np.ones(1)
     )
     pool = solve_pool(s)
-    loop, weight = loop_of(pool, [0, 1], pool.P), pool.scenario.weight
+    loop, W = loop_of(pool, [0, 1], pool.P), np.diag(pool.scenario.weight)
     p = np.sqrt(q / g)
     a1, a2 = p * share / 2, 3 * p * share**2 / 8
-    np.testing.assert_allclose(gauge_gradients(loop, pool.rows, weight)[1], a1, rtol=1e-9)
-    np.testing.assert_allclose(sharper_bound(slopes(loop, weight), pool.rows[1]), a1**2 / (a1 - a2), rtol=1e-8)
+    np.testing.assert_allclose(gauge_gradients(loop, pool.rows, W)[1], a1, rtol=1e-9)
+    np.testing.assert_allclose(sharper_bound(slopes(loop, W), pool.rows[1]), a1**2 / (a1 - a2), rtol=1e-8)
     D = removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[1], lambda: pool.rows[:1], pool.modes)
-    np.testing.assert_allclose(weight @ np.diag(D), p * ((1 - share) ** -0.5 - 1), rtol=1e-9)
+    np.testing.assert_allclose(np.vdot(W, D), p * ((1 - share) ** -0.5 - 1), rtol=1e-9)
 
 
 @pytest.mark.parametrize("way", ["rounding ends it", "Newton", "anew"])

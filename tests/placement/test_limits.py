@@ -69,14 +69,14 @@ def test_no_layout_breaks_a_limit_and_the_search_finds_the_best(every_cost, case
         assert limits.allows(np.array(units)) == rules.hold(units)
     kept = eliminate(scenarios, limits, aggregate)
     assert rules.hold(kept.kept)
-    np.testing.assert_allclose(kept.trace[-1], costs[tuple(kept.kept.tolist())], rtol=1e-7)
+    np.testing.assert_allclose(kept.cost[-1], costs[tuple(kept.kept.tolist())], rtol=1e-7)
     filled = fill(pools, kept.kept, limits, aggregate)
     assert rules.hold(filled)
     assert not any(rules.hold([*filled, g]) for g in set(range(POOL)) - set(filled.tolist()))
     swapped = exchange(pools, filled, aggregate, limits=limits)
     assert rules.hold(swapped.gauges)
     mine = costs[tuple(swapped.gauges.tolist())]
-    np.testing.assert_allclose(swapped.trace[-1], mine, rtol=1e-7)
+    np.testing.assert_allclose(swapped.cost[-1], mine, rtol=1e-7)
     for other in one_move_away(swapped.gauges.tolist(), rules):
         assert costs[other] >= mine * (1 - 2e-9)
     certificate = certify(pools, swapped.gauges, mine, aggregate, limits=limits)
@@ -179,7 +179,7 @@ def test_limits_drawn_at_random_hold(every_cost, seed):
     assert rules.hold(kept)
     swapped = exchange(pools, fill(pools, kept, rules.limits), limits=rules.limits)
     assert rules.hold(swapped.gauges)
-    certificate = certify(pools, swapped.gauges, swapped.trace[-1], limits=rules.limits)
+    certificate = certify(pools, swapped.gauges, swapped.cost[-1], limits=rules.limits)
     assert certificate.lower_bound <= best * (1 + 1e-8)
     found = branch_and_bound(pools, rules.limits)
     assert found.proven

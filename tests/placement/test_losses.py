@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from strainsight.placement import losses
+from strainsight.placement import score
 from strainsight.placement.exchange import WORTH
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import limits_of
@@ -104,8 +104,8 @@ def test_where_there_is_room_the_gauge_of_the_least_bound_is_added(aggregate):
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 def test_every_solve_after_a_failure_is_counted_and_none_begins_beyond_the_limit(aggregate, monkeypatch):
     case, calls = drawn(3, aggregate), []
-    solve = losses.subset_covariance
-    monkeypatch.setattr(losses, "subset_covariance", lambda *asked: calls.append(1) or solve(*asked))
+    solve = score.subset_covariance
+    monkeypatch.setattr(score, "subset_covariance", lambda *asked: calls.append(1) or solve(*asked))
     start = [0, 1, 2, 3]
     whole = case.search(limits_of(8, 4))
     _, _, swaps = whole.swapped(start)

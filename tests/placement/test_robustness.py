@@ -81,7 +81,7 @@ def test_an_elimination_beside_precise_accelerometers_is_brute_force_by_exact_co
     scenario = with_precise_accelerometers(strain, 3)
     found = eliminate([scenario], 3)
     assert found.residual < 1e-10
-    np.testing.assert_allclose(np.diff(found.trace), found.rise, rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(np.diff(found.cost), found.rise, rtol=1e-4, atol=1e-7)
     follow(oracle, found)
 
 
@@ -106,7 +106,7 @@ def follow(oracle, found):
     """Every step of an elimination of one scenario is the cheapest of all, by the oracle, and costs what it says."""
     scenario = found.pools[0].scenario
     left = list(range(len(scenario.H)))
-    for out, cost in zip(found.removed.tolist(), found.trace[1:], strict=True):
+    for out, cost in zip(found.removed.tolist(), found.cost[1:], strict=True):
         costs = {g: scenario.weight @ np.diag(oracle(scenario, [o for o in left if o != g])) for g in left}
         np.testing.assert_allclose(costs[out], min(costs.values()), rtol=1e-9)
         np.testing.assert_allclose(cost, costs[out], rtol=1e-6)

@@ -5,15 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.errors import NumericalError
+from strainsight.placement.criteria.choices import CRITERIA
 from strainsight.placement.elimination import eliminate
+from strainsight.placement.metric import Metric
 from strainsight.placement.score import frozen_std, score, scores
+
+from .variances import variance
+from .wandering import COMBINED
 
 
 def test_the_kept_set_scores_what_the_elimination_ended_with(beam_of, scenarios_of):
     for aggregate in ("mean", "worst"):
         found = eliminate(scenarios_of(beam_of(30), ("Fz",), ("E",), instants=(55, 260)), 4, aggregate)
-        np.testing.assert_allclose(score(found.pools, found.kept, aggregate), found.trace[-1], rtol=1e-8)
-        np.testing.assert_allclose(score(found.pools, range(30), aggregate), found.trace[0], rtol=1e-8)
+        np.testing.assert_allclose(score(found.pools, found.kept, aggregate), found.cost[-1], rtol=1e-8)
+        np.testing.assert_allclose(score(found.pools, range(30), aggregate), found.cost[0], rtol=1e-8)
 
 
 def test_a_set_that_cannot_tell_scores_infinity(beam_of, scenarios_of):
@@ -22,8 +27,8 @@ def test_a_set_that_cannot_tell_scores_infinity(beam_of, scenarios_of):
     assert score(pools, [3]) == np.inf
     assert score(pools, []) == np.inf
     assert np.all(frozen_std(pools, [3], unknown) == np.inf)
-    lost = scores(pools, [3], unknown, np.ones(2))
-    assert (lost.trace, lost.log_determinant, lost.worst_eigenvalue) == (np.inf,) * 3
+    lost = scores(pools, [3], metrics_of(unknown, len(pools[0].P)), unknown, np.ones(2))
+    assert lost.cost == dict.fromkeys([criterion.name for criterion in CRITERIA], np.inf)
     assert lost.std.tolist() == [np.inf] * 2
 
 
@@ -36,26 +41,28 @@ def test_standard_deviations_are_in_the_coordinates_that_were_given(oracle, beam
     np.testing.assert_allclose(frozen_std(pools, gauges, unknown)[0], expected, rtol=1e-8)
 
 
-def test_every_criterion_comes_from_the_same_covariance(oracle, beam_of, scenarios_of):
+def metrics_of(unknown, size, weight=1.0):
+    """Every criterion of these states of x*."""
+    return {c.name: Metric(np.where(np.isin(np.arange(size), unknown), weight, 0.0), c) for c in CRITERIA}
+
+
+def test_every_metric_comes_from_the_same_covariance(oracle, beam_of, scenarios_of):
     scenarios = scenarios_of(beam_of(12, 3), ("Fz", "Fy"), ("E",), instants=(55, 260))
     pools = eliminate(scenarios, 4).pools
-    gauges, unknown = [0, 2, 4, 6, 9], np.arange(len(pools[0].P) - 3, len(pools[0].P))
+    size = len(pools[0].P)
+    gauges, unknown = [0, 2, 4, 6, 9], np.arange(size - 3, size)
     scale = np.array([1e4, 1e3, 2e11])
     P = [oracle(pool.scenario, gauges) * np.outer(pool.scale, pool.scale) for pool in pools]
     blocks = [p[np.ix_(unknown, unknown)] for p in P]
-    traces = [float(np.diag(p) @ s.weight) for p, s in zip(P, scenarios, strict=True)]
-    # largest eigenvalue as the most that a combination of unit length can vary
-    norms = [np.linalg.norm(b, 2) for b in blocks]
-    for aggregate, combine in (("mean", np.mean), ("worst", np.max)):
-        found = scores(pools, gauges, unknown, scale, aggregate)
-        np.testing.assert_allclose(found.trace, combine(traces), rtol=1e-8)
-        np.testing.assert_allclose(found.trace, score(pools, gauges, aggregate), rtol=1e-14)
-        np.testing.assert_allclose(found.worst_eigenvalue, combine(norms), rtol=1e-8)
-        np.testing.assert_allclose(
-            found.log_determinant, np.mean(np.log([np.linalg.det(b) for b in blocks])), rtol=1e-8
-        )
-        variance = (np.diag(blocks[0]) + np.diag(blocks[1])) / 2
-        np.testing.assert_allclose(found.std, np.sqrt(variance) * scale, rtol=1e-8)
+    metrics = metrics_of(unknown, size) | {"as chosen by": scenarios[0].metric}
+    for aggregate, combine in COMBINED.items():
+        found = scores(pools, gauges, metrics, unknown, scale, aggregate)
+        for criterion in CRITERIA:
+            expected = combine([variance(criterion.name, block) for block in blocks])
+            np.testing.assert_allclose(found.cost[criterion.name], expected, rtol=1e-8)
+        np.testing.assert_allclose(found.cost["as chosen by"], score(pools, gauges, aggregate), rtol=1e-12)
+        spread = (np.diag(blocks[0]) + np.diag(blocks[1])) / 2
+        np.testing.assert_allclose(found.std, np.sqrt(spread) * scale, rtol=1e-8)
 
 
 def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(beam_of, scenarios_of, monkeypatch):
@@ -65,5 +72,5 @@ def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(beam_of, sc
         raise NumericalError("not solved")
 
     monkeypatch.setattr("strainsight.placement.score.subset_covariance", refuse)
-    found = scores(pools, [1, 2, 3], np.array([0]), np.ones(1))
-    assert np.isnan([found.trace, found.log_determinant, found.worst_eigenvalue, *found.std]).all()
+    found = scores(pools, [1, 2, 3], metrics_of([0], len(pools[0].P)), np.array([0]), np.ones(1))
+    assert np.isnan([*found.cost.values(), *found.std]).all()

@@ -89,6 +89,6 @@ def test_elimination_is_brute_force_in_fifty_digits(oracle, beam_of, scenarios_o
     # the order is decided, and not by the last digits
     assert min(margin) > 1e-6
     assert found.removed.tolist() == order
-    np.testing.assert_allclose(found.trace, [float(t) for t in trace], rtol=1e-9)
+    np.testing.assert_allclose(found.cost, [float(t) for t in trace], rtol=1e-9)
     np.testing.assert_allclose(found.rise, rise, rtol=1e-7)
     assert found.residual < 1e-10

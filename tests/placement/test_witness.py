@@ -40,7 +40,7 @@ def test_near_the_densest_packing_a_layout_is_left_however_little_work_is_spent(
     assert len(found.kept) == keep
     chosen = set(found.kept.tolist())
     assert not any(a in chosen and b in chosen for a, b in near.tolist())
-    np.testing.assert_allclose(found.trace[-1], score(found.pools, found.kept), rtol=1e-7)
+    np.testing.assert_allclose(found.cost[-1], score(found.pools, found.kept), rtol=1e-7)
     assert np.all(found.rise > 0)
 
 
@@ -101,7 +101,7 @@ def test_two_gauges_that_see_one_instant_each_give_way_to_one_that_sees_both(agg
     scenarios = two_instants([(0, 1), (1, 0), (0, 0)], [1e-3, 1e-3, 1e-1])
     found = eliminate(scenarios, 1, aggregate)
     assert found.kept.tolist() == [2]
-    np.testing.assert_allclose(found.trace[-1], score(found.pools, [2], aggregate), rtol=1e-9)
+    np.testing.assert_allclose(found.cost[-1], score(found.pools, [2], aggregate), rtol=1e-9)
     # without that gauge none is enough, and that is what is said
     with pytest.raises(InfeasibleError, match=r"1 gauges asked for; the fewest of the pool .* are 2"):
         eliminate(two_instants([(0, 1), (1, 0), (1, 1)], [1e-3, 1e-3, 1e-1]), 1, aggregate)
@@ -129,8 +129,8 @@ def test_beside_far_stronger_gauges_that_have_to_leave_the_weak_one_is_found():
     scenario = Scenario(F, Q, H, r, np.ones(2))
     found = eliminate([scenario], limits_of(3, 1, zones=[("place.at_most.0", np.array([True, True, False]), 0)]))
     assert found.kept.tolist() == [2]
-    np.testing.assert_allclose(found.trace[-1], score([solve_pool(scenario)], [2]), rtol=1e-9)
-    np.testing.assert_allclose(found.trace[0] + found.rise.sum(), found.trace[-1], rtol=1e-9)
+    np.testing.assert_allclose(found.cost[-1], score([solve_pool(scenario)], [2]), rtol=1e-9)
+    np.testing.assert_allclose(found.cost[0] + found.rise.sum(), found.cost[-1], rtol=1e-9)
 
 
 def test_another_layout_is_looked_for_around_the_gauge_that_leaves():

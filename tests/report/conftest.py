@@ -17,6 +17,7 @@ from strainsight.report.placement.data import (
     History,
     Layout,
     Load,
+    Metric,
     NoiseRow,
     PlacementReport,
     RandomSets,
@@ -29,6 +30,11 @@ from strainsight.report.suite.data import SuiteReport, SuiteRun
 ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
 """Bands of one draw and of twenty."""
 HELD = Claim("test", 1, 0.000523 / 0.000814, ONE, "as claimed")
+METRICS = (
+    Metric("tr(W P)", "sum of the variances"),
+    Metric("det(P)^(1/n)", "volume of the ellipsoid"),
+    Metric("λ₁(P)", "variance of the worst"),
+)
 
 
 def box(cells=(10, 2, 3), size=(2.0, 0.08, 0.12)):
@@ -141,7 +147,7 @@ def report(**changes):
             ),
         ),
         layout=layout(),
-        trend=Trend(count, trace, {"tip": 0.7 * trace, "E": 0.3 * trace}, 2.62, 2.6187, 2.62 / 2.6187 - 1),
+        trend=Trend(count, trace, {"tip": 0.7 * trace, "E": 0.3 * trace}, 2.62, METRICS[0], 2.6187, 2.62 / 2.6187 - 1),
         histories=(
             History("tip", "N", time, load, 0.95 * load, np.full(1001, 1.6e3), load + 100.0, np.full(1001, 400.0)),
             History("E", "Pa", time, np.full(1001, 2.1e11), mean, np.full(1001, 1.7e8)),
@@ -164,11 +170,12 @@ def report(**changes):
         ),
         repeats=(Repeats("E", np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), "not identified"),),
         frequencies=(40.12, 58.9, 247.3),
+        metrics=METRICS,
         criteria=(
-            Criteria("elimination, exchange", 2.62, -6.1, 1.7, {"tip": 1.15e3, "E": 1.65e8}),
-            Criteria("random, median of 10", np.inf, np.inf, np.inf, {"tip": 2.1e3, "E": np.inf}),
-            Criteria("effective independence", 3.5, -5.2, 2.9, {"tip": 1.3e3, "E": 1.9e8}),
-            Criteria("log-determinant", 2.71, -6.3, 1.9, {"tip": 1.2e3, "E": 1.6e8}),
+            Criteria("elimination, exchange", (2.62, 0.047, 1.7), {"tip": 1.15e3, "E": 1.65e8}),
+            Criteria("random, median of 10", (np.inf,) * 3, {"tip": 2.1e3, "E": np.inf}),
+            Criteria("effective independence", (3.5, 0.074, 2.9), {"tip": 1.3e3, "E": 1.9e8}),
+            Criteria("log-determinant", (2.71, 0.043, 1.9), {"tip": 1.2e3, "E": 1.6e8}),
         ),
         cases=tuple(
             Case(unknowns, excitation, hard * factor, 1e16 * hard, lost)
@@ -221,7 +228,7 @@ def suite_report(**changes):
     joint = replace(
         done, name="beam-tip-E", label="tip + E, 20 Hz", note="A softer beam under a smaller load strains alike.",
         page=None, unknowns=full.unknowns, histories=full.histories, repeats=full.repeats, warnings=full.warnings,
-        trend=replace(full.trend, trace=2 * full.trend.trace[0] * full.trend.trace**2, final_trace=13.0, gap=0.03),
+        trend=replace(full.trend, value=2 * full.trend.value[0] * full.trend.value**2, final=13.0, gap=0.03),
     )  # fmt: skip
     wrong = replace(
         joint, name="beam-wrong", label="tip + E, slow", repeats=(), note="",

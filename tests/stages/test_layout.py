@@ -45,7 +45,7 @@ def test_a_proof_ends_at_the_best_of_all_sets(pools):
     best = min(score(pools, gauges) for gauges in combinations(range(12), 3))
     found = layout(pools, prove=60.0, exchange=False)
     assert found.proof.proven
-    assert found.trace == pytest.approx(best, rel=1e-9)
+    assert found.cost == pytest.approx(best, rel=1e-9)
     assert best * (1 - 2e-6) <= found.certificate.lower_bound <= best
     assert layout(pools).certificate.lower_bound <= best
 
@@ -59,7 +59,7 @@ def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what(pools
     least = min(max(failures(pools, gauges)) for gauges in combinations(range(12), 3))
     lost, otherwise = (loss_if_one_fails(pools, found.gauges).max() for found in (robust, plain))
     assert least * (1 - 1e-9) <= lost <= otherwise * (1 + 1e-9)
-    assert robust.trace >= plain.trace * (1 - 1e-9)
+    assert robust.cost >= plain.cost * (1 - 1e-9)
     assert (robust.proof, robust.exchange) == (None, None)
 
 

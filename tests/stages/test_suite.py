@@ -41,7 +41,7 @@ def suite(told, results, artefacts):
 def test_the_numbers_are_those_of_the_runs(suite, artefacts):
     place, validate = artefacts["place"], artefacts["validate"]
     assert suite["/run/reached"].tolist() == ["import", "place", "report"]
-    np.testing.assert_array_equal(suite["/run/trace_final"], [np.nan, *[place.summary["trace_final"]] * 2])
+    np.testing.assert_array_equal(suite["/run/metric_final"], [np.nan, *[place.summary["trace_final"]] * 2])
     np.testing.assert_array_equal(suite["/run/gap"], [np.nan, *[place.summary["gap"]] * 2])
     np.testing.assert_array_equal(suite["/unknown/error"], [np.nan, np.nan, validate.summary["error.E"]])
     np.testing.assert_array_equal(suite["/unknown/smoothed"], [np.nan, np.nan, validate.summary["smoothed.E"]])

@@ -138,9 +138,19 @@ class Place(Section):
     aggregate: Literal["mean", "worst"] = Field(
         "mean", description="How instants and parameter samples are put together."
     )
+    criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = Field(
+        "trace",
+        description="What the layout makes small, of the covariance of the unknowns: the sum of their variances; the volume of "
+        "what stays uncertain, which no unit changes; or the variance of the combination of them that is known worst.",
+    )
+    metric_over: tuple[Name, ...] = Field(
+        (),
+        description="Unknowns of place.estimate that the criterion is taken over; empty: all. The others are estimated beside "
+        "them, however badly.",
+    )
     weights: Literal["normalised", "thesis"] = Field(
         "normalised",
-        description="normalised: every unknown starts at 1; thesis: the plain trace, which orders by units.",
+        description="Of the trace. normalised: every unknown starts at 1; thesis: the plain trace, which orders by units.",
     )
     minimum_spacing: NotNegative = Field(0.0, description="Least distance between gauges of the layout [m].")
     at_most: tuple[ZoneLimit, ...] = Field((), description="Most gauges in some zones.")
@@ -152,8 +162,8 @@ class Place(Section):
     )
     certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
     exchange: bool = Field(True, description="Exchange gauges after the elimination until none helps.")
-    optimise: Literal["trace", "worst_failure"] = Field(
-        "trace", description="trace: the metric; worst_failure: the metric after the worst failure of any one gauge."
+    optimise: Literal["metric", "worst_failure"] = Field(
+        "metric", description="metric: the criterion; worst_failure: the same after the worst failure of any one gauge."
     )
     prove: NotNegative = Field(
         0.0,

@@ -10,7 +10,7 @@ from time import monotonic
 import numpy as np
 
 from strainsight.errors import InfeasibleError
-from strainsight.placement.elimination import eliminate
+from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import Limits, as_limits
 from strainsight.placement.nodes import Node, Search
@@ -41,7 +41,7 @@ def branch_and_bound(
     time_limit: float = 60.0,
     gap: float = 1e-6,
 ) -> BranchAndBound:
-    """The set of `keep` gauges, or the layout within `Limits`, of the least aggregate of tr(W P), or the best one and the
+    """The set of `keep` gauges, or the layout within `Limits`, of the least aggregate of the metric, or the best one and the
     best bound that `time_limit` [s] allows.
 
         f_s(v) ≥ f_s(w) + ∇f_s(w)·(v − w)  for all v ≥ 0:  a cut at any w bounds every node, and the node is the LP
@@ -98,6 +98,6 @@ def _first_set(
             raise ValueError(f"the search starts from {what}, the fixed ones among them")
         return gauges
     try:
-        return fill(pools, eliminate([p.scenario for p in pools], limits, aggregate).kept, limits, aggregate)
+        return fill(pools, eliminate_from(pools, limits, aggregate).kept, limits, aggregate)
     except InfeasibleError:
         return None

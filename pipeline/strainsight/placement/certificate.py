@@ -13,7 +13,7 @@ from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, as_limits
 from strainsight.placement.region import Region
 from strainsight.placement.riccati import Loop, close_loop
-from strainsight.placement.scenario import Aggregate, Pool, refined, weighted_trace
+from strainsight.placement.scenario import Aggregate, Pool, refined
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,17 @@ def certify(
     tolerance: float = 1e-4,
     budget: int = 300,
 ) -> Certificate:
-    """Lower bound of the aggregate of tr(W P) over all sets with as many gauges as `gauges`, whose own cost is `cost`;
+    """Lower bound of the aggregate of the metric over all sets with as many gauges as `gauges`, whose own cost is `cost`;
     over all layouts within `limits` where these are given.
 
-        min f(w) over 0 ≤ w ≤ 1, Σ w = n or the limits, w = 1 on fixed gauges;   f = Σ_s μ_s tr(W P_s),   G = Σ_g w_g h_gᵀh_g
-        every w and μ gives   f* ≥ f(w) + min over v of ∇f·(v − w),   ∂f/∂w_g = −Σ_s μ_s tr(h_g P X P h_gᵀ)
+        min f(w) over 0 ≤ w ≤ 1, Σ w = n or the limits, w = 1 on fixed gauges;   f = Σ_s μ_s c(P_s),   G = Σ_g w_g h_gᵀh_g
+        every w and μ gives   f* ≥ Σ_s μ_s tr(W_s P_s) + min over v of g·(v − w),   g = −Σ_s μ_s tr(h_g P_s X_s P_s h_gᵀ)
 
     by projected gradient steps of Barzilai-Borwein length with a non-monotone line search; every point gives a bound
     and the best is kept. "mean": μ = 1/scenarios. "worst": max_s ≥ Σ μ_s f_s for any μ on the simplex; w descends on
-    the soft maximum τ log Σ exp(f_s/τ), μ is its slope, and τ falls. Ends when bound and relaxed cost agree to
-    `tolerance` or after `budget` evaluations: the bound is valid at any time.
+    the soft maximum τ log Σ exp(f_s/τ), μ is its slope, and τ falls. A metric with kinks is softened by the same τ: with
+    its W_s, tr(W_s P_s) bounds the metric itself (`Criterion`). Ends when bound and relaxed cost agree to `tolerance` or
+    after `budget` evaluations: the bound is valid at any time.
     Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000).
     """
     count = len(pools[0].rows)
@@ -61,7 +62,8 @@ def certify(
     chosen = np.zeros(count)
     chosen[np.asarray(gauges, dtype=int)] = 1.0
     w = region.project(0.5 * (chosen + len(gauges) / len(chosen)))
-    temperatures = [0.0] if aggregate == "mean" or len(pools) == 1 else [t * cost for t in (1e-2, 1e-3, 1e-4)]
+    smooth = (aggregate == "mean" or len(pools) == 1) and all(p.metric.smooth for p in pools)
+    temperatures = [0.0] if smooth else [t * cost for t in (1e-2, 1e-3, 1e-4)]
     lower, relaxed, used = -np.inf, np.inf, 0
     for stage, temperature in enumerate(temperatures, start=1):
         share = budget * stage // len(temperatures)
@@ -127,19 +129,22 @@ class _Relaxation:
     def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
         """Objective, its gradient (pool,), the aggregate cost and the lower bound at w (pool,)."""
         loops = [self._loop(i, w) for i in range(len(self.pools))]
-        costs = np.array([weighted_trace(p, l.P) for p, l in zip(self.pools, loops, strict=True)])
-        gradients = -np.array(
-            [gauge_gradients(l, p.rows, p.scenario.weight) for p, l in zip(self.pools, loops, strict=True)]
-        )
-        if temperature > 0:
-            share = np.exp((costs - costs.max()) / temperature)
-            value = costs.max() + temperature * np.log(share.sum())
+        costs = np.array([p.metric.value(l.P) for p, l in zip(self.pools, loops, strict=True)])
+        soft, levels, gradients = np.empty_like(costs), np.empty_like(costs), np.empty((len(costs), len(w)))
+        for i, (p, l) in enumerate(zip(self.pools, loops, strict=True)):
+            metric = p.metric.softened(temperature)
+            W = metric.gradient(l.P)
+            soft[i], levels[i] = metric.value(l.P), np.vdot(W, l.P)
+            gradients[i] = -gauge_gradients(l, p.rows, W)
+        if temperature > 0 and self.aggregate == "worst":
+            share = np.exp((soft - soft.max()) / temperature)
+            value = soft.max() + temperature * np.log(share.sum())
             mu = share / share.sum()
         else:
             mu = np.full(len(costs), 1 / len(costs))
-            value = float(mu @ costs)
+            value = float(mu @ soft)
         slope = mu @ gradients
-        bound = float(mu @ costs - slope @ w + self.region.least(slope))
+        bound = float(mu @ levels - slope @ w + self.region.least(slope))
         return float(value), slope, float(costs.max() if self.aggregate == "worst" else costs.mean()), bound
 
     def _loop(self, i: int, w: np.ndarray) -> Loop:

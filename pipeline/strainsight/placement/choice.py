@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from strainsight.placement.ordering import TIE
 from strainsight.placement.remaining import Remaining
 from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
+
+NOTHING = 1e-12
+"""Bounds below this share of the largest are none: where a metric does not feel a gauge, they are rounding."""
 
 
 @dataclass(frozen=True)
@@ -27,23 +30,70 @@ class Choice:
     ties: tuple[int, ...]
 
 
-def least_missed(
-    pools: Sequence[Pool],
-    loops: Sequence[Loop],
-    costs: np.ndarray,
-    left: Remaining,
-    aggregate: Aggregate,
-    relief: np.ndarray | None = None,
-) -> tuple[Choice | None, int, np.ndarray]:
+@dataclass(frozen=True)
+class Step:
+    """What all removals from one set share: its scenarios, loops, costs (scenarios,) and the gauges left."""
+
+    pools: Sequence[Pool]
+    loops: Sequence[Loop]
+    costs: np.ndarray
+    left: Remaining
+    aggregate: Aggregate
+
+    @cached_property
+    def level(self) -> np.ndarray:
+        """Costs relative to the present aggregate (scenarios,), so that small rises keep their digits."""
+        return self.costs - self.costs.max() if self.aggregate == "worst" else np.zeros_like(self.costs)
+
+    @cached_property
+    def slopes(self) -> list[Slopes]:
+        return [slopes(l, p.metric.gradient(l.P)) for p, l in zip(self.pools, self.loops, strict=True)]
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Least rise of every scenario (scenarios, m) by its slope in each gauge's weight."""
+        found = np.array([squares(self.left.product(i, s.factor)) for i, s in enumerate(self.slopes)])
+        return np.where(found > NOTHING * found.max(axis=1, keepdims=True), found, 0.0)
+
+    def together(self, parts: np.ndarray) -> np.ndarray:
+        """Rise of the aggregate from that of every scenario (scenarios, ...)."""
+        level = self.level.reshape(-1, *[1] * (parts.ndim - 1))
+        return aggregated(level + parts, self.aggregate)
+
+    def sharpened(self, at: int, best: float) -> tuple[float, np.ndarray]:
+        """A sharper bound of the aggregate's rise and its parts (scenarios,), until it exceeds the best value."""
+        parts = self.bounds[:, at].copy()
+        for i, (pool, s) in enumerate(zip(self.pools, self.slopes, strict=True)):
+            if parts[i] > 0:
+                bound = sharper_bound(s, pool.rows[self.left.index[at]])
+                parts[i] = max(parts[i], pool.metric.least_rise(s.loop.P, bound))
+            if self.together(parts) > best * (1 + TIE):
+                break
+        return float(self.together(parts)), parts
+
+    def exactly(self, at: int, bounds: np.ndarray, best: float) -> tuple[float, list[np.ndarray] | None, int]:
+        """The rise of the aggregate, D of every scenario and the solves; None as soon as a scenario loses an unknown or as
+        the exact parts and the bounds (scenarios,) of the others together exceed the best value."""
+        parts, increments = bounds.copy(), []
+        for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
+            s, block = pool.scenario, pool.rows[self.left.index[at]]
+            D = removal(s.F, s.Q, loop, block, partial(_rest, pool, self.left, at), pool.modes)
+            if D is None:
+                return np.inf, None, i + 1
+            increments.append(D)
+            parts[i] = pool.metric.rise(loop.P, D)
+            if self.together(parts) > best * (1 + TIE):
+                return np.inf, None, i + 1
+        return float(self.together(parts)), increments, len(self.pools)
+
+
+def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
     """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds.
 
     relief (m,): the rise counts per relief, and gauges of none stay; 1 where not given.
     """
-    # relative to the present aggregate, so that small rises keep their digits
-    level = costs - costs.max() if aggregate == "worst" else np.zeros_like(costs)
-    shared = [slopes(loop, p.scenario.weight) for p, loop in zip(pools, loops, strict=True)]
-    bounds = np.array([squares(left.product(i, s.factor)) for i, s in enumerate(shared)])
-    worth = aggregated(level[:, None] + bounds, aggregate)
+    left = step.left
+    worth = step.together(step.bounds)
     per = np.ones(len(worth)) if relief is None else relief
     waiting = np.divide(worth, per, out=np.full(len(worth), np.inf), where=left.movable & (per > 0))
     exact: dict[int, tuple[float, list[np.ndarray]]] = {}
@@ -52,7 +102,7 @@ def least_missed(
         at = int(np.argmin(waiting))
         if waiting[at] == np.inf:
             return None, solves, worth
-        value, increments, number = _exactly(pools, loops, level, bounds[:, at], left, at, aggregate, best)
+        value, increments, number = step.exactly(at, step.bounds[:, at], best)
         solves += number
         waiting[left.twins(at)] = np.inf
         if increments is not None:
@@ -60,12 +110,13 @@ def least_missed(
     doubtful = [
         (bound / per[at], at, parts)
         for at in left.one_of_each(np.flatnonzero(waiting <= best * (1 + TIE)))
-        for bound, parts in [_sharpened(pools, shared, level, bounds[:, at], left, at, aggregate, best * per[at])]
+        for bound, parts in [step.sharpened(at, best * per[at])]
     ]
     for bound, at, parts in sorted(doubtful, key=lambda entry: entry[:2]):
-        if bound > best * (1 + TIE):
+        # of rises of nothing the first one is taken: there may be as many as there are gauges
+        if bound > best * (1 + TIE) or best == 0:
             break
-        value, increments, number = _exactly(pools, loops, level, parts, left, at, aggregate, best * per[at])
+        value, increments, number = step.exactly(at, parts, best * per[at])
         solves += number
         if increments is not None:
             exact[at], best = (value, increments), min(best, value / per[at])
@@ -80,67 +131,21 @@ def least_missed(
     return Choice(gauge, place, exact[at][1], exact[at][0], tuple(g for g, _, _ in as_good[1:])), solves, worth
 
 
-def known_to_go(
-    pools: Sequence[Pool], loops: Sequence[Loop], costs: np.ndarray, left: Remaining, aggregate: Aggregate, gauge: int
-) -> Choice:
+def known_to_go(step: Step, gauge: int) -> Choice:
     """The removal of a gauge without which every unknown is known to be told, whatever the test of what is left says.
 
     The test compares with the strongest row there: beside one of 1e10 times the weight, all others are rounding.
     """
-    at = int(np.flatnonzero(left.index == gauge)[0])
-    increments = []
-    for pool, loop in zip(pools, loops, strict=True):
-        rows = pool.stacked(left.without(at))
+    at = int(np.flatnonzero(step.left.index == gauge)[0])
+    increments, rises = [], []
+    for pool, loop in zip(step.pools, step.loops, strict=True):
+        rows = pool.stacked(step.left.without(at))
         increments.append(refined(pool, information(rows), None) - loop.P)
-    rises = np.array([p.scenario.weight @ np.diag(D) for p, D in zip(pools, increments, strict=True)])
-    rise = aggregated(costs + rises, aggregate) - aggregated(costs, aggregate)
+        rises.append(pool.metric.rise(loop.P, increments[-1]))
+    rise = aggregated(step.costs + rises, step.aggregate) - aggregated(step.costs, step.aggregate)
     return Choice(gauge, at, increments, float(rise), ())
 
 
-def _sharpened(
-    pools: Sequence[Pool],
-    shared: Sequence[Slopes],
-    level: np.ndarray,
-    bounds: np.ndarray,
-    left: Remaining,
-    at: int,
-    aggregate: Aggregate,
-    best: float,
-) -> tuple[float, np.ndarray]:
-    """A sharper bound of the aggregate and its parts (scenarios,), until it exceeds the best value."""
-    parts = bounds.copy()
-    for i, (pool, s) in enumerate(zip(pools, shared, strict=True)):
-        parts[i] = max(parts[i], sharper_bound(s, pool.rows[left.index[at]]))
-        if aggregated(level + parts, aggregate) > best * (1 + TIE):
-            break
-    return float(aggregated(level + parts, aggregate)), parts
-
-
-def _exactly(
-    pools: Sequence[Pool],
-    loops: Sequence[Loop],
-    level: np.ndarray,
-    bounds: np.ndarray,
-    left: Remaining,
-    at: int,
-    aggregate: Aggregate,
-    best: float,
-) -> tuple[float, list[np.ndarray] | None, int]:
-    """The rise of the aggregate, D of every scenario and the solves; None as soon as a scenario loses an unknown or as
-    the exact parts and the bounds (scenarios,) of the others together exceed the best value."""
-    parts, increments = bounds.copy(), []
-    for i, (pool, loop) in enumerate(zip(pools, loops, strict=True)):
-        s, block = pool.scenario, pool.rows[left.index[at]]
-        D = removal(s.F, s.Q, loop, block, partial(rest, pool, left, at), pool.modes)
-        if D is None:
-            return np.inf, None, i + 1
-        increments.append(D)
-        parts[i] = s.weight @ np.diag(D)
-        if aggregated(level + parts, aggregate) > best * (1 + TIE):
-            return np.inf, None, i + 1
-    return float(aggregated(level + parts, aggregate)), increments, len(pools)
-
-
-def rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
+def _rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
     """Rows (m − 1, c, n*) of the gauges left but the one at this place."""
     return pool.rows[left.without(at)]

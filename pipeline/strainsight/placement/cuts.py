@@ -15,12 +15,12 @@ from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, as_limits
 from strainsight.placement.region import cheapest
 from strainsight.placement.riccati import close_loop
-from strainsight.placement.scenario import Aggregate, Pool, refined, weighted_trace
+from strainsight.placement.scenario import Aggregate, Pool, refined
 
 
 @dataclass(frozen=True)
 class Cut:
-    """f_s(v) ≥ offset_s + slope_s·v for all gauge weights v ≥ 0: f_s = tr(W P_s), touched at the weights it was made at.
+    """f_s(v) ≥ offset_s + slope_s·v for all gauge weights v ≥ 0: f_s the metric, touched at the weights it was made at.
 
     offset (s,), slope (s, pool); cost (s,): f_s there; P: covariances there, for the next one to start from.
     """
@@ -49,7 +49,7 @@ def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | No
 
         f(v) ≥ f(w) + ∇f·(v − w),   ∂f/∂w_g = −tr(h_g P X P h_gᵀ),   G = Σ_g w_g h_gᵀh_g
 
-    A plane bounds f everywhere because f is convex (`gauge_gradients`). last: covariances of weights nearby.
+    A plane bounds f everywhere because f is convex (`Criterion`). last: covariances of weights nearby.
     """
     cost, slope, covariances = [], [], []
     for i, pool in enumerate(pools):
@@ -61,8 +61,8 @@ def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | No
             P = refined(pool, G, None if last is None else last[i])
         except NumericalError:
             return None
-        cost.append(weighted_trace(pool, P))
-        slope.append(-gauge_gradients(close_loop(pool.scenario.F, G, P), pool.rows, pool.scenario.weight))
+        cost.append(pool.metric.value(P))
+        slope.append(-gauge_gradients(close_loop(pool.scenario.F, G, P), pool.rows, pool.metric.gradient(P)))
         covariances.append(P)
     f, g = np.array(cost), np.array(slope)
     return Cut(f - g @ w, g, f, tuple(covariances))

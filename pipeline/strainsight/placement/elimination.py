@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import InfeasibleError
-from strainsight.placement.choice import known_to_go, least_missed
+from strainsight.placement.choice import Step, known_to_go, least_missed
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
 from strainsight.placement.remaining import Remaining
@@ -21,29 +21,28 @@ from strainsight.placement.scenario import (
     fewest_gauges,
     refined,
     solved,
-    weighted_trace,
     whole_pool_weight,
 )
 from strainsight.placement.witness import Guard
 from strainsight.sweep.sweep import Sweep, serial
 
-__all__ = ["Elimination", "Scenario", "eliminate", "whole_pool_weight"]
+__all__ = ["Elimination", "Scenario", "eliminate", "eliminate_from", "whole_pool_weight"]
 
 
 @dataclass(frozen=True)
 class Elimination:
     """What was removed and what it cost.
 
-    kept ascending; removed (s,) in order; trace (s + 1,) aggregate tr(W P), the whole pool first; rise (s,) its
-    increments, not differences of `trace` and so with all their digits; blocks (s + 1, unknowns) the trace by unknown
-    (states of positive weight; of the worst scenario where that is the aggregate); solves (s,): exact Riccati solves of
-    every step, one a scenario; ties: per step, the gauges that were as good as the one removed; residual: the largest
-    relative one of all; pools: the scenarios as solved.
+    kept ascending; removed (s,) in order; cost (s + 1,) aggregate of the metric, the whole pool first; rise (s,) its
+    increments, not differences of `cost` and so with all their digits; blocks (s + 1, weighed states) their variances times
+    their weights, Mᵢᵢ (of the worst scenario where that is the aggregate), which add up to the trace; solves (s,): exact
+    Riccati solves of every step, one a scenario; ties: per step, the gauges that were as good as the one removed; residual:
+    the largest relative one of all; pools: the scenarios as solved.
     """
 
     kept: np.ndarray
     removed: np.ndarray
-    trace: np.ndarray
+    cost: np.ndarray
     rise: np.ndarray
     blocks: np.ndarray
     solves: np.ndarray
@@ -61,7 +60,20 @@ def eliminate(
     names: Sequence[str] = (),
     sweep: Sweep = serial,
 ) -> Elimination:
-    """Remove, again and again, the gauge that raises the aggregate of tr(W P) least, until the limits are kept.
+    """`eliminate_from` of the scenarios as solved; names: of the unknowns; sweep: solves them with the whole pool."""
+    limits = as_limits(len(scenarios[0].H), keep, fixed)
+    return eliminate_from(sweep(solved, scenarios, names), limits, aggregate, names=names)
+
+
+def eliminate_from(
+    pools: Sequence[Pool],
+    keep: int | Limits,
+    aggregate: Aggregate = "mean",
+    *,
+    fixed: Collection[int] = (),
+    names: Sequence[str] = (),
+) -> Elimination:
+    """Remove, again and again, the gauge that raises the aggregate of the metric least, until the limits are kept.
 
         least of Δ_g / Σ_k a_kg e_k / b_k²,     e_k = max(0, Σ a_kg over the gauges still there − b_k),     limits a·v ≤ b
 
@@ -75,20 +87,19 @@ def eliminate(
     exactly; those whose bound does not exceed its value get a sharper one (`sharper_bound`), and are evaluated exactly
     in that order until the next bound exceeds the best value: the same answer as evaluating all of them. A removal
     after which an unknown is undetectable costs infinity, by test. All scenarios have the same gauges; fixed: gauges
-    that stay; names: of the unknowns; sweep: solves the scenarios with the whole pool.
+    that stay; names: of the unknowns.
     Raises InfeasibleError where no layout within the limits was found that detects the unknowns, ConfigError for an
     impossible `keep`.
     Source of the ratio: Senju and Toyoda, Management Science 15 (1968).
     """
-    limits = as_limits(len(scenarios[0].H), keep, fixed)
-    pools = tuple(sweep(solved, scenarios, names))
+    limits = as_limits(len(pools[0].rows), keep, fixed)
     unknowns, least = fewest_gauges(pools)
     if limits.keep < least:
         raise InfeasibleError(
             f"{limits.keep} gauges cannot observe {unknowns} unknowns" + (f" ({', '.join(names)})" if names else ""),
             remedy=f"keep at least {least}, or estimate fewer unknowns",
         )
-    return _descend(pools, limits, aggregate, names, None if limits.plain else Guard(limits, Detection(pools), names))
+    return _descend(tuple(pools), limits, aggregate, names, None if limits.plain else Guard(limits, Detection(pools), names))
 
 
 def _descend(
@@ -101,18 +112,19 @@ def _descend(
     removed: list[int] = []
     solves: list[int] = []
     ties: list[tuple[int, ...]] = []
-    costs = np.array([weighted_trace(p, p.P) for p in pools])
+    costs = np.array([p.metric.value(p.P) for p in pools])
     rises: list[float] = []
-    trace, blocks = [float(aggregated(costs, aggregate))], [_blocks(pools, loops, costs, aggregate)]
+    cost, blocks = [float(aggregated(costs, aggregate))], [_blocks(pools, loops, costs, aggregate)]
     spent = 0
     while left.count > limits.keep if guard is None else guard.broken:
         relief = None if guard is None else guard.relief[left.index]
-        found, number, worth = least_missed(pools, loops, costs, left, aggregate, relief)
+        step = Step(pools, loops, costs, left, aggregate)
+        found, number, worth = least_missed(step, relief)
         spent += number
         if found is None:
             if guard is None:
                 return _descend(pools, limits, aggregate, names, Guard(limits, Detection(pools), names))
-            found = known_to_go(pools, loops, costs, left, aggregate, guard.surplus(left.index, worth))
+            found = known_to_go(step, guard.surplus(left.index, worth))
             spent += len(pools)
         if guard is not None:
             spared = guard.lets_go(found.gauge, left.index, worth)
@@ -125,18 +137,18 @@ def _descend(
             P = refined(pool, G, loops[i].P + D)
             residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
             loops[i] = close_loop(pool.scenario.F, G, P)
-            costs[i] = weighted_trace(pool, P)
+            costs[i] = pool.metric.value(P)
         removed.append(found.gauge)
         rises.append(found.rise)
         solves.append(spent)
         spent = 0
         ties.append(found.ties)
-        trace.append(float(aggregated(costs, aggregate)))
+        cost.append(float(aggregated(costs, aggregate)))
         blocks.append(_blocks(pools, loops, costs, aggregate))
     return Elimination(
         kept=left.gauges,
         removed=np.array(removed, dtype=int),
-        trace=np.array(trace),
+        cost=np.array(cost),
         rise=np.array(rises),
         blocks=np.array(blocks),
         solves=np.array(solves, dtype=int),
@@ -147,6 +159,5 @@ def _descend(
 
 
 def _blocks(pools: Sequence[Pool], loops: Sequence[Loop], costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
-    unknown = np.flatnonzero(pools[0].scenario.weight > 0)
-    parts = np.array([(p.scenario.weight * np.diag(l.P))[unknown] for p, l in zip(pools, loops, strict=True)])
+    parts = np.array([np.diag(p.metric.weighed(l.P)) for p, l in zip(pools, loops, strict=True)])
     return parts.mean(axis=0) if aggregate == "mean" else parts[int(np.argmax(costs))]

@@ -29,12 +29,12 @@ WORTH = 1e-9
 
 @dataclass(frozen=True)
 class Exchange:
-    """gauges (keep,) ascending; trace after every swap, the start first; swaps (out, in), out −1 where a gauge was added
+    """gauges (keep,) ascending; cost after every swap, the start first; swaps (out, in), out −1 where a gauge was added
     in room that was left; solves: exact Riccati solves, never more than `limit`; complete: every remaining swap is known
     not to help, which they were enough for."""
 
     gauges: np.ndarray
-    trace: np.ndarray
+    cost: np.ndarray
     swaps: tuple[tuple[int, int], ...]
     solves: int
     complete: bool
@@ -49,7 +49,7 @@ def exchange(
     limits: Limits | None = None,
     limit: int = 20_000,
 ) -> Exchange:
-    """Swap until none lowers the aggregate f of tr(W P) over the scenarios; the result is optimal against single swaps.
+    """Swap until none lowers the aggregate f of the metric over the scenarios; the result is optimal against single swaps.
 
         swap (i out, j in):  f ≥ agg(f_s + min over i of φ_i − φ_j),   φ_g = tr(h_g P X P h_gᵀ) of the present set
 
@@ -69,11 +69,11 @@ def exchange(
         if P is None:
             raise ValueError("an exchange starts from a set that detects every unknown")
         loops.append(loop_of(pool, chosen, P))
-    trace = [_cost(pools, loops, aggregate)]
+    costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
     solves, complete = 0, False
     while not complete:
-        found, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, trace[-1], limit - solves)
+        found, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, costs[-1], limit - solves)
         solves += number
         if found is None:
             complete = not stopped
@@ -81,8 +81,8 @@ def exchange(
         out, into, loops = found
         chosen = _swapped(chosen, out, into)
         swaps.append((out, into))
-        trace.append(_cost(pools, loops, aggregate))
-    return Exchange(chosen, np.array(trace), tuple(swaps), solves, complete)
+        costs.append(_cost(pools, loops, aggregate))
+    return Exchange(chosen, np.array(costs), tuple(swaps), solves, complete)
 
 
 def _first_gain(
@@ -101,11 +101,11 @@ def _first_gain(
     swaps = Swaps(limits, chosen, movable)
     if not len(others) or not (len(movable) or swaps.room.any()):
         return None, 0, False
-    traces, gradients = costs_of(pools, loops), gradients_of(pools, loops)
+    costs, gradients = costs_of(pools, loops), gradients_of(pools, loops)
     least = gradients[:, movable].min(axis=1, initial=np.inf)
     # nothing leaves where there is room
     fall = gradients[:, others] - np.where(swaps.room[others], 0.0, least[:, None])
-    promise = aggregated(traces[:, None] - fall, aggregate)
+    promise = aggregated(costs[:, None] - fall, aggregate)
     enough = cost * (1 - WORTH)
     hopeful = np.flatnonzero(promise < enough)
     solves = 0
@@ -126,7 +126,7 @@ def _first_gain(
         bounds = aggregated(
             np.array(
                 [
-                    base + gauge_gradients(l, p.rows[movable], p.scenario.weight)
+                    base + gauge_gradients(l, p.rows[movable], p.metric.gradient(l.P))
                     for base, p, l in zip(after, pools, grown, strict=True)
                 ]
             ),

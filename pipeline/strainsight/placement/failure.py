@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.placement.elimination import eliminate
+from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.exchange import exchange
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import BUDGET, Limits, as_limits
-from strainsight.placement.losses import LossSearch, cost_of, covariances_of, measure
+from strainsight.placement.losses import LossSearch, measure
 from strainsight.placement.ordering import TIE
 from strainsight.placement.scenario import Aggregate, Pool, fewest_gauges
+from strainsight.placement.score import cost_of, covariances_of
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class RobustSet:
 def loss_if_one_fails(
     pools: Sequence[Pool], gauges: Sequence[int] | np.ndarray, aggregate: Aggregate = "mean"
 ) -> np.ndarray:
-    """Aggregate of tr(W P) of the set when each one of its gauges, in the order given, fails.
+    """Aggregate of the metric of the set when each one of its gauges, in the order given, fails.
 
     inf where an unknown is lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows.
     Returns (k,).
@@ -57,7 +58,7 @@ def robust_set(
 ) -> RobustSet:
     """The set of `keep` gauges, or the layout within `Limits`, whose cost after its worst single failure no swap lowers.
 
-        L(S) = max over g in S of f(S − g),     f = agg_s tr(W P_s)
+        L(S) = max over g in S of f(S − g),     f = agg_s c(P_s)
         i out, j in:   L ≥ f(S − i),   L ≥ agg_s(f_s(S − g) + φᵍ_i − φᵍ_j) for every other g,   φᵍ_a = tr(h_a P X P h_aᵀ)
 
     with P and X of the set S − g: the first because j may fail, the second because f is convex in the gauge weights.
@@ -80,9 +81,8 @@ def robust_set(
     search = LossSearch(pools, aggregate, limits, limit)
     starts = []
     if start is None:
-        scenarios = [p.scenario for p in pools]
-        start = fill(pools, eliminate(scenarios, limits, aggregate).kept, limits, aggregate)
-        more = eliminate(scenarios, _twice(limits), aggregate).kept
+        start = fill(pools, eliminate_from(pools, limits, aggregate).kept, limits, aggregate)
+        more = eliminate_from(pools, _twice(limits), aggregate).kept
         starts.append(search.reduced(more.tolist()))
     starts.append(exchange(pools, start, aggregate, limits=limits, limit=limit).gauges.tolist())
     chosen, loss, swaps = search.swapped(starts[0])

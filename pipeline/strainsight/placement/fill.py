@@ -10,21 +10,13 @@ from strainsight.placement.increment import addition, gauge_gradients
 from strainsight.placement.limits import Limits
 from strainsight.placement.ordering import TIE
 from strainsight.placement.riccati import Loop, close_loop
-from strainsight.placement.scenario import (
-    Aggregate,
-    Pool,
-    aggregated,
-    loop_of,
-    refined,
-    subset_covariance,
-    weighted_trace,
-)
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of, refined, subset_covariance
 
 
 def fill(
     pools: Sequence[Pool], gauges: Sequence[int] | np.ndarray, limits: Limits, aggregate: Aggregate = "mean"
 ) -> np.ndarray:
-    """Add, again and again, the gauge that lowers the aggregate f of tr(W P) most, until none fits in the limits.
+    """Add, again and again, the gauge that lowers the aggregate f of the metric most, until none fits in the limits.
 
         f(S + j) ≥ agg(f_s − φ_j),   φ_j = tr(h_j P X P h_jᵀ) of the present set
 
@@ -61,13 +53,13 @@ def with_gauge(pools: Sequence[Pool], loops: Sequence[Loop], gauge: int) -> list
 
 
 def costs_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
-    """tr(W P) of every scenario."""
-    return np.array([weighted_trace(p, l.P) for p, l in zip(pools, loops, strict=True)])
+    """The metric of every scenario."""
+    return np.array([p.metric.value(l.P) for p, l in zip(pools, loops, strict=True)])
 
 
 def gradients_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
     """φ of every scenario and gauge of the pool: what it is worth at most where it is out, at least where it is in."""
-    return np.array([gauge_gradients(l, p.rows, p.scenario.weight) for p, l in zip(pools, loops, strict=True)])
+    return np.array([gauge_gradients(l, p.rows, p.metric.gradient(l.P)) for p, l in zip(pools, loops, strict=True)])
 
 
 def _room(limits: Limits, chosen: np.ndarray) -> np.ndarray:

@@ -31,26 +31,26 @@ class Slopes:
     G: tuple[np.ndarray, ...]
 
 
-def slopes(loop: Loop, weight: np.ndarray) -> Slopes:
-    """The `Slopes` of tr(W P) at a loop; weight (n,): diagonal of W."""
-    X = adjoint_lyapunov(loop, np.diag(weight))
+def slopes(loop: Loop, W: np.ndarray) -> Slopes:
+    """The `Slopes` of tr(W P) at a loop; W (n, n) positive semidefinite: gradient of a metric."""
+    X = adjoint_lyapunov(loop, W)
     # squares of a factor keep the digits of a small φ that the products of P X P lose
     values, vectors = np.linalg.eigh(X)
     factor = loop.P @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     return Slopes(loop, factor, loop.U.T @ X @ loop.U, _in_schur(loop))
 
 
-def gauge_gradients(loop: Loop, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def gauge_gradients(loop: Loop, rows: np.ndarray, W: np.ndarray) -> np.ndarray:
     """−∂tr(W P)/∂w_g for all gauges at once; at w_g = 1 the least rise of tr(W P) when the gauge is removed.
 
         Aᵀ X + X A + W = 0,     Δ_g ≥ φ_g = tr(h_g P X P h_gᵀ),   h_g at unit noise
 
     A lower bound of the rise because tr(W P) is convex in the gauge weights: for a fixed estimator the error is a
-    quadratic plus Σ r ∫m²/w, jointly convex in the estimator m and w, and its least over m stays convex in w. All
-    channels of a gauge have its one weight. rows (m, c, n): h_g/√r_g; weight (n,): diagonal of W. Returns (m,) in the
-    unit of tr(W P).
+    quadratic plus Σ r ∫m²/w, jointly convex in the estimator m and w, and its least over m stays convex in w. With W the
+    gradient of a `Metric` it is the slope of the metric, which is convex in them, too. All channels of a gauge have its one
+    weight. rows (m, c, n): h_g/√r_g; W (n, n) positive semidefinite. Returns (m,) in the unit of tr(W P).
     """
-    return squares((rows.reshape(-1, rows.shape[-1]) @ slopes(loop, weight).factor).reshape(rows.shape))
+    return squares((rows.reshape(-1, rows.shape[-1]) @ slopes(loop, W).factor).reshape(rows.shape))
 
 
 def squares(rows: np.ndarray) -> np.ndarray:

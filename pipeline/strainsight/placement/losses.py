@@ -11,7 +11,8 @@ from strainsight.placement.exchange import WORTH
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.limits import Limits, Swaps
 from strainsight.placement.ordering import TIE, tied_order
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of, subset_covariance, weighted_trace
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of
+from strainsight.placement.score import cost_of, covariances_of
 
 
 class LossSearch:
@@ -135,8 +136,8 @@ class LossSearch:
             level, slope = [], []
             for pool, P in zip(self.pools, covariances_of(self.pools, rest) or (), strict=True):
                 loop = loop_of(pool, rest, P)
-                level.append(weighted_trace(pool, P))
-                slope.append(gauge_gradients(loop, pool.rows, pool.scenario.weight))
+                level.append(pool.metric.value(P))
+                slope.append(gauge_gradients(loop, pool.rows, pool.metric.gradient(P)))
             self.solves += len(self.pools)
             yield np.array(level), np.array(slope)
 
@@ -145,23 +146,3 @@ def measure(loss: dict[int, float]) -> tuple[int, float]:
     """How many failures lose an unknown or are not solved, and the largest loss of the others."""
     finite = [value for value in loss.values() if value < np.inf]
     return len(loss) - len(finite), max(finite, default=0.0)
-
-
-def covariances_of(pools: Sequence[Pool], gauges: Sequence[int]) -> list[np.ndarray] | None:
-    """P of every scenario, or None where these gauges lose an unknown."""
-    found = []
-    for pool in pools:
-        P = subset_covariance(pool, gauges)
-        if P is None:
-            return None
-        found.append(P)
-    return found
-
-
-def cost_of(covariances: Sequence[np.ndarray] | None, pools: Sequence[Pool], aggregate: Aggregate) -> float:
-    """Aggregate of tr(W P), inf where there are none."""
-    if covariances is None:
-        return float("inf")
-    return float(
-        aggregated(np.array([weighted_trace(p, P) for p, P in zip(pools, covariances, strict=True)]), aggregate)
-    )

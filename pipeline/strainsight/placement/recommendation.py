@@ -13,21 +13,21 @@ NOTHING = 1e-6
 """A gauge of several channels does not read a motion to which it answers with less than this share of its most."""
 
 
-def gains(trace: np.ndarray) -> np.ndarray:
-    """By what share one gauge more lowers σ = √tr(W P), from the smallest set on: 1 − √(T(n + 1)/T(n)).
+def gains(cost: np.ndarray) -> np.ndarray:
+    """By what share one gauge more lowers σ = √c, from the smallest set on: 1 − √(c(n + 1)/c(n)).
 
-    trace (s,) of an elimination, the whole pool first. Returns (s − 1,) for n = keep, keep + 1, …, pool − 1.
+    cost (s,) of an elimination, the whole pool first. Returns (s − 1,) for n = keep, keep + 1, …, pool − 1.
     """
-    T = np.asarray(trace, dtype=float)[::-1]
-    return 1 - np.sqrt(T[1:] / T[:-1])
+    c = np.asarray(cost, dtype=float)[::-1]
+    return 1 - np.sqrt(c[1:] / c[:-1])
 
 
-def worth_keeping(trace: np.ndarray, keep: int) -> int:
+def worth_keeping(cost: np.ndarray, keep: int) -> int:
     """The elbow of the trend: fewest gauges n ≥ keep from which no further one lowers σ by 5 % or more.
 
-    trace (pool − keep + 1,) of an elimination, the whole pool first.
+    cost (pool − keep + 1,) of an elimination, the whole pool first.
     """
-    worth = np.flatnonzero(gains(trace) >= WORTH)
+    worth = np.flatnonzero(gains(cost) >= WORTH)
     return keep + (int(worth[-1]) + 1 if worth.size else 0)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,10 @@ from strainsight.augmentation.observability import (
     undetectable_in_words,
 )
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
+from strainsight.placement.criteria.criterion import Criterion
+from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.information import Information, information
+from strainsight.placement.metric import Metric
 from strainsight.placement.riccati import ACCEPTED, Loop, balance, close_loop, polish, relative_residual, solve_anew
 from strainsight.sweep.sweep import Sweep, serial
 
@@ -25,7 +29,7 @@ Aggregate = Literal["mean", "worst"]
 
 @dataclass(frozen=True)
 class Scenario:
-    """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the weight of each state in tr(W P).
+    """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the metric of its layouts: weight of each state, criterion.
 
     A pool row is what is glued and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to
     c, with rows of zeros where fewer; r (pool,) or (pool, c), positive there too, in [y² s].
@@ -37,6 +41,11 @@ class Scenario:
     H: np.ndarray
     r: np.ndarray
     weight: np.ndarray
+    criterion: Criterion = field(default_factory=Trace)
+
+    @cached_property
+    def metric(self) -> Metric:
+        return Metric(self.weight, self.criterion)
 
     @property
     def rows(self) -> np.ndarray:
@@ -47,7 +56,9 @@ class Scenario:
 
     def scaled(self, d: np.ndarray) -> Scenario:
         """The same scenario for x*/d."""
-        return Scenario(self.F / d[:, None] * d, self.Q / d[:, None] / d, self.H * d, self.r, self.weight * d * d)
+        return replace(
+            self, F=self.F / d[:, None] * d, Q=self.Q / d[:, None] / d, H=self.H * d, weight=self.weight * d * d
+        )
 
 
 @dataclass(frozen=True)
@@ -67,6 +78,16 @@ class Pool:
     def stacked(self, gauges: np.ndarray) -> np.ndarray:
         """Channels of these gauges, by index or as a mask (pool,), one under the other: (number · c, n*)."""
         return self.rows[gauges].reshape(-1, self.rows.shape[2])
+
+    @property
+    def metric(self) -> Metric:
+        """The metric in these coordinates."""
+        return self.scenario.metric
+
+    def under(self, metric: Metric) -> Pool:
+        """The same by another metric, of x*."""
+        own = metric.scaled(self.scale)
+        return replace(self, scenario=replace(self.scenario, weight=own.weight, criterion=own.criterion))
 
     @property
     def channels(self) -> np.ndarray:
@@ -196,11 +217,6 @@ def loop_of(pool: Pool, gauges: Sequence[int] | np.ndarray, P: np.ndarray) -> Lo
     return close_loop(pool.scenario.F, information(rows), P)
 
 
-def weighted_trace(pool: Pool, P: np.ndarray) -> float:
-    """tr(W P)."""
-    return float(pool.scenario.weight @ np.diag(P))
-
-
 def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
     """Mean or worst over the first axis, the scenarios."""
     return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
@@ -209,17 +225,21 @@ def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
 def whole_pool_weight(
     scenarios: Sequence[Scenario], unknown: np.ndarray, names: Sequence[str] = (), sweep: Sweep = serial
 ) -> np.ndarray:
-    """Weights (n*,) that let the aggregate (mean) start at the number of unknowns with the whole pool:
+    """`weight_of_pools` of these scenarios; names: of the last states, for the messages of `solve_pool`; sweep: solves them."""
+    return weight_of_pools(sweep(solved, scenarios, names), unknown)
+
+
+def weight_of_pools(pools: Sequence[Pool], unknown: np.ndarray) -> np.ndarray:
+    """Weights (n*,) of x* that let the mean of tr(W P) start at the number of unknowns with the whole pool:
 
     Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the states i of `unknown`, 0 for the others.
 
-    unknown (count,): their indices in x*; names: of the last states, for the messages of `solve_pool`; sweep:
-    solves the scenarios.
+    unknown (count,): their indices in x*.
     """
     at = np.asarray(unknown, dtype=int)
-    weight, variance = np.zeros(len(scenarios[0].F)), np.zeros(len(at))
-    for pool in sweep(solved, scenarios, names):
-        variance += (np.diag(pool.P) * pool.scale**2)[at] / len(scenarios)
+    weight, variance = np.zeros(len(pools[0].P)), np.zeros(len(at))
+    for pool in pools:
+        variance += (np.diag(pool.P) * pool.scale**2)[at] / len(pools)
     weight[at] = 1 / variance
     return weight
 

@@ -2,72 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, subset_covariance, weighted_trace
+from strainsight.placement.metric import Metric
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, subset_covariance
 
 Gauges = Sequence[int] | np.ndarray
 
 
 @dataclass(frozen=True)
 class Scores:
-    """One layout by every criterion, from the same steady covariances P; inf throughout where it loses an unknown, NaN where
+    """One layout by every metric, from the same steady covariances P; inf throughout where it loses an unknown, NaN where
     there is none or P is not solved to accuracy.
 
-    trace [1]: aggregate of tr(W P); log_determinant: mean over scenarios of ln det P_uu; worst_eigenvalue: aggregate of
-    the largest eigenvalue of P_uu, the variance of the worst-known combination of unknowns, both of the unknowns as in x*
-    (relative to amplitude and guess); std (count,) [N, SI]: √Pᵢᵢ · scale of each unknown, root mean square over scenarios.
-    All of a frozen linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
+    cost: name of the metric → its aggregate; std (count,) [N, SI]: √Pᵢᵢ · scale of each unknown, root mean square over
+    scenarios. All of a frozen linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
     """
 
-    trace: float
-    log_determinant: float
-    worst_eigenvalue: float
+    cost: Mapping[str, float]
     std: np.ndarray
 
     @classmethod
-    def all(cls, value: float, unknowns: int) -> Scores:
-        return cls(value, value, value, np.full(unknowns, value))
+    def all(cls, metrics: Iterable[str], value: float, unknowns: int) -> Scores:
+        return cls(dict.fromkeys(metrics, value), np.full(unknowns, value))
 
 
 def score(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") -> float:
-    """Aggregate of tr(W P) with these gauges (pool rows) only; inf where they cannot detect every unknown."""
-    costs = []
-    for pool in pools:
-        P = subset_covariance(pool, gauges)
-        if P is None:
-            return float("inf")
-        costs.append(weighted_trace(pool, P))
-    return float(aggregated(np.array(costs), aggregate))
+    """Aggregate of the metric with these gauges (pool rows) only; inf where they cannot detect every unknown."""
+    return cost_of(covariances_of(pools, gauges), pools, aggregate)
 
 
 def scores(
-    pools: Sequence[Pool], gauges: Gauges, unknown: np.ndarray, scale: np.ndarray, aggregate: Aggregate = "mean"
+    pools: Sequence[Pool],
+    gauges: Gauges,
+    metrics: Mapping[str, Metric],
+    unknown: np.ndarray,
+    scale: np.ndarray,
+    aggregate: Aggregate = "mean",
 ) -> Scores:
-    """The `Scores` of these gauges (pool rows); unknown (count,): their indices in x*; scale (count,) [N, SI]."""
-    traces, determinants, largest, variances = [], [], [], []
+    """The `Scores` of these gauges (pool rows); metrics of x* by name; unknown (count,): the unknowns' indices in x*;
+    scale (count,) [N, SI]."""
+    try:
+        P = covariances_of(pools, gauges)
+        cost = {key: cost_of(P, [p.under(metric) for p in pools], aggregate) for key, metric in metrics.items()}
+    except NumericalError:
+        return Scores.all(metrics, np.nan, len(unknown))
+    if P is None:
+        return Scores.all(metrics, np.inf, len(unknown))
+    variances = [np.diag(unknown_block(pool, own, unknown)) for pool, own in zip(pools, P, strict=True)]
+    return Scores(cost, np.sqrt(np.mean(variances, axis=0)) * scale)
+
+
+def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | None:
+    """P of every scenario, or None where these gauges lose an unknown."""
+    found = []
     for pool in pools:
-        try:
-            P = subset_covariance(pool, gauges)
-        except NumericalError:
-            return Scores.all(np.nan, len(unknown))
+        P = subset_covariance(pool, gauges)
         if P is None:
-            return Scores.all(np.inf, len(unknown))
-        block = unknown_block(pool, P, unknown)
-        traces.append(weighted_trace(pool, P))
-        determinants.append(np.linalg.slogdet(block)[1])
-        largest.append(np.linalg.eigvalsh(block).max(initial=0.0))
-        variances.append(np.diag(block))
-    return Scores(
-        trace=float(aggregated(np.array(traces), aggregate)),
-        log_determinant=float(np.mean(determinants)),
-        worst_eigenvalue=float(aggregated(np.array(largest), aggregate)),
-        std=np.sqrt(np.mean(variances, axis=0)) * scale,
-    )
+            return None
+        found.append(P)
+    return found
+
+
+def cost_of(covariances: Sequence[np.ndarray] | None, pools: Sequence[Pool], aggregate: Aggregate) -> float:
+    """Aggregate of the metric, inf where there are no covariances."""
+    if covariances is None:
+        return float("inf")
+    values = [p.metric.value(P) for p, P in zip(pools, covariances, strict=True)]
+    return float(aggregated(np.array(values), aggregate))
 
 
 def unknown_block(pool: Pool, P: np.ndarray, unknown: np.ndarray) -> np.ndarray:

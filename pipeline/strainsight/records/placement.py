@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from strainsight.augmentation.observability import Observability
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.structure.channels import Channels
 from strainsight.cases.structure.comparison import Comparison
 from strainsight.cases.structure.expectation import Expectation
@@ -16,6 +15,7 @@ from strainsight.cases.structure.pool import PoolRows
 from strainsight.cases.structure.problem import Problem
 from strainsight.gauges.candidates import Candidates
 from strainsight.placement.certificate import Certificate
+from strainsight.placement.criteria.choices import CRITERIA, criterion_of
 from strainsight.placement.elimination import Elimination
 from strainsight.placement.scenario import Scenario
 from strainsight.records.grids import gauge_grid
@@ -49,8 +49,16 @@ def _flat(scenario: Scenario, array: np.ndarray, there: np.ndarray) -> np.ndarra
     return array[there] if scenario.H.ndim == 3 else array
 
 
-def elimination_datasets(result: Elimination, unknowns: Unknowns, pool: PoolRows) -> dict[str, Dataset]:
-    there = pool.channels >= 0
+def metric_key(criterion: str) -> str:
+    """What the metric is called in datasets and in the summary: the trace by its name, any other criterion by none."""
+    return "trace" if criterion == "trace" else "metric"
+
+
+def elimination_datasets(result: Elimination, problem: Problem, pool: PoolRows) -> dict[str, Dataset]:
+    there, metric, unknowns = pool.channels >= 0, result.pools[0].metric, problem.unknowns
+    symbol = metric.criterion.symbol
+    named = dict(zip(unknowns.position(problem.model).tolist(), unknowns.names, strict=True))
+    names = [named[state] for state in metric.states.tolist()]
     return {
         "/pool/candidate": Dataset(pool.first, "1", "row of train.h5 of every pool row, of its first channel"),
         "/pool/channel": Dataset(pool.channels[there], "1", "row of train.h5 of every row of /augmented/H"),
@@ -59,13 +67,16 @@ def elimination_datasets(result: Elimination, unknowns: Unknowns, pool: PoolRows
             pool.gauges, "1", "gauges of every pool row, −1 where it has one and others two (pool × 1 or 2)"
         ),
         "/elimination/removed": Dataset(result.removed, "1", "pool rows in the order of their removal"),
-        "/elimination/trace": Dataset(result.trace, "1", "tr(W P), the full pool first"),
-        "/elimination/rise": Dataset(result.rise, "1", "rise of tr(W P) at every removal, with all its digits"),
+        f"/elimination/{metric_key(metric.criterion.name)}": Dataset(result.cost, "1", f"{symbol}, the full pool first"),
+        "/elimination/rise": Dataset(result.rise, "1", f"rise of {symbol} at every removal, with all its digits"),
         "/elimination/unknowns": Dataset(
-            np.array(unknowns.names, dtype=np.str_), "1", "name of every unknown, inputs first"
+            np.array(names, dtype=np.str_), "1", "name of every unknown that the metric weighs, inputs first"
         ),
         "/elimination/blocks": Dataset(
-            result.blocks, "1", "the same by unknown (step × unknown)", ("", "/elimination/unknowns")
+            result.blocks,
+            "1",
+            "variance of every one of them times its weight, of which tr(W P) is the sum (step × unknown)",
+            ("", "/elimination/unknowns"),
         ),
         "/elimination/solves": Dataset(result.solves, "1", "exact Riccati solves of every removal"),
         "/elimination/ties": Dataset(
@@ -132,38 +143,43 @@ def observability_datasets(condition: Observability) -> dict[str, Dataset]:
     }
 
 
-def certificate_datasets(certificate: Certificate | None) -> dict[str, Dataset]:
+def certificate_datasets(certificate: Certificate | None, symbol: str) -> dict[str, Dataset]:
     if certificate is None:
         return {}
     return {
         "/certificate/lower_bound": Dataset(
-            np.array(certificate.lower_bound), "1", "no layout within the limits has a smaller tr(W P)"
+            np.array(certificate.lower_bound), "1", f"no layout within the limits has a smaller {symbol}"
         ),
-        "/certificate/gap": Dataset(np.array(certificate.gap), "1", "(tr(W P) of the final set − bound) / tr(W P)"),
+        "/certificate/gap": Dataset(
+            np.array(certificate.gap), "1", f"({symbol} of the final set − bound) / {symbol}"
+        ),
         "/certificate/weights": Dataset(certificate.weights, "1", "gauge weights of the relaxed problem"),
     }
 
 
 def comparison_datasets(others: Comparison, names: Sequence[str]) -> dict[str, Dataset]:
-    rules = list(others.sets)
-    scores = list(others.scores.values())
+    rules, scores = list(others.sets), list(others.scores.values())
+    criteria = [criterion_of(name) for name in scores[0].cost]
     scales = ("/criteria/rule",)
     # Under a budget the elimination may end with fewer than are in the layout.
     width = max(len(gauges) for gauges in others.sets.values())
     sets = np.array([np.pad(g, (0, width - len(g)), constant_values=-1) for g in others.sets.values()])
+    cost = np.array([[s.cost[c.name] for c in criteria] for s in scores])
     return {
-        f"/baseline/{rule}": Dataset(np.array(others.scores[rule].trace), "1", f"tr(W P) of the set by {rule}")
-        for rule in rules
+        f"/baseline/{rule}": Dataset(np.array(own[0]), "1", f"{criteria[0].symbol} of the set by {rule}")
+        for rule, own in zip(rules, cost, strict=True)
         if rule not in ("final", "greedy")
     } | {
         "/criteria/rule": Dataset(np.array(rules, dtype=np.str_), "1", "how every set was found"),
         "/criteria/gauges": Dataset(sets, "1", "pool rows of every set, −1 for none (rule × row)"),
-        "/criteria/trace": Dataset(np.array([s.trace for s in scores]), "1", "tr(W P)", scales),
-        "/criteria/log_determinant": Dataset(
-            np.array([s.log_determinant for s in scores]), "1", "of the covariance of the scaled unknowns", scales
+        "/criteria/name": Dataset(
+            np.array([c.name for c in criteria], dtype=np.str_), "1", "every criterion, that of the layout first"
         ),
-        "/criteria/worst_eigenvalue": Dataset(
-            np.array([s.worst_eigenvalue for s in scores]), "1", "largest eigenvalue of that covariance", scales
+        "/criteria/value": Dataset(
+            cost,
+            "1",
+            "every set by every criterion, a variance (rule × criterion): " + ", ".join(c.symbol for c in criteria),
+            (*scales, "/criteria/name"),
         ),
         **{
             f"/criteria/std/{name}": Dataset(
@@ -177,8 +193,7 @@ def comparison_datasets(others: Comparison, names: Sequence[str]) -> dict[str, D
 RULES = {
     "final": "this layout",
     "greedy": "elimination alone",
-    "log_determinant": "log-determinant",
-    "worst_eigenvalue": "worst eigenvalue",
+    **{criterion.name: criterion.title for criterion in CRITERIA},
     "effective_independence": "effective independence",
     "qr_pivoting": "QR pivoting",
     "d_optimal": "D-optimal",
@@ -187,13 +202,15 @@ RULES = {
 
 
 def criteria_table(others: Comparison, problem: Problem) -> Table:
-    """This layout beside those by other rules, by every criterion; of the random sets, the one of median trace."""
+    """This layout beside those by other rules, by every criterion; of the random sets, the one of median metric."""
+    criteria = [criterion_of(name) for name in others.scores["final"].cost]
+    chosen = criteria[0].name
     shown = {RULES[rule]: others.scores[rule] for rule in others.sets if rule in RULES}
     random = [s for rule, s in others.scores.items() if rule.startswith("random_")]
-    drawn = sorted(random, key=lambda s: (np.isnan(s.trace), s.trace))
+    drawn = sorted(random, key=lambda s: (np.isnan(s.cost[chosen]), s.cost[chosen]))
     if drawn:
         shown[f"random, median of {len(drawn)}"] = drawn[(len(drawn) - 1) // 2]
-    best = others.scores["final"].trace
+    best = others.scores["final"].cost[chosen]
     names, scale = problem.unknowns.names, problem.unknowns.scale
 
     def number(value: float) -> str:
@@ -202,15 +219,20 @@ def criteria_table(others: Comparison, problem: Problem) -> Table:
     rows = tuple(
         (
             rule,
-            number(s.trace),
-            number(s.trace / best),
-            number(s.log_determinant),
-            number(s.worst_eigenvalue),
+            number(s.cost[chosen]),
+            number(s.cost[chosen] / best),
+            *(number(s.cost[c.name]) for c in criteria[1:]),
             *(f"{100 * v / a:.2g} %" if np.isfinite(v) else number(v) for v, a in zip(s.std, scale, strict=True)),
         )
         for rule, s in shown.items()
     )
-    columns = ("layout by", "tr(W P)", "times this", "log det", "worst eigenvalue", *(f"frozen σ({n})" for n in names))
+    columns = (
+        "layout by",
+        criteria[0].symbol,
+        "times this",
+        *(c.symbol for c in criteria[1:]),
+        *(f"frozen σ({n})" for n in names),
+    )
     return Table("criteria, all from the same covariance", columns, rows)
 
 

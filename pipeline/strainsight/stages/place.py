@@ -15,14 +15,15 @@ from strainsight.cases.structure.gauge_list import gauge_csv, gauge_list, gauge_
 from strainsight.cases.structure.layout import Layout, gauge_losses, layout_of
 from strainsight.cases.structure.pool import PoolRows, layout_cost, limits_of_config, pool_of
 from strainsight.cases.structure.problem import Problem
-from strainsight.cases.structure.scenarios import scenarios_of
+from strainsight.cases.structure.scenarios import metrics_of, scenarios_of
 from strainsight.errors import blame
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.export import uff_text
-from strainsight.placement.elimination import Elimination, eliminate
+from strainsight.placement.criteria.criterion import Criterion
+from strainsight.placement.elimination import Elimination, eliminate_from
 from strainsight.placement.ordering import tied_order
 from strainsight.placement.recommendation import worth_keeping
-from strainsight.placement.scenario import Scenario
+from strainsight.placement.scenario import Scenario, solved
 from strainsight.records.placement import (
     augmented_datasets,
     certificate_datasets,
@@ -30,6 +31,7 @@ from strainsight.records.placement import (
     criteria_table,
     elimination_datasets,
     expectation_datasets,
+    metric_key,
     observability_datasets,
     place_message,
     placed_grid,
@@ -44,7 +46,7 @@ from strainsight.workflow.stage import Context, Stage
 @dataclass(frozen=True)
 class _Found:
     """All that a placement has found; gauges (k,): numbers of the gauges of the layout, the most missed first; loss (k,):
-    tr(W P) when each fails."""
+    the metric when each fails."""
 
     pool: PoolRows
     result: Elimination
@@ -57,6 +59,10 @@ class _Found:
     condition: Observability
     words: tuple[str, ...]
     plain: bool
+
+    @property
+    def criterion(self) -> Criterion:
+        return self.result.pools[0].metric.criterion
 
 
 def run(context: Context) -> Output:
@@ -75,21 +81,29 @@ def _find(context: Context, problem: Problem, candidates: Candidates) -> _Found:
         limits = limits_of_config(config, pool, mesh, channels, candidates)
     ranges = {name: entry.range for name, entry in config.parameters.items()}
     with blame("place.estimate"):
-        scenarios = scenarios_of(problem, pool.channels, settings, ranges, context.seed, sweep=context.sweep)
+        scenarios = scenarios_of(problem, pool.channels, settings, ranges, context.seed)
+        pools = context.sweep(solved, scenarios, unknowns.state_names)
+    metrics = metrics_of(problem, pools, settings)
+    metric = metrics[settings.criterion]
     context.progress("elimination", 0.0)
     with blame("place.keep"):
-        result = eliminate(scenarios, limits, settings.aggregate, names=unknowns.state_names, sweep=context.sweep)
+        pools = [own.under(metric) for own in pools]
+        result = eliminate_from(pools, limits, settings.aggregate, names=unknowns.state_names)
         layout = layout_of(result.pools, result.kept, limits, settings, context.progress)
     gauges = pool.gauges_of(layout.gauges)
     expected = expectation(problem, gauges)
-    final = _most_missed_first(pool, layout.gauges, gauges, expected.importance)
+    final = _most_missed_first(
+        pool, layout.gauges, gauges, expected.importance(settings.metric_over or unknowns.names)
+    )
     ordered = pool.gauges_of(final)
     expected = expected.ordered(np.array([int(np.flatnonzero(gauges == g)[0]) for g in ordered]))
     context.progress("failures and other rules", 0.8)
-    loss = gauge_losses(problem, scenarios, result.pools, final, ordered, settings, ranges, context.seed)
+    loss = gauge_losses(problem, pools, metric, final, ordered, settings, ranges, context.seed)
     others = comparison(
         problem,
-        result.pools,
+        pools,
+        metrics,
+        settings.criterion,
         pool.channels,
         final,
         result.kept,
@@ -144,7 +158,8 @@ def _advice(
     listed = gauge_list(gauges, problem.channels, inputs.training(context), inputs.screened(context))
     return advice(
         labels=listed.labels,
-        trace=result.trace if plain else result.trace[-1:],
+        sigma=result.pools[0].metric.criterion.sigma,
+        cost=result.cost if plain else result.cost[-1:],
         keep=int(context.config.place.keep),
         kept=len(layout.gauges),
         std=expected.std,
@@ -155,7 +170,7 @@ def _advice(
         loss=loss,
         without=expected.without,
         ties=sum(1 for tied in result.ties if tied),
-        cost=layout_cost(context.config, candidates, gauges),
+        price=layout_cost(context.config, candidates, gauges),
         alone=pool.alone,
     )
 
@@ -170,13 +185,15 @@ def _output(context: Context, problem: Problem, candidates: Candidates, found: _
     return Output(
         datasets=grid
         | augmented_datasets(found.result, found.pool)
-        | elimination_datasets(found.result, problem.unknowns, found.pool)
+        | elimination_datasets(found.result, problem, found.pool)
         | selection_datasets("greedy", found.pool, greedy, candidates, problem.channels)
         | selection_datasets("final", found.pool, found.gauges, candidates, problem.channels)
         | expectation_datasets(problem, found.expected)
         | {
             "/failure/loss": Dataset(
-                found.loss, "1", "tr(W P) when each gauge fails; inf where an unknown is then lost, NaN where not solved"
+                found.loss,
+                "1",
+                f"{found.criterion.symbol} when each gauge fails; inf where an unknown is then lost, NaN where not solved",
             ),
             "/advice": Dataset(np.array(found.words, dtype=np.str_), "1", "what to do with the layout"),
             "/selected/final/load": Dataset(
@@ -187,8 +204,10 @@ def _output(context: Context, problem: Problem, candidates: Candidates, found: _
         }
         | observability_datasets(found.condition)
         | comparison_datasets(found.others, names)
-        | certificate_datasets(found.layout.certificate),
-        attributes=grid_attributes | {"/augmented": {"aggregate": context.config.place.aggregate}} | scales,
+        | certificate_datasets(found.layout.certificate, found.criterion.symbol),
+        attributes=grid_attributes
+        | {"/augmented": {"aggregate": context.config.place.aggregate, "criterion": found.criterion.name}}
+        | scales,
         summary=_summary(found, len(listed.labels)),
         message=place_message(
             len(found.pool.gauges), len(listed.labels), found.layout.certificate, found.expected.std, found.condition
@@ -213,20 +232,23 @@ def _output(context: Context, problem: Problem, candidates: Candidates, found: _
 def _summary(found: _Found, selected: int) -> dict[str, Scalar]:
     result, layout = found.result, found.layout
     swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
+    key = metric_key(found.criterion.name)
+    named: dict[str, Scalar] = {"criterion": found.criterion.name}
     return (
-        {
+        named
+        | {
             "pool": len(found.pool.gauges),
             "selected": selected,
-            "trace_initial": float(result.trace[0]),
-            "trace_greedy": float(result.trace[-1]),
-            "trace_final": float(layout.trace),
+            f"{key}_initial": float(result.cost[0]),
+            f"{key}_greedy": float(result.cost[-1]),
+            f"{key}_final": float(layout.cost),
             "worst_failure": float(found.loss.max()),
             "riccati_residual": float(result.residual),
             "riccati_solves": int(result.solves.sum()),
             "condition": found.condition.condition,
             "ties": sum(1 for tied in result.ties if tied),
         }
-        | ({"worth": worth_keeping(result.trace, len(result.kept))} if found.plain else {})
+        | ({"worth": worth_keeping(result.cost, len(result.kept))} if found.plain else {})
         | ({"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete} if swapped else {})
         | ({"proven": proof.proven, "nodes": proof.nodes} if proof else {})
         | ({"lower_bound": certificate.lower_bound, "gap": certificate.gap} if certificate else {})

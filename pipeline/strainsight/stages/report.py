@@ -30,7 +30,9 @@ def run(context: Context) -> Output:
     page = placement_page(report, placement_figures(report), scene, problem, shapes).encode()
     datasets = {
         "/trend/count": Dataset(report.trend.count, "1", "gauges left"),
-        "/trend/trace": Dataset(report.trend.trace, "1", "metric tr(W P) with that many gauges", ("/trend/count",)),
+        "/trend/metric": Dataset(
+            report.trend.value, "1", f"{report.trend.metric.symbol} with that many gauges", ("/trend/count",)
+        ),
         "/noise/level": Dataset(
             np.array([row.level for row in report.noise]), "1", "gauge noise over the strongest candidate's RMS"
         ),
@@ -59,7 +61,7 @@ def run(context: Context) -> Output:
 
 REPORT = Stage(
     "report",
-    version=7,
+    version=8,
     reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),

@@ -92,7 +92,7 @@ def _look(packed: Mapping[str, np.ndarray]) -> str:
 
 SUITE = Stage(
     "suite",
-    version=5,
+    version=6,
     reads=("name", "title", "runs"),
     upstream=(),
     files=("runs.*.artefacts.*",),

@@ -74,9 +74,9 @@ def test_every_figure_of_a_report_has_its_three_files_with_units(full):
     assert len(files) == 3 * len(drawings) + 1
     assert set(files) >= {"trend.svg", "trend.csv", "trend.png", INDEX}
     trend = columns(files["trend.csv"])
-    shown = np.isfinite(report.trend.trace)
+    shown = np.isfinite(report.trend.value)
     np.testing.assert_allclose(np.array(trend["gauges left [–]"], float), report.trend.count[shown])
-    np.testing.assert_allclose(np.array(trend["tr(W P): metric tr(W P) [–]"], float), report.trend.trace[shown], 1e-8)
+    np.testing.assert_allclose(np.array(trend["tr(W P): metric tr(W P) [–]"], float), report.trend.value[shown], 1e-8)
     for name, content in files.items():
         if name.endswith(".csv") and name != INDEX:
             assert any("[" in head for head in columns(content)), name

@@ -10,7 +10,7 @@ import pytest
 
 from strainsight.report.chart.panels import last_periods
 from strainsight.report.placement.comparisons import noise_figure, random_errors_figure, repeats_figure
-from strainsight.report.placement.data import Claim, History, NoiseRow, RandomSets, Repeats, Trend, Unknown
+from strainsight.report.placement.data import Claim, History, Metric, NoiseRow, RandomSets, Repeats, Trend, Unknown
 from strainsight.report.placement.figures import closing_figure, elbow, estimate_figure, placement_figures, trend_figure
 
 
@@ -75,9 +75,11 @@ def test_the_last_periods_of_a_sine_are_the_last_periods():
 
 
 def test_the_trend_of_a_set_that_cannot_observe_everything():
-    trend = Trend(np.array([3, 2, 1]), np.array([1.0, 2.0, np.inf]), {"E": np.array([1.0, 2.0, np.inf])}, np.inf)
+    lost, metric = np.array([1.0, 2.0, np.inf]), Metric("λ₁(P)", "variance of the worst")
+    trend = Trend(np.array([3, 2, 1]), lost, {"E": lost}, np.inf, metric)
     assert "∞" in trend_figure(trend).alt
-    trend_figure(replace(trend, trace=np.full(3, np.inf)))
+    assert "Variance of the worst while gauges" in trend_figure(trend).caption
+    trend_figure(replace(trend, value=np.full(3, np.inf)))
 
 
 def test_a_diverged_filter_can_still_be_drawn():

@@ -62,7 +62,7 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     for unknown in report.unknowns:
         assert {unknown.estimate, unknown.truth, unknown.error, unknown.std, unknown.expected_std} <= exact
     assert load.smoothed_error in exact
-    assert {report.trend.final_trace, report.trend.lower_bound, report.trend.gap, 2.71} <= exact
+    assert {report.trend.final, report.trend.lower_bound, report.trend.gap, 2.71} <= exact
     assert {len(report.layout.gauges), 30, len(report.layout.pool), len(report.warnings)} <= exact
     for gauge in report.layout.gauges:
         assert {*gauge.position.tolist(), gauge.without["E"]} <= exact
@@ -175,7 +175,7 @@ def test_hostile_names_come_out_escaped(full, hostile):
         title=hostile,
         unknowns=tuple(replace(unknown, name=hostile, unit=hostile) for unknown in report.unknowns),
         layout=replace(report.layout, loads=loads, gauges=gauges),
-        trend=replace(report.trend, blocks={hostile: report.trend.trace, hostile + "2": report.trend.trace}),
+        trend=replace(report.trend, blocks={hostile: report.trend.value, hostile + "2": report.trend.value}),
         histories=tuple(replace(entry, name=hostile, unit=hostile) for entry in report.histories),
         gauge_signals=tuple(replace(entry, label=hostile, unit=hostile) for entry in report.gauge_signals),
         random_sets=tuple(replace(entry, name=hostile) for entry in report.random_sets),
@@ -284,11 +284,11 @@ def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
         histories=tuple(gone(entry, "mean", "std", "smoothed", "smoothed_std") for entry in report.histories),
         gauge_signals=tuple(gone(entry, "measured", "estimated", "std") for entry in report.gauge_signals[:1]),
         criteria=tuple(
-            replace(entry, trace=lost, log_determinant=lost, worst_eigenvalue=lost, std={"E": lost})
+            replace(entry, values=(lost,) * 3, std={"E": lost})
             for entry in report.criteria
         ),
         cases=tuple(replace(case, condition=lost, raw=lost) for case in report.cases),
-        trend=replace(gone(report.trend, "trace"), blocks={}, final_trace=lost, lower_bound=lost, gap=lost),
+        trend=replace(gone(report.trend, "value"), blocks={}, final=lost, lower_bound=lost, gap=lost),
         random_sets=(),
         repeats=(),
     )

@@ -28,7 +28,7 @@ def head(text):
     return re.findall(r"<th scope=\"col\"[^>]*>(.*?)</th>", text)
 
 
-def test_ours_comes_first_with_its_bound_and_the_others_by_their_trace(full):
+def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     report = full()
     text = criteria_table(report)
     rows = cells(text)
@@ -37,10 +37,10 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_trace(full):
         "random, median of 10",
     ]  # fmt: skip
     chosen = report.criteria[0]
-    assert rows[0][1:] == [chosen.trace, 1.0, -6.1, 1.7, 1.15e3, 1.65e8]
+    assert rows[0][1:] == [chosen.values[0], 1.0, *chosen.values[1:], 1.15e3, 1.65e8]
     assert rows[1][1:3] == [2.6187, pytest.approx(2.6187 / 2.62)]
     assert rows[1][3:] == ["–"] * 4
-    assert rows[3][1:] == [3.5, pytest.approx(3.5 / 2.62), -5.2, 2.9, 1.3e3, 1.9e8]
+    assert rows[3][1:] == [3.5, pytest.approx(3.5 / 2.62), 0.074, 2.9, 1.3e3, 1.9e8]
     assert rows[4][1:] == [np.inf, np.inf, np.inf, np.inf, 2.1e3, np.inf]
     assert head(text)[-2:] == ["frozen σ(tip)", "frozen σ(E)"]
     assert "1.15\u00a0kN" in text
@@ -55,8 +55,9 @@ def test_what_cannot_be_observed_is_said_in_words_and_what_the_caption_must_say_
 
 
 def test_broken_and_missing_numbers_do_not_break_the_table(full):
-    nan = Criteria("broken", np.nan, np.nan, np.nan, {"tip": np.nan})
-    report = full(criteria=(replace(nan, trace=np.inf, rule="ours"), nan, Criteria("fine", 2.0, 1.0, 1.0, {"E": 1.0})))
+    nan = Criteria("broken", (np.nan,) * 3, {"tip": np.nan})
+    ours, fine = replace(nan, values=(np.inf, np.nan, np.nan), rule="ours"), Criteria("fine", (2.0, 1.0, 1.0), {"E": 1.0})
+    report = full(criteria=(ours, nan, fine))
     rows = cells(criteria_table(report))
     assert [row[0] for row in rows][2:] == ["fine", "broken"]
     assert all(len(row) == 7 for row in rows)

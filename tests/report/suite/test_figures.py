@@ -73,18 +73,18 @@ def test_nothing_to_draw_is_no_figure(suite):
 @pytest.mark.parametrize("lost", [np.nan, np.inf])
 def test_numbers_that_are_none_are_survived(suite, lost):
     first, second, third, seen = suite().runs
-    trace = np.full_like(first.trend.trace, lost)
+    trace = np.full_like(first.trend.value, lost)
     broken = replace(
         first,
         unknowns=tuple(replace(unknown, error=lost, std=lost) for unknown in first.unknowns),
-        trend=replace(first.trend, trace=trace, final_trace=lost),
+        trend=replace(first.trend, value=trace, final=lost),
         cases=tuple(replace(case, condition=lost) for case in first.cases),
         repeats=tuple(replace(entry, error=np.full(20, lost)) for entry in first.repeats),
     )
-    late = np.where(np.arange(len(trace)) < 20, second.trend.trace, lost)
+    late = np.where(np.arange(len(trace)) < 20, second.trend.value, lost)
     broken_end = replace(
         second,
-        trend=replace(second.trend, trace=late, final_trace=lost),
+        trend=replace(second.trend, value=late, final=lost),
         unknowns=tuple(replace(unknown, std=lost, smoothed_error=0.1) for unknown in second.unknowns),
     )
     keys = [drawing.key for drawing in suite_figures(suite(runs=(broken, broken_end, third, seen)))]
@@ -96,7 +96,7 @@ def test_many_runs_fit(suite):
     runs = []
     for i in range(24):
         run = suite().runs[i % 3]
-        trend = replace(run.trend, trace=run.trend.trace ** (1 + i / 12))
+        trend = replace(run.trend, value=run.trend.value ** (1 + i / 12))
         runs.append(replace(run, name=f"run-{i}", label=f"run number {i}", trend=trend, histories=()))
     drawings = suite_figures(suite(runs=tuple(runs)))
     assert [drawing.key for drawing in drawings] == ["pbh", "errors", "trends"]

@@ -58,8 +58,8 @@ def test_the_exact_numbers_stand_in_the_first_table(suite):
     for run in report.runs[:3]:
         for unknown in run.unknowns:
             assert (unknown.error if unknown.kind == "parameter" else unknown.smoothed_error) in exact
-        assert {run.trend.trace[0], run.trend.final_trace, run.trend.gap} <= exact
-        assert any(np.isclose(value, run.trend.final_trace / run.trend.trace[0]) for value in exact)
+        assert {run.trend.value[0], run.trend.final, run.trend.gap} <= exact
+        assert any(np.isclose(value, run.trend.final / run.trend.value[0]) for value in exact)
     assert np.max(np.abs(report.runs[1].repeats[0].error)) in exact
     assert "4 of 30" in words(first)
 
@@ -185,7 +185,7 @@ def test_results_that_are_no_numbers_have_a_page(suite):
     broken = replace(
         run,
         unknowns=tuple(replace(unknown, error=np.nan, std=np.nan) for unknown in run.unknowns),
-        trend=replace(run.trend, final_trace=np.inf, gap=np.nan, trace=np.full_like(run.trend.trace, np.inf)),
+        trend=replace(run.trend, final=np.inf, gap=np.nan, value=np.full_like(run.trend.value, np.inf)),
         cases=tuple(replace(case, condition=np.nan) for case in run.cases),
     )
     text = page(suite(runs=(broken,)), drawings=suite_figures(suite(runs=(broken,))))

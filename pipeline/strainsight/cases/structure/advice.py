@@ -18,7 +18,8 @@ NEARLY = 0.8
 def advice(
     *,
     labels: Sequence[str],
-    trace: np.ndarray,
+    sigma: str,
+    cost: np.ndarray,
     keep: int,
     kept: int,
     std: Mapping[str, float],
@@ -29,22 +30,22 @@ def advice(
     loss: np.ndarray,
     without: Mapping[str, np.ndarray],
     ties: int,
-    cost: tuple[float, float] | None,
+    price: tuple[float, float] | None,
     alone: int,
 ) -> tuple[str, ...]:
     """Sentences, the most useful first.
 
-    labels (k,) of the gauges; trace of the elimination, the whole pool first, of one set only where limits rule the size;
-    keep: gauges asked for; kept: pool rows in the layout; std: unknown → σ relative to its scale, without: the same without
-    each gauge (k,); groups of gauges that read alike; glued (k,) bool; load (k,): largest training reading over the range,
-    NaN where no range is stated; loss (k,): tr(W P) when each fails, inf where an unknown is lost, NaN where not solved; ties:
-    removals that could as well have been of another gauge; cost: (price of the layout, budget); alone: gauges without a
-    mirror image.
+    labels (k,) of the gauges; sigma: what the root of the metric is called; cost: metric of the elimination, the whole pool
+    first, of one set only where limits rule the size; keep: gauges asked for; kept: pool rows in the layout; std: unknown → σ
+    relative to its scale, without: the same without each gauge (k,); groups of gauges that read alike; glued (k,) bool;
+    load (k,): largest training reading over the range, NaN where no range is stated; loss (k,): metric when each fails, inf
+    where an unknown is lost, NaN where not solved; ties: removals that could as well have been of another gauge; price: (of
+    the layout, budget); alone: gauges without a mirror image.
     """
     return (
-        *_how_many(trace, kept, labels, keep),
+        *_how_many(sigma, cost, kept, labels, keep),
         *_weakest(std),
-        *_best_possible(certificate),
+        *_best_possible(sigma, certificate),
         *(
             f"{', '.join(labels[i] for i in group)} read alike in the training run: they average noise, and stand in for "
             "each other."
@@ -53,7 +54,7 @@ def advice(
         *_failures(labels, loss, std, without),
         *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(glued)),
         *_loads(labels, load),
-        *([f"The layout costs {cost[0]:g} of {cost[1]:g}."] if cost else []),
+        *([f"The layout costs {price[0]:g} of {price[1]:g}."] if price else []),
         *([f"{alone} gauges have no mirror image that is free, and were left out."] if alone else []),
         *(
             [f"{ties} removals were between gauges that are equally good: other layouts are as good as this one."]
@@ -68,22 +69,22 @@ def advice_table(sentences: Sequence[str]) -> Table:
     return Table("advice", ("",), tuple((sentence,) for sentence in sentences))
 
 
-def _how_many(trace: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
+def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
     if len(labels) < keep:
         yield f"{len(labels)} gauges, not {keep}: within the limits of the layout no further one was found that fits and helps."
-    gain = gains(trace)
+    gain = gains(cost)
     if not len(gain):
         return
-    worth = worth_keeping(trace, kept)
+    worth = worth_keeping(cost, kept)
     if worth == kept:
         yield (
-            f"{len(labels)} gauges are enough: one more would lower σ by {100 * gain[0]:.2g} %, and no further one by "
+            f"{len(labels)} gauges are enough: one more would lower {sigma} by {100 * gain[0]:.2g} %, and no further one by "
             f"{100 * WORTH:g} %."
         )
     else:
         total = 1 - np.prod(1 - gain[: worth - kept])
         yield (
-            f"One more gauge would lower σ by {100 * gain[0]:.2g} %, {worth - kept} more by {100 * total:.2g} %; beyond "
+            f"One more gauge would lower {sigma} by {100 * gain[0]:.2g} %, {worth - kept} more by {100 * total:.2g} %; beyond "
             f"that none lowers it by {100 * WORTH:g} %."
         )
 
@@ -94,14 +95,14 @@ def _weakest(std: Mapping[str, float]) -> Iterator[str]:
         yield f"{name} is what this layout knows least: ± {100 * std[name]:.2g} % of its guess or amplitude."
 
 
-def _best_possible(certificate: Certificate | None) -> Iterator[str]:
+def _best_possible(sigma: str, certificate: Certificate | None) -> Iterator[str]:
     if certificate is None:
         return
     lower = 100 * (1 - np.sqrt(1 - max(certificate.gap, 0.0)))
     if lower < 0.05:
-        yield "No other layout within the limits is better by 0.05 % in σ."
+        yield f"No other layout within the limits is better by 0.05 % in {sigma}."
     else:
-        yield f"No other layout within the limits can have a σ lower by more than {lower:.2g} %."
+        yield f"No other layout within the limits lowers {sigma} by more than {lower:.2g} %."
 
 
 def _failures(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,10 +20,9 @@ class Expectation:
     std: dict[str, float]
     without: dict[str, np.ndarray]
 
-    @property
-    def importance(self) -> np.ndarray:
-        """How much σ grows without each gauge, summed over the unknowns (k,)."""
-        return np.asarray(sum(values / self.std[name] for name, values in self.without.items()))
+    def importance(self, over: Collection[str]) -> np.ndarray:
+        """How much σ grows without each gauge, summed over these unknowns (k,)."""
+        return np.asarray(sum(self.without[name] / self.std[name] for name in over))
 
     def ordered(self, order: np.ndarray) -> Expectation:
         """The same with the gauges in another order."""

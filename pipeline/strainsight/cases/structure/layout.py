@@ -16,17 +16,18 @@ from strainsight.placement.exchange import Exchange, exchange
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import Limits
-from strainsight.placement.scenario import Pool, Scenario, solve_pool
+from strainsight.placement.metric import Metric
+from strainsight.placement.scenario import Pool, solve_pool
 from strainsight.placement.score import score
 
 
 @dataclass(frozen=True)
 class Layout:
-    """gauges (k,) pool rows, ascending; trace: their aggregate of tr(W P); exchange, certificate and proof where they were
+    """gauges (k,) pool rows, ascending; cost: their aggregate of the metric; exchange, certificate and proof where they were
     asked for."""
 
     gauges: np.ndarray
-    trace: float
+    cost: float
     exchange: Exchange | None
     certificate: Certificate | None
     proof: BranchAndBound | None
@@ -39,7 +40,7 @@ def layout_of(
     settings: Place,
     progress: Callable[[str, float], None],
 ) -> Layout:
-    """The set of least trace, or of least loss after one failure, as settings (`place` of a config) ask for.
+    """The set of least metric, or of least loss after one failure, as settings (`place` of a config) ask for.
 
     Raises InfeasibleError where a robust layout is asked for of so few gauges that every failure loses an unknown.
     """
@@ -57,31 +58,32 @@ def layout_of(
         progress("proof", 0.6)
         proof = branch_and_bound(pools, limits, aggregate, start=gauges, time_limit=settings.prove)
         gauges = proof.gauges
-    trace = score(pools, gauges, aggregate)
+    cost = score(pools, gauges, aggregate)
     progress("certificate", 0.7)
-    certificate = certify(pools, gauges, trace, aggregate, limits=limits) if settings.certificate else None
+    certificate = certify(pools, gauges, cost, aggregate, limits=limits) if settings.certificate else None
     if certificate and proof and proof.lower_bound > certificate.lower_bound:
-        lower = min(proof.lower_bound, trace)
-        certificate = replace(certificate, lower_bound=lower, gap=(trace - lower) / trace)
-    return Layout(gauges, trace, swapped, certificate, proof)
+        lower = min(proof.lower_bound, cost)
+        certificate = replace(certificate, lower_bound=lower, gap=(cost - lower) / cost)
+    return Layout(gauges, cost, swapped, certificate, proof)
 
 
 def gauge_losses(
     problem: Problem,
-    scenarios: Sequence[Scenario],
     pools: Sequence[Pool],
+    metric: Metric,
     rows: np.ndarray,
     gauges: np.ndarray,
     settings: Place,
     ranges: Mapping[str, Sequence[float]],
     seed: int,
 ) -> np.ndarray:
-    """tr(W P) of the layout when each of its gauges fails (k,), inf where an unknown is lost, NaN where not solved.
+    """The metric of the layout when each of its gauges fails (k,), inf where an unknown is lost, NaN where not solved.
 
-    rows: its pool rows; gauges (k,) their numbers, in the same order. Of a mirrored pair one gauge fails, not both.
+    metric: of x*; rows: its pool rows; gauges (k,) their numbers, in the same order. Of a mirrored pair one gauge fails, not
+    both.
     """
     aggregate = settings.aggregate
     if len(rows) == len(gauges):
         return loss_if_one_fails(pools, rows, aggregate)
-    alone = scenarios_of(problem, problem.channels.of(gauges), settings, ranges, seed, scenarios[0].weight)
-    return loss_if_one_fails([solve_pool(s) for s in alone], np.arange(len(gauges)), aggregate)
+    alone = scenarios_of(problem, problem.channels.of(gauges), settings, ranges, seed)
+    return loss_if_one_fails([solve_pool(s).under(metric) for s in alone], np.arange(len(gauges)), aggregate)

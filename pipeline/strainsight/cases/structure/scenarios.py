@@ -11,10 +11,12 @@ from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.noise import Rule, channel_intensity
 from strainsight.cases.structure.problem import Problem
 from strainsight.config.placement import Place
-from strainsight.placement.scenario import Scenario, thesis_weight, whole_pool_weight
+from strainsight.placement.criteria.choices import CRITERIA
+from strainsight.placement.criteria.trace import Trace
+from strainsight.placement.metric import Metric
+from strainsight.placement.scenario import Pool, Scenario, thesis_weight, weight_of_pools
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import instant_values
-from strainsight.sweep.sweep import Sweep, serial
 
 
 def scenarios_of(
@@ -23,13 +25,11 @@ def scenarios_of(
     settings: Place,
     ranges: Mapping[str, Sequence[float]],
     seed: int,
-    weight: np.ndarray | None = None,
-    sweep: Sweep = serial,
 ) -> tuple[Scenario, ...]:
-    """One frozen linearisation an instant and parameter sample, all with one weight, by default as `place.weights` asks for.
+    """One frozen linearisation an instant and parameter sample, without a metric yet.
 
     channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
-    (lowest, highest) [SI]; sweep: solves them with the whole pool, where the weights ask for that.
+    (lowest, highest) [SI].
     """
     p = problem
     u = instant_values(p.u)
@@ -42,15 +42,21 @@ def scenarios_of(
         for F in linearise(p.model, p.unknowns, theta, x[chosen], u[chosen]):
             H, r = _measured(p, channels, F)
             plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
-    own = _weight(p, plain, settings.weights, sweep) if weight is None else weight
-    return tuple(Scenario(s.F, s.Q, s.H, s.r, own) for s in plain)
+    return tuple(plain)
 
 
-def _weight(problem: Problem, scenarios: Sequence[Scenario], rule: str, sweep: Sweep) -> np.ndarray:
-    unknowns, position = problem.unknowns, problem.unknowns.position(problem.model)
-    if rule == "thesis":
-        return thesis_weight(len(scenarios[0].F), position, unknowns.scale)
-    return whole_pool_weight(scenarios, position, unknowns.state_names, sweep)
+def metrics_of(problem: Problem, pools: Sequence[Pool], settings: Place) -> dict[str, Metric]:
+    """Every criterion of the unknowns of `place.metric_over`, by its name: the trace weighed as `place.weights` asks for,
+    the others in units of x*, relative to amplitude and guess."""
+    unknowns = problem.unknowns
+    over = np.isin(unknowns.names, settings.metric_over or unknowns.names)
+    at, size = np.asarray(unknowns.position(problem.model))[over], len(pools[0].P)
+    if settings.weights == "thesis":
+        weight = thesis_weight(size, at, unknowns.scale[over])
+    else:
+        weight = weight_of_pools(pools, at)
+    own = thesis_weight(size, at, np.ones(len(at)))
+    return {c.name: Metric(weight if isinstance(c, Trace) else own, c) for c in CRITERIA}
 
 
 def parameter_samples(

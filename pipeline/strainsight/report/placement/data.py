@@ -67,18 +67,27 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class Trend:
-    """The metric tr(W P) while gauges are taken away.
+class Metric:
+    """What a layout is judged by, a variance, as a formula and in words."""
 
-    count (s,) gauges left, falling; trace (s,) metric, dimensionless (each unknown is 1 with the whole pool);
-    blocks: unknown's name → (s,) its share; final_trace after exchange; lower_bound no set of that size can undercut;
-    gap = 1 − lower_bound / final_trace.
+    symbol: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Trend:
+    """The metric while gauges are taken away.
+
+    count (s,) gauges left, falling; value (s,) of the metric, dimensionless; blocks: unknown's name → (s,) its scaled
+    variance; final after exchange; metric: which one; lower_bound no set of that size can undercut;
+    gap = 1 − lower_bound / final.
     """
 
     count: IntArray
-    trace: FloatArray
+    value: FloatArray
     blocks: Mapping[str, FloatArray]
-    final_trace: float
+    final: float
+    metric: Metric
     lower_bound: float | None = None
     gap: float | None = None
 
@@ -116,15 +125,18 @@ class Criteria:
     """One layout by every criterion, all from the same covariances (inf: it cannot observe everything).
 
     rule: how it was found ("elimination, exchange", "log-determinant", "effective independence", "random, median of 10");
-    trace: tr(W P); log_determinant and worst_eigenvalue of the unknowns' covariance in units of their scales;
-    std: unknown's name → frozen σ [SI]: a ranking number, not what a filter will claim.
+    values: by every metric of `PlacementReport.metrics`, in their order; std: unknown's name → frozen σ [SI]: a ranking
+    number, not what a filter will claim.
     """
 
     rule: str
-    trace: float
-    log_determinant: float
-    worst_eigenvalue: float
+    values: tuple[float, ...]
     std: Mapping[str, float]
+
+    @property
+    def chosen(self) -> float:
+        """The metric that the layout of the page was chosen by."""
+        return self.values[0]
 
 
 @dataclass(frozen=True)
@@ -191,7 +203,8 @@ class PlacementReport:
     """All that the page of a placement shows.
 
     name of the config, title for people; frequencies [Hz] of the model at the reference;
-    criteria: layouts by every rule, ours first; cases: what could be told apart; observability: name → number;
+    metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be told
+    apart; observability: name → number;
     advice: sentences, what to do with the layout (how many gauges are worth it, which stand in for each other, limits);
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
@@ -209,6 +222,7 @@ class PlacementReport:
     noise: tuple[NoiseRow, ...] = ()
     repeats: tuple[Repeats, ...] = ()
     frequencies: tuple[float, ...] = ()
+    metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()
     cases: tuple[Case, ...] = ()
     advice: tuple[str, ...] = ()

@@ -62,15 +62,15 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
     return tuple(drawings)
 
 
-def elbow(count: IntArray, trace: FloatArray) -> int | None:
+def elbow(count: IntArray, value: FloatArray) -> int | None:
     """The gauge count at the elbow of the trend: the point furthest below the chord, on logarithmic axes from 0 to 1.
 
-    count (s,), trace (s,) > 0. None where the trend is straight (a furthest distance under a tenth): with independent
-    noise and no other limit tr(W P) falls evenly, and every gauge is worth as much as the one before.
+    count (s,), value (s,) > 0. None where the trend is straight (a furthest distance under a tenth): with independent
+    noise and no other limit the metric falls evenly, and every gauge is worth as much as the one before.
     """
-    if len(count) < 3 or not np.all(np.isfinite(trace)) or trace.min() <= 0 or np.ptp(trace) == 0:
+    if len(count) < 3 or not np.all(np.isfinite(value)) or value.min() <= 0 or np.ptp(value) == 0:
         return None
-    x, y = (np.log(values / values.min()) / np.log(values.max() / values.min()) for values in (count, trace))
+    x, y = (np.log(values / values.min()) / np.log(values.max() / values.min()) for values in (count, value))
     ends = np.argmin(x), np.argmax(x)
     below = y[ends[0]] + (y[ends[1]] - y[ends[0]]) * x - y
     best = int(np.argmax(below))
@@ -79,9 +79,9 @@ def elbow(count: IntArray, trace: FloatArray) -> int | None:
 
 def trend_figure(trend: Trend) -> Drawing:
     """The metric against the number of gauges left, the certified bound and the elbow."""
-    shown = np.isfinite(trend.trace)
-    count, trace = trend.count[shown], trend.trace[shown]
-    bend = elbow(count, trace)
+    shown = np.isfinite(trend.value)
+    count, value = trend.count[shown], trend.value[shown]
+    bend = elbow(count, value)
     with styled():
         drawn, axes = figure()
         if len(trend.blocks) > 1:
@@ -91,40 +91,40 @@ def trend_figure(trend: Trend) -> Drawing:
                     np.where(np.isfinite(block), block, np.nan),
                     color=colour,
                     lw=1.2,
-                    label=f"share of {short(name)}",
+                    label=f"variance of {short(name)}",
                 )
-        axes.plot(count, trace, color=BLUE, lw=2, label="tr(W P)")
+        axes.plot(count, value, color=BLUE, lw=2, label=trend.metric.symbol)
         keep = int(trend.count[-1])
-        axes.plot([keep], [trend.final_trace], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final_trace)}")
+        axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final)}")
         if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
             label = f"no set of {keep} below {number(trend.lower_bound)}"
             axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
         if bend is not None:
-            at = trace[count == bend][0]
+            at = value[count == bend][0]
             axes.plot([bend], [at], "D", mfc="none", mec=INK, ms=7, label=f"elbow: {bend} gauges")
         # An axis without a point to show has no logarithm.
         if len(count):
             axes.set_xscale("log")
-        positive = trace[trace > 0]
-        if len(positive) == len(trace) and len(trace) and positive.max() > 5 * positive.min():
+        positive = value[value > 0]
+        if len(positive) == len(value) and len(value) and positive.max() > 5 * positive.min():
             axes.set_yscale("log")
         plain_ticks(axes, "x")
         plain_ticks(axes, "y")
         axes.set_xlabel("gauges left [–]")
-        axes.set_ylabel("metric tr(W P) [–]")
+        axes.set_ylabel(f"metric {trend.metric.symbol} [–]")
         legend_above(axes, columns=2)
         image = svg(drawn)
     all_gauges = int(trend.count[0])
-    ratio = trend.final_trace / trace[0] if len(trace) and trace[0] > 0 else np.nan
+    ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
-        f"Sum of the scaled error variances while gauges are taken away one by one, read from right to left: "
+        f"{trend.metric.meaning.capitalize()} while gauges are taken away one by one, read from right to left: "
         f"with {keep} of {all_gauges} gauges it is {number(ratio, 3)} times what all together reach."
     )
     if trend.lower_bound is not None:
         caption += " The dashed line is a certified bound: no set of that size lies below it."
     if bend is not None:
         caption += f" The elbow, {bend} gauges, is where the trend bends most: further gauges mostly average noise."
-    start, end = number(trend.trace[0]), number(trend.final_trace)
+    start, end = number(trend.value[0]), number(trend.final)
     alt = f"Line chart of the metric from {start} with {all_gauges} gauges to {end} with {keep}."
     return Drawing("trend", "What every gauge is worth", caption, alt, image)
 

@@ -110,13 +110,13 @@ def _mark(unknown: Unknown, lost: bool) -> str:
 def _bound_tile(report: PlacementReport) -> str:
     """How far the chosen set can be from the best one."""
     trend = report.trend
-    rows = [("metric tr(W P)", plain(trend.final_trace))]
+    rows = [(f"metric {escape(trend.metric.symbol)}", plain(trend.final))]
     if trend.lower_bound is not None:
         rows.append(("no set can go below", plain(trend.lower_bound)))
-    others = [entry for entry in report.criteria[1:] if math.isfinite(entry.trace)]
+    others = [entry for entry in report.criteria[1:] if math.isfinite(entry.chosen)]
     if others:
-        best = min(others, key=lambda entry: entry.trace)
-        rows.append((f"best other rule ({escape(best.rule)})", plain(best.trace)))
+        best = min(others, key=lambda entry: entry.chosen)
+        rows.append((f"best other rule ({escape(best.rule)})", plain(best.chosen)))
     value = "not certified"
     if trend.gap is not None:
         value = f"{share(max(trend.gap, 0.0))} <small>at most</small>"

@@ -95,7 +95,7 @@ def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
 def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     cards = "".join(figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "trend")
     if report.criteria:
-        cards += f'<div class="card">{criteria_meaning()}</div>'
+        cards += f'<div class="card">{criteria_meaning(report)}</div>'
     below = f'<div class="card below">{criteria_table(report)}</div>'
     return f'<h2>How good the set is</h2><div class="figures">{cards}</div>{below}'
 

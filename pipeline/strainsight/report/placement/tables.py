@@ -9,54 +9,54 @@ from html import escape
 from strainsight.report.page.markup import measure, plain, table
 from strainsight.report.placement.data import Case, Criteria, PlacementReport
 
-CRITERIA = (
-    ("tr(W P)", "sum of the unknowns' error variances, each 1 with the whole pool; what this placement makes small"),
-    ("log-determinant", "of the unknowns' covariance: the volume of what stays uncertain, all unknowns together"),
-    ("worst eigenvalue", "variance of that mix of unknowns which is told worst, each in units of its scale"),
-    ("frozen σ", "one standard deviation of an unknown at frozen instants: it ranks layouts, a filter claims its own"),
-)
-"""What the columns mean; smaller is better in all of them."""
+FROZEN = "one standard deviation of an unknown at frozen instants: it ranks layouts, a filter claims its own"
 
 
 def criteria_table(report: PlacementReport) -> str:
-    """Layouts by rule, the chosen one and its bound first, the others by their trace."""
-    chosen = report.criteria[0].trace if report.criteria else report.trend.final_trace
+    """Layouts by rule, the chosen one and its bound first, the others by their metric."""
+    chosen = report.criteria[0].chosen if report.criteria else report.trend.final
     scale = chosen if 0 < chosen < math.inf else math.nan
     names = [u.name for u in report.unknowns if any(u.name in entry.std for entry in report.criteria)]
     unit = {unknown.name: unknown.unit for unknown in report.unknowns}
     full = bool(report.criteria)
 
-    def row(title: str, trace: float, entry: Criteria | None) -> list[str]:
-        cells = [title, plain(trace), plain(trace / scale)]
+    others = report.metrics[1:] * full
+
+    def row(title: str, value: float, entry: Criteria | None) -> list[str]:
+        cells = [title, plain(value), plain(value / scale)]
         if entry is None:
-            return cells + ["–"] * (2 * full + len(names))
-        cells += [plain(entry.log_determinant), plain(entry.worst_eigenvalue)]
+            return cells + ["–"] * (len(others) + len(names))
+        cells += map(plain, entry.values[1:])
         return cells + [_sigma(entry.std.get(name), unit[name]) for name in names]
 
     rule = f" ({escape(report.criteria[0].rule)})" if full else ""
     rows = [row(f"<strong>chosen set</strong>{rule}", chosen, report.criteria[0] if full else None)]
     if report.trend.lower_bound is not None:
         rows.append(row("certified lower bound", report.trend.lower_bound, None))
-    others = sorted(report.criteria[1:], key=lambda entry: (math.isnan(entry.trace), entry.trace))
-    rows += [row(escape(entry.rule), entry.trace, entry) for entry in others]
-    head = ["layout by", "tr(W P)", "times the chosen"] + ["log-determinant", "worst eigenvalue"] * full
+    rules = sorted(report.criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
+    rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
+    head = ["layout by", escape(report.trend.metric.symbol), "times the chosen", *(escape(m.symbol) for m in others)]
     head += [f"frozen σ({escape(name)})" for name in names]
     caption = "Layouts of the same size from the same pool"
     caption += ", all scored by the same covariance" if full else ""
     caption += (
         ". The other rules know no limits of the layout, such as a budget, spacing or zones: "
         "what they choose may not be allowed."
-        if others
+        if rules
         else "."
     )
-    if any(math.isinf(value) for entry in report.criteria for value in (entry.trace, *entry.std.values())):
+    if any(math.isinf(value) for entry in report.criteria for value in (*entry.values, *entry.std.values())):
         caption += " ∞: that layout cannot observe all unknowns."
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-def criteria_meaning() -> str:
+def criteria_meaning(report: PlacementReport) -> str:
     """What the columns of the criteria mean, as a list."""
-    items = "".join(f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>" for name, text in CRITERIA)
+    said = [(metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
+            for i, metric in enumerate(report.metrics)]
+    items = "".join(
+        f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>" for name, text in [*said, ("frozen σ", FROZEN)]
+    )
     return f"<h3>Criteria, smaller is better in all</h3><ul>{items}</ul>"
 
 

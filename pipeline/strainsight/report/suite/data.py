@@ -5,11 +5,11 @@ Errors and standard deviations are relative (0.01 is one per cent), as in `repor
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from strainsight.report.picture.layout import Layout
-from strainsight.report.placement.data import Case, History, Repeats, Trend, Unknown
+from strainsight.report.placement.data import Case, History, Metric, Repeats, Trend, Unknown
 
 
 @dataclass(frozen=True)
@@ -51,3 +51,18 @@ class SuiteReport:
     title: str
     runs: tuple[SuiteRun, ...]
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+
+def metrics_of(runs: Iterable[SuiteRun]) -> tuple[Metric, ...]:
+    """What the layouts of these runs were chosen by, each once."""
+    return tuple(dict.fromkeys(run.trend.metric for run in runs if run.trend is not None))
+
+
+def metric_name(metrics: Sequence[Metric]) -> str:
+    """What a column of them is called: by its formula where they are all one."""
+    return metrics[0].symbol if len(metrics) == 1 else "metric"
+
+
+def metric_words(metrics: Sequence[Metric]) -> str:
+    """What they are, as the beginning of a sentence."""
+    return "; ".join(f"{metric.symbol}: {metric.meaning}" for metric in metrics)

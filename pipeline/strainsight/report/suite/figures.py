@@ -16,7 +16,7 @@ from strainsight.report.page.text import SUPERSCRIPTS, number, percent, short
 from strainsight.report.placement.data import FloatArray, History, Trend
 from strainsight.report.placement.figures import estimate_figure
 from strainsight.report.suite.cases import SINGULAR, Series, groups_of, numbered, series_of
-from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import SuiteReport, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.report.suite.results import Result, results_of
 
 if TYPE_CHECKING:
@@ -136,25 +136,27 @@ def errors_figure(rows: list[tuple[int, SuiteRun, Result]]) -> Drawing:
 
 
 def trends_figure(lines: list[tuple[int, SuiteRun, Trend]]) -> Drawing:
-    """tr(W P) over its value with the whole pool against the gauges left, a line a run; equal lines are drawn once."""
+    """The metric over its value with the whole pool against the gauges left, a line a run; equal lines are drawn once."""
     shared: list[tuple[list[int], SuiteRun, Trend]] = []
     for index, run, trend in lines:
         for numbers, _, other in shared:
-            if np.array_equal(trend.count, other.count) and np.allclose(trend.trace, other.trace, rtol=1e-9):
+            alike = trend.metric == other.metric and np.array_equal(trend.count, other.count)
+            if alike and np.allclose(trend.value, other.value, rtol=1e-9):
                 numbers.append(index)
                 break
         else:
             shared.append(([index], run, trend))
+    metrics = metrics_of(run for _, run, _ in lines)
     with styled():
         drawn, axes = figure(3.1 + 0.18 * len(shared))
         top = 1.0
         for place, (numbers, run, trend) in enumerate(shared):
-            scale = trend.trace[0]
+            scale = trend.value[0]
             colour, stroke = COLOURS[place % len(COLOURS)], STROKES[place // len(COLOURS) % len(STROKES)]
-            curve = np.where(np.isfinite(trend.trace), trend.trace, np.nan) / scale
+            curve = np.where(np.isfinite(trend.value), trend.value, np.nan) / scale
             label = f"{', '.join(map(str, numbers))}  {short(run.label, 40)}"
             axes.plot(trend.count, curve, color=colour, ls=stroke, lw=1.7, label=label)
-            axes.plot([trend.count[-1]], [trend.final_trace / scale], "o", color=colour, ms=6)
+            axes.plot([trend.count[-1]], [trend.final / scale], "o", color=colour, ms=6)
             top = max(top, float(np.nanmax(curve)))
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -163,15 +165,15 @@ def trends_figure(lines: list[tuple[int, SuiteRun, Trend]]) -> Drawing:
         plain_ticks(axes, "x")
         plain_ticks(axes, "y")
         axes.set_xlabel("gauges left [–]")
-        axes.set_ylabel("tr(W P) over all gauges' [–]")
+        axes.set_ylabel(f"{metric_name(metrics)} over all gauges' [–]")
         legend_above(axes, columns=1)
         image = svg(drawn)
     caption = (
-        "Sum of the scaled error variances while gauges are taken away, read from right to left, over its value with the whole "
+        f"{metric_words(metrics)}, while gauges are taken away, read from right to left, over its value with the whole "
         "pool; dots are the chosen sets after exchange. A flat line: a few gauges already know all that can be known."
     )
     ends = "; ".join(
-        f"{numbered(tuple(numbers))} {number(trend.final_trace / trend.trace[0], 3)} times with {int(trend.count[-1])} gauges"
+        f"{numbered(tuple(numbers))} {number(trend.final / trend.value[0], 3)} times with {int(trend.count[-1])} gauges"
         for numbers, _, trend in shared
     )
     return Drawing("trends", "What every gauge is worth", caption, f"Line chart of the metric's growth: {ends}.", image)
@@ -237,7 +239,7 @@ def _reach(result: Result) -> float | None:
 
 def _start(trend: Trend) -> float | None:
     """The metric of the whole pool, if there is a number to divide by."""
-    first = float(trend.trace[0]) if len(trend.trace) else np.nan
+    first = float(trend.value[0]) if len(trend.value) else np.nan
     return first if np.isfinite(first) and first > 0 else None
 
 

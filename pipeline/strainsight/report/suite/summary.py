@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from strainsight.report.page.markup import count, grouped_table, plain, share
 from strainsight.report.suite.cases import numbered
-from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import SuiteReport, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.report.suite.results import (
     CAUTIOUS,
     CLAIMED,
@@ -20,8 +20,9 @@ from strainsight.report.suite.results import (
     results_of,
 )
 
+METRIC = "metric"
 COLUMNS = (
-    "run", "unknown", "gauges", "tr(W P)", "at most above the best set", "error", "σ claimed", "error / σ",
+    "run", "unknown", "gauges", METRIC, "at most above the best set", "error", "σ claimed", "error / σ",
     "repeats: RMS", "worst", "verdict",
 )  # fmt: skip
 NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "verdict"}
@@ -52,15 +53,17 @@ def answer(report: SuiteReport) -> str:
 
 def runs_table(report: SuiteReport) -> str:
     """A block a run, a row an unknown."""
-    caption = (
-        "tr(W P): sum of the scaled error variances with the whole pool → with the chosen gauges, and their ratio. "
+    metrics = metrics_of(report.runs)
+    columns = tuple(metric_name(metrics) if column == METRIC else column for column in COLUMNS)
+    caption = f"{metric_words(metrics)}, with the whole pool → with the chosen gauges, and their ratio. " * bool(metrics)
+    caption += (
         "Parameters: the filtered estimate, mean over the last half; loads: the smoothed one. "
         "The repeats have other noise and other starting values and are filtered. A claim holds where the RMS of error over σ "
         "lies in the band of χ² that 99.73 % of true claims keep to, the narrower the more repeats; below it σ is cautious."
     )
-    bodies = [_block(index, run) for index, run in enumerate(report.runs, start=1)]
+    bodies = [_block(index, run, len(metrics) > 1) for index, run in enumerate(report.runs, start=1)]
     numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
-    return grouped_table("runs", COLUMNS, bodies, caption=caption, numeric=numeric)
+    return grouped_table("runs", columns, bodies, caption=caption, numeric=numeric)
 
 
 def run_answer(run: SuiteRun) -> str:
@@ -87,8 +90,8 @@ def link(page: str, text: str) -> str:
     return f'<a href="{escape(quote(page, safe="/%"))}">{text}</a>'
 
 
-def _block(index: int, run: SuiteRun) -> str:
-    """All rows of a run, its own cells once beside those of its unknowns."""
+def _block(index: int, run: SuiteRun, mixed: bool) -> str:
+    """All rows of a run, its own cells once beside those of its unknowns; mixed: runs differ in their metric."""
     many = len(run.unknowns) if is_estimated(run) else 1
     span = f' rowspan="{many}"' if many > 1 else ""
     heading = (
@@ -97,14 +100,11 @@ def _block(index: int, run: SuiteRun) -> str:
         + "</th>"
     )
     shared = (
-        (
-            "gauges",
-            f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
-        ),
-        ("tr(W P)", _metric(run)),
-        ("gap", "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0))),
+        f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
+        _metric(run, mixed),
+        "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0)),
     )
-    once = "".join(f'<td class="n"{span}>{text}</td>' for _, text in shared)
+    once = "".join(f'<td class="n"{span}>{text}</td>' for text in shared)
     if not is_estimated(run):
         names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
         absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
@@ -123,14 +123,14 @@ def _absent(run: SuiteRun) -> str:
     return text + (f"<br>expected when placed: {expected}" if expected else "")
 
 
-def _metric(run: SuiteRun) -> str:
+def _metric(run: SuiteRun, mixed: bool) -> str:
     """From the whole pool to the chosen gauges, and how many times that is."""
     trend = run.trend
-    if trend is None or not len(trend.trace):
+    if trend is None or not len(trend.value):
         return "–"
-    first = float(trend.trace[0])
-    text = f"{plain(first, 3)} → {plain(trend.final_trace, 3)}"
-    return text + (f"<br>× {plain(trend.final_trace / first, 3)}" if first > 0 else "")
+    first = float(trend.value[0])
+    text = f"{escape(trend.metric.symbol)}: " * mixed + f"{plain(first, 3)} → {plain(trend.final, 3)}"
+    return text + (f"<br>× {plain(trend.final / first, 3)}" if first > 0 else "")
 
 
 def _unknown(result: Result) -> str:

@@ -79,7 +79,7 @@ def _find(
         result = eliminate([scenario], limits, names=inputs)
     context.progress("exchange", 0.6)
     swapped = exchange(result.pools, result.kept, limits=limits)
-    certificate = certify(result.pools, swapped.gauges, float(swapped.trace[-1]), limits=limits)
+    certificate = certify(result.pools, swapped.gauges, float(swapped.cost[-1]), limits=limits)
     context.progress("random layouts", 0.8)
     sets = {PLACED: kept[swapped.gauges]}
     with blame("estimate"):

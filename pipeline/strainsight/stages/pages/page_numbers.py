@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 
 from strainsight.cases.structure.gauge_list import channel_labels
-from strainsight.records.placement import RULES
+from strainsight.placement.criteria.choices import criterion_of
+from strainsight.placement.criteria.criterion import Criterion
+from strainsight.records.placement import RULES, metric_key
 from strainsight.report.placement.data import (
     Case,
     Consistency,
     Criteria,
     GaugeSignal,
     History,
+    Metric,
     NoiseRow,
     Repeats,
     Trend,
@@ -53,15 +56,17 @@ def repeated(name: str, validate: Artefact) -> tuple[np.ndarray, np.ndarray]:
 
 
 def trend_of(place: Artefact) -> Trend:
-    trace = place["/elimination/trace"]
-    blocks = place["/elimination/blocks"]
     summary = place.summary
+    criterion = criterion_of(str(summary["criterion"]))
+    key = metric_key(criterion.name)
+    value, blocks = place[f"/elimination/{key}"], place["/elimination/blocks"]
     certified = "lower_bound" in summary
     return Trend(
-        count=np.arange(int(summary["pool"]), int(summary["pool"]) - len(trace), -1),
-        trace=trace,
+        count=np.arange(int(summary["pool"]), int(summary["pool"]) - len(value), -1),
+        value=value,
         blocks={str(name): blocks[:, i] for i, name in enumerate(place["/elimination/unknowns"])},
-        final_trace=float(summary["trace_final"]),
+        final=float(summary[f"{key}_final"]),
+        metric=_metric(criterion, place),
         lower_bound=float(summary["lower_bound"]) if certified else None,
         gap=float(summary["gap"]) if certified else None,
     )
@@ -103,22 +108,28 @@ def signals_of(up: Mapping[str, Artefact]) -> tuple[GaugeSignal, ...]:
     )
 
 
+def metrics_of(place: Artefact) -> tuple[Metric, ...]:
+    """Every criterion, that of the layout first."""
+    return tuple(_metric(criterion_of(name), place) for name in place["/criteria/name"].tolist())
+
+
+def _metric(criterion: Criterion, place: Artefact) -> Metric:
+    """In words, with the unknowns that it is taken over where these are not all."""
+    over = place["/elimination/unknowns"].tolist()
+    of = f", of {' and '.join(over)} alone" * (len(over) < len(place.children("/expected_std")))
+    return Metric(criterion.symbol, criterion.meaning + of)
+
+
 def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
-    """This layout, then the others by their trace; of the random sets the one in the middle."""
-    rules = place["/criteria/rule"].tolist()
-    trace, log_determinant, worst = (
-        place[f"/criteria/{key}"] for key in ("trace", "log_determinant", "worst_eigenvalue")
-    )
+    """This layout, then the others by their metric; of the random sets the one in the middle."""
+    rules, values = place["/criteria/rule"].tolist(), place["/criteria/value"]
     std = {name: place[f"/criteria/std/{name}"] for name in names}
-    drawn = sorted((i for i, rule in enumerate(rules) if rule not in RULES), key=lambda i: trace[i])
+    drawn = sorted((i for i, rule in enumerate(rules) if rule not in RULES), key=lambda i: values[i, 0])
     shown = {i: RULES[rule] for i, rule in enumerate(rules) if rule in RULES}
     if drawn:
         shown[drawn[(len(drawn) - 1) // 2]] = f"random, median of {len(drawn)}"
     return tuple(
-        Criteria(
-            words, float(trace[i]), float(log_determinant[i]), float(worst[i]), {n: float(std[n][i]) for n in names}
-        )
-        for i, words in shown.items()
+        Criteria(words, tuple(values[i].tolist()), {n: float(std[n][i]) for n in names}) for i, words in shown.items()
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import SuiteReport, SuiteRun, metric_name, metrics_of
 from strainsight.report.suite.results import Result, results_of
 from strainsight.workflow.output import Dataset, Table
 
@@ -32,14 +32,18 @@ def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
         "/run/reached": Dataset(_text([run.reached for run in runs]), "1", "its last stage", ("/run/name",)),
         "/run/gauges": of_runs([run.gauges for run in runs], "gauges of its layout"),
         "/run/pool": of_runs([run.pool for run in runs], "gauges that these were chosen from"),
-        "/run/trace_initial": of_runs(
-            [trend.trace[0] if trend else None for trend in trends], "tr(W P) with the whole pool"
+        "/run/metric": Dataset(
+            _text([trend.metric.symbol if trend else "" for trend in trends]),
+            "1",
+            "what its layout was chosen by",
+            ("/run/name",),
         ),
-        "/run/trace_final": of_runs(
-            [trend.final_trace if trend else None for trend in trends], "tr(W P) of the layout"
+        "/run/metric_initial": of_runs(
+            [trend.value[0] if trend else None for trend in trends], "metric with the whole pool"
         ),
+        "/run/metric_final": of_runs([trend.final if trend else None for trend in trends], "metric of the layout"),
         "/run/gap": of_runs(
-            [trend.gap if trend else None for trend in trends], "(tr(W P) of the layout − lower bound) / tr(W P)"
+            [trend.gap if trend else None for trend in trends], "(metric of the layout − lower bound) / metric"
         ),
         "/unknown/run": Dataset(_rows([i for i, _, _ in unknowns]), "1", "row of its run", ("/unknown/name",)),
         "/unknown/name": Dataset(_text([u.name for _, u, _ in unknowns]), "1", "name of every unknown of every run"),
@@ -81,8 +85,10 @@ def suite_datasets(report: SuiteReport) -> dict[str, Dataset]:
 
 def suite_tables(report: SuiteReport) -> tuple[Table, ...]:
     """The result for the terminal: a row an unknown of a run."""
+    metrics = metrics_of(report.runs)
     columns = (
-        "run", "unknown", "gauges", "tr(W P)", "gap", "error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict",
+        "run", "unknown", "gauges", metric_name(metrics), "gap", "error", "smoothed", "claimed σ",
+        "expected σ", "repeats", "verdict",
     )  # fmt: skip
     rows = []
     for run in report.runs:
@@ -93,7 +99,7 @@ def suite_tables(report: SuiteReport) -> tuple[Table, ...]:
                 (
                     run.label if i == 0 else "",
                     unknown.name,
-                    *(_layout_cells(run) if i == 0 else ("", "", "")),
+                    *(_layout_cells(run, len(metrics) > 1) if i == 0 else ("", "", "")),
                     *(
                         _percent(value)
                         for value in (unknown.error, unknown.smoothed_error, unknown.std, unknown.expected_std)
@@ -104,12 +110,13 @@ def suite_tables(report: SuiteReport) -> tuple[Table, ...]:
     return (Table(report.title, columns, tuple(rows)),)
 
 
-def _layout_cells(run: SuiteRun) -> tuple[str, str, str]:
+def _layout_cells(run: SuiteRun, mixed: bool) -> tuple[str, str, str]:
     if run.trend is None:
         return ("", "", "")
     trend = run.trend
     gap = "" if trend.gap is None else f"{100 * trend.gap:.2g} %"
-    return f"{run.gauges} of {run.pool}", f"{trend.trace[0]:.3g} → {trend.final_trace:.3g}", gap
+    metric = f"{trend.metric.symbol}: " * mixed + f"{trend.value[0]:.3g} → {trend.final:.3g}"
+    return f"{run.gauges} of {run.pool}", metric, gap
 
 
 def _repeats(result: Result) -> str:

@@ -11,7 +11,7 @@ from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.gauges.candidates import Candidates
 from strainsight.multibody.inverse.linear import LinearBench
-from strainsight.placement.scenario import solve_pool, weighted_trace
+from strainsight.placement.scenario import solve_pool
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Table
 
@@ -36,7 +36,7 @@ def layout_of(
     own = scenario_of(bench, rows, noise, acceleration)
     try:
         solved = solve_pool(replace(own, weight=weight))
-        trace = weighted_trace(solved, solved.P)
+        trace = solved.metric.value(solved.P)
     except InfeasibleError:
         trace = float("inf")
     except NumericalError:
