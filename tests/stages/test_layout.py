@@ -10,6 +10,7 @@ import pytest
 
 from strainsight.cases.structure.advice import advice
 from strainsight.cases.structure.layout import layout_of
+from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
@@ -76,7 +77,9 @@ def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what(pools
 def test_what_a_failure_leaves_is_said_and_what_was_not_solved_is_no_loss(loss, said):
     words = advice(
         labels=("G1", "G2"),
-        trace=np.array([1.0, 1.1]),
+        criterion=Trace(),
+        over=("E",),
+        cost=np.array([1.0, 1.1]),
         keep=2,
         kept=2,
         std={"E": 0.02},
@@ -87,7 +90,7 @@ def test_what_a_failure_leaves_is_said_and_what_was_not_solved_is_no_loss(loss, 
         loss=np.array(loss),
         without={"E": np.array([0.025, 0.03])},
         ties=0,
-        cost=None,
+        price=None,
         alone=0,
     )
     assert said in " ".join(words)

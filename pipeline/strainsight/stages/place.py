@@ -158,7 +158,8 @@ def _advice(
     listed = gauge_list(gauges, problem.channels, inputs.training(context), inputs.screened(context))
     return advice(
         labels=listed.labels,
-        sigma=result.pools[0].metric.criterion.sigma,
+        criterion=result.pools[0].metric.criterion,
+        over=context.config.place.metric_over or problem.unknowns.names,
         cost=result.cost if plain else result.cost[-1:],
         keep=int(context.config.place.keep),
         kept=len(layout.gauges),

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from strainsight.errors import at_least
 from strainsight.placement.certificate import Certificate
+from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.ordering import first_of_largest
 from strainsight.placement.recommendation import WORTH, gains, worth_keeping
 from strainsight.workflow.output import Table
@@ -18,7 +20,8 @@ NEARLY = 0.8
 def advice(
     *,
     labels: Sequence[str],
-    sigma: str,
+    criterion: Criterion,
+    over: Sequence[str],
     cost: np.ndarray,
     keep: int,
     kept: int,
@@ -35,17 +38,17 @@ def advice(
 ) -> tuple[str, ...]:
     """Sentences, the most useful first.
 
-    labels (k,) of the gauges; sigma: what the root of the metric is called; cost: metric of the elimination, the whole pool
-    first, of one set only where limits rule the size; keep: gauges asked for; kept: pool rows in the layout; std: unknown → σ
+    labels (k,) of the gauges; criterion, over: the unknowns that its metric weighs; cost: metric of the elimination, the whole
+    pool first, of one set only where limits rule the size; keep: gauges asked for; kept: pool rows in the layout; std: unknown → σ
     relative to its scale, without: the same without each gauge (k,); groups of gauges that read alike; glued (k,) bool;
     load (k,): largest training reading over the range, NaN where no range is stated; loss (k,): metric when each fails, inf
     where an unknown is lost, NaN where not solved; ties: removals that could as well have been of another gauge; price: (of
     the layout, budget); alone: gauges without a mirror image.
     """
     return (
-        *_how_many(sigma, cost, kept, labels, keep),
+        *_how_many(sigma_of(criterion, over), cost, kept, labels, keep),
         *_weakest(std),
-        *_best_possible(sigma, certificate),
+        *best_possible(certificate, criterion, over),
         *(
             f"{', '.join(labels[i] for i in group)} read alike in the training run: they average noise, and stand in for "
             "each other."
@@ -67,6 +70,13 @@ def advice(
 def advice_table(sentences: Sequence[str]) -> Table:
     """The sentences as they are printed."""
     return Table("advice", ("",), tuple((sentence,) for sentence in sentences))
+
+
+def sigma_of(criterion: Criterion, over: Sequence[str]) -> str:
+    """What the root of the metric is: the σ of one unknown, or the criterion's mean of several."""
+    if len(over) == 1:
+        return f"the steady-state σ of {over[0]}"
+    return f"{criterion.sigma} of {', '.join(over[:-1])} and {over[-1]}"
 
 
 def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
@@ -95,14 +105,27 @@ def _weakest(std: Mapping[str, float]) -> Iterator[str]:
         yield f"{name} is what this layout knows least: ± {100 * std[name]:.2g} % of its guess or amplitude."
 
 
-def _best_possible(sigma: str, certificate: Certificate | None) -> Iterator[str]:
+def best_possible(certificate: Certificate | None, criterion: Criterion, over: Sequence[str]) -> Iterator[str]:
+    """What the lower bound says of every other layout of the size: the metric is at least (1 − gap) of ours, its root √(1 − gap).
+
+    over: the unknowns that the metric weighs; of several it bounds no single σ. Shares are rounded up: what nothing exceeds
+    must not be said too small.
+    """
     if certificate is None:
         return
-    lower = 100 * (1 - np.sqrt(1 - max(certificate.gap, 0.0)))
-    if lower < 0.05:
-        yield f"No other layout within the limits is better by 0.05 % in {sigma}."
+    gap = max(certificate.gap, 0.0)
+    root = float(1 - np.sqrt(1 - gap))
+    variance, deviation = (
+        at_least(100 * gap) if gap > 0.001 else "0.1",
+        at_least(100 * root) if root > 0.0005 else "0.05",
+    )
+    if len(over) == 1:
+        yield f"With no other layout within the limits is {sigma_of(criterion, over)} lower by more than {deviation} %."
     else:
-        yield f"No other layout within the limits lowers {sigma} by more than {lower:.2g} %."
+        yield (
+            f"With no other layout within the limits is {criterion.symbol} lower by more than {variance} %, or its root, "
+            f"{sigma_of(criterion, over)}, by more than {deviation} %; σ of one of them alone may be lower by more."
+        )
 
 
 def _failures(

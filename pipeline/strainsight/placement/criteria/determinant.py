@@ -22,7 +22,7 @@ class LogDeterminant(Criterion):
     name = "log_determinant"
     title = "log-determinant"
     symbol = "det(P)^(1/n)"
-    sigma = "the geometric mean of the σ along the axes of the ellipsoid"
+    sigma = "the geometric mean of the steady-state σ along the axes of the error ellipsoid"
     meaning = "geometric mean of the variances along the axes of the error ellipsoid of the unknowns"
 
     def value(self, M: np.ndarray) -> float:

@@ -16,7 +16,7 @@ class Trace(Criterion):
     name = "trace"
     title = "trace"
     symbol = "tr(W P)"
-    sigma = "σ"
+    sigma = "the weighted RMS of the steady-state σ"
     meaning = "sum of the scaled error variances of the unknowns"
 
     def value(self, M: np.ndarray) -> float:

@@ -26,7 +26,7 @@ class WorstEigenvalue(Criterion):
     name = "worst_eigenvalue"
     title = "worst eigenvalue"
     symbol = "λ₁(P)"
-    sigma = "the σ of the combination known worst"
+    sigma = "the steady-state σ of the worst-known combination"
     meaning = "variance of that combination of the unknowns, each in units of its scale, which is known worst"
 
     def value(self, M: np.ndarray) -> float:

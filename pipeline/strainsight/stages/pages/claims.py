@@ -12,9 +12,7 @@ from strainsight.report.placement.data import Claim
 from strainsight.workflow.output import Scalar
 
 
-def claims_of(
-    name: str, numbers: Mapping[str, Scalar], repeats: tuple[np.ndarray, np.ndarray]
-) -> tuple[Claim, ...]:
+def claims_of(name: str, numbers: Mapping[str, Scalar], repeats: tuple[np.ndarray, np.ndarray]) -> tuple[Claim, ...]:
     """All claims of an unknown, first the one that decides: the worst overconfident one, else the most cautious one.
 
     numbers: the summary of validate; repeats: error and claimed σ (n,) of them. Of a load the smoothed estimate counts, too.
