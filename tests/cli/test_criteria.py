@@ -117,9 +117,9 @@ def test_a_suite_of_unlike_criteria_says_which_number_is_which(results):
 
 def test_advice_is_of_the_sigma_that_the_criterion_has(results):
     words = {run: " ".join(Artefact(results / run / "place.h5")["/advice"].tolist()) for run in RUNS}
-    assert "geometric mean of the σ" in words["log_determinant"]
-    assert "σ of the combination known worst" in words["worst_eigenvalue"]
-    assert "lower σ by" in words["trace-E"]
+    assert "geometric mean of the steady-state σ" in words["log_determinant"]
+    assert "steady-state σ of the worst-known combination" in words["worst_eigenvalue"]
+    assert "lower the steady-state σ of E by" in words["trace-E"]
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,8 @@ def advice(
     """Sentences, the most useful first.
 
     labels (k,) of the gauges; criterion, over: the unknowns that its metric weighs; cost: metric of the elimination, the whole
-    pool first, of one set only where limits rule the size; keep: gauges asked for; kept: pool rows in the layout; std: unknown → σ
-    relative to its scale, without: the same without each gauge (k,); groups of gauges that read alike; glued (k,) bool;
+    pool first, of one set only where limits rule the size; keep: gauges asked for; kept: pool rows in the layout; std: unknown
+    → σ relative to its scale, without: the same without each gauge (k,); groups of gauges that read alike; glued (k,) bool;
     load (k,): largest training reading over the range, NaN where no range is stated; loss (k,): metric when each fails, inf
     where an unknown is lost, NaN where not solved; ties: removals that could as well have been of another gauge; price: (of
     the layout, budget); alone: gauges without a mirror image.
