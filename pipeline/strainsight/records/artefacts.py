@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from strainsight.records.bearing import BearingsAlone
+from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed
 from strainsight.records.reduced import Modes, Reduced
+from strainsight.records.simulated import Simulated
 from strainsight.records.training import Screened, Training
 
 PLACEMENT: dict[str, Any] = {
@@ -25,6 +27,8 @@ PLACEMENT: dict[str, Any] = {
 BENCH: dict[str, Any] = {
     "reduce": ReducedBodies,
     "bearing": BearingsAlone,
+    "simulate": Simulated,
+    "estimate": BenchEstimated,
 }
 """The same of a bench."""
 SHARED = ("import", "place", "estimate", "report", "suite")

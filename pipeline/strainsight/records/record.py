@@ -33,9 +33,9 @@ class Place:
     """Where a field stands.
 
     path   below the group of its record; `<name>` stands for the keys of a mapping
-    unit   "m", "1"; "unit of <name>": looked up by the name when it is written
-    axes   what each axis counts: equal words are equal lengths ("step + 1": one more), a path is the dataset that labels
-           the axis, a number is the length itself
+    unit   "m", "1"; "unit of <name>", "unit of input <name>": looked up when it is written, by "E" or "input Fx"
+    axes   what each axis counts: equal words are equal lengths ("step + 1": one more; "component of <name>": of each name
+           its own), a path is the dataset that labels the axis, a number is the length itself
     what   one line for people
     """
 
@@ -60,6 +60,7 @@ class Source(Protocol):
     def __contains__(self, path: str) -> bool: ...
     def children(self, path: str) -> dict[str, np.ndarray]: ...
     def groups(self, path: str) -> tuple[str, ...]: ...
+    def attributes(self, path: str) -> dict[str, Any]: ...
 
 
 def dataset(path: str, unit: str, axes: str, what: str, *, default: EllipsisType | None = ...) -> Any:
@@ -127,7 +128,7 @@ ROOT = Place("")
 def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) -> dict[str, Dataset]:
     """The datasets of a record, by path, their shapes checked against each other.
 
-    units: of every name, for fields whose unit is that of a name; at: the group that the record stands below. Raises
+    units: for fields whose unit is that of a name, by what their unit is of; at: the group that the record stands below. Raises
     ValueError where two lengths contradict.
     """
     below = at.path
@@ -144,11 +145,10 @@ def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) 
                 form = part if kind.record is kind.leaf else kind.record.of(part)
                 found |= written(form, units, replace(_named_as(key, _within(place, at), units), path=path))
                 continue
-            array = _array(part)
-            if wrong := _contradiction(place, array, lengths, path):
+            array, stated = _array(part), _named_as(key, _within(place, at), units)
+            if wrong := _contradiction(stated, array, lengths, path):
                 raise ValueError(wrong)
-            stated = _named_as(key, _within(place, at), units)
-            scales = tuple(_label(axis, place, fields, below) for axis in place.axes)
+            scales = tuple(_label(axis, place, fields, below) for axis in stated.axes)
             found[path] = Dataset(array, stated.unit, stated.what, scales if any(scales) else ())
     return found
 
@@ -172,8 +172,14 @@ def _within(place: Place, at: Place) -> Place:
 
 def _named_as(key: str, place: Place, units: Mapping[str, str] | None) -> Place:
     """A place of one name: its unit is that of the name where it says so."""
-    unit = (units or {})[key] if NAME in place.unit else place.unit
-    return replace(place, unit=unit, what=place.what.replace(NAME, key))
+    unit = place.unit
+    if NAME in unit:
+        unit = (units or {})[unit.removeprefix("unit of ").replace(NAME, key)]
+    return replace(place, unit=unit, axes=_axes(place, key), what=place.what.replace(NAME, key))
+
+
+def _axes(place: Place, key: str) -> tuple[str, ...]:
+    return tuple(axis.replace(NAME, key) for axis in place.axes)
 
 
 def _parts(value: Any, kind: _Kind) -> Iterator[tuple[str, Any]]:
@@ -215,6 +221,13 @@ def read(kind: type[Record], source: Source, below: str = "") -> Record:
     return own
 
 
+def unit_of(own: Any, field: str, name: str = "") -> str:
+    """The unit that a dataset has in the file from which its record was read; name: the key of a field by name."""
+    place = _fields(own.__dict__["_kind"])[field][0]
+    path = own.__dict__["_below"] + place.path.replace(NAME, name)
+    return str(own.__dict__["_source"].attributes(path)["units"])
+
+
 def _whole(lazy: Any) -> Any:
     kind = lazy.__dict__["_kind"]
     return _made, (kind, {name: getattr(lazy, name) for name in _fields(kind)})
@@ -251,10 +264,10 @@ def _named(own: Mapping[str, Any], place: Place, kind: _Kind) -> dict[str, Any]:
         return {key: _record(own, kind, f"{parent}/{key}") for key in source.groups(parent)}
     taken = {own["_below"] + other.path for other, _ in _fields(own["_kind"]).values()}
     arrays = {f"{parent}/{key}": array for key, array in source.children(parent).items()}
+    names = {path: path.removeprefix(f"{parent}/") for path in arrays if path not in taken}
     return {
-        path.removeprefix(f"{parent}/"): _value(own, place, kind, array, path)
-        for path, array in arrays.items()
-        if path not in taken
+        name: _value(own, replace(place, axes=_axes(place, name)), kind, arrays[path], path)
+        for path, name in names.items()
     }
 
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.bench.bearings import bearings_of
-from strainsight.cases.bench.layout.placed import placed_layout
+from strainsight.cases.bench.reduction import flexible
+from strainsight.config.bench import connections as stated
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bodies import Frame as StatedFrame
+from strainsight.config.bench.bodies import Pose as StatedPose
+from strainsight.config.bench.bodies import RigidBody as StatedRigidBody
 from strainsight.errors import ConfigError, blame
-from strainsight.gauges.glued import GluedEntry, glued
-from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.additions import node_index
-from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.bearing.law import BearingLaw
@@ -25,10 +26,11 @@ from strainsight.multibody.initial import Pose
 from strainsight.multibody.joints import JOINTS
 from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.relations import bearing_displacements, cosine
-from strainsight.multibody.sensors import RelationSensor, Sensor, StrainSensor, axis_sensor, position_sensor
 from strainsight.multibody.system import System, assemble
 from strainsight.records.bodies import ReducedBody
-from strainsight.workflow.artefact import Artefact
+
+Law = stated.Joint | stated.Spring | stated.Torsion | stated.Bushing
+"""What stands between two frames."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Bench:
 
 
 def bench_of(
-    config: Any,
+    config: BenchConfig,
     reduced: Mapping[str, ReducedBody],
     meshes: Mapping[str, Mesh],
     free: Mapping[str, Sequence[str]] | None = None,
@@ -55,7 +57,7 @@ def bench_of(
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
         with blame(f"bodies.{name}"):
-            bodies.append(_rigid(name, entry) if entry.type == "rigid" else _flexible(name, reduced[name]))
+            bodies.append(_rigid(name, entry) if isinstance(entry, StatedRigidBody) else _flexible(name, reduced[name]))
         held = entry.type == "flexible" and reduced[name].clamped
         if held and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
             raise ConfigError(
@@ -75,16 +77,14 @@ def bench_of(
     forces = [_force(name, entry, frames, bearings, free or {}) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)
-    values = {
-        key: m.value for entry in config.bodies.values() if entry.type == "flexible" for key, m in entry.moduli.items()
-    }
+    values = {key: modulus.value for entry in flexible(config).values() for key, modulus in entry.moduli.items()}
     for name, bearing in bearings.items():
         values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
     return Bench(system, frames, bearings, poses, theta)
 
 
-def axes_of(pose: Any) -> np.ndarray:
+def axes_of(pose: StatedPose) -> np.ndarray:
     """Right-handed orthonormal axes (3, 3), columns x, y, z, from the x axis and the part of the y axis across it."""
     x = np.asarray(pose.x_axis, dtype=float)
     x = x / np.linalg.norm(x)
@@ -94,87 +94,61 @@ def axes_of(pose: Any) -> np.ndarray:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def strain_sensor(
-    name: str, entry: Any, reduced: ReducedBody, mesh: Mesh, placed: Artefact | None = None
-) -> tuple[StrainSensor, np.ndarray]:
-    """The gauges of a sensor on the nearest places of the body's surface, and how far (gauges,) [m] each was moved there."""
-    key = f"sensors.{name}.gauges"
-    if entry.layout is None:
-        entries = [GluedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
-    else:
-        assert placed is not None
-        key = f"sensors.{name}.layout"
-        entries = [GluedEntry(x, d) for x, d in zip(*placed_layout(placed, entry.layout), strict=True)]
-    facets = exterior_facets(mesh)
-    with blame(key):
-        there, moved = glued(mesh, facets, entries, float(entry.snap_tolerance), key)
-        return StrainSensor(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
-
-
-def motion_sensor(name: str, entry: Any, frames: Mapping[str, Frame]) -> Sensor:
-    """A sensor of relative or absolute motion."""
-    if entry.type == "relative":
-        i, j = (frames[frame] for frame in entry.frames)
-        return RelationSensor(name, bearing_displacements(i, j))
-    frame = frames[entry.frame]
-    if entry.quantity in ("position", "velocity"):
-        return position_sensor(name, frame, rate=entry.quantity == "velocity")
-    return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
-
-
 def _flexible(name: str, reduced: ReducedBody) -> FlexibleBody:
     return FlexibleBody(name, reduced.clamped, reduced.stiffness, reduced.mass, reduced.damping, reduced.inertia)
 
 
-def _rigid(name: str, entry: Any) -> RigidBody:
+def _rigid(name: str, entry: StatedRigidBody) -> RigidBody:
     """The inertia of the config is about the centre of mass, that of the kernel about the origin."""
     I, c = entry.inertia, np.asarray(entry.centre, dtype=float)
     central = np.array([[I.xx, I.xy, I.xz], [I.xy, I.yy, I.yz], [I.xz, I.yz, I.zz]])
     return RigidBody(name, float(entry.mass), c, central + entry.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
-def _frame(name: str, entry: Any, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> Frame:
+def _frame(name: str, entry: StatedFrame, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> Frame:
     axes = axes_of(entry.pose)
     if entry.body == "ground":
         return Frame(name, None, np.array(entry.pose.origin), axes)
     if entry.body not in reduced:
         return Frame(name, entry.body, np.array(entry.pose.origin), axes)
+    assert entry.node is not None  # the config asks for one on a flexible body
     with blame(f"frames.{name}.node"):
         mesh = meshes[entry.body]
-        origin = mesh.position[node_index(mesh, int(entry.node))]
+        origin = mesh.position[node_index(mesh, entry.node)]
         rows = reduced[entry.body].interface[str(entry.node)]
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 
 
-def _between(entry: Any, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]:
+def _between(entry: Law, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]:
     first, second = (frames[frame] for frame in entry.frames)
     return first, second
 
 
-def _keys(entry: Any) -> dict[str, Any]:
+def _keys(entry: Law) -> dict[str, object]:
     """What the section of a joint or a force law says beside its kind and its frames."""
     return {key: value for key, value in dict(entry).items() if key not in ("type", "frames")}
 
 
 def _force(
     name: str,
-    entry: Any,
+    entry: stated.Force,
     frames: Mapping[str, Frame],
     bearings: Mapping[str, Bearing],
     free: Mapping[str, Sequence[str]],
 ) -> Force:
-    match entry.type:
-        case "gravity":
+    match entry:
+        case stated.Gravity():
             return Gravity(np.array(entry.acceleration), name)
-        case "force" | "moment":
+        case stated.PointForce() | stated.PointMoment():
             direction = np.asarray(entry.direction, dtype=float)
             direction = direction / np.linalg.norm(direction)
             kind = PointForce if entry.type == "force" else PointMoment
             return kind(name, frames[entry.frame], direction[:, None], (name,))
-        case "bearing":
+        case stated.BearingForce():
             outer, inner = frames[entry.outer], frames[entry.inner]
             own = tuple(free.get(entry.bearing, ()))
             names = tuple(f"{entry.bearing}.{key}" for key in own)
             law = BearingLaw(bearings[entry.bearing], own)
             return RelativeElement(name, bearing_displacements(outer, inner), law, names, (cosine(outer, 0, inner, 0),))
-    return LAWS[entry.type](name, *_between(entry, frames), **_keys(entry))
+        case _:
+            return LAWS[entry.type](name, *_between(entry, frames), **_keys(entry))

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
 from strainsight.cases.structure.settings import signal_of
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.connections import PointForce, PointMoment
 from strainsight.errors import ConfigError, blame
 from strainsight.signals.histories import evaluate
-from strainsight.workflow.stage import Context
 
 LARGEST = 1e50
 """[N, N m] Its fourth power is still a number."""
 
 
-def loads_of(context: Context, bench: Bench) -> Callable[[np.ndarray], np.ndarray]:
+def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
+    """Unit of each of these loads."""
+    return {name: "N" if isinstance(config.forces[name], PointForce) else "N m" for name in names}
+
+
+def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
     """Time (k,) [s] → inputs (k, nu) [N, N m] in the order of the system."""
     signals = {}
     for name in bench.system.inputs:
+        entry = config.forces[name]
+        assert isinstance(entry, PointForce | PointMoment)
         with blame(f"forces.{name}.signal"):
-            signals[name] = signal_of(name, context.config.forces[name].signal, context.files, "forces")
+            signals[name] = signal_of(name, entry.signal, files, "forces")
 
     def at(time: np.ndarray) -> np.ndarray:
         columns = []

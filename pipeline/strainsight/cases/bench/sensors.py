@@ -1,19 +1,26 @@
-"""The sensors of a bench, compiled for its system, and their readings as datasets."""
+"""The sensors of a bench, compiled for its system."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from strainsight.cases.bench.bench import Bench, motion_sensor, strain_sensor
+from strainsight.cases.bench.bench import Bench
+from strainsight.config.bench.bench import BenchConfig, MotionSensor, RelativeSensor, StrainSensor
+from strainsight.config.bench.bench import Sensor as StatedSensor
+from strainsight.errors import blame
+from strainsight.gauges.glued import GluedEntry, glued
+from strainsight.gauges.rows import channel_rows
+from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.multibody.sensors import Readings, StrainSensor, readings
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.relations import bearing_displacements
+from strainsight.multibody.sensors import Readings, RelationSensor, Sensor, axis_sensor, position_sensor, readings
+from strainsight.multibody.sensors import StrainSensor as StrainRows
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBody
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.output import Dataset, Table
 
 MOTION_UNITS = {"position": "m", "velocity": "m/s"}
 
@@ -21,36 +28,35 @@ MOTION_UNITS = {"position": "m", "velocity": "m/s"}
 @dataclass(frozen=True)
 class Sensors:
     """readings: all compiled, strains first; channels: sensor → its rows there; zeroed (k,): channels that are zeroed at the
-    start; table: where gauges went."""
+    start; moved: strain sensor → how far (gauges,) [m] each of its gauges was moved to the surface."""
 
     readings: Readings
     channels: Mapping[str, slice]
     zeroed: np.ndarray
-    table: tuple[Table, ...]
+    moved: Mapping[str, np.ndarray]
 
 
 def sensors_of(
-    config: Any,
+    config: BenchConfig,
     bench: Bench,
     reduced: Mapping[str, ReducedBody],
     meshes: Mapping[str, Mesh],
-    placed: Artefact | None = None,
+    placed: BenchPlaced | None = None,
 ) -> Sensors:
-    """All sensors of the config."""
-    strains, others, zeroed, rows = [], [], [], []
+    """All sensors of the config; placed: for those that take a layout of it."""
+    strains, others, moved = [], [], {}
+    zeroed: list[bool] = []
     for name, entry in config.sensors.items():
-        if entry.type != "strain":
-            others.append(motion_sensor(name, entry, bench.frames))
+        if not isinstance(entry, StrainSensor):
+            others.append(_motion(name, entry, bench.frames))
             continue
-        sensor, moved = strain_sensor(name, entry, reduced[entry.body], meshes[entry.body], placed)
+        sensor, moved[name] = _strain(name, entry, reduced[entry.body], meshes[entry.body], placed)
         strains.append(sensor)
-        zeroed += [bool(entry.zeroed)] * len(sensor.rows)
-        rows += [(name, str(i), f"{1e3 * distance:.3g} mm") for i, distance in enumerate(moved, start=1)]
+        zeroed += [entry.zeroed] * len(sensor.rows)
     compiled = readings(bench.system, [*strains, *others])
     still = np.zeros(len(compiled.channels), dtype=bool)
     still[: len(zeroed)] = zeroed
-    table = Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), tuple(rows))
-    return Sensors(compiled, _channels(compiled), still, (table,) * bool(rows))
+    return Sensors(compiled, _channels(compiled), still, moved)
 
 
 def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
@@ -58,31 +64,54 @@ def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     compiled = readings(bench.system, [own for own in sensors.readings.sensors if own.name in names])
     there = _channels(compiled)
     zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in there])
-    return Sensors(compiled, there, zeroed, ())
+    return Sensors(compiled, there, zeroed, {})
+
+
+def _strain(
+    name: str, entry: StrainSensor, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
+) -> tuple[StrainRows, np.ndarray]:
+    """The gauges of a sensor on the nearest places of the body's surface, and how far (gauges,) [m] each was moved there."""
+    key = f"sensors.{name}.gauges"
+    if entry.layout is None:
+        entries = [GluedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+    else:
+        assert placed is not None
+        key, own = f"sensors.{name}.layout", placed.layout(entry.layout)
+        entries = [GluedEntry(x, d) for x, d in zip(own.position, own.direction, strict=True)]
+    facets = exterior_facets(mesh)
+    with blame(key):
+        there, moved = glued(mesh, facets, entries, entry.snap_tolerance, key)
+        return StrainRows(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
+
+
+def _motion(name: str, entry: RelativeSensor | MotionSensor, frames: Mapping[str, Frame]) -> Sensor:
+    """A sensor of relative or absolute motion."""
+    if isinstance(entry, RelativeSensor):
+        i, j = (frames[frame] for frame in entry.frames)
+        return RelationSensor(name, bearing_displacements(i, j))
+    frame = frames[entry.frame]
+    if entry.quantity in MOTION_UNITS:
+        return position_sensor(name, frame, rate=entry.quantity == "velocity")
+    return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
 
 
 def _channels(compiled: Readings) -> dict[str, slice]:
     channels, at = {}, 0
     for own in compiled.sensors:
-        count = len(own.rows) if isinstance(own, StrainSensor) else len(own.relations)
+        count = len(own.rows) if isinstance(own, StrainRows) else len(own.relations)
         channels[own.name] = slice(at, at + count)
         at += count
     return channels
 
 
-def unit_of(entry: Any) -> tuple[str, str]:
-    """Unit of a sensor's readings, and what they are."""
-    if entry.type == "strain":
-        return "strain", "strain of every gauge (time × gauge)"
-    if entry.type == "relative":
-        return "m or rad", "displacements x, y, z and tilts about y, z (time × component)"
-    return MOTION_UNITS.get(entry.quantity, "1"), f"{entry.quantity} in global axes (time × xyz)"
+def unit_of(entry: StatedSensor) -> str:
+    """Unit of a sensor's readings."""
+    if isinstance(entry, StrainSensor):
+        return "strain"
+    return "m or rad" if isinstance(entry, RelativeSensor) else MOTION_UNITS.get(entry.quantity, "1")
 
 
-def reading_datasets(config: Any, sensors: Sensors, measured: np.ndarray) -> dict[str, Dataset]:
-    """/sensors/<name> of readings (time, all channels)."""
-    datasets = {}
-    for name, own in sensors.channels.items():
-        unit, what = unit_of(config.sensors[name])
-        datasets[f"/sensors/{name}"] = Dataset(measured[:, own], unit, what, ("/time", ""))
-    return datasets
+def dataset_units(config: BenchConfig, loads: Mapping[str, str]) -> dict[str, str]:
+    """What records of a bench ask the unit of: its sensors, and these loads."""
+    units = {f"sensor {name}": unit_of(entry) for name, entry in config.sensors.items()}
+    return units | {f"input {name}": unit for name, unit in loads.items()}

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
+from strainsight.config.bench.bench import Simulate
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
 from strainsight.multibody.initial import project_position, project_velocity, state
 from strainsight.multibody.products import relation_rows
@@ -19,7 +18,7 @@ TURNED = 0.02
 """[rad] that the joints may turn a body."""
 
 
-def start_of(bench: Bench, settings: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
     given, rate = state(bench.system, bench.poses)
     with blame("joints"):

@@ -2,162 +2,120 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
-from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.inverse.output import estimate_output
-from strainsight.cases.bench.inverse.rest import free_zero, zero_of
-from strainsight.cases.bench.inverse.trial import Trial, trial_of
-from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
-from strainsight.cases.bench.inverse.unknowns import Unknowns, free_properties, unknowns_of
-from strainsight.cases.bench.loads import loads_of
-from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
-from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.cases.bench.inverse.comparison import Compared, compared
+from strainsight.cases.bench.inverse.estimation import Estimated, estimated
+from strainsight.cases.bench.inverse.verdicts import message_of, warnings_of
+from strainsight.cases.bench.loads import load_units
+from strainsight.cases.bench.sensors import dataset_units
+from strainsight.config.bench.estimate import Estimate
+from strainsight.errors import ArtefactError
+from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.record import read, written
+from strainsight.records.simulated import Simulated
 from strainsight.stages.bench import inputs
-from strainsight.workflow.output import Output
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
-LOAD_UNITS = {"force": "N", "moment": "N m"}
-
-
-@dataclass(frozen=True)
-class Estimated:
-    """What a filter made of a reality.
-
-    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in lost runs; xi_covariance (T + 1, b, p, p);
-    nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
-    (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input.
-    """
-
-    bench: Bench
-    unknowns: Unknowns
-    trial: Trial
-    sensors: Sensors
-    used: Sensors
-    reality: Reality
-    measured: np.ndarray
-    time: np.ndarray
-    mean: np.ndarray
-    std: np.ndarray
-    xi_covariance: np.ndarray
-    nis: np.ndarray
-    lost: np.ndarray
-    reading: np.ndarray
-    elsewhere: Mapping[str, np.ndarray]
-    said: tuple[str, ...]
+METHODS = {
+    "iterated": "iterated with the step inside",
+    "one_shot": "one-shot, put back onto the constraints",
+    "undamped": "iterated without damping",
+}
+TRUTHS = {
+    "fine": "the bench with h/{substeps}",
+    "own": "the filter's own step",
+    "walk": "drawn from the filter's own model",
+}
+COLUMNS = {
+    "inputs": ("slope", "offset", "error", "std"),
+    "elsewhere": ("ratio_slope", "ratio_offset", "ratio_low", "ratio_high"),
+    "parameters": ("error", "std", "ratio"),
+}
+"""Numbers in the table of the unknowns."""
 
 
 def run(context: Context) -> Output:
     """Simulate or fetch the measurements, run the filter on them, compare."""
-    found = estimated(context)
-    return estimate_output(context.config, found)
-
-
-def estimated(context: Context) -> Estimated:
-    """All that the stage finds."""
-    config, estimate = context.config, context.config.estimate
-    reduced, meshes = inputs.bodies(context), inputs.meshes(context)
-    bench = bench_of(config, reduced, meshes, free_properties(estimate))
-    sensors = sensors_of(config, bench, reduced, meshes, context.upstream.get("place"))
-    used = some_of(bench, sensors, list(estimate.sensors))
-    h = float(estimate.time_step or config.simulate.time_step)
-    steps = round((estimate.duration or config.simulate.duration) / h)
-    time = h * np.arange(steps + 1)
-    unknowns = unknowns_of(estimate, bench, h)
-    loads = loads_of(context, bench)
-    known = loads(time)
-    zeroing = known[0].copy()
-    heaviest = known[np.argmax(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
-    for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
-        guess = estimate.inputs[name].guess
-        known[:, column] = known[0, column] if guess is None else guess
-
-    def told(share: float) -> None:
-        context.progress("truth", 0.3 * share)
-
-    reality: Reality | None = None
-    elsewhere: dict[str, np.ndarray] = {}
-    first = None
-    if estimate.measured is not None:
-        own = {name: (config.sensors[name], part.stop - part.start) for name, part in used.channels.items()}
-        path = context.files["estimate.measured.from"]
-        units = {name: LOAD_UNITS[config.forces[name].type] for name in estimate.inputs}
-        read, elsewhere = from_run(path, estimate.measured, own, units, h, steps)
-        readings = np.full((steps, 1, len(sensors.zeroed)), np.nan)
-        for name, values in read.items():
-            readings[:, 0, sensors.channels[name]] = values[1:]
-        first = np.concatenate([read[name][0] for name in used.channels])
-        nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
-        reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
-    elif estimate.truth.model != "walk":
-        substeps = int(estimate.truth.substeps) if estimate.truth.model == "fine" else 1
-        reality = simulated(bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, told)
-    among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
-    runs, starts = int(estimate.runs), len(unknowns.starts)
-    largest = np.zeros(len(among)) if reality is None else np.abs(reality.readings[:, 0, among]).max(axis=0)
-    trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, zeroing, first, h)
-    if reality is None:
-        reality = _walked(trial, used, sensors, known, runs, context.seed)
-    y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, context.seed, bool(estimate.truth.noise))
-    found = _filtered(context, trial, y)
-    reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
-    return Estimated(
-        bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
-        found.unknown_covariance[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
-        reading, elsewhere, trial.said,
-    )  # fmt: skip
-
-
-def _expected(
-    config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, trial: Trial, found: FilterRun, zeroing: np.ndarray
-) -> np.ndarray:
-    """What all sensors read by the first run's estimate (T + 1, channels), zeroed ones less their zero by the parameters of
-    that instant; NaN where the run is lost."""
-    model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
-    constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
-    reading = np.full((len(found.time), len(sensors.zeroed)), np.nan)
-    for k, x in enumerate(found.mean[:, 0]):
-        if np.isfinite(x).all():
-            taken_off = constant if zero is None else zero(x[model.xi])[0]
-            reading[k] = sensors.readings.read(x[model.q], x[model.v])[0] - taken_off
-    return reading
-
-
-def _walked(trial: Trial, used: Sensors, sensors: Sensors, known: np.ndarray, runs: int, seed: int) -> Reality:
-    """Drawn truths; sensors that the filter has not are not read."""
-    found = drawn(trial.model, trial.start[:runs], trial.covariance[:runs], known, runs, seed)
-    readings = np.full((len(known) - 1, runs, len(sensors.zeroed)), np.nan)
-    for name, own in used.channels.items():
-        readings[:, :, sensors.channels[name]] = found.readings[:, :, own]
-    return Reality(found.inputs, found.theta, readings)
-
-
-def _filtered(context: Context, trial: Trial, y: np.ndarray) -> FilterRun:
-    """The filter as `method` says; that the other forms diverge is a result, too."""
-    method, model = context.config.estimate.method, trial.model
-    one_shot = method.update == "one_shot"
-
-    def told(k: int) -> None:
-        if k % 10 == 0:
-            context.progress("filter", 0.3 + 0.7 * k / len(y))
-
-    return filter_runs(
-        model,
-        trial.start,
-        trial.covariance,
-        y,
-        form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
-        iterations=1 if one_shot else int(method.iterations),
-        through_step=not one_shot,
-        damped=method.update != "undamped",
-        project=model.projected if one_shot else None,
-        told=told,
-        refuse=method.update == "iterated",
+    config, there = context.config, _there(context)
+    own = estimated(config, inputs.bodies(context), inputs.meshes(context), inputs.placed(context), there, context)
+    result = compared(config, own)
+    found, summary = result.found, _summary(config.estimate, own, result)
+    method, truth = str(summary["method"]), str(summary["truth"])
+    free = own.unknowns.free
+    warnings = [*own.trial.said, *warnings_of(config, free, summary, float(summary["nis"]), own.lost)]
+    tables = [_table(own, result)]
+    if warnings:
+        tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
+    units = dataset_units(config, load_units(config, found.inputs))
+    units |= {f"parameter {name}": "Pa" if config.estimate.parameters[name].bearing is None else "m" for name in free}
+    return Output(
+        datasets=written(found, units),
+        summary=summary,
+        message=message_of(config, free, summary, method, truth),
+        tables=tuple(tables),
+        files={"loads.csv": _command_history(found)} if found.inputs and own.lost[0] < 0 else {},
     )
+
+
+def _there(context: Context) -> Simulated | None:
+    """The run of `estimate.measured`."""
+    key = "estimate.measured.from"
+    if key not in context.files:
+        return None
+    there = Artefact(context.files[key])
+    if there.header.stage != "simulate":
+        raise ArtefactError(f"{there.path.name} is of stage '{there.header.stage}', not of a simulation", key=key)
+    return read(Simulated, there)
+
+
+def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, Scalar]:
+    nis, late = own.nis[:, 0], own.nis[len(own.nis) // 2 :]
+    m, nu = len(own.trial.noise), len(own.unknowns.inputs)
+    return {
+        "steps": len(nis),
+        "step": float(own.trial.model.h),
+        "channels": m,
+        "unknowns": nu + len(own.unknowns.free),
+        "runs": own.mean.shape[1],
+        "lost": int(np.sum(own.lost >= 0)),
+        "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
+        "expected_nis": (m - nu) / m if estimate.truth.model != "walk" else 1.0,
+        "violation": float(np.nanmax(result.found.violation)),
+        "method": METHODS[estimate.method.update],
+        "truth": _truth(estimate),
+        **result.numbers,
+    }
+
+
+def _truth(estimate: Estimate) -> str:
+    if estimate.measured is not None:
+        return f"measured on {estimate.measured.run}"
+    said = TRUTHS[estimate.truth.model].format(substeps=estimate.truth.substeps)
+    return said + ("" if estimate.truth.noise else ", without noise")
+
+
+def _table(own: Estimated, result: Compared) -> Table:
+    shown = dict.fromkeys(result.found.inputs, COLUMNS["inputs"])
+    shown |= dict.fromkeys(own.elsewhere, COLUMNS["elsewhere"])
+    shown |= dict.fromkeys(own.unknowns.free, COLUMNS["parameters"])
+    rows = []
+    for name, keys in shown.items():
+        numbers = [(key, result.numbers.get(f"{key}.{name}")) for key in keys]
+        cells = [f"{key.replace('_', ' ')} {value:.4g}" for key, value in numbers if value is not None]
+        rows.append((name, *cells, *[""] * (4 - len(cells))))
+    title = "unknowns" if own.elsewhere else "unknowns, errors and σ over the largest true value"
+    return Table(title, ("unknown", "", "", "", ""), tuple(rows))
+
+
+def _command_history(found: BenchEstimated) -> bytes:
+    """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m]."""
+    lines = [",".join(["time", *found.inputs])]
+    for k, instant in enumerate(found.time):
+        lines.append(",".join([f"{instant:.9g}", *(f"{load.estimate[k]:.9g}" for load in found.inputs.values())]))
+    return ("\n".join(lines) + "\n").encode()
 
 
 ESTIMATE = Stage(

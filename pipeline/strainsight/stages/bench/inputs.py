@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from strainsight.mesh.model import Mesh
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
@@ -17,3 +18,8 @@ def meshes(context: Context) -> dict[str, Mesh]:
 def bodies(context: Context) -> dict[str, ReducedBody]:
     """reduce.h5: flexible body → what it was reduced to."""
     return read(ReducedBodies, context.upstream["reduce"]).bodies
+
+
+def placed(context: Context) -> BenchPlaced | None:
+    """place.h5, of a stage that has it above it: where a sensor takes a layout of it."""
+    return read(BenchPlaced, context.upstream["place"]) if "place" in context.upstream else None

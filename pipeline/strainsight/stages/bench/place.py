@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.spatial import cKDTree
 from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.cases.bench.layout.output import Found, output_of
-from strainsight.cases.bench.layout.placed import PLACED, layout_of
+from strainsight.cases.bench.layout.placed import layout_of
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
 from strainsight.cases.bench.layout.scales import refuse_sizes
 from strainsight.cases.bench.loads import loads_of
@@ -25,6 +24,7 @@ from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
 from strainsight.placement.limits import Limits, limits_of
 from strainsight.placement.scenario import whole_pool_weight
+from strainsight.records.bench_placed import PLACED
 from strainsight.stages.bench.inputs import bodies
 from strainsight.stages.bench.inputs import meshes as body_meshes
 from strainsight.workflow.output import Output
@@ -49,8 +49,8 @@ def run(context: Context) -> Output:
 
 def _equilibrium(context: Context, bench: Bench) -> tuple[np.ndarray, np.ndarray]:
     """The static equilibrium under the loads at t = 0, whatever the simulation starts from, and those loads."""
-    u = loads_of(context, bench)(np.zeros(1))[0]
-    settings = SimpleNamespace(start="equilibrium", snap_tolerance=context.config.simulate.snap_tolerance)
+    u = loads_of(context.config, bench, context.files)(np.zeros(1))[0]
+    settings = context.config.simulate.model_copy(update={"start": "equilibrium"})
     with blame("simulate"):
         return start_of(bench, settings, u)[0], u
 

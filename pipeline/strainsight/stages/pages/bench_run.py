@@ -6,6 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
+from strainsight.records.bench_placed import PLACED, BenchPlaced
+from strainsight.records.record import read, unit_of
+from strainsight.records.simulated import Simulated
 from strainsight.report.bench.data import (
     BearingMotion,
     BenchEstimate,
@@ -20,40 +24,36 @@ from strainsight.workflow.artefact import Artefact
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))
 WARNINGS = "warnings"
 """Title of the table in which a stage warns."""
-PLACED = "place"
 
 
 def estimate_of(artefact: Artefact) -> BenchEstimate:
     """Everything that a page shows of estimate.h5."""
-    time = artefact["/time"]
+    own = read(BenchEstimated, artefact)
     return BenchEstimate(
-        time=time,
+        time=own.time,
         unknowns=(
-            *(_input(artefact, name, time) for name in _groups(artefact, "/inputs")),
-            *(_parameter(artefact, name, time) for name in _groups(artefact, "/parameters")),
+            *(_input(own, name) for name in own.inputs),
+            *(_parameter(own, name) for name in own.parameters),
         ),
-        sensors=tuple(_compared(artefact, name, time[1:]) for name in _groups(artefact, "/sensors")),
-        nis=artefact["/nis"],
-        violation=artefact["/violation"],
+        sensors=tuple(_compared(name, match, own.time[1:]) for name, match in own.sensors.items()),
+        nis=own.nis,
+        violation=own.violation,
         numbers=artefact.summary,
     )
 
 
 def motion_of(artefact: Artefact) -> BenchMotion:
     """Everything that a page shows of simulate.h5."""
-    time = artefact["/time"]
-    inputs = artefact.children("/inputs") if "/inputs" in artefact else {}
-    sensors = artefact.children("/sensors") if "/sensors" in artefact else {}
+    own = read(Simulated, artefact)
     return BenchMotion(
-        time=time,
-        inputs={name: (_unit(artefact, f"/inputs/{name}"), values) for name, values in inputs.items()},
+        time=own.time,
+        inputs={name: (unit_of(own, "inputs", name), values) for name, values in own.inputs.items()},
         sensors=tuple(
-            BenchSensor(name, time, values, None, *_components(_unit(artefact, f"/sensors/{name}"), values.shape[1]))
-            for name, values in sensors.items()
+            BenchSensor(name, own.time, values, None, *_components(unit_of(own, "sensors", name), values.shape[1]))
+            for name, values in own.sensors.items()
         ),
         bearings=tuple(
-            BearingMotion(name, *(artefact[f"/bearings/{name}/{key}"] for key in ("displacement", "load", "pressure")))
-            for name in _groups(artefact, "/bearings")
+            BearingMotion(name, ring.displacement, ring.load, ring.pressure) for name, ring in own.bearings.items()
         ),
         numbers=artefact.summary,
     )
@@ -61,19 +61,16 @@ def motion_of(artefact: Artefact) -> BenchMotion:
 
 def placement_of(artefact: Artefact) -> BenchPlacement:
     """Everything that a page shows of place.h5 of a bench."""
-    names = [str(name) for name in artefact["/inputs"]]
-    layouts = _groups(artefact, "/layouts")
-    std = {layout: artefact[f"/layouts/{layout}/std"] for layout in layouts}
-    drawn = [std[layout] for layout in layouts if layout != PLACED]
-    trace = artefact["/elimination/trace"]
-    pool = len(artefact["/pool/candidate"])
+    own = read(BenchPlaced, artefact)
+    best = own.layouts[PLACED]
+    drawn = [layout.std for name, layout in own.layouts.items() if name != PLACED]
     return BenchPlacement(
-        position=artefact[f"/layouts/{PLACED}/position"],
-        direction=artefact[f"/layouts/{PLACED}/direction"],
-        expected={name: float(std[PLACED][i]) for i, name in enumerate(names)},
-        random={name: np.array([values[i] for values in drawn]) for i, name in enumerate(names)},
-        count=pool - np.arange(len(trace)),
-        trace=trace,
+        position=best.position,
+        direction=best.direction,
+        expected={name: float(best.std[i]) for i, name in enumerate(own.inputs)},
+        random={name: np.array([std[i] for std in drawn]) for i, name in enumerate(own.inputs)},
+        count=len(own.pool) - np.arange(len(own.trace)),
+        trace=own.trace,
         numbers=artefact.summary,
     )
 
@@ -90,46 +87,24 @@ def warnings_in(artefacts: Mapping[str, Artefact]) -> tuple[str, ...]:
     return tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in dict.fromkeys(said))
 
 
-def _input(artefact: Artefact, name: str, time: np.ndarray) -> BenchUnknown:
-    place = f"/inputs/{name}"
-    history = History(
-        name,
-        _unit(artefact, f"{place}/estimate"),
-        time,
-        _maybe(artefact, f"{place}/true"),
-        artefact[f"{place}/estimate"],
-        artefact[f"{place}/std"],
-    )
-    return BenchUnknown(
-        "input", history, _maybe(artefact, f"/runs{place}/error"), None, _maybe(artefact, f"{place}/there")
-    )
+def _input(own: BenchEstimated, name: str) -> BenchUnknown:
+    load, runs = own.inputs[name], own.input_runs.get(name)
+    history = History(name, unit_of(load, "estimate"), own.time, load.true, load.estimate, load.std)
+    return BenchUnknown("input", history, None if runs is None else runs.error, None, load.there)
 
 
-def _parameter(artefact: Artefact, name: str, time: np.ndarray) -> BenchUnknown:
-    place = f"/parameters/{name}"
-    true = _maybe(artefact, f"{place}/true")
-    history = History(
-        name,
-        _unit(artefact, f"{place}/estimate"),
-        time,
-        None if true is None else np.full(len(time), float(true)),
-        artefact[f"{place}/estimate"],
-        artefact[f"{place}/std"],
-    )
-    errors = _maybe(artefact, f"/runs{place}/error")
-    if errors is None and true is not None and (ends := _maybe(artefact, f"/runs{place}/estimate")) is not None:
-        errors = ends - float(true)
-    return BenchUnknown("parameter", history, errors, _maybe(artefact, f"/runs{place}/std"))
+def _parameter(own: BenchEstimated, name: str) -> BenchUnknown:
+    found, runs = own.parameters[name], own.parameter_runs.get(name)
+    true = None if found.true is None else np.full(len(own.time), found.true)
+    history = History(name, unit_of(found, "estimate"), own.time, true, found.estimate, found.std)
+    errors, stds = (None, None) if runs is None else (runs.error, runs.std)
+    return BenchUnknown("parameter", history, errors, stds)
 
 
-def _compared(artefact: Artefact, name: str, time: np.ndarray) -> BenchSensor:
-    place = f"/sensors/{name}"
-    expected, measured, used = (_maybe(artefact, f"{place}/{key}") for key in ("expected", "measured", "used"))
-    assert expected is not None
-    components = _components(_unit(artefact, f"{place}/expected"), expected.shape[1])
-    nothing = np.full_like(expected, np.nan)
-    given = used is None or bool(used)
-    return BenchSensor(name, time, nothing if measured is None else measured, expected, *components, given)
+def _compared(name: str, match: SensorMatch, time: np.ndarray) -> BenchSensor:
+    components = _components(unit_of(match, "expected"), match.expected.shape[1])
+    measured = np.full_like(match.expected, np.nan) if match.measured is None else match.measured
+    return BenchSensor(name, time, measured, match.expected, *components, match.used)
 
 
 def _components(unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -140,17 +115,3 @@ def _components(unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]
         return tuple(f"gauge {i}" for i in range(1, count + 1)), (unit,) * count
     names = tuple("xyz") if count == len("xyz") else tuple(str(i) for i in range(1, count + 1))
     return names, ("–" if unit == "1" else unit,) * count
-
-
-def _groups(artefact: Artefact, place: str) -> tuple[str, ...]:
-    return artefact.groups(place) if place in artefact else ()
-
-
-def _maybe(artefact: Artefact, path: str) -> np.ndarray | None:
-    if path not in artefact:
-        return None
-    return artefact[path]
-
-
-def _unit(artefact: Artefact, path: str) -> str:
-    return str(artefact.attributes(path)["units"])

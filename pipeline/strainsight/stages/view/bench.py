@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from strainsight.cases.bench.layout.placed import PLACED, placed_layout
 from strainsight.cases.bench.reduction import flexible
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.records.bench_placed import PLACED, BenchLayout, BenchPlaced
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
@@ -53,7 +52,7 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
     if what == "modes":
         return _modes(title, layout, mesh, read(ReducedBodies, up["reduce"]).bodies[body])
     if what == "candidates":
-        return _candidates(title, layout, up["place"])
+        return _candidates(title, layout, read(BenchPlaced, up["place"]))
     layout = replace(layout, gauges=_gauges(config, body, mesh, up))
     if what == "field":
         assert config.field is not None
@@ -73,11 +72,9 @@ def _modes(title: str, layout: Layout, mesh: Mesh, part: ReducedBody) -> View:
     return modes_view(f"{title}, interfaces held", bodies, shapes, captions, "kg^-1/2")
 
 
-def _candidates(title: str, layout: Layout, place: Artefact) -> View:
+def _candidates(title: str, layout: Layout, place: BenchPlaced) -> View:
     """The pool by the step in which each was removed; what stayed has the last colour, what never entered is grey."""
-    position, pool, removed = (
-        place[f"/{key}"] for key in ("candidates/position", "pool/candidate", "elimination/removed")
-    )
+    position, pool, removed = place.position, place.pool, place.removed
     step = np.full(len(pool), len(removed) + 1.0)
     step[removed] = np.arange(1, len(removed) + 1)
     outside = np.delete(position, pool, axis=0)
@@ -100,12 +97,12 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
         if entry.type != "strain" or entry.body != body:
             continue
         if entry.layout is not None:
-            given = list(zip(*placed_layout(up["place"], entry.layout), strict=True))
+            given = _gauges_of(read(BenchPlaced, up["place"]).layout(entry.layout))
         else:
             given = [(np.array(g.position, dtype=float), _unit(g.direction)) for g in entry.gauges]
         places += [(f"{name} {i}", x, d) for i, (x, d) in enumerate(given, start=1)]
     if not places and "place" in up:
-        given = list(zip(*placed_layout(up["place"], PLACED), strict=True))
+        given = _gauges_of(read(BenchPlaced, up["place"]).layout(PLACED))
         places = [(f"G{i}", x, d) for i, (x, d) in enumerate(given, start=1)]
     if not places:
         return ()
@@ -113,7 +110,11 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
     return tuple(Gauge(label, 0, 0, x, d, n, 0.0) for (label, x, d), n in zip(places, normal, strict=True))
 
 
-def _unit(direction: Any) -> np.ndarray:
+def _gauges_of(layout: BenchLayout) -> list[tuple[np.ndarray, np.ndarray]]:
+    return list(zip(layout.position, layout.direction, strict=True))
+
+
+def _unit(direction: Sequence[float]) -> np.ndarray:
     d = np.asarray(direction, dtype=float)
     return np.asarray(d / np.linalg.norm(d))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.workflow.output import Scalar
-
+Numbers = dict[str, float | bool]
+"""Of a summary, by name."""
 NONE = 1e-9
 """Share of σ below which the true load is none at all."""
 SETTLING = 0.1
@@ -18,13 +18,13 @@ LARGE = 0.3
 """Share of its largest value above which a load is divided by another: near zero a quotient says nothing."""
 
 
-def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> dict[str, Scalar]:
+def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> Numbers:
     """slope and offset [N, N m] of the fit estimate = slope · true + offset, settled; the rms error and the mean σ over the
     second half, and the largest error, over the largest |true|. true, estimate, std (T,) after the start."""
     slope, offset = _fit(*_settled(true, estimate))
     largest = float(np.abs(true).max())
     off = estimate - true
-    fit: dict[str, Scalar] = {f"slope.{name}": slope, f"offset.{name}": offset}
+    fit: Numbers = {f"slope.{name}": slope, f"offset.{name}": offset}
     if largest <= NONE * float(std.max()):
         return fit  # errors of a load that is none are no share of it
     return fit | {
@@ -34,7 +34,7 @@ def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndar
     }
 
 
-def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> dict[str, Scalar]:
+def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> Numbers:
     """A load here over the one of the other bench, settled: affine fit, and the quotient where the other is large. (T,) each."""
     there, estimate = _settled(there, estimate)
     slope, offset = _fit(there, estimate)
@@ -49,13 +49,13 @@ def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> dict[st
     }
 
 
-def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.ndarray) -> dict[str, Scalar]:
+def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.ndarray) -> Numbers:
     """Error and σ at the end of the first run, relative to the truth; rms of error/σ over all runs.
 
     true, last, std (runs,)."""
     size = abs(float(true[0]))
     size = size if size > 0 else 1.0
-    numbers: dict[str, Scalar] = {
+    numbers: Numbers = {
         f"error.{name}": abs(float(last[0] - true[0])) / size,
         f"std.{name}": float(std[0]) / size,
     }
@@ -65,7 +65,7 @@ def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.nda
     return numbers
 
 
-def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> dict[str, Scalar]:
+def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> Numbers:
     """rms of measured − expected over that of measured, of every component (T, components) and of the worst; a component that
     hardly moves counts beside the largest of its unit (of a pair of metres and radians: x, y, z, then tilts)."""
     off = np.sqrt(np.mean((measured - expected) ** 2, axis=0))
@@ -75,7 +75,7 @@ def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> d
     share = np.divide(off, whole, out=np.full_like(off, np.nan), where=whole > 0)
     if not np.isfinite(share).any():
         return {}
-    numbers: dict[str, Scalar] = {f"mismatch.{name}": float(np.nanmax(share))}
+    numbers: Numbers = {f"mismatch.{name}": float(np.nanmax(share))}
     if len(share) > 1:
         numbers |= {
             f"mismatch.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)

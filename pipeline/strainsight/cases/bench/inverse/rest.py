@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
-from strainsight.cases.bench.inverse.unknowns import Unknowns
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked
 from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import NumericalError, UserError, blame
 from strainsight.multibody.inverse.start import static_response
 from strainsight.multibody.inverse.zeroed import Zero, zero_at_rest
@@ -21,7 +21,7 @@ FITS, SETTLED = 20, 1e-9
 
 
 def zero_of(
-    config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, theta: np.ndarray, zeroing: np.ndarray
+    config: BenchConfig, bench: Bench, sensors: Sensors, unknowns: Unknowns, theta: np.ndarray, zeroing: np.ndarray
 ) -> np.ndarray:
     """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
     if not sensors.zeroed.any():
@@ -31,7 +31,9 @@ def zero_of(
     return np.where(sensors.zeroed, sensors.readings.read(q, v)[0], 0.0)
 
 
-def free_zero(config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, zeroing: np.ndarray) -> Zero | None:
+def free_zero(
+    config: BenchConfig, bench: Bench, sensors: Sensors, unknowns: Unknowns, zeroing: np.ndarray
+) -> Zero | None:
     """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
     if not (sensors.zeroed.any() and unknowns.free and config.simulate.start == "equilibrium"):
         return None
@@ -40,7 +42,7 @@ def free_zero(config: Any, bench: Bench, sensors: Sensors, unknowns: Unknowns, z
 
 
 def loads_at_rest(
-    config: Any,
+    config: BenchConfig,
     bench: Bench,
     channels: Readings,
     unknowns: Unknowns,
@@ -52,7 +54,7 @@ def loads_at_rest(
 
     min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
     """
-    free = [i for i, entry in enumerate(config.estimate.inputs.values()) if entry.guess is None]
+    free = [i for i, entry in enumerate(asked(config).inputs.values()) if entry.guess is None]
     columns, u, theta = unknowns.inputs[free], guess.copy(), unknowns.starts[0]
     for _ in range(FITS if free else 0):
         with blame("estimate.measured"):
@@ -69,7 +71,7 @@ def loads_at_rest(
 
 
 def moved_at_rest(
-    config: Any, bench: Bench, channels: Readings, unknowns: Unknowns, under: tuple[np.ndarray, ...]
+    config: BenchConfig, bench: Bench, channels: Readings, unknowns: Unknowns, under: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, NumericalError | None]:
     """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
     these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest. With the error

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
 from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
-from strainsight.cases.bench.inverse.unknowns import Unknowns
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked
 from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
+from strainsight.config.bench.bench import BenchConfig, MotionSensor
+from strainsight.config.bench.estimate import Estimate
 from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.start import start_covariance, white_force
@@ -42,7 +43,7 @@ class Trial:
 
 
 def trial_of(
-    config: Any,
+    config: BenchConfig,
     bench: Bench,
     used: Sensors,
     unknowns: Unknowns,
@@ -61,16 +62,16 @@ def trial_of(
     Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
     equilibrium, its covariance says what badly known loads and parameters do to it.
     """
-    channels, guess, runs = used.readings, known[0].copy(), int(config.estimate.runs)
+    channels, guess, runs = used.readings, known[0].copy(), asked(config).runs
     model = AugmentedStep(
         bench.system, channels, np.zeros(len(largest)), h, known[1:], unknowns.inputs, unknowns.coordinates,
-        white_force(bench.system, float(config.estimate.disturbance)), unknowns.increment_u**2,
+        white_force(bench.system, asked(config).disturbance), unknowns.increment_u**2,
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
     moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
-    noise, raised = _noise(config.estimate, used, largest, moved.max(axis=1, initial=0.0))
+    noise, raised = _noise(asked(config), used, largest, moved.max(axis=1, initial=0.0))
     said = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
     if first is not None and config.simulate.start == "equilibrium":
         guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
@@ -88,7 +89,9 @@ def trial_of(
     return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, said)
 
 
-def _noise(estimate: Any, used: Sensors, largest: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def _noise(
+    estimate: Estimate, used: Sensors, largest: np.ndarray, moved: np.ndarray
+) -> tuple[np.ndarray, tuple[str, ...]]:
     """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
     noise, said = np.empty(len(largest)), []
     least = np.maximum(np.maximum(FLOOR * largest, SPAN * moved), NOTHING)
@@ -121,7 +124,7 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
 
 
 def _covariance(
-    config: Any, model: AugmentedStep, unknowns: Unknowns, q: np.ndarray, u: np.ndarray, theta: np.ndarray
+    config: BenchConfig, model: AugmentedStep, unknowns: Unknowns, q: np.ndarray, u: np.ndarray, theta: np.ndarray
 ) -> np.ndarray:
     spread = unknowns.coordinates.covariance(theta, unknowns.std)
     if config.simulate.start == "equilibrium":
@@ -134,17 +137,17 @@ def _covariance(
 
 
 def _felt(
-    config: Any, unknowns: Unknowns, used: Sensors, moved: np.ndarray, unsolved: NumericalError | None
+    config: BenchConfig, unknowns: Unknowns, used: Sensors, moved: np.ndarray, unsolved: NumericalError | None
 ) -> tuple[str, ...]:
     """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise;
     unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest was not found.
 
     Where the start is no equilibrium, or a sensor measures a velocity, rest says nothing.
     """
-    quantities = [sensor.quantity for name in used.channels if (sensor := config.sensors[name]).type == "motion"]
+    quantities = [sensor.quantity for name in used.channels if isinstance(sensor := config.sensors[name], MotionSensor)]
     if config.simulate.start != "equilibrium" or "velocity" in quantities:
         return ()
-    names = [f"inputs.{name}" for name in config.estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]
+    names = [f"inputs.{name}" for name in asked(config).inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
         if column.max() < FELT:
             if unsolved is not None:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
-from strainsight.cases.bench.sensors import unit_of
+from strainsight.cases.bench.sensors import MOTION_UNITS, unit_of
 from strainsight.cases.bench.start import start_of
-from strainsight.errors import ArtefactError, ConfigError, NumericalError, blame, did_you_mean
+from strainsight.config.bench.bench import MotionSensor, RelativeSensor, Sensor, Simulate
+from strainsight.config.bench.estimate import FromRun
+from strainsight.errors import ConfigError, NumericalError, blame, did_you_mean
 from strainsight.estimation.update import covariance_factor
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.sensors import Readings
 from strainsight.multibody.simulate import simulate
-from strainsight.workflow.artefact import Artefact
+from strainsight.records import record
+from strainsight.records.simulated import Simulated
 
 NOISE = 1
 """Last word of the seed of every run's noise; a trailing zero would be no word at all."""
@@ -41,7 +42,7 @@ def simulated(
     bench: Bench,
     sensors: Readings,
     zeroed: np.ndarray,
-    settings: Any,
+    settings: Simulate,
     loads: Callable[[np.ndarray], np.ndarray],
     h: float,
     steps: int,
@@ -107,20 +108,20 @@ def measurements(readings: np.ndarray, noise: np.ndarray, runs: int, starts: int
 
 
 def from_run(
-    path: Path, settings: Any, own: Mapping[str, tuple[Any, int]], units: Mapping[str, str], h: float, steps: int
+    there: Simulated,
+    settings: FromRun,
+    own: Mapping[str, tuple[Sensor, int]],
+    units: Mapping[str, str],
+    h: float,
+    steps: int,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names.
 
-    own: sensors of the filter with their number of channels; units: of the unknown loads; settings:
-    `estimate.measured`. Lengths are multiplied by
+    own: sensors of the filter with their number of channels; units: of the unknown loads. Lengths are multiplied by
     `scale`: the displacements of a relative motion and positions, not tilts, strains or axes. Raises ConfigError for a
     sensor or an instant that it lacks, and for one of another kind.
     """
-    key = "estimate.measured.from"
-    there = Artefact(path)
-    if there.header.stage != "simulate":
-        raise ArtefactError(f"{path.name} is of stage '{there.header.stage}', not of a simulation", key=key)
-    clock = there["/time"]
+    key, clock = "estimate.measured.from", there.time
     pace = clock[1] - clock[0]
     every = round(h / pace)
     if abs(every * pace - h) > FEW * pace or every < 1:
@@ -138,44 +139,41 @@ def from_run(
     rows = every * np.arange(steps + 1)
     read = {}
     for name, (entry, channels) in own.items():
-        path_there = _there(there, "sensors", settings.sensors.get(name, name), f"estimate.measured.sensors.{name}")
-        values, unit = there[path_there], there.attributes(path_there)["units"]
-        if (unit, values.shape[1]) != (unit_of(entry)[0], channels):
+        wanted = settings.sensors.get(name, name)
+        values = _there(there.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
+        unit = record.unit_of(there, "sensors", wanted)
+        if (unit, values.shape[1]) != (unit_of(entry), channels):
             raise ConfigError(
-                f"'{name}' has {channels} channels in {unit_of(entry)[0]}, {path_there[1:]} there {values.shape[1]} in {unit}",
+                f"'{name}' has {channels} channels in {unit_of(entry)}, sensors/{wanted} there {values.shape[1]} in {unit}",
                 key="estimate.measured",
                 remedy="name a sensor of the same kind and size under estimate.measured.sensors",
             )
-        lengths = (
-            slice(3)
-            if entry.type == "relative" or (entry.type == "motion" and entry.quantity in ("position", "velocity"))
-            else slice(0)
-        )
-        values = np.array(values[rows], dtype=float)
-        values[:, lengths] *= settings.scale
-        read[name] = values
+        placed = isinstance(entry, MotionSensor) and entry.quantity in MOTION_UNITS
+        lengths = slice(3) if isinstance(entry, RelativeSensor) or placed else slice(0)
+        read[name] = np.array(values[rows], dtype=float)
+        read[name][:, lengths] *= settings.scale
     loads = {}
-    for name in units:
+    for name, own_unit in units.items():
         wanted = settings.inputs.get(name, name)
-        if name in settings.inputs or f"/inputs/{wanted}" in there:
-            path_there = _there(there, "inputs", wanted, f"estimate.measured.inputs.{name}")
-            if there.attributes(path_there)["units"] != units[name]:
-                unit = there.attributes(path_there)["units"]
-                raise ConfigError(
-                    f"'{name}' is in {units[name]}, '{wanted}' there in {unit}",
-                    key=f"estimate.measured.inputs.{name}",
-                    remedy="name a load of the same kind",
-                )
-            loads[name] = there[path_there][rows]
+        if name not in settings.inputs and wanted not in there.inputs:
+            continue
+        values = _there(there.inputs, "input", wanted, f"estimate.measured.inputs.{name}")
+        if (unit := record.unit_of(there, "inputs", wanted)) != own_unit:
+            raise ConfigError(
+                f"'{name}' is in {own_unit}, '{wanted}' there in {unit}",
+                key=f"estimate.measured.inputs.{name}",
+                remedy="name a load of the same kind",
+            )
+        loads[name] = values[rows]
     return read, loads
 
 
-def _there(there: Artefact, group: str, name: str, key: str) -> str:
-    if f"/{group}/{name}" not in there:
-        listed = list(there.children(f"/{group}"))
+def _there(found: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
+    if name not in found:
+        listed = list(found)
         raise ConfigError(
-            f"that run has no {group[:-1]} '{name}'",
+            f"that run has no {kind} '{name}'",
             key=key,
             remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}"),
         )
-    return f"/{group}/{name}"
+    return found[name]

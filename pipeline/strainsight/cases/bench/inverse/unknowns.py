@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.estimate import Estimate, EstimatedParameter
 from strainsight.errors import blame
 from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, parameter_coordinates
@@ -31,16 +32,22 @@ class Unknowns:
     coordinates: ParameterCoordinates
 
 
-def free_properties(estimate: Any) -> dict[str, tuple[str, ...]]:
+def asked(config: BenchConfig) -> Estimate:
+    """The section `estimate`, which is there where something is estimated."""
+    assert config.estimate is not None
+    return config.estimate
+
+
+def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
     """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
     found: dict[str, list[str]] = {}
     for entry in estimate.parameters.values():
-        if entry.bearing is not None:
+        if entry.bearing is not None and entry.property is not None:
             found.setdefault(entry.bearing, []).append(entry.property)
     return {bearing: tuple(sorted(own, key=PARAMETERS.index)) for bearing, own in found.items()}
 
 
-def unknowns_of(estimate: Any, bench: Bench, h: float) -> Unknowns:
+def unknowns_of(estimate: Estimate, bench: Bench, h: float) -> Unknowns:
     """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
     system = bench.system
     a_step = h if estimate.increments == "second" else 1.0
@@ -50,7 +57,8 @@ def unknowns_of(estimate: Any, bench: Bench, h: float) -> Unknowns:
     for name, entry in estimate.parameters.items():
         if entry.guess is not None:
             theta[system.parameters.index(places[name])] = entry.guess
-    free = tuple(name for name, entry in estimate.parameters.items() if entry.std is not None)
+    std = {name: entry.std for name, entry in estimate.parameters.items() if entry.std is not None}
+    free = tuple(std)
     starts = [theta]
     for name in free:
         for value in estimate.parameters[name].starts:
@@ -67,16 +75,16 @@ def unknowns_of(estimate: Any, bench: Bench, h: float) -> Unknowns:
             coordinates.xi(start)
     return Unknowns(
         np.array([system.inputs.index(name) for name in estimate.inputs], dtype=int),
-        np.array([float(entry.std) for entry in entries]),
-        np.array([float(entry.increment) * a_step for entry in entries]),
+        np.array([entry.std for entry in entries]),
+        np.array([entry.increment * a_step for entry in entries]),
         places,
         free,
         np.array(starts),
-        np.array([float(estimate.parameters[name].std) for name in free]),
-        np.array([float(estimate.parameters[name].increment) * a_step for name in free]),
+        np.array(list(std.values()), dtype=float),
+        np.array([estimate.parameters[name].increment * a_step for name in free]),
         coordinates,
     )
 
 
-def _system_name(name: str, entry: Any) -> str:
+def _system_name(name: str, entry: EstimatedParameter) -> str:
     return name if entry.bearing is None else f"{entry.bearing}.{entry.property}"

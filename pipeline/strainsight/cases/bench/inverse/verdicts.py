@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 
-from strainsight.workflow.output import Scalar
+from strainsight.cases.bench.inverse.unknowns import asked
+from strainsight.config.bench.bench import BenchConfig
+
+Scalar = float | str
+"""Of a summary."""
 
 SURE = 3.0
 """Real error over claimed σ above which an estimate is sure and wrong."""
@@ -20,51 +23,54 @@ MATCHES = 0.01
 
 
 def warnings_of(
-    config: Any, free: tuple[str, ...], numbers: Mapping[str, Scalar], nis: float, lost: np.ndarray
+    config: BenchConfig, free: tuple[str, ...], numbers: Mapping[str, Scalar], nis: float, lost: np.ndarray
 ) -> Iterator[str]:
     """Sentences; numbers: the summary's, nis over the number of channels, lost (runs,) steps, −1 for none."""
-    gone = lost[lost >= 0]
+    estimate, gone = asked(config), lost[lost >= 0]
     if len(gone):
         yield f"{len(gone)} of {len(lost)} runs were lost, the first after {gone.min()} steps"
-    for name in (*config.estimate.inputs, *free):
+    for name in (*estimate.inputs, *free):
         error, std = _float(numbers, f"error.{name}"), _float(numbers, f"std.{name}")
         off = _float(numbers, f"ratio.{name}", error / std if std > 0 else np.nan)
         if off > SURE:
             yield f"{name} is sure and wrong: its error is {off:.3g} times what the filter claims"
-        if name in config.estimate.inputs and std > HARDLY:
+        if name in estimate.inputs and std > HARDLY:
             yield f"{name} is hardly known: σ is {100 * std:.3g} % of the largest load; give other sensors, or make a load known"
     yield from (
         f"{name} is not identified: its starts end more than three σ apart, its σ has not halved, or it is wrong beyond it"
         for name in free
         if numbers.get(f"identified.{name}") is False
     )
-    if nis > LARGE_NIS or (config.estimate.truth.model == "walk" and nis < SMALL_NIS):
+    if nis > LARGE_NIS or (estimate.truth.model == "walk" and nis < SMALL_NIS):
         size, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
         yield (
             f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {size} than the filter claims: its model is not the bench, "
             f"or increments, disturbance or noise are too {noises}"
         )
-    if config.estimate.measured is not None:
-        for name in config.estimate.sensors:
+    if estimate.measured is not None:
+        for name in estimate.sensors:
             mismatch = _float(numbers, f"mismatch.{name}")
             if mismatch > MATCHES:
-                there = config.estimate.measured.run
+                there = estimate.measured.run
                 yield f"these loads do not make {name} read as on {there}: it is {100 * mismatch:.3g} % off"
 
 
-def message_of(config: Any, free: tuple[str, ...], numbers: Mapping[str, Scalar], method: str, truth: str) -> str:
+def message_of(
+    config: BenchConfig, free: tuple[str, ...], numbers: Mapping[str, Scalar], method: str, truth: str
+) -> str:
     """One line: what is known of every unknown."""
-    said = []
-    for name in (*config.estimate.inputs, *free):
+    said, estimate = [], asked(config)
+    for name in (*estimate.inputs, *free):
         if f"error.{name}" in numbers:
-            said.append(f"{name} to {100 * numbers[f'error.{name}']:.2g} % (σ {100 * numbers[f'std.{name}']:.2g} %)")
+            error, std = (100 * _float(numbers, f"{key}.{name}") for key in ("error", "std"))
+            said.append(f"{name} to {error:.2g} % (σ {std:.2g} %)")
         elif f"ratio_slope.{name}" in numbers:
             offset = _float(numbers, f"ratio_offset.{name}")
             said.append(
-                f"{name} = {numbers[f'ratio_slope.{name}']:.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}"
+                f"{name} = {_float(numbers, f'ratio_slope.{name}'):.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}"
             )
-    if config.estimate.measured is not None:
-        worst = max((_float(numbers, f"mismatch.{name}") for name in config.estimate.sensors), default=np.nan)
+    if estimate.measured is not None:
+        worst = max((_float(numbers, f"mismatch.{name}") for name in estimate.sensors), default=np.nan)
         said.insert(0, f"sensors {100 * worst:.2g} % off")
     return f"{', '.join(said) or 'nothing comparable'}; {method}, {truth}"
 

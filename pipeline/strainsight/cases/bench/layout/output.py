@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.bench.layout.placed import PLACED, Layout, layout_datasets, layout_table
+from strainsight.cases.bench.layout.placed import Layout, layout_datasets, layout_table
 from strainsight.cases.bench.layout.pool import GaugePool
 from strainsight.cases.structure.gauge_list import GaugeList, gauge_csv
 from strainsight.gauges.export import uff_text
@@ -14,6 +14,7 @@ from strainsight.placement.certificate import Certificate
 from strainsight.placement.elimination import Elimination
 from strainsight.placement.exchange import Exchange
 from strainsight.placement.scenario import Scenario
+from strainsight.records.bench_placed import PLACED
 from strainsight.records.grids import gauge_grid
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 

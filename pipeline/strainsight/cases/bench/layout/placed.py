@@ -12,10 +12,7 @@ from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.gauges.candidates import Candidates
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.placement.scenario import solve_pool
-from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Table
-
-PLACED = "place"
 
 
 @dataclass(frozen=True)
@@ -80,12 +77,3 @@ def layout_table(layouts: Mapping[str, Layout], inputs: tuple[str, ...]) -> Tabl
         (name, f"{layout.trace:.4g}", *(f"{value:.4g}" for value in layout.std)) for name, layout in layouts.items()
     )
     return Table("layouts", ("layout", "tr(W P)", *(f"σ({name})" for name in inputs)), rows)
-
-
-def placed_layout(artefact: Artefact, which: str) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (k, 3) [m] and directions (k, 3) of a layout of place.h5, for a sensor with `layout: which`.
-
-    "place": the placed one; "random": the first of those drawn, which is no worse a draw than another.
-    """
-    place = f"/layouts/{PLACED if which == PLACED else 'random-1'}"
-    return artefact[f"{place}/position"], artefact[f"{place}/direction"]

@@ -1,0 +1,142 @@
+"""An estimate of a bench beside what is true: histories as they are written, and how good they are in numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.cases.bench.inverse.estimation import Estimated
+from strainsight.cases.bench.inverse.numbers import (
+    Numbers,
+    load_numbers,
+    mismatch_numbers,
+    parameter_numbers,
+    ratio_numbers,
+)
+from strainsight.cases.bench.inverse.unknowns import asked
+from strainsight.cases.bench.inverse.verdicts import SURE
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.estimation.consistency import not_identified
+from strainsight.records.bench_estimated import (
+    BenchEstimated,
+    LoadHistory,
+    LoadRuns,
+    ParameterHistory,
+    ParameterRuns,
+    SensorMatch,
+)
+
+LEARNED = 0.5
+"""Share of its first σ below which a parameter counts as learned."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """found: what is written; numbers: of every load, parameter and sensor, those that are finite."""
+
+    found: BenchEstimated
+    numbers: Numbers
+
+
+def compared(config: BenchConfig, own: Estimated) -> Compared:
+    """Histories of the first run, ends of all runs."""
+    numbers: Numbers = {}
+    inputs: dict[str, LoadHistory] = {}
+    input_runs: dict[str, LoadRuns] = {}
+    for i, (name, column) in enumerate(zip(asked(config).inputs, own.unknowns.inputs, strict=True)):
+        inputs[name], error, more = _load(own, name, i, column)
+        numbers |= more
+        if error is not None:
+            input_runs[name] = LoadRuns(error=error)
+    parameters: dict[str, ParameterHistory] = {}
+    parameter_runs: dict[str, ParameterRuns] = {}
+    for i, name in enumerate(own.unknowns.free):
+        parameters[name], ends, more = _parameter(own, name, i)
+        numbers |= more
+        if len(ends.estimate) > 1:
+            parameter_runs[name] = ends
+    sensors: dict[str, SensorMatch] = {}
+    for name in own.sensors.channels:
+        match = sensors[name] = _sensor(own, name)
+        if match.measured is not None:
+            numbers |= mismatch_numbers(name, match.measured, match.expected)
+    found = BenchEstimated(
+        time=own.time,
+        q=own.mean[:, 0, own.trial.model.q],
+        violation=np.array([_violation(own, k) for k in range(len(own.time))]),
+        nis=own.nis[:, 0],
+        lost=own.lost,
+        inputs=inputs,
+        parameters=parameters,
+        sensors=sensors,
+        input_runs=input_runs,
+        parameter_runs=parameter_runs,
+    )
+    return Compared(found, {key: value for key, value in numbers.items() if np.isfinite(value)})
+
+
+def _load(own: Estimated, name: str, i: int, column: int) -> tuple[LoadHistory, np.ndarray | None, Numbers]:
+    """The history of an unknown load, the errors (runs,) of several runs, and its numbers."""
+    at = own.trial.model.u.start + i
+    mean = own.mean[:, :, at]
+    std = np.where(np.isfinite(mean), own.std[:, :, at], np.nan)
+    true = own.reality.inputs[:, :, column]
+    known, there = bool(np.isfinite(true).all()), own.elsewhere.get(name)
+    numbers: Numbers = {}
+    error = None
+    if known:
+        numbers |= load_numbers(name, true[1:, 0], mean[1:, 0], std[1:, 0])
+        if mean.shape[1] > 1:
+            # truths are one for all, or one a seed, and starts run within a seed
+            each = np.broadcast_to(np.repeat(true, mean.shape[1] // true.shape[1], axis=1), mean.shape)
+            late = slice(len(mean) // 2, None)
+            error = np.sqrt(np.mean((mean - each)[late] ** 2, axis=0))
+            numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean(((mean - each)[late] / std[late]) ** 2)))
+    if there is not None:
+        numbers |= ratio_numbers(name, there[1:], mean[1:, 0])
+    history = LoadHistory(estimate=mean[:, 0], std=std[:, 0], true=true[:, 0] if known else None, there=there)
+    return history, error, numbers
+
+
+def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Numbers]:
+    """The history of a parameter, where all runs start and end, and its numbers."""
+    unknowns = own.unknowns
+    column = own.bench.system.parameters.index(unknowns.parameters[name])
+    theta, std = _in_theta(own, column)
+    runs, starts = theta.shape[1], len(unknowns.starts)
+    true = np.broadcast_to(np.repeat(own.reality.theta[:, column], runs // len(own.reality.theta)), runs)
+    known = bool(np.isfinite(true).all())
+    apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
+    learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
+    wrong = known and bool(np.any(np.abs(theta[-1] - true) > SURE * std[-1]))
+    numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
+    if known:
+        numbers |= parameter_numbers(name, true, theta[-1], std[-1])
+    history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
+    error = theta[-1] - true if known else None
+    return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), numbers
+
+
+def _in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
+    """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
+    xi, P = own.mean[:, :, own.trial.model.xi], own.xi_covariance
+    theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
+    for at in np.ndindex(xi.shape[:2]):
+        if np.isfinite(xi[at]).all():
+            values, slopes = own.unknowns.coordinates.theta(xi[at])
+            theta[at], s = values[column], slopes[column]
+            std[at] = np.sqrt(max(float(s @ P[at[0], min(at[1], P.shape[1] - 1)] @ s), 0.0))
+    return theta, std
+
+
+def _sensor(own: Estimated, name: str) -> SensorMatch:
+    used, part = name in own.used.channels, own.sensors.channels[name]
+    measured = own.measured[:, 0, own.used.channels[name]] if used else own.reality.readings[:, 0, part]
+    there = bool(np.isfinite(measured).any())
+    return SensorMatch(used=used, expected=own.reading[1:, part], measured=measured if there else None)
+
+
+def _violation(own: Estimated, k: int) -> float:
+    x = own.mean[k, :1]
+    return float(own.trial.model.violation(x)[0]) if np.isfinite(x).all() else float("nan")

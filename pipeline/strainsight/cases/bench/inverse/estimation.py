@@ -1,0 +1,165 @@
+"""Loads and parameters of a bench from its sensors, by an extended Kalman filter on the implicit step (thesis 2-4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.inverse.rest import free_zero, zero_of
+from strainsight.cases.bench.inverse.trial import Trial, trial_of
+from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, unknowns_of
+from strainsight.cases.bench.loads import load_units, loads_of
+from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
+from strainsight.cases.resources import Resources
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.mesh.model import Mesh
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bodies import ReducedBody
+from strainsight.records.simulated import Simulated
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """What a filter made of a reality.
+
+    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in lost runs; xi_covariance (T + 1, b, p, p);
+    nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
+    (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input.
+    """
+
+    bench: Bench
+    unknowns: Unknowns
+    trial: Trial
+    sensors: Sensors
+    used: Sensors
+    reality: Reality
+    measured: np.ndarray
+    time: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    xi_covariance: np.ndarray
+    nis: np.ndarray
+    lost: np.ndarray
+    reading: np.ndarray
+    elsewhere: Mapping[str, np.ndarray]
+    said: tuple[str, ...]
+
+
+def estimated(
+    config: BenchConfig,
+    reduced: Mapping[str, ReducedBody],
+    meshes: Mapping[str, Mesh],
+    placed: BenchPlaced | None,
+    there: Simulated | None,
+    using: Resources,
+) -> Estimated:
+    """Simulate or take the measurements, run the filter on them; there: the other bench of `estimate.measured`."""
+    estimate = asked(config)
+    bench = bench_of(config, reduced, meshes, free_properties(estimate))
+    sensors = sensors_of(config, bench, reduced, meshes, placed)
+    used = some_of(bench, sensors, list(estimate.sensors))
+    h = estimate.time_step or config.simulate.time_step
+    steps = round((estimate.duration or config.simulate.duration) / h)
+    time = h * np.arange(steps + 1)
+    unknowns = unknowns_of(estimate, bench, h)
+    loads = loads_of(config, bench, using.files)
+    known = loads(time)
+    zeroing = known[0].copy()
+    heaviest = known[np.argmax(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
+    for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
+        guess = estimate.inputs[name].guess
+        known[:, column] = known[0, column] if guess is None else guess
+
+    def told(share: float) -> None:
+        using.progress("truth", 0.3 * share)
+
+    reality: Reality | None = None
+    elsewhere: dict[str, np.ndarray] = {}
+    first = None
+    if estimate.measured is not None:
+        assert there is not None
+        own = {name: (config.sensors[name], part.stop - part.start) for name, part in used.channels.items()}
+        units = load_units(config, estimate.inputs)
+        read, elsewhere = from_run(there, estimate.measured, own, units, h, steps)
+        readings = np.full((steps, 1, len(sensors.zeroed)), np.nan)
+        for name, values in read.items():
+            readings[:, 0, sensors.channels[name]] = values[1:]
+        first = np.concatenate([read[name][0] for name in used.channels])
+        nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
+        reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
+    elif estimate.truth.model != "walk":
+        substeps = estimate.truth.substeps if estimate.truth.model == "fine" else 1
+        reality = simulated(bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, told)
+    among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
+    runs, starts = estimate.runs, len(unknowns.starts)
+    largest = np.zeros(len(among)) if reality is None else np.abs(reality.readings[:, 0, among]).max(axis=0)
+    trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, zeroing, first, h)
+    if reality is None:
+        reality = _walked(trial, used, sensors, known, runs, config.seed)
+    y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, estimate.truth.noise)
+    found = _filtered(config, trial, y, using)
+    reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
+    return Estimated(
+        bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
+        found.unknown_covariance[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
+        reading, elsewhere, trial.said,
+    )  # fmt: skip
+
+
+def _expected(
+    config: BenchConfig,
+    bench: Bench,
+    sensors: Sensors,
+    unknowns: Unknowns,
+    trial: Trial,
+    found: FilterRun,
+    zeroing: np.ndarray,
+) -> np.ndarray:
+    """What all sensors read by the first run's estimate (T + 1, channels), zeroed ones less their zero by the parameters of
+    that instant; NaN where the run is lost."""
+    model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
+    constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
+    reading = np.full((len(found.time), len(sensors.zeroed)), np.nan)
+    for k, x in enumerate(found.mean[:, 0]):
+        if np.isfinite(x).all():
+            taken_off = constant if zero is None else zero(x[model.xi])[0]
+            reading[k] = sensors.readings.read(x[model.q], x[model.v])[0] - taken_off
+    return reading
+
+
+def _walked(trial: Trial, used: Sensors, sensors: Sensors, known: np.ndarray, runs: int, seed: int) -> Reality:
+    """Drawn truths; sensors that the filter has not are not read."""
+    found = drawn(trial.model, trial.start[:runs], trial.covariance[:runs], known, runs, seed)
+    readings = np.full((len(known) - 1, runs, len(sensors.zeroed)), np.nan)
+    for name, own in used.channels.items():
+        readings[:, :, sensors.channels[name]] = found.readings[:, :, own]
+    return Reality(found.inputs, found.theta, readings)
+
+
+def _filtered(config: BenchConfig, trial: Trial, y: np.ndarray, using: Resources) -> FilterRun:
+    """The filter as `method` says; that the other forms diverge is a result, too."""
+    method, model = asked(config).method, trial.model
+    one_shot = method.update == "one_shot"
+
+    def told(k: int) -> None:
+        if k % 10 == 0:
+            using.progress("filter", 0.3 + 0.7 * k / len(y))
+
+    return filter_runs(
+        model,
+        trial.start,
+        trial.covariance,
+        y,
+        form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
+        iterations=1 if one_shot else method.iterations,
+        through_step=not one_shot,
+        damped=method.update != "undamped",
+        project=model.projected if one_shot else None,
+        told=told,
+        refuse=method.update == "iterated",
+    )

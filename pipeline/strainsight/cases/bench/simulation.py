@@ -1,0 +1,113 @@
+"""A bench in time by stabilised implicit Euler: its start, its run, what its sensors and bearings do (thesis 1.5-1.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.loads import loads_of
+from strainsight.cases.bench.rings import rings_in_time
+from strainsight.cases.bench.sensors import Sensors, sensors_of
+from strainsight.cases.bench.start import start_of
+from strainsight.cases.resources import Resources
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.errors import ConfigError, blame
+from strainsight.mesh.model import Mesh
+from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.sensors import RelationSensor, readings
+from strainsight.multibody.simulate import Trajectory, simulate
+from strainsight.multibody.spectrum import coupled_frequencies
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bodies import ReducedBody
+from strainsight.records.simulated import Simulated, Violation
+
+TILT = 0.1
+"""[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """turn [rad]: the largest angle that any body turns in a step."""
+
+    found: Simulated
+    bench: Bench
+    sensors: Sensors
+    turn: float
+
+
+def simulation(
+    config: BenchConfig,
+    reduced: Mapping[str, ReducedBody],
+    meshes: Mapping[str, Mesh],
+    placed: BenchPlaced | None,
+    using: Resources,
+) -> Simulation:
+    """Assemble the bench, bring it to its start, step through the loads, read the sensors."""
+    bench = bench_of(config, reduced, meshes)
+    h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
+    u = loads_of(config, bench, using.files)(h * np.arange(steps + 1))
+    with blame("simulate"):
+        q0, v0 = start_of(bench, config.simulate, u[0])
+        frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
+        found = simulate(
+            bench.system,
+            q0,
+            v0,
+            u[1:],
+            h,
+            bench.theta,
+            lambda k: using.progress("simulation", k / steps) if k % 50 == 0 else None,
+        )
+    sensors = sensors_of(config, bench, reduced, meshes, placed)
+    measured = np.array([sensors.readings.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+    measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
+    _refuse_tilted(bench, found)
+    record = Simulated(
+        time=found.time,
+        q=found.q,
+        v=found.v,
+        violation=_violation(bench, found),
+        frequency=frequency,
+        coordinates={name: np.array([own.start, own.stop]) for name, own in bench.system.of.items()},
+        inputs=dict(zip(bench.system.inputs, u.T, strict=True)),
+        sensors={name: measured[:, own] for name, own in sensors.channels.items()},
+        bearings=rings_in_time(config, bench, found),
+    )
+    return Simulation(record, bench, sensors, _turn(bench, found, h))
+
+
+def _violation(bench: Bench, found: Trajectory) -> Violation:
+    """Largest |φ| and |Bv| of every instant."""
+    if not bench.system.constrained:
+        return Violation(position=np.zeros(len(found.time)), velocity=np.zeros(len(found.time)))
+    pairs = [constraints_at(bench.system, q) for q in found.q]
+    return Violation(
+        position=np.array([np.abs(phi).max() for phi, _ in pairs]),
+        velocity=np.array([np.abs(B @ v).max() for (_, B), v in zip(pairs, found.v, strict=True)]),
+    )
+
+
+def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
+    """Where a law takes the angle between axes to be small, they must stay nearly parallel, and not opposite."""
+    for force in (element.force for element in bench.system.elements if element.force.aligned):
+        together = readings(bench.system, [RelationSensor(force.name, force.aligned)])
+        cosines = np.array([together.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+        for relation, cosine in zip(force.aligned, cosines.T, strict=True):
+            worst = int(np.argmin(cosine))
+            if cosine[worst] < np.cos(TILT):
+                angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
+                raise ConfigError(
+                    f"{relation.name} are {angle:.3g} rad apart at t = {found.time[worst]:g} s, beyond {TILT:g} rad",
+                    key=f"forces.{force.name}",
+                    remedy="turn the frames so that their axes are parallel at rest; this force holds for small tilts",
+                )
+
+
+def _turn(bench: Bench, found: Trajectory, h: float) -> float:
+    """Largest angle that any body turns in a step [rad]: ‖Ṙ‖/√2 is |ω|."""
+    starts = [bench.system.of[name].start for name in bench.poses]
+    spins = [np.linalg.norm(found.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
+    return float(h * max(spins, default=0.0))

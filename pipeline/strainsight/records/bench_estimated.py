@@ -1,0 +1,76 @@
+"""estimate.h5 of a bench: loads and parameters of the first run beside the truth, and what sensors read by them (thesis 2-4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.records.record import dataset, group, record
+
+
+@record
+class LoadHistory:
+    """An unknown load; true: without `estimate.measured`, there: on the bench that was measured, with it."""
+
+    estimate: np.ndarray = dataset("/estimate", "<unit>", "/time", "estimate of <what>")
+    std: np.ndarray = dataset("/std", "<unit>", "/time", "its claimed σ")
+    true: np.ndarray | None = dataset("/true", "<unit>", "/time", "the true load", default=None)
+    there: np.ndarray | None = dataset(
+        "/there", "<unit>", "/time", "the load on the bench that was measured", default=None
+    )
+
+
+@record
+class ParameterHistory:
+    estimate: np.ndarray = dataset("/estimate", "<unit>", "/time", "estimate of <what>")
+    std: np.ndarray = dataset("/std", "<unit>", "/time", "its claimed σ")
+    true: float | None = dataset("/true", "<unit>", "", "its true value", default=None)
+
+
+@record
+class SensorMatch:
+    """A sensor by the estimate; one that the filter was not given has the true reading as its measured one."""
+
+    used: bool = dataset("/used", "1", "", "whether the filter was given <what>")
+    expected: np.ndarray = dataset("/expected", "<unit>", "instant × component", "what the estimate says that it reads")
+    measured: np.ndarray | None = dataset(
+        "/measured",
+        "<unit>",
+        "instant × component",
+        "what it reads, with its noise where the filter was given it",
+        default=None,
+    )
+
+
+@record
+class LoadRuns:
+    error: np.ndarray = dataset("/error", "<unit>", "run", "rms error of <what> over the second half")
+
+
+@record
+class ParameterRuns:
+    start: np.ndarray = dataset("/start", "<unit>", "run", "first guess of <what>")
+    estimate: np.ndarray = dataset("/estimate", "<unit>", "run", "estimate at the end")
+    std: np.ndarray = dataset("/std", "<unit>", "run", "claimed σ at the end")
+    error: np.ndarray | None = dataset("/error", "<unit>", "run", "estimate less true value at the end", default=None)
+
+
+@record
+class BenchEstimated:
+    """estimate.h5 of a bench."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "time, the start first")
+    q: np.ndarray = dataset("/q", "SI", "/time × coordinate", "estimated coordinates of all bodies")
+    violation: np.ndarray = dataset(
+        "/violation", "1", "/time", "largest constraint violation of the estimate, relative"
+    )
+    nis: np.ndarray = dataset("/nis", "1", "instant", "normalised innovation squared over the number of channels")
+    lost: np.ndarray = dataset("/lost", "1", "run", "step in which each run was lost, -1: none")
+    inputs: dict[str, LoadHistory] = group("/inputs/<name>", unit="unit of input <name>", what="<name>")
+    parameters: dict[str, ParameterHistory] = group(
+        "/parameters/<name>", unit="unit of parameter <name>", what="<name>"
+    )
+    sensors: dict[str, SensorMatch] = group("/sensors/<name>", unit="unit of sensor <name>", what="<name>")
+    input_runs: dict[str, LoadRuns] = group("/runs/inputs/<name>", unit="unit of input <name>", what="<name>")
+    parameter_runs: dict[str, ParameterRuns] = group(
+        "/runs/parameters/<name>", unit="unit of parameter <name>", what="<name>"
+    )

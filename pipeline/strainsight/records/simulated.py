@@ -1,0 +1,59 @@
+"""simulate.h5: a bench in time (thesis 1.5-1.7)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.records.record import dataset, group, record
+
+
+@record
+class WorstInstant:
+    """The balls at the instant of the highest contact pressure."""
+
+    time: float = dataset("/time", "s", "", "instant of the highest pressure")
+    force: np.ndarray = dataset("/force", "N", "ball × 4", "contact force then (ball × contact)")
+    contact_angle: np.ndarray = dataset("/contact_angle", "rad", "ball × 4", "contact angle then (ball × contact)")
+    pressure: np.ndarray = dataset("/pressure", "Pa", "ball × 4", "contact pressure then (ball × contact)")
+
+
+@record
+class RingMotion:
+    """What a bearing does."""
+
+    displacement: np.ndarray = dataset(
+        "/displacement", "m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring"
+    )
+    load: np.ndarray = dataset("/load", "N or N m", "/time × 5", "load on the inner ring")
+    pressure: np.ndarray = dataset("/pressure", "Pa", "/time", "highest contact pressure at every instant")
+    worst: WorstInstant = group("/worst")
+
+
+@record
+class Violation:
+    position: np.ndarray = dataset("/position", "SI", "/time", "largest constraint violation at every instant")
+    velocity: np.ndarray = dataset("/velocity", "SI", "/time", "largest rate of one")
+
+
+@record
+class Simulated:
+    """simulate.h5."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "time, the start first")
+    q: np.ndarray = dataset("/q", "SI", "/time × coordinate", "coordinates")
+    v: np.ndarray = dataset("/v", "SI", "/time × coordinate", "their rates")
+    violation: Violation = group("/violation")
+    frequency: np.ndarray = dataset(
+        "/frequency", "Hz", "mode", "undamped frequencies of the coupled bench at the start"
+    )
+    coordinates: dict[str, np.ndarray] = dataset(
+        "/coordinates/<name>", "1", "2", "first coordinate of <name> and the one after its last"
+    )
+    inputs: dict[str, np.ndarray] = dataset("/inputs/<name>", "unit of input <name>", "/time", "load <name>")
+    sensors: dict[str, np.ndarray] = dataset(
+        "/sensors/<name>",
+        "unit of sensor <name>",
+        "/time × component of <name>",
+        "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a frame",
+    )
+    bearings: dict[str, RingMotion] = group("/bearings/<name>")
