@@ -7,8 +7,13 @@ import pytest
 import pyvista
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from strainsight.fem.affine import Parameter
-from strainsight.stages.bench.field import _instants, _points, _values
+from strainsight.cases.bench.surface_field import Motion, instants, points
+from strainsight.cases.bench.surface_field import pictures as field_of
+from strainsight.cases.resources import Plain
+from strainsight.config.bench.field import SurfaceField
+from strainsight.records.bodies import ReducedBodies
+from strainsight.records.mesh import Meshes
+from strainsight.records.record import read
 from strainsight.stages.bench.pipeline import bench_stages
 
 from .conftest import finished, job_of
@@ -18,12 +23,21 @@ SIDE, DOWN = 1000.0, 500.0
 AROUND_Z, AROUND_Y = HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
 
 
+FREE = f"bodies.beam.moduli={{E: {{region: 1, value: {MODULUS:e}}}}}"
+
+
 @pytest.fixture(scope="module")
-def field(tmp_path_factory):
-    """The loaded beam, without gauges: field.h5."""
+def beam(tmp_path_factory):
+    """The loaded beam, without gauges, its modulus free: its config, and stage → artefact."""
     folder = tmp_path_factory.mktemp("field")
-    job = job_of(written(folder), folder / "results", "sensors={}", "place=null", "estimate=null")
-    return finished(job, bench_stages(job.config))["field"][2]
+    job = job_of(written(folder), folder / "results", "sensors={}", "place=null", "estimate=null", FREE)
+    stages = [stage for stage in bench_stages(job.config) if stage.name != "report"]
+    return job.model, {name: artefact for name, (_, _, artefact) in finished(job, stages).items()}
+
+
+@pytest.fixture(scope="module")
+def field(beam):
+    return beam[1]["field"]
 
 
 @pytest.fixture(scope="module")
@@ -90,16 +104,21 @@ def test_points_of_a_body_that_moves_go_with_it():
     shapes[1, 2, 0] = 0.1
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     q = np.concatenate([[5.0, 6.0, 7.0], R.T.ravel(), [3.0]])[None]
-    points = _points(x, shapes, q, 1)
-    np.testing.assert_allclose(points["displacement"], [[[0, 0, 0], [0, 0, 0.3]]], atol=1e-7)
-    np.testing.assert_allclose(points["motion"] + x, [[[5, 7, 7], [3, 6, 7.8]]], atol=1e-6)
+    found = points(x, shapes, q, 1)
+    np.testing.assert_allclose(found["displacement"], [[[0, 0, 0], [0, 0, 0.3]]], atol=1e-7)
+    np.testing.assert_allclose(found["motion"] + x, [[[5, 7, 7], [3, 6, 7.8]]], atol=1e-6)
 
 
-def test_an_estimated_modulus_scales_the_stress_of_its_instant():
-    parameter = Parameter("E", "youngs_modulus", (1,), 2.0e11)
-    estimated = {"/parameters/E/estimate": np.array([2.0e11, 2.1e11])}
-    np.testing.assert_array_equal(_values(estimated, parameter, 2), [2.0e11, 2.1e11])
-    np.testing.assert_array_equal(_values({}, parameter, 2), [2.0e11, 2.0e11])
+def test_an_estimated_modulus_scales_the_stress_of_its_instant(beam):
+    """One shape held twice, the second time by a body a tenth stiffer; what was not estimated is as in the config."""
+    config, done = beam
+    mesh, reduced = read(Meshes, done["import"]).bodies["beam"], read(ReducedBodies, done["reduce"]).bodies["beam"]
+    time, q = np.array([0.0, 1.0]), np.tile(done["simulate"]["/q"][0], (2, 1))
+    found = field_of(config, mesh, reduced, Motion(time, q, {"E": MODULUS * np.array([1.0, 1.1])}), Plain()).found
+    assert found.von_mises[1] == pytest.approx(1.1 * found.von_mises[0], rel=1e-6)
+    plain = field_of(config, mesh, reduced, Motion(time, q, {}), Plain()).found
+    np.testing.assert_array_equal(plain.moduli["E"], [MODULUS, MODULUS])
+    np.testing.assert_allclose(plain.von_mises, found.von_mises[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +130,4 @@ def test_an_estimated_modulus_scales_the_stress_of_its_instant():
     ],
 )
 def test_pictures_are_evenly_in_time(settings, expected):
-    class Settings:
-        every, instants = settings["every"], settings["instants"]
-
-    assert _instants(11, Settings()).tolist() == expected
+    assert instants(11, SurfaceField(body="hub", **settings)).tolist() == expected

@@ -11,6 +11,7 @@ from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.simulated import Simulated
+from strainsight.records.surface_field import SurfaceInTime
 from strainsight.records.training import Screened, Training
 
 PLACEMENT: dict[str, Any] = {
@@ -29,6 +30,7 @@ BENCH: dict[str, Any] = {
     "bearing": BearingsAlone,
     "simulate": Simulated,
     "estimate": BenchEstimated,
+    "field": SurfaceInTime,
 }
 """The same of a bench."""
 SHARED = ("import", "place", "estimate", "report", "suite")
