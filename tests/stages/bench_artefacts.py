@@ -13,7 +13,14 @@ from strainsight.records.bench_estimated import (
     ParameterRuns,
     SensorMatch,
 )
-from strainsight.records.bench_placed import BenchLayout, BenchPlaced
+from strainsight.records.bench_placed import (
+    AugmentedBench,
+    BenchCandidates,
+    BenchCertificate,
+    BenchElimination,
+    BenchLayout,
+    BenchPlaced,
+)
 from strainsight.records.record import written as datasets_of
 from strainsight.records.simulated import RingMotion, Simulated, Violation, WorstInstant
 from strainsight.workflow.artefact import Artefact, Header
@@ -120,9 +127,20 @@ def placed(folder: Path) -> Artefact:
     record = BenchPlaced(
         inputs=("Fz",),
         pool=np.arange(12),
-        position=np.zeros((500, 3)),
-        removed=np.arange(8),
-        trace=np.linspace(1.0, 2.0, 9),
+        units=("N",),
+        candidates=BenchCandidates(
+            position=np.zeros((500, 3)),
+            direction=np.zeros((500, 3)),
+            element=np.arange(500),
+            facet=np.ones(500),
+            response=np.zeros((500, 1)),
+        ),
+        augmented=AugmentedBench(F=-np.eye(3), H=np.ones((12, 3)), Q=np.eye(3), R=np.ones(12), weight=np.ones(3)),
+        elimination=BenchElimination(
+            removed=np.arange(8), trace=np.linspace(1.0, 2.0, 9), rise=np.full(8, 0.125), greedy=np.arange(8, 12)
+        ),
+        exchange=np.array([2.0]),
+        certificate=BenchCertificate(lower_bound=1.98, gap=0.01, weights=np.full(12, 1 / 3)),
         layouts=layouts,
     )
     return written(

@@ -6,6 +6,7 @@ from typing import Any
 
 from strainsight.records.bearing import BearingsAlone
 from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed
@@ -28,6 +29,7 @@ PLACEMENT: dict[str, Any] = {
 BENCH: dict[str, Any] = {
     "reduce": ReducedBodies,
     "bearing": BearingsAlone,
+    "place": BenchPlaced,
     "simulate": Simulated,
     "estimate": BenchEstimated,
     "field": SurfaceInTime,

@@ -11,6 +11,43 @@ PLACED = "place"
 
 
 @record
+class BenchCandidates:
+    position: np.ndarray = dataset("/position", "m", "candidate × 3", "position")
+    direction: np.ndarray = dataset("/direction", "1", "candidate × 3", "measuring direction")
+    element: np.ndarray = dataset("/element", "1", "candidate", "element id in the deck")
+    facet: np.ndarray = dataset("/facet", "1", "candidate", "facet number within the element, from 1")
+    response: np.ndarray = dataset(
+        "/response", "strain/N or strain/(N m)", "candidate × /inputs", "strain per unit of every input at rest"
+    )
+
+
+@record
+class AugmentedBench:
+    """State (y, ẏ, u) about the static equilibrium: motions that the constraints leave, their rates, the unknown inputs."""
+
+    F: np.ndarray = dataset("/F", "1/s", "n* × n*", "state matrix of (η, η̇, u) about the static equilibrium")
+    H: np.ndarray = dataset("/H", "strain", "pool × n*", "row of every gauge of the pool")
+    Q: np.ndarray = dataset("/Q", "1/s", "n* × n*", "process intensity")
+    R: np.ndarray = dataset("/R", "strain^2 s", "pool", "intensity of every gauge")
+    weight: np.ndarray = dataset("/weight", "1", "n*", "diagonal of W")
+
+
+@record
+class BenchElimination:
+    removed: np.ndarray = dataset("/removed", "1", "step", "pool rows in the order of their removal")
+    trace: np.ndarray = dataset("/trace", "1", "step + 1", "tr(W P), the full pool first")
+    rise: np.ndarray = dataset("/rise", "1", "step", "rise of tr(W P) at every removal, with all its digits")
+    greedy: np.ndarray = dataset("/greedy", "1", "kept", "pool rows that the elimination leaves")
+
+
+@record
+class BenchCertificate:
+    lower_bound: float = dataset("/lower_bound", "1", "", "no layout of that size has a lower tr(W P)")
+    gap: float = dataset("/gap", "1", "", "(tr(W P) of the layout − lower bound) / tr(W P)")
+    weights: np.ndarray = dataset("/weights", "1", "pool", "weights of the relaxation")
+
+
+@record
 class BenchLayout:
     """One layout, its gauges in its order."""
 
@@ -31,13 +68,18 @@ class BenchLayout:
 
 @record
 class BenchPlaced:
-    """place.h5 of a bench, what its pages and sensors read."""
+    """place.h5 of a bench."""
 
     inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every unknown input")
+    units: tuple[str, ...] = dataset("/units", "1", "/inputs", "unit of every one of them")
+    candidates: BenchCandidates = group("/candidates")
+    augmented: AugmentedBench = group("/augmented")
     pool: np.ndarray = dataset("/pool/candidate", "1", "pool", "candidates that enter the elimination")
-    position: np.ndarray = dataset("/candidates/position", "m", "candidate × 3", "position")
-    removed: np.ndarray = dataset("/elimination/removed", "1", "step", "pool rows in the order of their removal")
-    trace: np.ndarray = dataset("/elimination/trace", "1", "step + 1", "tr(W P), the full pool first")
+    elimination: BenchElimination = group("/elimination")
+    exchange: np.ndarray = dataset(
+        "/exchange/trace", "1", "exchange + 1", "tr(W P) after every exchange, the elimination's first"
+    )
+    certificate: BenchCertificate = group("/certificate")
     layouts: dict[str, BenchLayout] = group("/layouts/<name>")
 
     def layout(self, which: str) -> BenchLayout:

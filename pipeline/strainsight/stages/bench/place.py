@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.cases.bench.layout.output import Found, output_of
 from strainsight.cases.bench.layout.placed import layout_of
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
 from strainsight.cases.bench.layout.scales import refuse_sizes
-from strainsight.cases.bench.loads import loads_of
+from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.start import start_of
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.place import BenchPlace
 from strainsight.errors import InfeasibleError, blame
 from strainsight.multibody.inverse.linear import LinearBench, linear_bench
 from strainsight.placement.baselines import random_sets
@@ -55,10 +57,11 @@ def _equilibrium(context: Context, bench: Bench) -> tuple[np.ndarray, np.ndarray
         return start_of(bench, settings, u)[0], u
 
 
-def _linear(config: Any, bench: Bench, q: np.ndarray, u: np.ndarray, inputs: tuple[str, ...]) -> LinearBench:
-    h = float(config.simulate.time_step if config.estimate.time_step is None else config.estimate.time_step)
-    share = h if config.estimate.increments == "second" else 1.0
-    increment = share * np.array([float(config.estimate.inputs[name].increment) for name in inputs])
+def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inputs: tuple[str, ...]) -> LinearBench:
+    estimate = asked(config)
+    h = config.simulate.time_step if estimate.time_step is None else estimate.time_step
+    share = h if estimate.increments == "second" else 1.0
+    increment = share * np.array([estimate.inputs[name].increment for name in inputs])
     places = [bench.system.inputs.index(name) for name in inputs]
     return linear_bench(bench.system, q, u, bench.theta, places, increment, h)
 
@@ -95,11 +98,11 @@ def _find(
     layouts = {
         name: layout_of(linear, scenario.weight, own, rows[own], noise, disturbance) for name, own in sets.items()
     }
-    units = tuple("N" if context.config.forces[name].type == "force" else "N m" for name in inputs)
+    units = tuple(load_units(context.config, inputs).values())
     return Found(inputs, units, pool, resting, scenario, result, swapped, certificate, layouts)
 
 
-def _limits(place: Any, position: np.ndarray) -> Limits:
+def _limits(place: BenchPlace, position: np.ndarray) -> Limits:
     near = None
     if place.minimum_spacing > 0:
         near = cKDTree(position).query_pairs(place.minimum_spacing * (1 - 1e-9), output_type="ndarray")

@@ -69,8 +69,8 @@ def placement_of(artefact: Artefact) -> BenchPlacement:
         direction=best.direction,
         expected={name: float(best.std[i]) for i, name in enumerate(own.inputs)},
         random={name: np.array([std[i] for std in drawn]) for i, name in enumerate(own.inputs)},
-        count=len(own.pool) - np.arange(len(own.trace)),
-        trace=own.trace,
+        count=len(own.pool) - np.arange(len(own.elimination.trace)),
+        trace=own.elimination.trace,
         numbers=artefact.summary,
     )
 

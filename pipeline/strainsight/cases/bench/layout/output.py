@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.bench.layout.placed import Layout, layout_datasets, layout_table
+from strainsight.cases.bench.layout.placed import Layout, layout_table
 from strainsight.cases.bench.layout.pool import GaugePool
 from strainsight.cases.structure.gauge_list import GaugeList, gauge_csv
 from strainsight.gauges.export import uff_text
@@ -14,9 +14,18 @@ from strainsight.placement.certificate import Certificate
 from strainsight.placement.elimination import Elimination
 from strainsight.placement.exchange import Exchange
 from strainsight.placement.scenario import Scenario
-from strainsight.records.bench_placed import PLACED
+from strainsight.records.bench_placed import (
+    PLACED,
+    AugmentedBench,
+    BenchCandidates,
+    BenchCertificate,
+    BenchElimination,
+    BenchLayout,
+    BenchPlaced,
+)
 from strainsight.records.grids import gauge_grid
-from strainsight.workflow.output import Dataset, Output, Scalar, Table
+from strainsight.records.record import written
+from strainsight.workflow.output import Output, Scalar, Table
 
 
 @dataclass(frozen=True)
@@ -52,7 +61,7 @@ def output_of(found: Found) -> Output:
     listed = _listed(found, best)
     without = {name: best.without[:, i] for i, name in enumerate(found.inputs)}
     return Output(
-        datasets=grid | _datasets(found) | layout_datasets(found.layouts, candidates),
+        datasets=grid | written(_record(found)),
         attributes=grid_attributes,
         summary=_summary(found, middle),
         message=f"{len(candidates)} → {len(pool.kept)} → {len(best.gauges)}, gap {100 * found.certificate.gap:.3g} %, {said}",
@@ -66,37 +75,37 @@ def output_of(found: Found) -> Output:
     )
 
 
-def _datasets(found: Found) -> dict[str, Dataset]:
-    pool, candidates, solved = found.pool, found.pool.candidates, found.scenario
-    return {
-        "/inputs": Dataset(np.array(found.inputs, dtype=np.str_), "1", "name of every unknown input"),
-        "/units": Dataset(np.array(found.units, dtype=np.str_), "1", "unit of every one of them"),
-        "/candidates/position": Dataset(candidates.position, "m", "position (candidate × xyz)"),
-        "/candidates/direction": Dataset(candidates.direction, "1", "measuring direction (candidate × xyz)"),
-        "/candidates/element": Dataset(candidates.element, "1", "element id in the deck"),
-        "/candidates/facet": Dataset(candidates.facet, "1", "facet number within the element, from 1"),
-        "/candidates/response": Dataset(
-            pool.response, "strain/N or strain/(N m)", "strain per unit of every input at rest (candidate × input)"
+def _record(found: Found) -> BenchPlaced:
+    pool, candidates, solved, result = found.pool, found.pool.candidates, found.scenario, found.result
+    return BenchPlaced(
+        inputs=found.inputs,
+        units=found.units,
+        candidates=BenchCandidates(
+            position=candidates.position,
+            direction=candidates.direction,
+            element=candidates.element,
+            facet=candidates.facet,
+            response=pool.response,
         ),
-        "/augmented/F": Dataset(solved.F, "1/s", "state matrix of (η, η̇, u) (n* × n*)"),
-        "/augmented/H": Dataset(solved.H, "strain", "row of every gauge of the pool (pool × n*)"),
-        "/augmented/Q": Dataset(solved.Q, "1/s", "process intensity (n* × n*)"),
-        "/augmented/R": Dataset(solved.r, "strain^2 s", "intensity of every gauge (pool)"),
-        "/augmented/weight": Dataset(solved.weight, "1", "diagonal of W (n*)"),
-        "/pool/candidate": Dataset(pool.kept, "1", "candidates that enter the elimination"),
-        "/elimination/removed": Dataset(found.result.removed, "1", "pool rows in the order of their removal"),
-        "/elimination/trace": Dataset(found.result.cost, "1", "tr(W P), the full pool first"),
-        "/elimination/rise": Dataset(found.result.rise, "1", "rise of tr(W P) at every removal, with all its digits"),
-        "/elimination/greedy": Dataset(found.result.kept, "1", "pool rows that the elimination leaves"),
-        "/exchange/trace": Dataset(found.swapped.cost, "1", "tr(W P) after every exchange, the elimination's first"),
-        "/certificate/lower_bound": Dataset(
-            np.array(found.certificate.lower_bound), "1", "no layout of that size has a lower tr(W P)"
+        augmented=AugmentedBench(F=solved.F, H=solved.H, Q=solved.Q, R=solved.r, weight=solved.weight),
+        pool=pool.kept,
+        elimination=BenchElimination(removed=result.removed, trace=result.cost, rise=result.rise, greedy=result.kept),
+        exchange=found.swapped.cost,
+        certificate=BenchCertificate(
+            lower_bound=found.certificate.lower_bound, gap=found.certificate.gap, weights=found.certificate.weights
         ),
-        "/certificate/gap": Dataset(
-            np.array(found.certificate.gap), "1", "(tr(W P) of the layout − lower bound) / tr(W P)"
-        ),
-        "/certificate/weights": Dataset(found.certificate.weights, "1", "weights of the relaxation"),
-    }
+        layouts={
+            name: BenchLayout(
+                candidate=own.gauges,
+                position=candidates.position[own.gauges],
+                direction=candidates.direction[own.gauges],
+                trace=own.trace,
+                std=own.std,
+                without=own.without,
+            )
+            for name, own in found.layouts.items()
+        },
+    )
 
 
 def _summary(found: Found, middle: np.ndarray) -> dict[str, Scalar]:

@@ -9,10 +9,9 @@ import numpy as np
 
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.gauges.candidates import Candidates
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.placement.scenario import solve_pool
-from strainsight.workflow.output import Dataset, Table
+from strainsight.workflow.output import Table
 
 
 @dataclass(frozen=True)
@@ -48,28 +47,6 @@ def _claimed(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: f
         return expected_std(bench, rows, noise, acceleration)
     except NumericalError:
         return np.full(len(bench.increment), np.nan)
-
-
-def layout_datasets(layouts: Mapping[str, Layout], candidates: Candidates) -> dict[str, Dataset]:
-    """Where every layout's gauges are, and what it is expected to know; gauges of one layout in its order."""
-    record: dict[str, Dataset] = {}
-    for name, layout in layouts.items():
-        own, place = layout.gauges, f"/layouts/{name}"
-        record |= {
-            f"{place}/candidate": Dataset(own, "1", "number of every gauge among the candidates"),
-            f"{place}/position": Dataset(candidates.position[own], "m", "position (gauge × xyz)"),
-            f"{place}/direction": Dataset(candidates.direction[own], "1", "measuring direction (gauge × xyz)"),
-            f"{place}/trace": Dataset(
-                np.array(layout.trace), "1", "tr(W P); inf where an input is lost, NaN where not solved"
-            ),
-            f"{place}/std": Dataset(
-                layout.std, "N or N m", "σ of every input that a filter is expected to claim", ("/inputs",)
-            ),
-            f"{place}/without": Dataset(
-                layout.without, "N or N m", "the same without each gauge (gauge × input)", ("", "/inputs")
-            ),
-        }
-    return record
 
 
 def layout_table(layouts: Mapping[str, Layout], inputs: tuple[str, ...]) -> Table:

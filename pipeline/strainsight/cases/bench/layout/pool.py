@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.structure.candidates import BASE_ANGLES, zone_of
+from strainsight.config.bench.place import BenchPlace
 from strainsight.errors import InfeasibleError, blame
 from strainsight.gauges.candidates import Candidates, candidates
 from strainsight.gauges.principal import principal_angles
@@ -33,7 +34,9 @@ class GaugePool:
     kept: np.ndarray
 
 
-def gauge_pool(mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequence[str], place: Any) -> GaugePool:
+def gauge_pool(
+    mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequence[str], place: BenchPlace
+) -> GaugePool:
     """Every candidate that `place` of a bench allows, and the strongest under each input in turn, so far apart as it says.
 
     basis (3 nodes, r) displacement per coordinate; static (r, nu) coordinates per unit of every unknown input, at rest; inputs:
@@ -44,14 +47,14 @@ def gauge_pool(mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequen
     facets, key = exterior_facets(mesh), "place"
     include, exclude = ([zone_of(entry) for entry in zones] for zones in (place.include, place.exclude))
     axis, turn = place.direction.axis if place.direction.type == "axis" else None, None
-    zones = {"exclude": exclude, "surface": place.surface, "include": include, "key": key}
+    zoned = partial(candidates, exclude=exclude, surface=place.surface, include=include, key=key)
     with blame("place.surface"):
         if axis is None:
-            base = candidates(mesh, facets, None, BASE_ANGLES, rosette=True, **zones)
+            base = zoned(mesh, facets, None, BASE_ANGLES, rosette=True)
             rows = channel_rows(mesh.position, base, basis, facets=facets)
             alike = static / _strength(rows @ static, inputs)
             turn = principal_angles(rows.reshape(-1, len(BASE_ANGLES), basis.shape[1]), alike @ alike.T)
-        pool = candidates(mesh, facets, axis, place.direction.angles, turn=turn, **zones)
+        pool = zoned(mesh, facets, axis, place.direction.angles, turn=turn)
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     response = rows @ static
     size = np.abs(response) / _strength(response, inputs)
