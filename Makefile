@@ -18,8 +18,9 @@ CONFIGS = $(shell grep -L 'from:' configs/*.yaml) $(shell grep -l 'from:' config
 FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/hub.bdf.gz --set jobs=1
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+TESTS := $(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q
 
-.PHONY: help run status test lint all-configs hub hub-fine bench manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
+.PHONY: help run status test test-all lint all-configs hub hub-fine bench manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -30,7 +31,8 @@ help:
 	@echo 'make hub            the hub of thesis 6.2: 25 runs of configs/hub/ and one page, results/hub/report.html'
 	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html (a quarter of an hour)'
 	@echo 'make bench          chapters 2 to 4 of the thesis: 100 runs of configs/bench/ and one page, results/bench/report.html'
-	@echo 'make test           set up, then all tests'
+	@echo 'make test           set up, then the tests, but for the long ones'
+	@echo 'make test-all       all tests, as CI runs them; ARGS=--times says where the processor time went'
 	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
 	@echo 'make lint           ruff, mypy, import-linter; licences and known vulnerabilities of the packages'
 	@echo 'make lowest         fast tests and the cantilever with the oldest packages that pyproject.toml allows'
@@ -64,7 +66,10 @@ bench: $(READY)
 	@$(VENV)/$(BIN)/strainsight run configs/bench/suite.yaml $(ARGS)
 
 test: $(READY)
-	@$(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q $(ARGS)
+	@$(TESTS) -m 'not slow' $(ARGS)
+
+test-all: $(READY)
+	@$(TESTS) $(ARGS)
 
 pages: $(READY)
 	@$(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)

@@ -1,14 +1,86 @@
-"""Threads of the linear algebra are set before any test imports numpy: two processes of several threads each are slower."""
+"""One thread for the linear algebra, set before any test imports numpy; the order of the tests; what they cost (`--times`)."""
 
 from __future__ import annotations
 
 import os
+import resource
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
 
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+HERE = Path(__file__).parent
+START = "start-up"
+_spent = 0.0
+"""[s] processor time of this process when the last phase of a test ended."""
+
+
+def pytest_addoption(parser):
+    parser.addoption("--times", action="store_true", help="processor seconds of rooms and of the dearest tests, in the end")
 
 
 def pytest_collection_modifyitems(items):
     """Files with slow tests come first, so that no worker is left alone with one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+def pytest_collection_finish(session):
+    global _spent
+    _spent = _processor()
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput[START] = _spent
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item):
+    """What a phase of a test took goes into its report: children that have ended are counted with the phase they ended in."""
+    global _spent
+    report = yield
+    now = _processor()
+    report.processor, _spent = now - _spent, now
+    return report
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    node.config.stash.setdefault(_starts, []).append(getattr(node, "workeroutput", {}).get(START, 0.0))
+
+
+_starts = pytest.StashKey[list]()
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    if not config.getoption("--times"):
+        return
+    spent, slow = defaultdict(float), set()
+    for report in (report for reports in terminalreporter.stats.values() for report in reports):
+        if hasattr(report, "processor"):
+            spent[report.nodeid] += report.processor
+            slow |= {report.nodeid} if "slow" in report.keywords else set()
+    rooms = defaultdict(lambda: [0, 0.0, 0, 0.0])
+    for name, seconds in spent.items():
+        room = name.split("::")[0].split("/")[1]
+        for row in (rooms[room], rooms["all"]):
+            for at in (0, 2)[: 1 + (name not in slow)]:
+                row[at] += 1
+                row[at + 1] += seconds
+    say = terminalreporter.write_line
+    terminalreporter.section("processor seconds")
+    say(f"| {'room':16} | tests | seconds | fast tests | seconds |")
+    say("|---|---|---|---|---|")
+    for room in sorted(rooms, key=lambda room: (room == "all", room)):
+        tests, seconds, fast, of_fast = rooms[room]
+        say(f"| {room:16} | {tests:5} | {seconds:7.1f} | {fast:10} | {of_fast:7.1f} |")
+    say(f"{START} of the workers: {', '.join(f'{seconds:.1f}' for seconds in config.stash.get(_starts, [_spent]))}")
+    for name in sorted(spent, key=spent.__getitem__, reverse=True)[:40]:
+        say(f"{spent[name]:7.2f} {'slow' if name in slow else '    '} {name}")
+
+
+def _processor() -> float:
+    """Processor time of this process and of its children that have ended [s]."""
+    each = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(use.ru_utime + use.ru_stime for use in each)

@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
-from strainsight.config.load import load_config
-from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
 
-ROOT = Path(__file__).parents[2]
-SHORT = (
-    "train.duration=0.2",
-    "place.instants=3",
-    "validate.duration=0.2",
-    "validate.random_sets=2",
-    "validate.repeats=2",
-    "validate.truth.modes=20",
-)
+from ..shared import ROOT, SHORT, job_of, made  # noqa: F401  for the tests beside
 
-
-def job_of(config: Path, results: Path, *overrides: str) -> Job:
-    loaded = load_config(config, overrides)
-    return Job(loaded.data, config.parent, results, loaded.locate, loaded.model)
+BENCHES = "benches"
+"""Runs of benches, which take each other's reduced hub over (`made`)."""
 
 
 def finished(job: Job, stages=PLACEMENT):
@@ -40,24 +29,21 @@ def config() -> Path:
 
 
 @pytest.fixture(scope="session")
-def results(tmp_path_factory) -> Path:
-    return tmp_path_factory.mktemp("results")
+def artefacts(config):
+    """stage → Artefact of one shortened run of cantilever-youngs-modulus."""
+    return made(config, *SHORT)
 
 
 @pytest.fixture(scope="session")
-def artefacts(config, results):
-    """stage → Artefact of one shortened run of cantilever-youngs-modulus in `results`."""
-    return {stage: artefact for stage, (_, _, artefact) in finished(job_of(config, results, *SHORT)).items()}
+def results(artefacts, tmp_path_factory) -> Path:
+    """A copy of the results that hold them."""
+    folder = artefacts["import"].path.parent
+    copy = tmp_path_factory.mktemp("results")
+    shutil.copytree(folder, copy / folder.name)
+    return copy
 
 
 @pytest.fixture(scope="session")
-def bench_results(tmp_path_factory) -> Path:
-    """Results of benches, which borrow each other's reduced hub."""
-    return tmp_path_factory.mktemp("bench")
-
-
-@pytest.fixture(scope="session")
-def bench(bench_results):
+def bench():
     """stage → Artefact of one second of bench-full."""
-    job = job_of(ROOT / "configs" / "bench-full.yaml", bench_results, "simulate.duration=1.0")
-    return {stage: artefact for stage, (_, _, artefact) in finished(job, bench_stages(job.config)).items()}
+    return made(ROOT / "configs" / "bench-full.yaml", "simulate.duration=1.0", "name=bench-full", beside=BENCHES)

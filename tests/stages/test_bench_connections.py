@@ -35,7 +35,7 @@ BOB = f"bob: {{type: rigid, mass: {M}, inertia: {{xx: {I}, yy: {I}, zz: {I}}}"
 def run(folder: Path, text: str):
     path = folder / "own.yaml"
     path.write_text("kind: bench\nname: own\n" + text, encoding="utf-8")
-    return CliRunner().invoke(app, ["run", str(path), "--results", str(folder / "r")], env={"COLUMNS": "200"})
+    return CliRunner().invoke(app, ["simulate", str(path), "--results", str(folder / "r")], env={"COLUMNS": "200"})
 
 
 def simulated(folder: Path, text: str) -> Artefact:

@@ -12,11 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.errors import ConfigError
-from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from .conftest import ROOT, finished, job_of
+from .conftest import BENCHES, ROOT, job_of, made
 
 LOADS = ROOT / "configs" / "bench" / "loads.yaml"
 DIAMETER = ROOT / "configs" / "bench" / "diameter.yaml"
@@ -34,13 +33,11 @@ ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
 
 
 @pytest.fixture(scope="session")
-def estimate(bench_results):
+def estimate():
     """overrides → the artefact of an estimate, its hub reduced once for all."""
-    count = iter(range(1000))
 
     def of(config, *overrides, stage="estimate"):
-        job = job_of(config, bench_results, "simulate.duration=1.0", f"name=estimate-{next(count)}", *overrides)
-        return finished(job, bench_stages(job.config))[stage][2]
+        return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=BENCHES)[stage]
 
     return of
 
@@ -143,7 +140,7 @@ def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_wi
     assert three.summary["ratio_high.Fx"] > 1.5 * three.summary["ratio_low.Fx"] or three.summary["ratio_low.Fx"] < 0
 
 
-def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(estimate, bench_results):
+def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(estimate):
     """Displacements, preload × s, g/s, static loads: all strains are those of the large bench, forces go with s²."""
     static = tuple(
         f"forces.F{k}.signal={{type: constant, value: {v}}}" for k, v in zip("xyz", (3e4, 2e4, 4e4), strict=True)
@@ -166,14 +163,9 @@ def test_loads_are_written_as_a_command_history(estimate):
     np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/estimate"], rtol=1e-8)
 
 
-def test_noise_of_zero_is_raised_and_said(estimate, bench_results):
-    done = CliRunner().invoke(
-        app,
-        ["run", str(LOADS), "--results", str(bench_results), "--set", "name=floored", "--set", "estimate.duration=0.2",
-         "--set", "simulate.duration=0.2", "--set", "estimate.sensors.gauges.noise=0.0"],
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
-    assert "the noise of gauges is raised from 0" in " ".join(done.output.split())
+def test_noise_of_zero_is_raised_and_said(estimate):
+    found = estimate(LOADS, "estimate.duration=0.2", "estimate.sensors.gauges.noise=0.0")
+    assert "the noise of gauges is raised from 0" in str(found.tables)
 
 
 @pytest.mark.parametrize(
@@ -351,8 +343,7 @@ def test_the_bench_of_the_manual_runs_as_it_says(tmp_path, more, last):
     (tmp_path / "beam.yaml").write_text(text.split("```")[0], encoding="utf-8")
     shutil.copy(ROOT / "meshes" / "cantilever.bdf", tmp_path)
     options = [part for change in more for part in ("--set", change)]
-    stage = "run" if last == "estimate" else last
-    done = CliRunner().invoke(app, [stage, str(tmp_path / "beam.yaml"), "--results", str(tmp_path / "r"), *options])
+    done = CliRunner().invoke(app, [last, str(tmp_path / "beam.yaml"), "--results", str(tmp_path / "r"), *options])
     assert done.exit_code == 0, done.output
     found = Artefact(tmp_path / "r" / "beam" / f"{last}.h5").summary
     assert found["error.F"] < 0.1 if last == "estimate" else found["selected"] == 3

@@ -29,8 +29,8 @@ def test_figures_of_a_placement_are_those_of_its_page(artefacts, config, results
     np.testing.assert_allclose(drawn, artefacts["place"]["/elimination/trace"], rtol=1e-8)
 
 
-def test_figures_of_a_bench_have_the_loads_of_its_artefact(bench, bench_results):
-    job = job_of(ROOT / "configs" / "bench-full.yaml", bench_results, "simulate.duration=1.0")
+def test_figures_of_a_bench_have_the_loads_of_its_artefact(bench):
+    job = job_of(ROOT / "configs" / "bench-full.yaml", bench["simulate"].path.parents[1], "simulate.duration=1.0")
     files = figures_of(job.model, bench_stages(job.config)[-1], job.folder, "own.yaml")
     assert sum(name.endswith(".svg") for name in files) == bench["report"].summary["figures"]
     rows = list(csv.DictReader(io.StringIO(files["loads.csv"].decode())))

@@ -1,0 +1,119 @@
+"""Runs that several tests need are made once, by whichever worker comes first, and kept in build/test-artefacts.
+
+A folder there belongs to one version of the code: of the sources, examples and meshes, of Python and the packages. The
+others are removed, but for those that a session is using.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import distributions
+from pathlib import Path
+
+import strainsight
+import strainsight_cli
+from strainsight.config.load import load_config
+from strainsight.stages.bench.pipeline import bench_stages
+from strainsight.stages.placement import PLACEMENT
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.plan import Job
+from strainsight.workflow.runner import run
+from strainsight.workflow.stage import Stage
+
+ROOT = Path(__file__).parents[1]
+KEPT = ROOT / "build" / "test-artefacts"
+SOURCES = (Path(strainsight.__file__).parent, Path(strainsight_cli.__file__).parent, ROOT / "configs", ROOT / "meshes")
+SHORT = (
+    "train.duration=0.2",
+    "place.instants=3",
+    "validate.duration=0.2",
+    "validate.random_sets=2",
+    "validate.repeats=2",
+    "validate.truth.modes=20",
+)
+"""A placement, shortened where length does not matter."""
+_held: list[object] = []
+
+
+def job_of(config: Path, results: Path, *overrides: str) -> Job:
+    loaded = load_config(config, overrides)
+    return Job(loaded.data, config.parent, results, loaded.locate, loaded.model)
+
+
+def stages_of(job: Job, until: str = "") -> tuple[Stage, ...]:
+    """All stages of a placement or a bench, or those up to one of them."""
+    stages = tuple(PLACEMENT if job.config["kind"] == "placement" else bench_stages(job.config))
+    names = [stage.name for stage in stages]
+    return stages[: names.index(until) + 1] if until else stages
+
+
+def made(config: Path, *overrides: str, until: str = "", beside: str = "") -> dict[str, Artefact]:
+    """stage → Artefact of a finished run, which is not to be written to: whoever goes on from there copies its folder.
+
+    config: one of the repository, or one that stands in a folder with nothing but what it needs. until: its last stage.
+    beside: runs of the same word lie in one results folder and take stages over from each other.
+    """
+    own = str(config) if config.is_relative_to(ROOT) else config.name + _content(config.parent)
+    what = hashlib.sha256("\n".join((own, *overrides, until, beside)).encode()).hexdigest()[:16]
+    place = _of_this_code() / (beside or what)
+    named = [f"name={what}"] if beside and not any(word.startswith("name=") for word in overrides) else []
+    job = job_of(config, place, *overrides, *named)
+    stages = stages_of(job, until)
+    done = place / f"{what}.done"
+    with _alone(place / f"{what}.lock"):
+        if not done.exists():
+            for _ in run(stages, job):
+                pass
+            done.touch()
+    return {stage.name: Artefact(job.folder / f"{stage.name}.h5") for stage in stages}
+
+
+@cache
+def _of_this_code() -> Path:
+    """The folder of this version of the code, held until the process ends; those that nobody holds are removed."""
+    packages = sorted(f"{package.name} {package.version}" for package in distributions())
+    code = hashlib.sha256("\n".join([sys.version, *packages, *map(_content, SOURCES)]).encode())
+    own = KEPT / code.hexdigest()[:16]
+    own.mkdir(parents=True, exist_ok=True)
+    _held.append(_lock(own / "held", fcntl.LOCK_SH))
+    for other in set(KEPT.iterdir()) - {own}:
+        try:
+            with _lock(other / "held", fcntl.LOCK_EX | fcntl.LOCK_NB):
+                shutil.rmtree(other)
+        except OSError:  # in use, or somebody else is removing it
+            continue
+    return own
+
+
+def _content(folder: Path) -> str:
+    """sha256 of the files of a folder and their names."""
+    found = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.parent.name != "__pycache__":
+            found.update(f"{path.relative_to(folder)} {path.stat().st_size}\n".encode())
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with _lock(path, fcntl.LOCK_EX):
+        yield
+
+
+def _lock(path: Path, kind: int):
+    """An open file, locked until it is closed."""
+    stream = path.open("a")
+    try:
+        fcntl.flock(stream, kind)
+    except OSError:
+        stream.close()
+        raise
+    return stream
