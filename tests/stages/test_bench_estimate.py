@@ -16,6 +16,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .conftest import BENCHES, ROOT, job_of, made
+from .test_artefacts import UNITS_OF
 
 LOADS = ROOT / "configs" / "bench" / "loads.yaml"
 DIAMETER = ROOT / "configs" / "bench" / "diameter.yaml"
@@ -241,8 +242,7 @@ def test_every_dataset_and_number_is_listed_in_the_docs(estimate, bench):
             seen.add(pattern)
             rank, unit = rows[pattern]
             assert artefact[path].ndim == rank, path
-            units = artefact.attributes(path)["units"]
-            assert units in unit.split(" or ") or unit in (units, "unit of the sensor"), path
+            assert artefact.attributes(path)["units"] in UNITS_OF.get(unit, (unit,)), path
         for name in artefact.summary:
             assert any(re.fullmatch(scalar, name) for scalar in scalars), name
     assert seen == set(rows)
