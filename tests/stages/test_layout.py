@@ -32,7 +32,7 @@ def layout(pools, greedy=(0, 1, 2), **asked):
         "keep": 3,
         "exchange": True,
         "certificate": True,
-        "optimise": "trace",
+        "optimise": "metric",
         "prove": 0.0,
     }
     return layout_of(pools, np.array(greedy), limits_of(12, 3), SimpleNamespace(**settings | asked), lambda *_: None)

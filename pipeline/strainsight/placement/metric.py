@@ -70,7 +70,8 @@ class Metric:
 
     def softened(self, temperature: float) -> Metric:
         """The metric without its kinks: see `Criterion`."""
-        return Metric(self.weight, self.criterion.softened(temperature))
+        soft = self.criterion.softened(temperature)
+        return self if soft == self.criterion else Metric(self.weight, soft)
 
     def scaled(self, d: np.ndarray) -> Metric:
         """The same of x*/d."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import mpmath
 import numpy as np
 import pytest
 
+from strainsight.config.placement import Place
 from strainsight.errors import NumericalError
 from strainsight.placement.criteria.choices import CRITERIA, criterion_of
 from strainsight.placement.criteria.determinant import LogDeterminant
@@ -34,7 +37,8 @@ def steps(seed, k, count):
         yield B @ B.T
 
 
-def test_each_has_an_oracle_and_a_name_of_its_own():
+def test_each_has_an_oracle_a_place_in_the_config_and_a_name_of_its_own():
+    assert get_args(Place.model_fields["criterion"].annotation) == tuple(VARIANCE)
     assert [criterion.name for criterion in CRITERIA] == list(VARIANCE)
     assert [criterion_of(name) for name in VARIANCE] == list(CRITERIA)
 
