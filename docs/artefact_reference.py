@@ -26,7 +26,7 @@ def renewed(text: str) -> str:
     kinds = {f"{stage}.h5": kind for stage, kind in PLACEMENT.items()}
     kinds |= {f"{stage}.h5{' of a bench' * (stage in SHARED)}": kind for stage, kind in BENCH.items()}
     for heading, kind in kinds.items():
-        pattern = rf"(^## {re.escape(heading)}\n(?:(?!^## |^\|).*\n)*)(?:^\|.*\n)+"
+        pattern = rf"(^## {re.escape(heading)}\n(?:(?!^## |^\| dataset ).*\n)*)(?:^\|.*\n)+"
         text, found = re.subn(pattern, lambda own, kind=kind: own[1] + table(kind), text, flags=re.MULTILINE)
         if found != 1:
             raise ValueError(f"{PAGE.name} has {found} tables under '{heading}', not one")

@@ -7,6 +7,7 @@
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
     screened = api.screen(case, training)
+    layout = api.place(case, mesh, reduced, training, screened)
 
 Every function computes what the stage of the same name writes, from a config and what came before it; nothing is written.
 `open_run` reads what a run on the command line has written.
@@ -36,7 +37,9 @@ from strainsight.workflow.artefact import Artefact
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["Case", "Run", "load", "mesh", "modes", "open_run", "reduce", "screen", "train"]
+    from strainsight.cases.structure.placement import Placement
+
+__all__ = ["Case", "Run", "load", "mesh", "modes", "open_run", "place", "reduce", "screen", "train"]
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,19 @@ def screen(case: Case, training: Training) -> Screened:
     from strainsight.cases.structure.training import screened_of
 
     return screened_of(case.config, training)
+
+
+def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened) -> Placement:
+    """The layout: elimination, exchanges, a bound on any other, and what it is expected to know.
+
+    `.gauges` are its numbers, the most missed first, `.listed` where they are, `.expected.std` σ of every unknown relative to
+    its scale, `.advice` sentences. Raises InfeasibleError where no layout within the limits detects every unknown.
+    """
+    from strainsight.cases.structure.placement import placement_of
+    from strainsight.cases.structure.problem import problem_of
+
+    problem = problem_of(case.config, case.files, reduced, training, screened)
+    return placement_of(case.config, mesh, problem, training, screened, case)
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,7 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
 def read_measurement(path: Path, choice: int, apart: bool = True) -> None:
     """The channels on the clock of a filter; a table now and then as a load's history."""
     from strainsight.cases.structure.recorded import recorded
+    from strainsight.config.loads import Recorded
     from strainsight.measurements import hdf5_file
     from strainsight.measurements.assemble import assemble
     from strainsight.measurements.calibration import ChannelSettings
@@ -70,7 +71,8 @@ def read_measurement(path: Path, choice: int, apart: bool = True) -> None:
     elif path.suffix == ".h5":
         channels = [("a",), ("group/table[1]",), ("a", "link[0]")][choice % 3]
     elif choice % 4 == 0:
-        recorded("loads.tip.signal", {"time_column": "time", "value_column": "F"}, path)
+        stated = Recorded(type="csv", file=path.name, time_column="time", value_column="F")
+        recorded("loads.tip.signal", stated, path)
         return
     else:
         channels = ("a",)

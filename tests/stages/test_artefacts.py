@@ -31,9 +31,13 @@ BELOW_KIND = {
     "<parameter>": r"(?!constant$)[\w-]+",
     "<case>": r"[\w+]+",
 }
-ONLY_SOMETIMES = r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/glued/|/sweep/"
+ONLY_SOMETIMES = (
+    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/glued/|/sweep/|/elimination/metric"
+    r"|/selected/greedy/load"
+)
 """Where a density is a parameter; where stiffness and mass, or strain rows, come from files (test_ready.py); where gauges
-are glued already (test_sensors.py); where sweeps are asked for (test_estimate.py)."""
+are bonded already (test_sensors.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
+(tests/cli/test_criteria.py); of the final set only."""
 
 
 UNITS_OF = {
@@ -50,7 +54,7 @@ def rows(stage: str) -> list[tuple[str, int, str]]:
     """(pattern of the path, rank, unit) of every row under the stage's heading."""
     text = DOC.read_text(encoding="utf-8").split(f"## {stage}.h5\n")[1].split("\n## ")[0]
     found = []
-    for path, shape, unit in re.findall(r"^\| `([^`]+)` \| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE):
+    for path, shape, unit in re.findall(r"^\| `(/[^`]+)` \| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE):
         pattern = re.escape(path)
         for placeholder, meaning in {**BELOW_KIND, "<i>": r"\d+"}.items():
             pattern = pattern.replace(re.escape(placeholder), meaning)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from strainsight.cases.structure.recorded import recorded
+from strainsight.config.loads import Recorded
 from strainsight.errors import UserError
 
-COLUMNS = {"time_column": "time", "value_column": "F"}
+COLUMNS = Recorded(type="csv", file="own.csv", time_column="time", value_column="F")
 KEY = "loads.tip.signal"
 
 

@@ -99,7 +99,9 @@ def eliminate_from(
             f"{limits.keep} gauges cannot observe {unknowns} unknowns" + (f" ({', '.join(names)})" if names else ""),
             remedy=f"keep at least {least}, or estimate fewer unknowns",
         )
-    return _descend(tuple(pools), limits, aggregate, names, None if limits.plain else Guard(limits, Detection(pools), names))
+    return _descend(
+        tuple(pools), limits, aggregate, names, None if limits.plain else Guard(limits, Detection(pools), names)
+    )
 
 
 def _descend(

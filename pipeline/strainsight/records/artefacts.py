@@ -9,11 +9,12 @@ from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import MeshColumns
-from strainsight.records.placed import Observed
+from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.simulated import Simulated
 from strainsight.records.surface_field import SurfaceInTime
 from strainsight.records.training import Screened, Training
+from strainsight.records.validated import Validated
 
 PLACEMENT: dict[str, Any] = {
     "import": MeshColumns,
@@ -22,9 +23,11 @@ PLACEMENT: dict[str, Any] = {
     "train": Training,
     "screen": Screened,
     "observe": Observed,
+    "place": Placed,
     "spectrum": Modes,
+    "validate": Validated,
 }
-"""Stage of a placement → the record that it writes, of those that write one."""
+"""Stage of a placement → the record that its artefact is read as."""
 
 BENCH: dict[str, Any] = {
     "reduce": ReducedBodies,

@@ -206,7 +206,10 @@ class Ignored:
     card: tuple[str, ...] = dataset("/card", "1", "card", "card that is not supported")
     count: np.ndarray = dataset("/count", "1", "card", "how often")
     effect: tuple[str, ...] = dataset(
-        "/effect", "1", "card", "structure: it may add stiffness, mass or a tie; none: it changes none of them; empty: unknown"
+        "/effect",
+        "1",
+        "card",
+        "structure: it may add stiffness, mass or a tie; none: it changes none of them; empty: unknown",
     )
 
 

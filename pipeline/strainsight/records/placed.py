@@ -34,7 +34,6 @@ class Observed:
 class Augmented:
     """Every scenario exactly as it was solved, so that anyone can solve it again."""
 
-    aggregate: str = dataset("/aggregate", "1", "", "how the scenarios are put together: mean or worst")
     F: np.ndarray = dataset("/F", "1/s", "scenario × state × state", "augmented state matrix F*")
     H: np.ndarray = dataset("/H", "strain", "scenario × channel × state", "rows H* of every channel")
     Q: np.ndarray = dataset("/Q", "1/s", "scenario × state × state", "process intensity")
@@ -67,10 +66,22 @@ class Removals:
     """The elimination, the whole pool first."""
 
     removed: np.ndarray = dataset("/removed", "1", "removal", "pool rows in the order of their removal")
-    trace: np.ndarray = dataset("/trace", "1", "removal + 1", "tr(W P), the full pool first")
-    rise: np.ndarray = dataset("/rise", "1", "removal", "rise of tr(W P) at every removal, with all its digits")
-    unknowns: tuple[str, ...] = dataset("/unknowns", "1", "/unknowns", "name of every unknown, inputs first")
-    blocks: np.ndarray = dataset("/blocks", "1", "removal + 1 × /unknowns", "tr(W P) by unknown")
+    trace: np.ndarray | None = dataset(
+        "/trace", "1", "removal + 1", "metric, the full pool first, where it is the trace", default=None
+    )
+    metric: np.ndarray | None = dataset(
+        "/metric", "1", "removal + 1", "metric, the full pool first, where it is another one", default=None
+    )
+    rise: np.ndarray = dataset("/rise", "1", "removal", "rise of the metric at every removal, with all its digits")
+    unknowns: tuple[str, ...] = dataset(
+        "/unknowns", "1", "/unknowns", "name of every unknown that the metric weighs, inputs first"
+    )
+    blocks: np.ndarray = dataset(
+        "/blocks",
+        "1",
+        "removal + 1 × /unknowns",
+        "variance of every one of them times its weight, of which tr(W P) is the sum",
+    )
     solves: np.ndarray = dataset("/solves", "1", "removal", "exact Riccati solves of every removal")
     ties: np.ndarray = dataset("/ties", "1", "removal", "other pool rows that were as good to remove, at every removal")
 
@@ -112,8 +123,8 @@ class PbhNumbers:
 class Bound:
     """What any layout within the limits could reach."""
 
-    lower_bound: float = dataset("/lower_bound", "1", "", "no layout within the limits has a smaller tr(W P)")
-    gap: float = dataset("/gap", "1", "", "(tr(W P) of the final set − bound) / tr(W P)")
+    lower_bound: float = dataset("/lower_bound", "1", "", "no layout within the limits has a smaller metric")
+    gap: float = dataset("/gap", "1", "", "(metric of the final set − bound) / metric")
     weights: np.ndarray = dataset("/weights", "1", "pool row", "gauge weights of the relaxed problem")
 
 
@@ -123,9 +134,8 @@ class Rules:
 
     rule: tuple[str, ...] = dataset("/rule", "1", "/rule", "how every set was found")
     gauges: np.ndarray = dataset("/gauges", "1", "/rule × row", "pool rows of every set, −1 for none")
-    trace: np.ndarray = dataset("/trace", "1", "/rule", "tr(W P)")
-    log_determinant: np.ndarray = dataset("/log_determinant", "1", "/rule", "of the covariance of the scaled unknowns")
-    worst_eigenvalue: np.ndarray = dataset("/worst_eigenvalue", "1", "/rule", "largest eigenvalue of that covariance")
+    name: tuple[str, ...] = dataset("/name", "1", "/name", "every criterion, that of the layout first")
+    value: np.ndarray = dataset("/value", "1", "/rule × /name", "metric of every set by every criterion")
     std: dict[str, np.ndarray] = dataset(
         "/std/<name>", "SI", "/rule", "steady-state σ of <name>, which ranks layouts and is no claim"
     )
@@ -146,9 +156,6 @@ class Placed:
     expected_std: dict[str, float] = dataset(
         "/expected_std/<name>", "SI", "", "σ of <name> that the filter is expected to claim, along the training run"
     )
-    scale: dict[str, float] = dataset(
-        "/scale/<name>", "SI", "", "amplitude or guess of <name>, which relative σ refer to"
-    )
     without: dict[str, np.ndarray] = dataset(
         "/without/<name>", "1", "gauge", "relative σ of <name> expected without each gauge of the final set"
     )
@@ -156,10 +163,10 @@ class Placed:
         "/failure/loss",
         "1",
         "gauge",
-        "tr(W P) when each gauge of the final set fails; inf where an unknown is then lost",
+        "metric when each gauge of the final set fails; inf where an unknown is then lost, NaN where not solved",
     )
     observability: PbhNumbers = group("/observability")
     certificate: Bound | None = group("/certificate", default=None)
-    baseline: dict[str, float] = dataset("/baseline/<name>", "1", "", "tr(W P) of the set by that rule")
+    baseline: dict[str, float] = dataset("/baseline/<name>", "1", "", "metric of the set by that rule")
     criteria: Rules = group("/criteria")
     advice: tuple[str, ...] = dataset("/advice", "1", "sentence", "what to do with the layout")

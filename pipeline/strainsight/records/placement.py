@@ -67,7 +67,9 @@ def elimination_datasets(result: Elimination, problem: Problem, pool: PoolRows) 
             pool.gauges, "1", "gauges of every pool row, −1 where it has one and others two (pool × 1 or 2)"
         ),
         "/elimination/removed": Dataset(result.removed, "1", "pool rows in the order of their removal"),
-        f"/elimination/{metric_key(metric.criterion.name)}": Dataset(result.cost, "1", f"{symbol}, the full pool first"),
+        f"/elimination/{metric_key(metric.criterion.name)}": Dataset(
+            result.cost, "1", f"{symbol}, the full pool first"
+        ),
         "/elimination/rise": Dataset(result.rise, "1", f"rise of {symbol} at every removal, with all its digits"),
         "/elimination/unknowns": Dataset(
             np.array(names, dtype=np.str_), "1", "name of every unknown that the metric weighs, inputs first"
@@ -150,9 +152,7 @@ def certificate_datasets(certificate: Certificate | None, symbol: str) -> dict[s
         "/certificate/lower_bound": Dataset(
             np.array(certificate.lower_bound), "1", f"no layout within the limits has a smaller {symbol}"
         ),
-        "/certificate/gap": Dataset(
-            np.array(certificate.gap), "1", f"({symbol} of the final set − bound) / {symbol}"
-        ),
+        "/certificate/gap": Dataset(np.array(certificate.gap), "1", f"({symbol} of the final set − bound) / {symbol}"),
         "/certificate/weights": Dataset(certificate.weights, "1", "gauge weights of the relaxed problem"),
     }
 

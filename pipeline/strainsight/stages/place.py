@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from strainsight.augmentation.observability import Observability, observability
-from strainsight.cases.structure.advice import advice, advice_table
-from strainsight.cases.structure.channels import largest_of_quantity
-from strainsight.cases.structure.comparison import Comparison, comparison
-from strainsight.cases.structure.expectation import Expectation, alike_gauges, expectation
-from strainsight.cases.structure.gauge_list import gauge_csv, gauge_list, gauge_table
-from strainsight.cases.structure.layout import Layout, gauge_losses, layout_of
-from strainsight.cases.structure.pool import PoolRows, layout_cost, limits_of_config, pool_of
-from strainsight.cases.structure.problem import Problem
-from strainsight.cases.structure.scenarios import metrics_of, scenarios_of
-from strainsight.errors import blame
+from strainsight.cases.structure.advice import advice_table
+from strainsight.cases.structure.gauge_list import gauge_csv, gauge_table
+from strainsight.cases.structure.placement import Placement, placement_of
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.export import uff_text
-from strainsight.placement.criteria.criterion import Criterion
-from strainsight.placement.elimination import Elimination, eliminate_from
-from strainsight.placement.ordering import tied_order
 from strainsight.placement.recommendation import worth_keeping
-from strainsight.placement.scenario import Scenario, solved
 from strainsight.records.placement import (
     augmented_datasets,
     certificate_datasets,
@@ -37,156 +23,29 @@ from strainsight.records.placement import (
     placed_grid,
     selection_datasets,
 )
-from strainsight.rom.model import modal_basis
 from strainsight.stages import inputs
 from strainsight.workflow.output import Dataset, Output, Scalar
 from strainsight.workflow.stage import Context, Stage
 
 
-@dataclass(frozen=True)
-class _Found:
-    """All that a placement has found; gauges (k,): numbers of the gauges of the layout, the most missed first; loss (k,):
-    the metric when each fails."""
-
-    pool: PoolRows
-    result: Elimination
-    layout: Layout
-    final: np.ndarray
-    gauges: np.ndarray
-    loss: np.ndarray
-    expected: Expectation
-    others: Comparison
-    condition: Observability
-    words: tuple[str, ...]
-    plain: bool
-
-    @property
-    def criterion(self) -> Criterion:
-        return self.result.pools[0].metric.criterion
-
-
 def run(context: Context) -> Output:
-    """Linearise along the training run, eliminate, exchange, certify, and say what the layout is expected to know."""
-    problem, candidates = inputs.problem(context), inputs.training(context).candidates
-    found = _find(context, problem, candidates)
-    return _output(context, problem, candidates, found)
+    """The placement, with the pool as points of a grid."""
+    training, screened = inputs.training(context), inputs.screened(context)
+    found = placement_of(context.config, inputs.mesh(context), inputs.problem(context), training, screened, context)
+    return _output(context, training.candidates, found)
 
 
-def _find(context: Context, problem: Problem, candidates: Candidates) -> _Found:
-    config, settings = context.config, context.config.place
-    channels, unknowns = problem.channels, problem.unknowns
-    pool = pool_of(inputs.screened(context).kept, channels, candidates, settings.symmetry)
-    mesh = inputs.mesh(context)
-    with blame("place.keep"):
-        limits = limits_of_config(config, pool, mesh, channels, candidates)
-    ranges = {name: entry.range for name, entry in config.parameters.items()}
-    with blame("place.estimate"):
-        scenarios = scenarios_of(problem, pool.channels, settings, ranges, context.seed)
-        pools = context.sweep(solved, scenarios, unknowns.state_names)
-    metrics = metrics_of(problem, pools, settings)
-    metric = metrics[settings.criterion]
-    context.progress("elimination", 0.0)
-    with blame("place.keep"):
-        pools = [own.under(metric) for own in pools]
-        result = eliminate_from(pools, limits, settings.aggregate, names=unknowns.state_names)
-        layout = layout_of(result.pools, result.kept, limits, settings, context.progress)
-    gauges = pool.gauges_of(layout.gauges)
-    expected = expectation(problem, gauges)
-    final = _most_missed_first(
-        pool, layout.gauges, gauges, expected.importance(settings.metric_over or unknowns.names)
-    )
-    ordered = pool.gauges_of(final)
-    expected = expected.ordered(np.array([int(np.flatnonzero(gauges == g)[0]) for g in ordered]))
-    context.progress("failures and other rules", 0.8)
-    loss = gauge_losses(problem, pools, metric, final, ordered, settings, ranges, context.seed)
-    others = comparison(
-        problem,
-        pools,
-        metrics,
-        settings.criterion,
-        pool.channels,
-        final,
-        result.kept,
-        settings.aggregate,
-        limits.fixed,
-        limits.allows,
-        context.seed,
-    )
-    condition = _observability(context, problem, scenarios[0], pool)
-    words = _advice(context, problem, candidates, pool, result, layout, ordered, loss, expected, limits.plain)
-    return _Found(pool, result, layout, final, ordered, loss, expected, others, condition, words, limits.plain)
-
-
-def _most_missed_first(pool: PoolRows, rows: np.ndarray, gauges: np.ndarray, importance: np.ndarray) -> np.ndarray:
-    """Pool rows in the order in which their gauges are missed, the lower row first of those missed alike."""
-    missed = [importance[np.isin(gauges, pool.gauges[row])].sum() for row in rows]
-    return rows[tied_order(-np.array(missed))]
-
-
-def _observability(context: Context, problem: Problem, scenario: Scenario, pool: PoolRows) -> Observability:
-    p, n = problem, problem.model.size
-    frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
-    amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
-    there = pool.channels >= 0
-    used = pool.channels[there]
-    strain, quantity = inputs.training(context).reading[:, used], p.channels.quantity[used]
-    H = scenario.H[there] if scenario.H.ndim == 3 else scenario.H
-    return observability(
-        scenario.F,
-        H / largest_of_quantity(strain, quantity)[:, None],
-        names=p.unknowns.state_names,
-        frequency=frequency,
-        state_amplitude=amplitude,
-        largest_strain=1.0,
-        raw_scale=p.unknowns.state_scale,
-        raw_rows=H,
-    )
-
-
-def _advice(
-    context: Context,
-    problem: Problem,
-    candidates: Candidates,
-    pool: PoolRows,
-    result: Elimination,
-    layout: Layout,
-    gauges: np.ndarray,
-    loss: np.ndarray,
-    expected: Expectation,
-    plain: bool,
-) -> tuple[str, ...]:
-    listed = gauge_list(gauges, problem.channels, inputs.training(context), inputs.screened(context))
-    return advice(
-        labels=listed.labels,
-        criterion=result.pools[0].metric.criterion,
-        over=context.config.place.metric_over or problem.unknowns.names,
-        cost=result.cost if plain else result.cost[-1:],
-        keep=int(context.config.place.keep),
-        kept=len(layout.gauges),
-        std=expected.std,
-        certificate=layout.certificate,
-        groups=alike_gauges(problem, gauges),
-        glued=listed.glued,
-        load=listed.peak / listed.range,
-        loss=loss,
-        without=expected.without,
-        ties=sum(1 for tied in result.ties if tied),
-        price=layout_cost(context.config, candidates, gauges),
-        alone=pool.alone,
-    )
-
-
-def _output(context: Context, problem: Problem, candidates: Candidates, found: _Found) -> Output:
+def _output(context: Context, candidates: Candidates, found: Placement) -> Output:
+    problem, listed, result = found.problem, found.listed, found.elimination
     names = problem.unknowns.names
-    listed = gauge_list(found.gauges, problem.channels, inputs.training(context), inputs.screened(context))
-    greedy = found.pool.gauges_of(found.result.kept)
-    grid, grid_attributes = placed_grid(found.pool, found.final, found.result.removed, candidates)
+    greedy = found.pool.gauges_of(result.kept)
+    grid, grid_attributes = placed_grid(found.pool, found.final, result.removed, candidates)
     scales = {f"/expected_std/{n}": {"scale": float(s)} for n, s in zip(names, problem.unknowns.scale, strict=True)}
     first = candidates.first
     return Output(
         datasets=grid
-        | augmented_datasets(found.result, found.pool)
-        | elimination_datasets(found.result, problem, found.pool)
+        | augmented_datasets(result, found.pool)
+        | elimination_datasets(result, problem, found.pool)
         | selection_datasets("greedy", found.pool, greedy, candidates, problem.channels)
         | selection_datasets("final", found.pool, found.gauges, candidates, problem.channels)
         | expectation_datasets(problem, found.expected)
@@ -196,7 +55,7 @@ def _output(context: Context, problem: Problem, candidates: Candidates, found: _
                 "1",
                 f"{found.criterion.symbol} when each gauge fails; inf where an unknown is then lost, NaN where not solved",
             ),
-            "/advice": Dataset(np.array(found.words, dtype=np.str_), "1", "what to do with the layout"),
+            "/advice": Dataset(np.array(found.advice, dtype=np.str_), "1", "what to do with the layout"),
             "/selected/final/load": Dataset(
                 listed.peak / listed.range,
                 "1",
@@ -216,7 +75,7 @@ def _output(context: Context, problem: Problem, candidates: Candidates, found: _
         tables=(
             gauge_table(listed, found.expected.without),
             criteria_table(found.others, problem),
-            advice_table(found.words),
+            advice_table(found.advice),
         ),
         files={
             "gauges.csv": gauge_csv(listed, found.expected.without),
@@ -230,8 +89,8 @@ def _output(context: Context, problem: Problem, candidates: Candidates, found: _
     )
 
 
-def _summary(found: _Found, selected: int) -> dict[str, Scalar]:
-    result, layout = found.result, found.layout
+def _summary(found: Placement, selected: int) -> dict[str, Scalar]:
+    result, layout = found.elimination, found.layout
     swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
     key = metric_key(found.criterion.name)
     named: dict[str, Scalar] = {"criterion": found.criterion.name}

@@ -52,8 +52,10 @@ def criteria_table(report: PlacementReport) -> str:
 
 def criteria_meaning(report: PlacementReport) -> str:
     """What the columns of the criteria mean, as a list."""
-    said = [(metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
-            for i, metric in enumerate(report.metrics)]
+    said = [
+        (metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
+        for i, metric in enumerate(report.metrics)
+    ]
     items = "".join(
         f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>" for name, text in [*said, ("frozen σ", FROZEN)]
     )
