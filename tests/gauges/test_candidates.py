@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.gauges.candidates import candidates
+from strainsight.gauges.candidates import candidates, tangents
 from strainsight.gauges.edges import near_segments, sharp_edges
 from strainsight.gauges.zones import Box, NearEdges
 from strainsight.mesh.facets import Facets, exterior_facets
@@ -218,3 +218,13 @@ def test_distances_to_segments_are_those_of_a_fine_sampling():
     for limit in (0.05, 0.2, 0.5):
         clear = np.abs(distance - limit) > 1e-6
         np.testing.assert_array_equal(near_segments(points, segments, limit)[clear], (distance < limit)[clear])
+
+
+def test_rounding_of_a_normal_chooses_no_other_tangent():
+    """All axes across a normal are as far from it; the first one is taken, whatever the last digits of the normal say."""
+    rng = np.random.default_rng(0)
+    for normal, tangent in ((np.eye(3)[0], [0, 1, 0]), (np.eye(3)[1], [1, 0, 0]), (-np.eye(3)[2], [1, 0, 0])):
+        shaken = normal + 1e-15 * rng.standard_normal((50, 3))
+        np.testing.assert_allclose(tangents(shaken), np.tile(tangent, (50, 1)), atol=1e-14)
+    diagonal = np.full((50, 3), 1 / np.sqrt(3)) + 1e-15 * rng.standard_normal((50, 3))
+    np.testing.assert_allclose(tangents(diagonal), np.tile(np.array([2, -1, -1]) / np.sqrt(6), (50, 1)), atol=1e-14)

@@ -53,6 +53,17 @@ def test_where_all_directions_are_alike_it_is_the_first(scale):
     np.testing.assert_array_equal(principal_angles(rows, np.eye(1)), 0.0)
 
 
+def test_rounding_chooses_no_other_direction():
+    """Shear strains two directions alike, uniform strain all of them; ±90° is one direction, stated as −90°."""
+    rng = np.random.default_rng(3)
+    shear, uniform, across = [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 0.5, 1.0]
+    rows = np.tile(np.array([shear, uniform, across])[..., None], (200, 1, 1))
+    shaken = rows + 1e-10 * rng.standard_normal(rows.shape)
+    found = principal_angles(shaken, np.eye(1)).reshape(200, 3)
+    np.testing.assert_allclose(found, np.tile([45.0, 0.0, -90.0], (200, 1)), atol=1e-7)
+    assert found[:, 2].min() >= -90
+
+
 def test_candidates_turned_by_it_read_the_most_on_every_facet(tube, bare):
     position, facets = tube("quad8", 12, 4, 1.0, 0.1)
     mesh, rng = bare(position), np.random.default_rng(5)

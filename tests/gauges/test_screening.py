@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError
-from strainsight.gauges.screening import screen
+from strainsight.gauges.screening import screen, strongest_first
 
 
 def on_a_line(x) -> np.ndarray:
@@ -41,6 +41,15 @@ def test_ties_go_to_the_lower_index_also_when_rounding_splits_them():
     rms = 1e-5 * (1 + 1e-13 * np.array([0.0, 3.0, 1.0, 2.0]))
     result = screen(rms, 1e-7, on_a_line([0.0, 1.0, 2.0, 3.0]), 2, 0.0)
     np.testing.assert_array_equal(result.kept, [0, 1])
+
+
+def test_a_tie_is_a_share_of_the_strongest_and_counts_from_the_stronger():
+    """Signals fall by 0.6 ties each: the second is a tie with the first, the third is not."""
+    rms = 1 - 0.6e-8 * np.array([1.0, 0.0, 2.0, 3.0])
+    np.testing.assert_array_equal(strongest_first(rms), [0, 1, 2, 3])
+    np.testing.assert_array_equal(strongest_first(rms[[2, 0, 1, 3]]), [1, 2, 0, 3])
+    weak = np.array([1e-3, 1e-3 + 0.9e-8, 1.0, 0.0])
+    np.testing.assert_array_equal(strongest_first(weak), [2, 0, 1, 3])
 
 
 def test_keeping_all_drops_by_spacing_only_and_nothing_without_one():

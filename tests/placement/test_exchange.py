@@ -99,7 +99,7 @@ def swaps_in_words(oracle, pools, chosen, aggregate, limits):
 
     def next_swap(solves):
         costs, phi = at(chosen)
-        enough = combine(costs) * (1 - 1e-9)
+        enough = combine(costs) * (1 - 1e-6)
         may_leave = [i for i in chosen if i not in limits.fixed]
         promise = {}
         for j in set(range(phi.shape[1])) - set(chosen):

@@ -7,8 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from strainsight.ordering import TIE
 from strainsight.placement import score
-from strainsight.placement.exchange import WORTH
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import limits_of
 from strainsight.placement.losses import LossSearch, measure
@@ -66,7 +66,7 @@ def test_the_first_swap_that_helps_in_the_order_of_the_bound_is_made(aggregate, 
                     level = case.costs(np.isin(np.arange(8), rest))
                     after.append(COMBINED[aggregate](level + phi[:, out] - phi[:, into]))
                 least[out, into] = max(after)
-        enough = max(loss.values()) * (1 - WORTH)
+        enough = max(loss.values()) * (1 - TIE)
         helps = [
             swap
             for swap in sorted(least, key=least.get)

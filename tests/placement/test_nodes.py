@@ -254,6 +254,19 @@ def test_without_a_cut_a_node_is_halved_all_the_same(monkeypatch):
         assert len(halves[0].cuts) == cuts
 
 
+def test_mirrored_gauges_are_twins_whatever_their_rounding():
+    """Rows of either sign, their largest components alike, 1e-10 of their length apart; 1e-7 is another gauge."""
+    rng = np.random.default_rng(7)
+    H = np.tile([[2.0, -2.0, 1.0], [1.0, 2.0, -2.0], [2.0, 1.0, 2.0]], (POOL // 3, 1))
+    H *= rng.choice([-1.0, 1.0], (POOL, 1)) * (1 + 1e-10 * rng.standard_normal(H.shape))
+    H[5] *= 1 + 1e-7
+    twins = Search(wandering(H[None]), LIMITS["count"](), "mean", 1e-6).twins
+    assert twins[0] == twins[3] == twins[6]
+    assert twins[1] == twins[4] == twins[7]
+    assert twins[2] == twins[8] != twins[5]
+    assert len(np.unique(twins)) == 4
+
+
 def test_a_set_of_twins_is_no_better():
     """Every gauge is there three times: what differs by the last digits only does not become the best."""
     rows = np.array([[1.0, 0.2], [0.3, 1.0], [1.0, -1.0]])

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.gauges.admissible import admissible
-from strainsight.gauges.surface import turned
+from strainsight.gauges.surface import farthest_axis, turned
 from strainsight.gauges.zones import Zone
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
@@ -160,8 +160,8 @@ def candidates(
 
 
 def tangents(normal: np.ndarray) -> np.ndarray:
-    """A unit tangent (m, 3) for every normal (m, 3): the coordinate axis farthest from it, projected."""
-    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    """A unit tangent (m, 3) for every normal (m, 3): the first of the coordinate axes farthest from it, projected."""
+    axis = farthest_axis(normal)
     t = axis - np.sum(axis * normal, axis=1)[:, None] * normal
     return t / np.linalg.norm(t, axis=1)[:, None]
 

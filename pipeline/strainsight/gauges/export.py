@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from strainsight.gauges.surface import farthest_axis
+
 COLOUR = 8
 NOTHING = "NONE"
 
@@ -46,18 +48,14 @@ def frames(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Right-handed axes (k, 3, 3), rows x, y, z: z along n, x along d laid on its plane; where n is zero or along d, any."""
     frame = np.zeros((len(direction), 3, 3))
     for i, (d, n) in enumerate(zip(direction, normal, strict=True)):
-        z = n if np.linalg.norm(n) > 0 else np.cross(d, _farthest(d))
+        z = n if np.linalg.norm(n) > 0 else np.cross(d, farthest_axis(d))
         z = z / np.linalg.norm(z) if np.linalg.norm(z) > 0 else np.array([0.0, 0.0, 1.0])
         x = d - (d @ z) * z
         if np.linalg.norm(x) <= 1e-6 * np.linalg.norm(d) or not np.any(d):
-            x = _farthest(z) - (_farthest(z) @ z) * z
+            x = farthest_axis(z) - (farthest_axis(z) @ z) * z
         x = x / np.linalg.norm(x)
         frame[i] = x, np.cross(z, x), z
     return frame
-
-
-def _farthest(v: np.ndarray) -> np.ndarray:
-    return np.eye(3)[np.argmin(np.abs(v))]
 
 
 def _numbers(values: Iterable[float]) -> str:

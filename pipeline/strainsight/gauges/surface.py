@@ -9,6 +9,9 @@ import numpy as np
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import Kind
 
+ALIKE = 1e-6
+"""Cosines this close are alike; those of a plane facet's normal are rounded to 1e-15."""
+
 
 def by_kind(code: np.ndarray, nodes: np.ndarray) -> Iterator[tuple[Kind, np.ndarray, np.ndarray]]:
     """(kind, which (m,), nodes (m, k) unpadded) of every facet kind that occurs; code (f,) into FACETS, nodes (f, 8)."""
@@ -43,6 +46,12 @@ def facet_centres(position: np.ndarray, code: np.ndarray, nodes: np.ndarray) -> 
         x[which], J = facet_points(kind, position[own], np.tile(kind.centre, (len(which), 1)))
         n[which] = normals(J)
     return x, n
+
+
+def farthest_axis(direction: np.ndarray) -> np.ndarray:
+    """The coordinate axis (..., 3) that is farthest from each direction (..., 3), the first of those that are alike to it."""
+    along = np.abs(direction)
+    return np.asarray(np.eye(3)[np.argmax(along <= along.min(axis=-1, keepdims=True) + ALIKE, axis=-1)])
 
 
 def turned(direction: np.ndarray, n: np.ndarray, angle: np.ndarray) -> np.ndarray:

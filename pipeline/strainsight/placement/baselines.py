@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 
 from strainsight.errors import ConfigError
-from strainsight.placement.ordering import first_of_largest, lowest_first
+from strainsight.ordering import first_of_largest, lowest_first
 
 VITAL = 1e-9
 """A mode is lost with a unit whose hat block has an eigenvalue of 1, up to this."""

@@ -10,6 +10,7 @@ from time import monotonic
 import numpy as np
 
 from strainsight.errors import InfeasibleError
+from strainsight.ordering import TIE
 from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import Limits, as_limits
@@ -39,7 +40,7 @@ def branch_and_bound(
     fixed: Collection[int] = (),
     start: Sequence[int] | np.ndarray | None = None,
     time_limit: float = 60.0,
-    gap: float = 1e-6,
+    gap: float = TIE,
 ) -> BranchAndBound:
     """The set of `keep` gauges, or the layout within `Limits`, of the least aggregate of the metric, or the best one and the
     best bound that `time_limit` [s] allows.
@@ -49,7 +50,8 @@ def branch_and_bound(
 
     The bound of a node is that of its LP multipliers, evaluated exactly; they also take or leave every gauge whose
     reduced cost alone reaches the incumbent. Best bound first; the most fractional gauge is branched on, twins together.
-    A node ends where its bound reaches incumbent·(1 − gap). Sets that lose an unknown cost infinity.
+    A node ends where its bound reaches incumbent·(1 − gap), where a gap below `TIE` counts as that: a set has to be better
+    by so much to be taken. Sets that lose an unknown cost infinity.
     fixed: gauges that stay; start: a first set, swapped until no swap helps; without it the elimination's. The clock is
     looked at between nodes, after the first; what ends before its time does not depend on it.
     Raises ConfigError for an impossible `keep`, InfeasibleError where no such layout detects every unknown.

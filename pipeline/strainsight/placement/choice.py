@@ -8,9 +8,9 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from strainsight.ordering import TIE
 from strainsight.placement.increment import Slopes, removal, sharper_bound, slopes, squares
 from strainsight.placement.information import information
-from strainsight.placement.ordering import TIE
 from strainsight.placement.remaining import Remaining
 from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined

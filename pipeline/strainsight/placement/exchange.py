@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from strainsight.ordering import TIE, tied_order
 from strainsight.placement.fill import costs_of, gradients_of, with_gauge
 from strainsight.placement.increment import gauge_gradients, removal
 from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, Swaps, as_limits
-from strainsight.placement.ordering import tied_order
 from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import (
     Aggregate,
@@ -22,9 +22,6 @@ from strainsight.placement.scenario import (
     refined,
     subset_covariance,
 )
-
-WORTH = 1e-9
-"""A swap counts when it lowers what it is made for, aggregate or largest loss, by more than this share of it."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,8 @@ def exchange(
     limits: Limits | None = None,
     limit: int = 20_000,
 ) -> Exchange:
-    """Swap until none lowers the aggregate f of the metric over the scenarios; the result is optimal against single swaps.
+    """Swap until none lowers the aggregate f of the metric over the scenarios by more than a tie; the result is so far optimal
+    against single swaps.
 
         swap (i out, j in):  f ≥ agg(f_s + min over i of φ_i − φ_j),   φ_g = tr(h_g P X P h_gᵀ) of the present set
 
@@ -106,7 +104,7 @@ def _first_gain(
     # nothing leaves where there is room
     fall = gradients[:, others] - np.where(swaps.room[others], 0.0, least[:, None])
     promise = aggregated(costs[:, None] - fall, aggregate)
-    enough = cost * (1 - WORTH)
+    enough = cost * (1 - TIE)
     hopeful = np.flatnonzero(promise < enough)
     solves = 0
     for at in hopeful[tied_order(promise[hopeful])]:

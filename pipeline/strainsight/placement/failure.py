@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.ordering import TIE
 from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.exchange import exchange
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import BUDGET, Limits, as_limits
 from strainsight.placement.losses import LossSearch, measure
-from strainsight.placement.ordering import TIE
 from strainsight.placement.scenario import Aggregate, Pool, fewest_gauges
 from strainsight.placement.score import cost_of, covariances_of
 

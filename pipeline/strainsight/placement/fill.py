@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strainsight.ordering import TIE
 from strainsight.placement.increment import addition, gauge_gradients
 from strainsight.placement.limits import Limits
-from strainsight.placement.ordering import TIE
 from strainsight.placement.riccati import Loop, close_loop
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of, refined, subset_covariance
 

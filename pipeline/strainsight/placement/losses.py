@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.placement.exchange import WORTH
+from strainsight.ordering import TIE, tied_order
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.limits import Limits, Swaps
-from strainsight.placement.ordering import TIE, tied_order
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of
 from strainsight.placement.score import cost_of, covariances_of
 
@@ -76,7 +75,7 @@ class LossSearch:
     def first_gain(self, chosen: list[int], loss: dict[int, float]) -> tuple[int, int, dict[int, float]] | None:
         """The swap (out, in) of the least bound that helps, with the losses after it; None where no swap does."""
         fatal, largest = measure(loss)
-        enough = largest * (1 - WORTH)
+        enough = largest * (1 - TIE)
         others = [g for g in range(len(self.pools[0].rows)) if g not in set(chosen)]
         swaps = Swaps(self.limits, np.array(chosen), np.array(chosen))
         added = self._first_addition(chosen, [g for g in others if swaps.room[g]], loss)
@@ -105,7 +104,7 @@ class LossSearch:
         if not room:
             return None
         fatal, largest = measure(loss)
-        enough = largest * (1 - WORTH)
+        enough = largest * (1 - TIE)
         least = np.full(len(room), -np.inf)
         for f, phi in self._failed(chosen) if measure(loss)[0] == 0 else ():
             least = np.maximum(least, aggregated(f[:, None] - phi[:, room], self.aggregate))

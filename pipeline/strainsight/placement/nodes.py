@@ -7,13 +7,16 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from strainsight.errors import NumericalError
+from strainsight.ordering import TIE, tied_order
 from strainsight.placement.certificate import certify
 from strainsight.placement.cuts import Bound, Cut, cut_at, detects, lowest
 from strainsight.placement.exchange import exchange
 from strainsight.placement.limits import Limits
-from strainsight.placement.ordering import TIE, tied_order
 from strainsight.placement.remaining import twin_groups
 from strainsight.placement.scenario import Aggregate, Pool, aggregated
 from strainsight.placement.score import score
@@ -24,10 +27,10 @@ PAYS = 0.1
 """A further cut pays where the last one closed this share of the distance to the incumbent."""
 DULL = 100.0
 """No cut is taken where the relaxed cost is this many times the incumbent: its slope is too steep to be of use."""
-LEVEL = 1e-9
-"""Weights, of 0 to 1, closer than this are a tie."""
-TWIN = 1e-12
-"""Rows h/√r that differ by less than this share of their length are one gauge twice."""
+LEVEL = 1e-5
+"""Weights, of 0 to 1, this close are a tie: those of a relaxed optimum differ by up to 5e-7 between processors and BLAS."""
+TWIN = 1e-9
+"""Rows h/√r this share of their length apart are one gauge twice; those of mirrored gauges are up to 3e-11 apart."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,9 @@ class Search:
     """The incumbent, and what one node becomes."""
 
     def __init__(self, pools: Sequence[Pool], limits: Limits, aggregate: Aggregate, gap: float):
-        self.pools, self.limits, self.aggregate, self.gap = pools, limits, aggregate, gap
+        self.pools, self.limits, self.aggregate = pools, limits, aggregate
+        # a set that is better by no more than a tie is not taken, so that nothing closer can be claimed
+        self.gap = max(gap, TIE)
         # gauges that the limits tell apart cannot stand for each other
         self.twins = np.unique(_twins(pools) * len(limits.size) + limits.alike, return_inverse=True)[1]
         self.tried: set[tuple[int, ...]] = set()
@@ -198,6 +203,17 @@ def _twins(pools: Sequence[Pool]) -> np.ndarray:
         length = np.linalg.norm(pool.rows, axis=2, keepdims=True)
         size = np.where(length > 0, length, 1.0)
         unit = pool.rows / size
-        sign = np.sign(np.take_along_axis(unit, np.abs(unit).argmax(axis=2)[:, :, None], axis=2))
-        keys.append(np.round(np.concatenate([unit * sign, np.log(size)], axis=2) / TWIN))
+        # the sign of the first of the largest, which are ± alike where rows are symmetric
+        largest = np.abs(unit) >= (1 - TIE) * np.abs(unit).max(axis=2, keepdims=True)
+        sign = np.sign(np.take_along_axis(unit, largest.argmax(axis=2)[:, :, None], axis=2))
+        keys.append(_near(np.concatenate([unit * sign, np.log(size)], axis=2)))
     return twin_groups(keys)
+
+
+def _near(points: np.ndarray) -> np.ndarray:
+    """Points (m, c, k) replaced by a number each (m, c, 1), the same where they are at most `TWIN` apart."""
+    different, place = np.unique(points.reshape(-1, points.shape[2]), axis=0, return_inverse=True)
+    pairs = cKDTree(different).query_pairs(TWIN, output_type="ndarray")
+    apart = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(different),) * 2)
+    label = connected_components(apart, directed=False)[1]
+    return np.asarray(label[place.ravel()], dtype=float).reshape(*points.shape[:2], 1)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strainsight.ordering import tied_order
 from strainsight.placement.layouts import NODES, Detection, best_layout, refusal
 from strainsight.placement.limits import BUDGET, Limits
-from strainsight.placement.ordering import tied_order
 
 EFFORT = 20
 """Nodes of the search of another layout; where they are not enough, the gauge stays while the layout at hand has it."""

@@ -11,6 +11,7 @@ from strainsight.augmentation.cases import Case, cases
 from strainsight.cases.structure.channels import channels_of, largest_of_quantity, readings
 from strainsight.cases.structure.settings import characteristic, signal_of
 from strainsight.errors import blame
+from strainsight.ordering import first_of_largest
 from strainsight.records.placed import Observed
 from strainsight.records.record import written
 from strainsight.rom.modal_step import simulate
@@ -113,7 +114,7 @@ def _output(found: dict[str, tuple[Case, ...]]) -> Output:
         for j in range(len(labels))
     )
     columns = ("unknown", *(f"condition, {e}" for e in excitations), *(f"raw, {e}" for e in excitations), "nearly lost")
-    best = int(np.argmax(numbers("condition")[0]))
+    best = first_of_largest(numbers("condition")[0])
     observed = Observed(
         excitation=tuple(excitations),
         case=tuple(labels),

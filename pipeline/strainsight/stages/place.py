@@ -119,7 +119,7 @@ def _summary(found: Placement, selected: int) -> dict[str, Scalar]:
 
 PLACE = Stage(
     "place",
-    version=5,
+    version=6,
     reads=(
         "seed",
         "loads.*.signal",

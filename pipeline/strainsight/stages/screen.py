@@ -28,7 +28,7 @@ def run(context: Context) -> Output:
 
 SCREEN = Stage(
     "screen",
-    version=3,
+    version=4,
     reads=(
         "screen",
         "gauges.noise_std",

@@ -10,6 +10,7 @@ from strainsight.config.template import Suggestion
 from strainsight.decks.reader import read_mesh
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import usual_units
+from strainsight.ordering import first_of_largest
 
 STEEL = 2.0e11
 
@@ -73,5 +74,5 @@ def _free_node(mesh: Mesh) -> int:
     solid = np.unique(np.concatenate([np.zeros(0, int), *(b.nodes.ravel() for b in mesh.blocks)]))
     candidates = solid if solid.size else np.arange(len(mesh.node_ids))
     centre = mesh.position[sorted(held)].mean(axis=0) if held else mesh.position[candidates].mean(axis=0)
-    far = candidates[np.argmax(np.linalg.norm(mesh.position[candidates] - centre, axis=1))]
+    far = candidates[first_of_largest(np.linalg.norm(mesh.position[candidates] - centre, axis=1))]
     return int(mesh.node_ids[far])

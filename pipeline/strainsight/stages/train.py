@@ -78,7 +78,7 @@ def _glued_table(own: Candidates, moved: np.ndarray) -> Table:
 
 TRAIN = Stage(
     "train",
-    version=3,
+    version=4,
     reads=(
         "loads.*.signal",
         "train",

@@ -17,6 +17,7 @@ from strainsight.estimation.filter import FilterRun, output_std, run_filter
 from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
+from strainsight.ordering import first_of_largest
 from strainsight.records.grids import gauge_grid
 from strainsight.stages.pages.claims import claims_of, doubt_of
 from strainsight.sweep.sweep import watched
@@ -189,7 +190,7 @@ def _instant_of_largest(trial: Trial, channels: np.ndarray) -> int:
     """Index of the instant at which any of the channels reads most, after the start."""
     parts = np.array_split(channels, max(1, len(channels) // PART))
     largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in parts], axis=0)
-    return int(np.argmax(largest)) + 1
+    return first_of_largest(largest) + 1
 
 
 def _message(trial: Trial, summary: Mapping[str, Scalar], repeats: Study) -> str:
@@ -254,7 +255,7 @@ def _table(trial: Trial, summary: Mapping[str, Scalar], studies: Mapping[str, St
 
 VALIDATE = Stage(
     "validate",
-    version=6,
+    version=7,
     reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "filter", "validate", *READS),
     upstream=("import", "rom", "train", "screen", "place", "spectrum"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),

@@ -11,6 +11,7 @@ from strainsight.errors import ConfigError
 from strainsight.multibody.bearing.element import ball_loads
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory
+from strainsight.ordering import first_of_largest
 from strainsight.records.simulated import RingMotion, WorstInstant
 
 
@@ -27,7 +28,7 @@ def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[
         q = np.array([own.read(a, b)[0] for a, b in zip(found.q, found.v, strict=True)])
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
-        worst = int(np.argmax(pressure))
+        worst = first_of_largest(pressure)
         ellipse = max(float(ball.semi_axes.max()) for ball in balls)
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(

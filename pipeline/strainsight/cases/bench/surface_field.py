@@ -18,6 +18,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
+from strainsight.ordering import first_of_largest
 from strainsight.records.bodies import ReducedBody
 from strainsight.records.surface_field import SurfaceInTime
 
@@ -79,7 +80,7 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Moti
         steps=time[at],
     )
     mises = np.stack(data["von_mises"])
-    worst, where = np.unravel_index(int(np.argmax(mises)), mises.shape)
+    worst, where = np.unravel_index(first_of_largest(mises.astype(float).ravel()), mises.shape)
     found = SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)
     return Pictures(found, grid, len(order), int(worst), int(facets.element_id[order][where]))
 

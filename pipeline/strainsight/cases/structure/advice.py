@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from strainsight.errors import at_least
+from strainsight.ordering import first_of_largest
 from strainsight.placement.certificate import Certificate
 from strainsight.placement.criteria.criterion import Criterion
-from strainsight.placement.ordering import first_of_largest
 from strainsight.placement.recommendation import WORTH, gains, worth_keeping
 from strainsight.workflow.output import Table
 

@@ -20,9 +20,9 @@ from strainsight.cases.structure.scenarios import metrics_of, scenarios_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.mesh.model import Mesh
+from strainsight.ordering import tied_order
 from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.elimination import Elimination, eliminate_from
-from strainsight.placement.ordering import tied_order
 from strainsight.placement.scenario import Scenario, solved
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis

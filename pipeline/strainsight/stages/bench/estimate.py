@@ -120,7 +120,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=1,
+    version=2,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=("forces.*.signal.file", "estimate.measured.from"),

@@ -58,7 +58,7 @@ def _motion(context: Context) -> Motion:
 
 FIELD = Stage(
     "field",
-    version=1,
+    version=2,
     reads=("field", "bodies.*.moduli"),
     upstream=("import", "reduce", "simulate"),
     files=(),

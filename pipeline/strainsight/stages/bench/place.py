@@ -111,7 +111,7 @@ def _limits(place: BenchPlace, position: np.ndarray) -> Limits:
 
 PLACE = Stage(
     "place",
-    version=3,
+    version=4,
     reads=(
         "seed",
         "bodies",

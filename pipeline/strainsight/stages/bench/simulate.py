@@ -75,7 +75,7 @@ def _warnings(own: Simulation, h: float) -> Table:
 
 SIMULATE = Stage(
     "simulate",
-    version=1,
+    version=2,
     reads=("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate"),
     upstream=("import", "reduce"),
     files=("forces.*.signal.file",),

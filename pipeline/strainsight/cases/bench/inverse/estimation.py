@@ -18,6 +18,7 @@ from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.estimation.filter import FilterRun, filter_runs
 from strainsight.mesh.model import Mesh
+from strainsight.ordering import first_of_largest
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBody
 from strainsight.records.simulated import Simulated
@@ -70,7 +71,7 @@ def estimated(
     loads = loads_of(config, bench, using.files)
     known = loads(time)
     zeroing = known[0].copy()
-    heaviest = known[np.argmax(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
+    heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
     for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
         guess = estimate.inputs[name].guess
         known[:, column] = known[0, column] if guess is None else guess

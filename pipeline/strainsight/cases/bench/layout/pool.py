@@ -15,7 +15,7 @@ from strainsight.errors import InfeasibleError, blame
 from strainsight.gauges.candidates import Candidates, candidates
 from strainsight.gauges.principal import principal_angles
 from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.screening import screen
+from strainsight.gauges.screening import screen, strongest_first
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 
@@ -68,7 +68,7 @@ def gauge_pool(
 def _ranked(strength: np.ndarray, position: np.ndarray, spacing: float) -> np.ndarray:
     """Candidates that far apart, the strongest first."""
     found = screen(strength, 1.0, position, None, spacing)
-    return found.kept[np.argsort(-found.snr[found.kept], kind="stable")]
+    return found.kept[strongest_first(found.snr[found.kept])]
 
 
 def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
