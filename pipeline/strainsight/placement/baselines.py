@@ -16,8 +16,8 @@ from strainsight.ordering import first_of_largest, lowest_first
 
 VITAL = 1e-9
 """A mode is lost with a unit whose hat block has an eigenvalue of 1, up to this."""
-LEVEL = 1e-12
-"""Leverages closer than this are a tie: they are the rounding of the columns of length 1 that they are taken from."""
+LEVEL = 1e-10
+"""Leverages this close are a tie: those of mirrored gauges are up to 1e-12 apart, by the rounding of columns of length 1."""
 DEPENDENT = 1e-8
 """A vector depends on others where this share of it, or less, lies outside of their span."""
 TRIES = 200

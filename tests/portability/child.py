@@ -1,0 +1,41 @@
+"""`python child.py PLAN`: every stage but the page of some configs, in a process of its own.
+
+PLAN is JSON: results, a folder; runs, pairs of a config and its overrides, those before others that take a guess from them;
+superlu, whether SuperLU solves instead of PARDISO. The environment says on which processor, linear algebra and threads.
+NumPy is loaded first, so that the product cannot hold it to one thread.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np  # noqa: F401
+import scipy.linalg  # noqa: F401
+
+from strainsight.config.load import load_config
+from strainsight.stages.bench.pipeline import bench_stages
+from strainsight.stages.placement import PLACEMENT
+from strainsight.workflow.plan import Job
+from strainsight.workflow.runner import run
+
+
+def run_all(results: Path, runs: Iterable[tuple[str, Sequence[str]]]) -> None:
+    """The artefacts of every config in results/<its name>."""
+    for config, overrides in runs:
+        loaded = load_config(Path(config), overrides)
+        job = Job(loaded.data, Path(config).parent, results, loaded.locate, loaded.model)
+        stages = PLACEMENT if loaded.data["kind"] == "placement" else bench_stages(loaded.data)
+        for _ in run([stage for stage in stages if stage.name != "report"], job):
+            pass
+
+
+if __name__ == "__main__":
+    plan = json.loads(sys.argv[1])
+    if plan["superlu"]:
+        sys.modules["pypardiso"] = None  # type: ignore[assignment]
+        warnings.filterwarnings("ignore", message="PARDISO is not available")
+    run_all(Path(plan["results"]), plan["runs"])
