@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from strainsight.errors import ConfigError, UserError, did_you_mean
 from strainsight.sweep.sweep import Where
@@ -60,31 +60,13 @@ def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple
 
 
 def _page(suite: LoadedConfig, runs: Sequence[PlannedRun], works: Sequence[Work], results: Path) -> Work:
-    """The suite's own stage, and what it is told of the runs."""
+    """The suite's own stage, on the numbers of its runs."""
+    from strainsight.stages.pages.suite_entries import suite_config
+    from strainsight.stages.suite import SUITE
     from strainsight.workflow.plan import Job
 
-    model = suite.data
-    told: dict[str, Any] = {"name": model["name"], "title": model["title"]}
-    reached = [[stage.name for stage in work.stages] for work in works]
-    if runs[0].config.data["kind"] == "placement":
-        from strainsight.stages.suite import SUITE, config_of_run
-
-        told["runs"] = [
-            config_of_run(run.config.data, run.entry.label, run.entry.note, stages)
-            for run, stages in zip(runs, reached, strict=True)
-        ]
-        stage = SUITE
-    else:
-        from strainsight.config.suite_benches import claims_of, told_of
-        from strainsight.stages.bench.suite import BENCH_SUITE
-
-        told |= {
-            "runs": told_of(suite, runs, reached),
-            "studies": model["studies"],
-            "claims": claims_of(suite, runs, reached),
-        }
-        stage = BENCH_SUITE
-    return Work((stage,), Job(told, results, results, suite.locate), model["name"])
+    config = suite_config(suite, runs, [[stage.name for stage in work.stages] for work in works])
+    return Work((SUITE,), Job(config, results, results, suite.locate), config["name"])
 
 
 def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:

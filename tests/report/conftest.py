@@ -25,7 +25,7 @@ from strainsight.report.placement.data import (
     Trend,
     Unknown,
 )
-from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import PlacementRun, Suite
 
 ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
 """Bands of one draw and of twenty."""
@@ -138,11 +138,34 @@ def report(**changes):
         title="Cantilever: load and stiffness",
         unknowns=(
             Unknown(
-                "tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163, False, 0.04,
-                (Claim("test", 1, 0.177 / 0.159, ONE, "as claimed"), Claim("smoothed", 1, 0.042 / 0.04, ONE, "as claimed")),
+                "tip",
+                "N",
+                "input",
+                1e4,
+                7071.0,
+                7050.0,
+                0.177,
+                0.159,
+                0.042,
+                0.163,
+                False,
+                0.04,
+                (
+                    Claim("test", 1, 0.177 / 0.159, ONE, "as claimed"),
+                    Claim("smoothed", 1, 0.042 / 0.04, ONE, "as claimed"),
+                ),
             ),
             Unknown(
-                "E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787,
+                "E",
+                "Pa",
+                "parameter",
+                1.89e11,
+                2.1e11,
+                2.0989e11,
+                0.000523,
+                0.000814,
+                None,
+                0.000787,
                 claims=(Claim("repeats", 20, 6.64, TWENTY, "overconfident"), HELD),
             ),
         ),
@@ -220,10 +243,10 @@ def suite_report(**changes):
     agree = Claim("repeats", 20, 0.875, TWENTY, "as claimed")
     agreed = (Repeats("E", np.full(20, 0.0007), np.full(20, 0.0008), "identified"),)
     pairs = (("G1", "G3", 0.12), ("G2", "G1", 0.2), ("G3", "G1", 0.12), ("G4", "G2", 0.23))
-    done = SuiteRun(
-        "beam-E", "E, 20 Hz", "", "../beam-E/report.html", "report", (replace(modulus, claims=(HELD, agree)),), 4, 30,
-        full.trend, full.layout,
-        {"E": 0.000787}, full.histories[1:], agreed, full.cases, full.frequencies, full.truth_description, pairs,
+    done = PlacementRun(
+        "beam-E", "E, 20 Hz", page="../beam-E/report.html", reached="report", unknowns=(replace(modulus, claims=(HELD, agree)),),
+        gauges=4, pool=30, trend=full.trend, layout=full.layout, expected_std={"E": 0.000787}, histories=full.histories[1:],
+        repeats=agreed, cases=full.cases, frequencies=full.frequencies, truth_description=full.truth_description, pairs=pairs,
     )  # fmt: skip
     joint = replace(
         done, name="beam-tip-E", label="tip + E, 20 Hz", note="A softer beam under a smaller load strains alike.",
@@ -236,6 +259,8 @@ def suite_report(**changes):
         cases=tuple(replace(case, condition=1.5 * case.condition) for case in full.cases),
     )  # fmt: skip
     guess = Unknown("E", "Pa", "parameter", 1.89e11)
-    seen = SuiteRun("beam-all", "all three", "no gauge tells all three.", None, "observe", (guess,), cases=full.cases)
+    seen = PlacementRun(
+        "beam-all", "all three", "no gauge tells all three.", reached="observe", unknowns=(guess,), cases=full.cases
+    )
     runs = (done, joint, wrong, seen)
-    return replace(SuiteReport("beam", "The beam of chapter 6.1", runs, {"seed": "1"}), **changes)
+    return replace(Suite("beam", "The beam of chapter 6.1", runs, provenance={"seed": "1"}), **changes)

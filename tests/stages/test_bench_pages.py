@@ -11,7 +11,7 @@ import pytest
 from strainsight.errors import ConfigError
 from strainsight.report.page.document import own
 from strainsight.stages.bench.report import report_stage
-from strainsight.stages.bench.suite import BENCH_SUITE
+from strainsight.stages.suite import SUITE
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
@@ -27,7 +27,7 @@ CLAIM = {
 }  # fmt: skip
 
 
-def told(name: str, stages, **more):
+def entry_of(name: str, stages, **more):
     entry = {
         "name": name,
         "label": f"<{name}>",
@@ -56,18 +56,18 @@ def results(tmp_path_factory):
 def runs():
     both = ("simulate", "estimate")
     return [
-        told("h0", both, study="Steps", group="own", at=0.1, note="A <note>."),
-        told("h1", both, study="Steps", group="own", at=1.0),
-        told("down", ("estimate",), study="Scale"),
-        told("lost", ("estimate",)),
-        told("still", ("simulate",)),
+        entry_of("h0", both, study="Steps", group="own", at=0.1, note="A <note>."),
+        entry_of("h1", both, study="Steps", group="own", at=1.0),
+        entry_of("down", ("estimate",), study="Scale"),
+        entry_of("lost", ("estimate",)),
+        entry_of("still", ("simulate",)),
     ]
 
 
 def made(results, runs, claims=(), studies=(), name="all"):
     config = {"name": name, "title": "All & <more>", "runs": runs, "studies": list(studies), "claims": list(claims)}
     job = Job(config, results, results, lambda key: f"suite.yaml at {key}")
-    return list(run((BENCH_SUITE,), job))[-1].artefact
+    return list(run((SUITE,), job))[-1].artefact
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_the_page_says_them_and_nothing_of_it_is_markup_from_a_name(suite):
 def test_it_is_up_to_date_until_a_claim_changes(suite, results, runs):
     config = Artefact(suite.path).header.config
     job = Job(dict(config), results, results)
-    assert [event.status for event in run((BENCH_SUITE,), job)] == ["up to date"]
+    assert [event.status for event in run((SUITE,), job)] == ["up to date"]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_a_number_that_a_run_does_not_have_is_refused_at_its_place(results, runs
     assert remedy in caught.value.remedy
 
 
-def test_every_wrong_claim_is_told_at_once(results, runs):
+def test_every_wrong_claim_is_reported_at_once(results, runs):
     claims = [CLAIM | {"text": "t", "runs": [0], "number": [name], "below": 3.0} for name in ("a", "b")]
     with pytest.raises(ConfigError) as caught:
         made(results, runs, claims, name="wrong")
@@ -167,7 +167,7 @@ def test_a_number_to_draw_that_no_run_of_the_study_has_is_refused(results, runs)
 
 
 def test_every_dataset_of_the_suite_is_listed(suite):
-    text = DOC.read_text(encoding="utf-8").split("## suite.h5 of benches\n")[1].split("\n## ")[0]
+    text = DOC.read_text(encoding="utf-8").split("## suite.h5\n")[1].split("\n## ")[0]
     listed = dict(re.findall(r"^\| `([^`]+)` \| [^|]+ \| ([^|]+) \|", text, flags=re.MULTILINE))
     assert {path: unit.strip() for path, unit in listed.items()} == {
         path: suite.attributes(path)["units"] for path in suite.paths()
@@ -180,7 +180,12 @@ def reported(folder: Path, name: str, stages):
     stage = report_stage(["modes of bodies", *stages])
     upstream = {own: Artefact(folder / name / f"{own}.h5") for own in stage.upstream}
     return stage, stage.run(
-        Context(Slice({"name": name, "seed": 3, "bodies": {}, "sensors": {}}, "report"), upstream, {}, lambda doing, share: None)
+        Context(
+            Slice({"name": name, "seed": 3, "bodies": {}, "sensors": {}}, "report"),
+            upstream,
+            {},
+            lambda doing, share: None,
+        )
     )
 
 

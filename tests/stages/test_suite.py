@@ -10,31 +10,42 @@ import pytest
 
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.placement.data import Repeats, Unknown
-from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import PlacementRun, Suite
 from strainsight.stages import suite as suite_stage
 from strainsight.stages.pages.suite import nearest
-from strainsight.stages.pages.suite_numbers import suite_datasets, suite_tables
-from strainsight.stages.suite import SUITE, config_of_run
+from strainsight.stages.pages.suite_entries import suite_config
+from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
+from strainsight.stages.suite import SUITE
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 
 
+LASTS = ("import", "place", "report")
+
+
 @pytest.fixture(scope="module")
-def told(config, artefacts):
-    """What a suite is told of the same run, as far as it got three times."""
+def given(config, artefacts, tmp_path_factory):
+    """What the stage is given of the same run, as far as it got three times, and of a claim on it."""
     from strainsight.config.load import load_config
+    from strainsight.config.suite_runs import runs_of
 
-    data = load_config(config).data
-    names = list(artefacts)
-    upto = {last: names[: names.index(last) + 1] for last in ("import", "place", "report")}
-    return [{**config_of_run(data, f"<{last}>", "", stages), "name": f"to-{last}"} for last, stages in upto.items()]
+    path = tmp_path_factory.mktemp("suite") / "suite.yaml"
+    runs = "".join(f"  - {{config: {config}, name: to-{last}, label: <{last}>}}\n" for last in LASTS)
+    claims = "claims: [{text: E is known., run: to-report, number: error.E, below: 0.5}]\n"
+    path.write_text(f"kind: suite\nname: all\ntitle: All & more\nruns:\n{runs}{claims}", encoding="utf-8")
+    suite, names = load_config(path), list(artefacts)
+    given = suite_config(suite, runs_of(suite), [names[: names.index(last) + 1] for last in LASTS])
+    own = load_config(config).data["name"]
+    for entry in given["runs"]:
+        entry["artefacts"] = {stage: f"{own}/{stage}.h5" for stage in entry["artefacts"]}
+    return given
 
 
 @pytest.fixture(scope="module")
-def suite(told, results, artefacts):
-    job = Job({"name": "all", "title": "All & more", "runs": told}, results, results)
+def suite(given, results, artefacts):
+    job = Job(given, results, results)
     return list(run((SUITE,), job))[-1].artefact
 
 
@@ -55,38 +66,47 @@ def test_the_numbers_are_those_of_the_runs(suite, artefacts):
     assert "<place>" not in page
 
 
+def test_a_claim_is_measured_where_a_placement_is_validated(suite, artefacts):
+    assert suite["/claim/verdict"].tolist() == ["confirmed"]
+    assert suite["/number/value"].tolist() == [artefacts["validate"].summary["error.E"]]
+    assert suite["/number/run"].tolist() == [2]
+    page = (suite.path.parent / "report.html").read_text(encoding="utf-8")
+    assert page.index("E is known.") < page.index("✓ confirmed") < page.index('data-table="runs"')
+
+
 def test_the_page_and_the_table_say_the_same_of_a_lost_repeat():
-    run = SuiteRun(
-        "a", "a", "", None, "validate", (Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001),),
+    run = PlacementRun(
+        "a", "a", reached="validate", unknowns=(Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001),),
         repeats=(Repeats("E", np.array([0.001, np.nan, -0.002]), np.full(3, 0.001), "identified"),),
     )  # fmt: skip
-    report = SuiteReport("s", "s", (run,))
-    datasets = suite_datasets(report)
-    assert datasets["/unknown/repeats_worst"].array.tolist() == [np.inf]
-    assert datasets["/unknown/verdict"].array.tolist() == ["diverged"]
+    report = Suite("s", "s", (run,))
+    unknowns = numbers_of(report).unknowns
+    assert unknowns.repeats_worst.tolist() == [np.inf]
+    assert unknowns.verdict == ("diverged",)
     (table,) = suite_tables(report)
     assert table.rows[0][-2:] == ("RMS 0.16 %, 1 of 3 diverged", "diverged")
 
 
-def test_one_run_is_no_runs(told, results):
-    (*_, event) = run((SUITE,), Job({"name": "one", "title": "One", "runs": told[:1]}, results, results))
+def test_one_run_is_no_runs(given, results):
+    one = given | {"name": "one", "runs": given["runs"][:1], "claims": []}
+    (*_, event) = run((SUITE,), Job(one, results, results))
     assert event.artefact.message.startswith("1 run, 0 estimated")
 
 
-def test_runs_with_the_same_layout_share_a_picture(suite, told, results, monkeypatch):
+def test_runs_with_the_same_layout_share_a_picture(suite, given, results, monkeypatch):
     drawn = []
     monkeypatch.setattr(suite_stage, "render_all", lambda layouts: drawn.extend(layouts) or [b"png"] * len(layouts))
-    job = Job({"name": "again", "title": "All", "runs": told}, results, results)
+    job = Job(given | {"name": "again"}, results, results)
     (*_, event) = run((SUITE,), job)
     assert event.artefact.summary["pictures"] == 2
     assert len(drawn) == 1
 
 
-def test_it_is_up_to_date_until_a_run_changes(suite, told, results):
-    job = Job({"name": "all", "title": "All & more", "runs": told}, results, results)
+def test_it_is_up_to_date_until_a_run_changes(suite, given, results):
+    job = Job(given, results, results)
     assert [event.status for event in run((SUITE,), job)] == ["up to date"]
-    other = [told[0], {**told[1], "note": "new"}, told[2]]
-    changed = Job({"name": "all", "title": "All & more", "runs": other}, results, results)
+    first, second, third = given["runs"]
+    changed = Job(given | {"runs": [first, {**second, "note": "new"}, third]}, results, results)
     assert next(run((SUITE,), changed)).reason.startswith("runs ")
 
 

@@ -29,10 +29,8 @@ class SuiteRun(Section):
     )
     until: Text = Field("report", description="Last stage to run.")
     note: str = Field("", description="A sentence that the page shows with the run.")
-    study: Text | None = Field(
-        None, description="Benches: name of the study; its runs share a heading and their figures."
-    )
-    group: str = Field("", description="Benches: runs of one group are one line in figures over a varied key.")
+    study: Text | None = Field(None, description="Name of the study; its runs share a heading and their figures.")
+    group: str = Field("", description="Runs of one group are one line in figures over a varied key.")
 
 
 class SuiteConfig(Section):
@@ -53,12 +51,8 @@ class SuiteConfig(Section):
     runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(
         description="The runs, in order: all of them placements, or all of them benches."
     )
-    studies: tuple[Study, ...] = Field(
-        (), description="Benches: what more there is to say of studies named in runs[].study."
-    )
-    claims: tuple[Claim, ...] = Field(
-        (), description="Benches: statements that the page calls confirmed or contradicted."
-    )
+    studies: tuple[Study, ...] = Field((), description="What more there is to say of studies named in runs[].study.")
+    claims: tuple[Claim, ...] = Field((), description="Statements that the page calls confirmed or contradicted.")
 
 
 def suite_problems(config: SuiteConfig) -> Iterator[Problem]:

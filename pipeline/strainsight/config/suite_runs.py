@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from strainsight.config.keys import place_in
 from strainsight.config.load import LoadedConfig, kind_of, load_config
 from strainsight.config.messages import MISSING
 from strainsight.config.overrides import Override
 from strainsight.config.suite import SuiteConfig, SuiteRun
-from strainsight.config.suite_benches import refused
-from strainsight.errors import ConfigError, StrainsightError
+from strainsight.config.suite_studies import Study, as_texts
+from strainsight.errors import ConfigError, StrainsightError, did_you_mean
 
 Of = TypeVar("Of")
 Made = TypeVar("Made")
@@ -40,7 +41,7 @@ def runs_of(suite: LoadedConfig) -> tuple[PlannedRun, ...]:
     names = [run.config.model.name for run in plain]
     found = all_of(plain, lambda run: _final(suite, model, run, names))
     all_of(found, lambda run: _refuse_taken(suite, model, found[: run.place], run))
-    all_of(refused(suite, model, found, names), _raise)
+    all_of(_refused(suite, model, found, names), _raise)
     return tuple(found)
 
 
@@ -67,6 +68,24 @@ def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
     return made
 
 
+def study_of(model: SuiteConfig, run: PlannedRun) -> Study | None:
+    """What the suite says more of the study of a run."""
+    return next((study for study in model.studies if study.name == run.entry.study), None)
+
+
+def value_over(config: Mapping[str, Any], key: str) -> float | None:
+    """The number at a dotted key, places of lists counted from 0; None where there is none."""
+    value: Any = config
+    for part in key.split("."):
+        if isinstance(value, Mapping):
+            value = value.get(part)
+        elif isinstance(value, list) and (place := place_in(part, len(value))) is not None:
+            value = value[place]
+        else:
+            return None
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
 def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
     """The config of the i-th run, before the suffix."""
     entry = model.runs[i]
@@ -91,7 +110,7 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
         return load_config(path, overrides)
     except ConfigError as error:
         for problem in (error, *error.others):
-            _say_replaced(problem, overrides)
+            _explain_replaced(problem, overrides)
         raise
 
 
@@ -103,7 +122,7 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _say_replaced(problem: StrainsightError, overrides: Sequence[Override]) -> None:
+def _explain_replaced(problem: StrainsightError, overrides: Sequence[Override]) -> None:
     """Where a key is missing because a whole section was put over the config's own, say how to put only its keys."""
     for override in overrides:
         if (
@@ -163,3 +182,46 @@ def _refuse_taken(suite: LoadedConfig, model: SuiteConfig, before: Sequence[Plan
             where=suite.locate(f"runs.{run.place}.name"),
             remedy="give it another name beside its config: name: NAME",
         )
+
+
+def _refused(
+    suite: LoadedConfig, model: SuiteConfig, runs: Sequence[PlannedRun], names: Sequence[str]
+) -> Iterator[ConfigError]:
+    """What is wrong with runs of several kinds, with studies and with claims, each with its place; names: before the suffix,
+    as claims say them."""
+    kind = runs[0].config.data["kind"]
+    mixed = [run for run in runs if run.config.data["kind"] != kind]
+    for run in mixed:
+        yield wrong(
+            suite,
+            f"runs.{run.place}.config",
+            f"{run.config.path.name} is a {run.config.data['kind']}, runs[0] a {kind}",
+            "a page is about placements or about benches: make two suites",
+        )
+    if mixed:
+        return
+    for run in runs:
+        study = study_of(model, run)
+        if study is not None and study.over is not None and value_over(run.config.data, study.over) is None:
+            yield wrong(
+                suite,
+                f"studies.{model.studies.index(study)}.over",
+                f"{study.over} is no number in runs[{run.place}], '{run.config.data['name']}'",
+                "name a key that is a number in every run of the study, or set it there",
+            )
+    for i, claim in enumerate(model.claims):
+        named = [("run", name) for name in as_texts(claim.run)]
+        named += [("against", claim.against)] if claim.against is not None else []
+        for key, name in named:
+            if name not in names:
+                known = f"its runs are {', '.join(names)}"
+                yield wrong(
+                    suite, f"claims.{i}.{key}", f"no run '{name}' in this suite", did_you_mean(name, names, known)
+                )
+
+
+def wrong(suite: LoadedConfig, key: str, what: str, remedy: str) -> ConfigError:
+    """An error at a dotted key of the suite."""
+    first, *rest = key.split(".")
+    shown = f"{first}[{rest[0]}].{rest[1]}" if len(rest) == 2 else key
+    return ConfigError(what, key=shown, where=suite.locate(key), remedy=remedy)

@@ -1,4 +1,4 @@
-"""What a suite of benches asks of its runs: studies that share figures, and statements that hold or do not."""
+"""What a suite asks of its runs: studies that share figures, and statements that hold or do not."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Study(Section):
     )
     numbers: tuple[Text, ...] = Field(
         (),
-        description="Numbers of the stage `estimate` that are drawn over it, as in slope.Fz; without any: the error of every "
-        "unknown beside its claimed standard deviation.",
+        description="Numbers of `estimate`, of a placement `validate`, that are drawn over it, as in slope.Fz; without any: the "
+        "error of every unknown beside its claimed standard deviation.",
     )
 
 
@@ -38,7 +38,9 @@ class Claim(Section):
         description="Name of the run, before the suite's suffix, or a list: it has to hold in each."
     )
     number: Text | Texts = Field(description="Number of the stage's summary, as in slope.Fz, or a list.")
-    stage: Text = Field("estimate", description="Stage that the number comes from.")
+    stage: Text | None = Field(
+        None, description="Stage that the number comes from; null: `estimate` of a bench, `validate` of a placement."
+    )
     times: float = Field(1.0, description="The number is multiplied by it first [-].")
     against: Text | None = Field(None, description="Name of another run: the number is divided by that one's.")
     against_number: Text | None = Field(None, description="Number to divide by; null: the same as number.")

@@ -12,6 +12,7 @@ from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.simulated import Simulated
+from strainsight.records.suite import SuiteNumbers
 from strainsight.records.surface_field import SurfaceInTime
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
@@ -26,8 +27,9 @@ PLACEMENT: dict[str, Any] = {
     "place": Placed,
     "spectrum": Modes,
     "validate": Validated,
+    "suite": SuiteNumbers,
 }
-"""Stage of a placement → the record that its artefact is read as."""
+"""Stage of a placement → the record that its artefact is read as; `suite` is one of benches, too."""
 
 BENCH: dict[str, Any] = {
     "reduce": ReducedBodies,
@@ -38,5 +40,5 @@ BENCH: dict[str, Any] = {
     "field": SurfaceInTime,
 }
 """The same of a bench."""
-SHARED = ("import", "place", "estimate", "report", "suite")
+SHARED = ("import", "place", "estimate", "report")
 """Stages of both: docs/artefacts.md says "of a bench" in the heading of the second."""

@@ -8,24 +8,23 @@ import re
 import numpy as np
 import pytest
 
-from strainsight.report.bench.claims import asked, claims_table, measured
 from strainsight.report.bench.data import (
-    BenchClaim,
     BenchEstimate,
     BenchPlacement,
     BenchRun,
     BenchSensor,
-    BenchStudy,
-    BenchSuite,
     BenchUnknown,
 )
 from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
 from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
-from strainsight.report.bench.studies import study_figures
-from strainsight.report.bench.suite_page import bench_suite_page
 from strainsight.report.bench.tables import placement_table, ratio, runs_table
 from strainsight.report.placement.data import History
+from strainsight.report.suite.data import Statement, Study, Suite
+from strainsight.report.suite.figures import suite_figures
+from strainsight.report.suite.page import suite_page
+from strainsight.report.suite.statements import measured, statements_table, target
+from strainsight.report.suite.studies import study_figures
 
 from ..outline import names_of_regions, nothing_comes_from_outside, steps_in_order, words
 
@@ -46,25 +45,25 @@ def sensor(name="relative", off=0.0, used=True):
     return BenchSensor(name, TIME[1:], measured, measured * (1 + off), ("x", "y", "tilt y"), ("m", "m", "rad"), used)
 
 
-def run(label="a", error=0.01, at=None, group="", study="s", unknowns=None, **numbers):
-    told = {"error.F$z": error, "std.F$z": 0.02, "nis": 0.9, "expected_nis": 0.8, "method": "iterated"} | numbers
+def run(label="a", error=0.01, at=None, group="", study="s", unknowns=None, **more):
+    numbers = {"error.F$z": error, "std.F$z": 0.02, "nis": 0.9, "expected_nis": 0.8, "method": "iterated"} | more
     estimate = BenchEstimate(
         TIME,
         (load(error),) if unknowns is None else unknowns,
         (sensor(off=error),),
         np.ones(len(TIME) - 1),
         np.full(len(TIME), 1e-16),
-        told,
+        numbers,
     )
     return BenchRun(label, label, study=study, group=group, at=at, reached="estimate", estimate=estimate)
 
 
 def suite(runs, claims=(), over=None, numbers=()):
-    return BenchSuite("s", "t", tuple(runs), (BenchStudy("s", "", over, numbers, tuple(range(len(runs)))),), claims)
+    return Suite("s", "t", tuple(runs), (Study("s", "", over, numbers, tuple(range(len(runs)))),), claims)
 
 
 def claim(*values, **more):
-    return BenchClaim("A <statement>.", tuple((0, "n", value) for value in values), **more)
+    return Statement("A <statement>.", tuple((0, "n", value) for value in values), **more)
 
 
 @pytest.mark.parametrize(
@@ -85,24 +84,26 @@ def test_a_claim_holds_where_every_number_does(found, verdict):
     assert found.verdict == verdict
 
 
-def test_what_is_asked_and_measured_in_words():
-    assert asked(claim(1.0, above=0.5, below=1.5, unit="N")) == "0.5 to 1.5 N"
-    assert (asked(claim(1.0, above=0.5)), asked(claim(1.0, below=0.5))) == ("above 0.5", "below 0.5")
-    assert (asked(claim(1.0, equals=False)), measured(claim(1.0, equals=False))) == ("no", "yes")
+def test_the_target_and_what_is_measured_in_words():
+    assert target(claim(1.0, above=0.5, below=1.5, unit="N")) == "0.5 to 1.5 N"
+    assert (target(claim(1.0, above=0.5)), target(claim(1.0, below=0.5))) == ("above 0.5", "below 0.5")
+    assert (target(claim(1.0, equals=False)), measured(claim(1.0, equals=False))) == ("no", "yes")
     assert measured(claim(1.0, 0.0, equals=True)) == "1 of 2 yes"
     assert measured(claim(1.0, 2.0, unit="N", below=3.0)) == "1, 2 N"
     assert measured(claim(3.0, 1.0, 2.0, math.nan, below=3.0)) == "1 to 3 (4 numbers), 1 without a number"
 
 
 def test_the_runs_that_contradict_a_statement_are_named():
-    page = claims_table(suite([run("one"), run("two")], (BenchClaim("t", ((0, "n", 1.0), (1, "n", 9.0)), below=2.0),)))
+    page = statements_table(
+        suite([run("one"), run("two")], (Statement("t", ((0, "n", 1.0), (1, "n", 9.0)), below=2.0),))
+    )
     assert "not in two: n 9" in words(page)
     assert 'href="#run-1"' in page
 
 
 def test_every_number_of_a_statement_keeps_its_exact_value_and_its_unit_is_text():
-    found = BenchClaim("t", tuple((0, "n", value) for value in (1.0, 2.5, 1 / 3, 4.0)), above=0.25, unit="<b>")
-    page = claims_table(suite([run("one")], (found,)))
+    found = Statement("t", tuple((0, "n", value) for value in (1.0, 2.5, 1 / 3, 4.0)), above=0.25, unit="<b>")
+    page = statements_table(suite([run("one")], (found,)))
     assert {float(value) for value in re.findall(r'<data value="([^"]+)"', page)} >= {1 / 3, 4.0, 0.25}
     assert "0.3333 to 4 <b> ( 4 numbers)" in words(page.replace("&lt;b&gt;", "⟨b⟩")).replace("⟨", "<").replace("⟩", ">")
     assert "<b>" not in page
@@ -190,16 +191,16 @@ def test_a_study_is_drawn_over_what_it_varies_a_line_a_group_zero_beside_the_log
 
 
 def test_a_study_of_few_runs_has_one_pair_and_the_component_that_moves_most():
-    told = suite([run("a"), run("b", 0.1)])
-    pair = study_figures(told, told.studies[0])
+    own = suite([run("a"), run("b", 0.1)])
+    pair = study_figures(own, own.studies[0])
     assert [drawing.title for drawing in pair] == ["F$z: estimate", "relative: measured against estimated"]
     assert "relative, y: measured" in pair[1].caption
 
 
 def test_named_numbers_are_drawn_instead_of_errors():
     runs = [run(str(at), at=at, **{"slope.F$z": 1.0 + at}) for at in (1.0, 2.0)]
-    told = suite(runs, over="k", numbers=("slope.F$z",))
-    (sweep, *_) = study_figures(told, told.studies[0])
+    own = suite(runs, over="k", numbers=("slope.F$z",))
+    (sweep, *_) = study_figures(own, own.studies[0])
     assert "slope.F$z: 1 2, 2 3" in sweep.alt
 
 
@@ -233,9 +234,9 @@ def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_said():
 
 def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
     runs = [run("<a>"), run("b", **{"identified.F$z": False}), BenchRun("c", "c", study="s", reached="simulate")]
-    told = suite(runs, (claim(1.0, above=2.0),))
+    own = suite(runs, (claim(1.0, above=2.0),))
     pages = [
-        bench_suite_page(told, {"s": study_figures(told, told.studies[0])}),
+        suite_page(own, suite_figures(own), {}),
         bench_page(runs[1], bench_figures(runs[1]), {"k": "<v>"}.items()),
     ]
     for page in pages:

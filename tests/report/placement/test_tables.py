@@ -56,7 +56,10 @@ def test_what_cannot_be_observed_is_said_in_words_and_what_the_caption_must_say_
 
 def test_broken_and_missing_numbers_do_not_break_the_table(full):
     nan = Criteria("broken", (np.nan,) * 3, {"tip": np.nan})
-    ours, fine = replace(nan, values=(np.inf, np.nan, np.nan), rule="ours"), Criteria("fine", (2.0, 1.0, 1.0), {"E": 1.0})
+    ours, fine = (
+        replace(nan, values=(np.inf, np.nan, np.nan), rule="ours"),
+        Criteria("fine", (2.0, 1.0, 1.0), {"E": 1.0}),
+    )
     report = full(criteria=(ours, nan, fine))
     rows = cells(criteria_table(report))
     assert [row[0] for row in rows][2:] == ["fine", "broken"]

@@ -78,7 +78,9 @@ def test_what_failed_is_said_in_words(suite):
 def test_a_load_that_is_zero_is_said_to_be_judged_by_its_amplitude(suite):
     run = suite().runs[1]
     zero = tuple(replace(unknown, zero=unknown.kind == "input") for unknown in run.unknowns)
-    assert "tip, load, zero: in % of its amplitude" in words(first_screen(page(suite(runs=(replace(run, unknowns=zero),)))))
+    assert "tip, load, zero: in % of its amplitude" in words(
+        first_screen(page(suite(runs=(replace(run, unknowns=zero),))))
+    )
     assert "of its amplitude" not in words(first_screen(page(suite())))
 
 
@@ -129,7 +131,7 @@ def test_a_suite_of_nothing_but_observed_runs_has_a_page(suite):
     text = page(suite(runs=suite().runs[3:]), {})
     Outline(text)
     assert "Where the gauges go" not in text
-    assert "What can be told apart" in text
+    assert "What can be distinguished" in text
     Outline(page(suite(runs=()), {}))
 
 

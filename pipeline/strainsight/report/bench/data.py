@@ -1,19 +1,16 @@
-"""What the pages of benches show: one run, or a suite of runs with studies and claims; whoever has the artefacts fills it in.
+"""What the page of a bench shows; whoever has the artefacts fills it in.
 
 Numbers are kept under the names that the stages give them in their summaries ("error.Fz"); all of them are in SI units.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from strainsight.report.page.run import Run, Scalar
 from strainsight.report.placement.data import FloatArray, History, IntArray
-
-Scalar = float | int | str | bool
-CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "no number"
 
 
 @dataclass(frozen=True)
@@ -100,84 +97,24 @@ class BenchPlacement:
 
 
 @dataclass(frozen=True)
-class BenchRun:
-    """One run: names and texts as in a suite's config; at: the value of the key that its study varies; page: relative link to
-    its own page or None; numbers: stage → its summary; warnings: what its stages warned of."""
+class BenchRun(Run):
+    """A run of a bench, as far as it went."""
 
-    name: str
-    label: str = ""
-    note: str = ""
-    study: str = ""
-    group: str = ""
-    at: float | None = None
-    reached: str = ""
-    page: str | None = None
     motion: BenchMotion | None = None
     estimate: BenchEstimate | None = None
     placement: BenchPlacement | None = None
-    numbers: Mapping[str, Mapping[str, Scalar]] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
 
     @property
-    def told(self) -> Mapping[str, Scalar]:
+    def summary(self) -> Mapping[str, Scalar]:
         """The numbers of the estimate, none where there is none."""
         return {} if self.estimate is None else self.estimate.numbers
 
-    def number(self, name: str) -> float | None:
-        """A number of the estimate; None where there is none of that name, true as 1."""
-        value = self.told.get(name)
-        return None if value is None or isinstance(value, str) else float(value)
-
-
-@dataclass(frozen=True)
-class BenchStudy:
-    """A question that several runs answer: name, note; over: the key they vary or None; numbers that are drawn over it, or
-    none for the errors; runs: places of its runs in the suite."""
-
-    name: str
-    note: str
-    over: str | None
-    numbers: tuple[str, ...]
-    runs: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class BenchClaim:
-    """A statement and the numbers that it stands or falls with: found, (place of the run, name of the number, value); above
-    and below: bounds or None; equals: what a number that is true or false has to be; compared: what it was divided by."""
-
-    text: str
-    found: tuple[tuple[int, str, float], ...]
-    above: float | None = None
-    below: float | None = None
-    equals: bool | None = None
-    unit: str = ""
-    compared: str = ""
+    @property
+    def unknowns(self) -> tuple[BenchUnknown, ...]:
+        """What was estimated."""
+        return () if self.estimate is None else self.estimate.unknowns
 
     @property
-    def verdict(self) -> str:
-        """Confirmed where every number is within the bounds; no number where one is none and the others are."""
-        verdicts = [self.holds(value) for _, _, value in self.found]
-        if not all(verdict is not False for verdict in verdicts):
-            return CONTRADICTED
-        return UNDECIDED if None in verdicts or not verdicts else CONFIRMED
-
-    def holds(self, value: float) -> bool | None:
-        """Whether a number is within the bounds; None for what is no number."""
-        if math.isnan(value):
-            return None
-        if self.equals is not None:
-            return bool(value) == self.equals
-        return (self.above is None or value > self.above) and (self.below is None or value < self.below)
-
-
-@dataclass(frozen=True)
-class BenchSuite:
-    """All that the page of a suite of benches shows."""
-
-    name: str
-    title: str
-    runs: tuple[BenchRun, ...]
-    studies: tuple[BenchStudy, ...]
-    claims: tuple[BenchClaim, ...]
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    def sensors(self) -> tuple[BenchSensor, ...]:
+        """What the estimate was compared with."""
+        return () if self.estimate is None else self.estimate.sensors

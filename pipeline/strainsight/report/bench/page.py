@@ -58,7 +58,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
         drawings = [loads_figure(motion)] if motion.inputs else []
         for bearing in motion.bearings:
             drawings += bearing_figures(motion, bearing)
-        shown = {sensor.name for sensor in run.estimate.sensors} if run.estimate is not None else set()
+        shown = {sensor.name for sensor in run.sensors}
         drawings += [
             components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
             for i, sensor in enumerate(motion.sensors)
@@ -148,7 +148,7 @@ def run_answer(run: BenchRun) -> str:
     if lost:
         text += f' <strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong>'
     for unknown in estimate.unknowns:
-        if run.told.get(f"identified.{unknown.name}") is False:
+        if run.summary.get(f"identified.{unknown.name}") is False:
             text += f' <strong class="bad">{escape(unknown.name)} is not identified.</strong>'
     return text
 
@@ -214,7 +214,7 @@ def _facts(run: BenchRun) -> list[tuple[str, str]]:
             if isinstance(value, int | float):
                 rows.append((name, measure(float(value), unit)))
     for key, name in (("method", "correction"), ("truth", "truth")):
-        if isinstance(value := run.told.get(key), str):
+        if isinstance(value := run.summary.get(key), str):
             rows.append((name, escape(value)))
     for key, name in (
         ("channels", "channels"),

@@ -47,7 +47,7 @@ def _range(run: BenchRun, unknown: BenchUnknown) -> str:
 
 
 def _yes(run: BenchRun, unknown: BenchUnknown) -> str:
-    value = run.told.get(f"identified.{unknown.name}")
+    value = run.summary.get(f"identified.{unknown.name}")
     if value is None:
         return "–"
     return '<strong class="good">yes</strong>' if value else '<strong class="bad">no</strong>'
@@ -82,8 +82,7 @@ MEANINGS = {
 
 def _mismatch(used: bool) -> Callable[[BenchRun], str]:
     def cell(run: BenchRun) -> str:
-        sensors = run.estimate.sensors if run.estimate is not None else ()
-        found = [run.number(f"mismatch.{sensor.name}") for sensor in sensors if sensor.used == used]
+        found = [run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used == used]
         known = [value for value in found if value is not None]
         return ratio(max(known)) if known else ""
 
@@ -127,13 +126,13 @@ def runs_table(name: str, entries: Sequence[tuple[str, BenchRun]], *, explained:
 
     name: as of `markup.table`; explained: whether a sentence before the table says what its columns mean.
     """
-    told = [run for _, run in entries if run.estimate is not None]
+    estimated = [run for _, run in entries if run.estimate is not None]
     columns = [
         (heading, cell)
         for heading, cell in COLUMNS
-        if any(_says(cell(run, unknown)) for run in told for unknown in _unknowns(run))
+        if any(_says(cell(run, unknown)) for run in estimated for unknown in run.unknowns)
     ]
-    shared = [(heading, cell) for heading, cell in SHARED if any(_says(cell(run)) for run in told)]
+    shared = [(heading, cell) for heading, cell in SHARED if any(_says(cell(run)) for run in estimated)]
     names = [heading for heading, _ in columns] + [heading for heading, _ in shared]
     bodies = [
         _block(heading, run, [cell for _, cell in columns], [cell for _, cell in shared]) for heading, run in entries
@@ -148,21 +147,17 @@ def _says(cell: str) -> bool:
     return re.sub("<[^>]*>", "", cell) not in ("", "–")
 
 
-def _unknowns(run: BenchRun) -> tuple[BenchUnknown, ...]:
-    return run.estimate.unknowns if run.estimate is not None else ()
-
-
 def _block(heading: str, run: BenchRun, cells: Sequence[Cell], shared: Sequence[Callable[[BenchRun], str]]) -> str:
     """The rows of a run, its own cells once beside those of its unknowns."""
-    unknowns = _unknowns(run)
-    span = f' rowspan="{len(unknowns)}"' if len(unknowns) > 1 else ""
+    many = len(run.unknowns)
+    span = f' rowspan="{many}"' if many > 1 else ""
     first = f'<th scope="rowgroup"{span}>{heading}</th>'
     if run.estimate is None:
         ends = f"not estimated (ends after {escape(run.reached)})" if run.reached else "not estimated"
         return f'<tbody><tr>{first}<td colspan="{len(cells) + len(shared) + 1}">{ends}</td></tr></tbody>'
     last = "".join(f'<td class="n"{span}>{cell(run) or "–"}</td>' for cell in shared)
     rows = []
-    for i, unknown in enumerate(unknowns):
+    for i, unknown in enumerate(run.unknowns):
         values = "".join(f'<td class="n">{cell(run, unknown)}</td>' for cell in cells)
         rows.append(
             f"<tr>{first if i == 0 else ''}<td>{escape(unknown.name)}</td>{values}{last if i == 0 else ''}</tr>"
@@ -172,10 +167,8 @@ def _block(heading: str, run: BenchRun, cells: Sequence[Cell], shared: Sequence[
 
 def mismatch_table(run: BenchRun) -> str:
     """Every sensor with its mismatch, component by component."""
-    if run.estimate is None:
-        return ""
     rows = []
-    for sensor in run.estimate.sensors:
+    for sensor in run.sensors:
         parts = [(name, run.number(f"mismatch.{sensor.name}.{i}")) for i, name in enumerate(sensor.components, start=1)]
         listed = ", ".join(f"{escape(name)} {ratio(value)}" for name, value in parts if value is not None)
         given = "given to the filter" if sensor.used else "only compared"

@@ -1,34 +1,34 @@
-"""Everything the page of a suite shows, run by run; whoever has the artefacts fills it in.
+"""Everything the page of a suite shows; whoever has the artefacts fills it in.
 
-Errors and standard deviations are relative (0.01 is one per cent), as in `report.placement.data`.
+Errors and standard deviations of placements are relative (0.01 is one per cent), as in `report.placement.data`; numbers of
+a stage's summary are in SI units, under the names that the stage gives them ("error.Fz").
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from strainsight.report.bench.data import BenchRun
+from strainsight.report.page.run import Run
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.data import Case, History, Metric, Repeats, Trend, Unknown
 
+CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "no number"
+
 
 @dataclass(frozen=True)
-class SuiteRun:
-    """One run of a suite.
+class PlacementRun(Run):
+    """A placement.
 
-    name of its config, label for people; note: a sentence or ""; page: relative link to the run's own page, or None;
-    reached: its last stage; unknowns: what was to be estimated, with numbers where it was validated;
-    gauges kept of the pool's: None before `place`, as are trend and layout; expected_std: unknown's name → relative σ
-    from placement; histories, repeats, cases, frequencies [Hz], truth_description, warnings as in `PlacementReport`;
-    pairs: every gauge with its nearest other one, (label, label, distance [m]).
+    unknowns: what was to be estimated, with numbers where it was validated; gauges kept of the pool's: None before `place`,
+    as are trend and layout; expected_std: unknown's name → relative σ from placement; histories, repeats, cases,
+    frequencies [Hz] and truth_description as in `PlacementReport`; pairs: every gauge with its nearest other one,
+    (label, label, distance [m]).
     """
 
-    name: str
-    label: str
-    note: str
-    page: str | None
-    reached: str
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[Unknown, ...] = ()
     gauges: int | None = None
     pool: int | None = None
     trend: Trend | None = None
@@ -40,20 +40,76 @@ class SuiteRun:
     frequencies: tuple[float, ...] = ()
     truth_description: str = ""
     pairs: tuple[tuple[str, str, float], ...] = ()
-    warnings: tuple[str, ...] = ()
+
+
+SuiteRun = PlacementRun | BenchRun
 
 
 @dataclass(frozen=True)
-class SuiteReport:
-    """All that the page of a suite shows: its name, a title for people, the runs in order; provenance: versions, keys."""
+class Study:
+    """A question that several runs answer: name, note; over: the key they vary or None; numbers that are drawn over it, or
+    none for the errors; runs: their places in the suite, from 0."""
+
+    name: str
+    note: str
+    over: str | None
+    numbers: tuple[str, ...]
+    runs: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement and the numbers that it stands or falls with: found, (place of the run, name of the number, value); above
+    and below: bounds or None; equals: what a number that is true or false has to be; compared: what it was divided by."""
+
+    text: str
+    found: tuple[tuple[int, str, float], ...]
+    above: float | None = None
+    below: float | None = None
+    equals: bool | None = None
+    unit: str = ""
+    compared: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """Confirmed where every number is within the bounds; no number where one is none and the others are."""
+        verdicts = [self.holds(value) for _, _, value in self.found]
+        if not all(verdict is not False for verdict in verdicts):
+            return CONTRADICTED
+        return UNDECIDED if None in verdicts or not verdicts else CONFIRMED
+
+    def holds(self, value: float) -> bool | None:
+        """Whether a number is within the bounds; None for what is no number."""
+        if math.isnan(value):
+            return None
+        if self.equals is not None:
+            return bool(value) == self.equals
+        return (self.above is None or value > self.above) and (self.below is None or value < self.below)
+
+
+@dataclass(frozen=True)
+class Suite:
+    """All that the page of a suite shows: its name, a title for people, the runs in order; provenance: versions, digests."""
 
     name: str
     title: str
     runs: tuple[SuiteRun, ...]
+    studies: tuple[Study, ...] = ()
+    statements: tuple[Statement, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def placements(self) -> tuple[tuple[int, PlacementRun], ...]:
+        """The runs that are placements, with their numbers from 1."""
+        return tuple((i, run) for i, run in enumerate(self.runs, start=1) if isinstance(run, PlacementRun))
 
-def metrics_of(runs: Iterable[SuiteRun]) -> tuple[Metric, ...]:
+    @property
+    def benches(self) -> tuple[tuple[int, BenchRun], ...]:
+        """The runs of benches, with their numbers from 1."""
+        return tuple((i, run) for i, run in enumerate(self.runs, start=1) if isinstance(run, BenchRun))
+
+
+def metrics_of(runs: Iterable[PlacementRun]) -> tuple[Metric, ...]:
     """What the layouts of these runs were chosen by, each once."""
     return tuple(dict.fromkeys(run.trend.metric for run in runs if run.trend is not None))
 

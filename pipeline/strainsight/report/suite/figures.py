@@ -1,4 +1,4 @@
-"""The figures of a suite: what could be told apart, what every gauge is worth, and the estimates of all runs.
+"""The figures of a suite: what could be distinguished, what every gauge is worth, the estimates of all runs, its studies.
 
 Thesis figures 6.9; 6.10b, 6.12b and 6.14b in one; 6.11b, 6.13b and 6.15b.
 """
@@ -10,40 +10,40 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from strainsight.report.bench.figures import STROKES
 from strainsight.report.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
 from strainsight.report.chart.panels import legend_above, plain_ticks
 from strainsight.report.page.text import SUPERSCRIPTS, number, percent, short
 from strainsight.report.placement.data import FloatArray, History, Trend
 from strainsight.report.placement.figures import estimate_figure
 from strainsight.report.suite.cases import SINGULAR, Series, groups_of, numbered, series_of
-from strainsight.report.suite.data import SuiteReport, SuiteRun, metric_name, metric_words, metrics_of
+from strainsight.report.suite.data import PlacementRun, Suite, metric_name, metric_words, metrics_of
 from strainsight.report.suite.results import Result, results_of
+from strainsight.report.suite.studies import study_figures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOURS = (*SERIES, MUTED)
-STROKES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)))
-"""One stroke for every round through the colours."""
 
 
-def suite_figures(report: SuiteReport) -> tuple[Drawing, ...]:
-    """All figures that the runs have data for: "pbh", "errors", "trends", then "estimate-<run>-<unknown>" of every run."""
+def suite_figures(report: Suite) -> tuple[Drawing, ...]:
+    """All figures that the runs have data for: "pbh", "errors", "trends", then "estimate-<run>-<unknown>" of every placement
+    and "study-<place>-…" of every study."""
     drawings = []
     if series := series_of(report):
         drawings.append(pbh_figure(series))
     if rows := [
-        (index, run, result)
-        for index, run in enumerate(report.runs, start=1)
-        for result in results_of(run)
-        if _drawn(result)
+        (index, run, result) for index, run in report.placements for result in results_of(run) if _drawn(result)
     ]:
         drawings.append(errors_figure(rows))
-    trends = [(i, run, run.trend) for i, run in enumerate(report.runs, start=1) if run.trend is not None]
+    trends = [(i, run, run.trend) for i, run in report.placements if run.trend is not None]
     if lines := [(i, run, trend) for i, run, trend in trends if _start(trend) is not None]:
         drawings.append(trends_figure(lines))
-    for index, run in enumerate(report.runs, start=1):
+    for index, run in report.placements:
         drawings += [run_estimate(index, run, history) for history in run.histories]
+    for study in report.studies:
+        drawings += study_figures(report, study)
     return tuple(drawings)
 
 
@@ -83,11 +83,11 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
         legend_above(axes, columns=1)
         image = svg(drawn)
     caption = (
-        "The longer the bar, the harder the unknowns are to tell apart from each other and from the motion; a colour is "
+        "The longer the bar, the harder the unknowns are to distinguish from each other and from the motion; a colour is "
         "one excitation, the number at its end the condition. Compare bars of one colour. “input” is all unknown loads."
     )
     if len(known) and known.max() > SINGULAR:
-        caption += " Beyond 10¹³ the matrix is singular: no gauge can tell these apart."
+        caption += " Beyond 10¹³ the matrix is singular: no gauge can distinguish these."
     parts = [
         f"{group} " + ", ".join(_rounded(value) for value in row if not np.isnan(value))
         for group, row in zip(groups, values, strict=True)
@@ -96,7 +96,7 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
     return Drawing("pbh", "Condition of every set of unknowns", caption, alt, image)
 
 
-def errors_figure(rows: list[tuple[int, SuiteRun, Result]]) -> Drawing:
+def errors_figure(rows: list[tuple[int, PlacementRun, Result]]) -> Drawing:
     """The error of every unknown of every run on a bar up to where one draw of a claim that holds ends, the repeats as small
     dots."""
     with styled():
@@ -135,9 +135,9 @@ def errors_figure(rows: list[tuple[int, SuiteRun, Result]]) -> Drawing:
     return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {said}.", image)
 
 
-def trends_figure(lines: list[tuple[int, SuiteRun, Trend]]) -> Drawing:
+def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
     """The metric over its value with the whole pool against the gauges left, a line a run; equal lines are drawn once."""
-    shared: list[tuple[list[int], SuiteRun, Trend]] = []
+    shared: list[tuple[list[int], PlacementRun, Trend]] = []
     for index, run, trend in lines:
         for numbers, _, other in shared:
             alike = trend.metric == other.metric and np.array_equal(trend.count, other.count)
@@ -179,7 +179,7 @@ def trends_figure(lines: list[tuple[int, SuiteRun, Trend]]) -> Drawing:
     return Drawing("trends", "What every gauge is worth", caption, f"Line chart of the metric's growth: {ends}.", image)
 
 
-def run_estimate(index: int, run: SuiteRun, history: History) -> Drawing:
+def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
     """The estimate beside the truth with its band; a parameter after the first tenth, where the band can be seen."""
     kind = next((unknown.kind for unknown in run.unknowns if unknown.name == history.name), "parameter")
     start = len(history.time) // 10 if kind == "parameter" else 0

@@ -1,188 +1,156 @@
-"""One self-contained HTML page of a suite: what every run came to in one table first, then what it rests on."""
+"""One self-contained HTML page of a suite: statements and an answer a run first, study by study, then what it rests on."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 
+from strainsight.report.bench.data import BenchRun
+from strainsight.report.bench.page import FOOTER as BENCHES
+from strainsight.report.bench.page import STYLES, run_answer
+from strainsight.report.bench.tables import MEANINGS
+from strainsight.report.bench.tables import runs_table as benches_table
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
-from strainsight.report.page.markup import badge, bullets, figure, grouped_table, measure, pairs, plain, table
-from strainsight.report.page.text import number
-from strainsight.report.placement.gauge_table import AXES, axes, decimals
+from strainsight.report.page.markup import bullets, figure, measure, pairs, plain, table
+from strainsight.report.placement.page import FOOTER as PLACEMENTS
 from strainsight.report.space.section import STYLE, script
-from strainsight.report.suite.cases import groups_of, numbered, series_of
-from strainsight.report.suite.data import SuiteReport, SuiteRun
-from strainsight.report.suite.space import suite_space
-from strainsight.report.suite.summary import answer, link, run_answer, runs_table
+from strainsight.report.suite import statements, summary
+from strainsight.report.suite.cases import observability_section
+from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
+from strainsight.report.suite.layouts import gauges_section, suite_space
+
+Cards = Mapping[str, str]
+"""Key of a drawing → its card."""
 
 
-def suite_page(report: SuiteReport, drawings: tuple[Drawing, ...], scenes: Mapping[str, bytes]) -> str:
-    """The report as HTML text without any resource outside itself but links to the runs' own pages.
+def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, bytes]) -> str:
+    """The page as HTML text without any resource outside itself but links to the runs' own pages.
 
-    drawings from `suite_figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
+    drawings from `figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
     """
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
-    turned = suite_space(report)
+    first = statements.statements_table(suite) + (summary.runs_table(suite) if suite.placements else "")
+    turned = suite_space(suite)
+    answers = [statements.answer(suite)] * bool(suite.statements or not suite.placements)
+    answers += [summary.answer(suite)] * bool(suite.placements)
     sections = (
-        f'<section id="answer" aria-label="answer" class="card">{runs_table(report)}</section>',
+        f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,
-        _overview(cards),
-        _observability(report, cards),
-        _gauges(report, scenes),
-        _runs(report, drawings, cards),
-        _facts(report),
+        _grid("All runs beside each other", [cards[key] for key in ("errors", "trends") if key in cards]),
+        observability_section(suite, cards),
+        gauges_section(suite, scenes),
+        *_studies(suite, cards),
+        _placements(suite, cards),
+        _facts(suite),
     )
+    footer = " ".join([PLACEMENTS] * bool(suite.placements) + [BENCHES] * bool(suite.benches))
+    styles = (*STYLES, STYLE) if turned else STYLES
     return document(
-        "suite",
-        report.name,
-        report.title,
-        answer(report),
-        sections,
-        "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
-        "loads, after the first tenth of the run.",
-        (STYLE,) * bool(turned),
-        (script(),) * bool(turned),
+        "suite", suite.name, suite.title, " ".join(answers), sections, footer, styles, (script(),) * bool(turned)
     )
 
 
-def _overview(cards: Mapping[str, str]) -> str:
-    shown = "".join(cards[key] for key in ("errors", "trends") if key in cards)
-    return f'<h2>All runs beside each other</h2><div class="figures">{shown}</div>' if shown else ""
+def _grid(heading: str, cards: Sequence[str]) -> str:
+    return f'<h2>{heading}</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
 
 
-def _observability(report: SuiteReport, cards: Mapping[str, str]) -> str:
-    """The figure beside its excitations and what is lost; the numbers below."""
-    series = series_of(report)
-    if not series:
-        return ""
-    groups = groups_of(series)
-    motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    lost = {
-        group: list(dict.fromkeys(entry.cases[group].lost for entry in series if group in entry.cases))
-        for group in groups
-    }
-    said = table("excitations", ("excitation of", "label of the first"), motions)
-    missing = [[escape(group), "<br>".join(escape(text) for text in texts if text)] for group, texts in lost.items()]
-    if missing := [row for row in missing if row[1]]:
-        said += '<h3 class="run">Nearly lost at one of them at least</h3>'
-        said += table("nearly lost", ("unknown together", "what"), missing)
+def _studies(suite: Suite, cards: Cards) -> list[str]:
+    """Where to find which study, every one with its runs and figures, and the benches that belong to none."""
+    parts = []
+    if len(suite.studies) > 1:
+        items = "".join(
+            f'<li><a href="#study-{i}">{escape(study.name)}</a> '
+            f"<small>({len(study.runs)} run{'s' * (len(study.runs) != 1)})</small></li>"
+            for i, study in enumerate(suite.studies, start=1)
+        )
+        parts.append(f'<nav class="card" aria-label="studies"><h2>Studies</h2><ol class="contents">{items}</ol></nav>')
+    for place, study in enumerate(suite.studies):
+        shown = "".join(card for key, card in cards.items() if key.startswith(f"study-{place}-"))
+        note = f'<p class="lead">{escape(study.note)}</p>' if study.note else ""
+        runs = _benches(suite, study.runs, f"runs of study {place + 1}", f'<div class="figures">{shown}</div>')
+        heading = f"<h2>{place + 1}. {escape(study.name)}</h2>"
+        parts.append(f'<section id="study-{place + 1}">{heading}{note}{runs}</section>')
+    if alone := [i for i, run in enumerate(suite.runs) if isinstance(run, BenchRun) and not run.study]:
+        heading = "Other runs" if suite.studies else "Runs"
+        parts.append(f"<h2>{heading}</h2>{_benches(suite, alone, 'other runs')}")
+    if suite.benches:
+        meanings = bullets(MEANINGS.values())
+        parts.append(f'<details class="card below"><summary>What the columns mean</summary>{meanings}</details>')
+    return parts
+
+
+def _benches(suite: Suite, places: Sequence[int], name: str, figures: str = "") -> str:
+    """The numbers of the benches among the runs at these places, the figures, and what the filter says of each in words."""
+    entries = [(number, run) for number, run in suite.benches if number - 1 in places]
+    if not entries:
+        return figures
+    headings = [f'<span id="run-{i}">{i}. {escape(run.label)}</span>' for i, run in entries]
     rows = [
-        [escape(group)]
-        + ["–" if group not in entry.cases else plain(entry.cases[group].condition, 3) for entry in series]
-        for group in groups
+        (heading + summary.link(run, around=summary.ASIDE), run)
+        for heading, (_, run) in zip(headings, entries, strict=True)
     ]
-    head = ["unknown together", *(escape(entry.heading) for entry in series)]
-    caption = "Condition number of the scaled Popov-Belevitch-Hautus matrix at λ = 0: whole pool, median over instants."
-    numbers = table("conditions", head, rows, caption=caption, numeric=range(1, len(head)))
-    return (
-        f'<h2>What can be told apart</h2><div class="figures">{cards.get("pbh", "")}<div class="card">{said}</div></div>'
-        f'<details class="card below"><summary>The same in numbers</summary>{numbers}</details>'
-    )
+    remarks = [(i, run, " ".join(filter(None, (run_answer(run), _remarks(run))))) for i, run in entries]
+    items = "".join(f"<li><strong>{i}. {escape(run.label)}</strong>: {text}</li>" for i, run, text in remarks if text)
+    words = f'<details class="card below"><summary>Run by run</summary><ul>{items}</ul></details>' if items else ""
+    return f'<div class="card">{benches_table(name, rows, explained=False)}</div>{figures}{words}'
 
 
-def _gauges(report: SuiteReport, scenes: Mapping[str, bytes]) -> str:
-    """Pictures of the layouts, equal ones once, and where every gauge sits."""
-    shared: dict[bytes, list[int]] = {}
-    for index, run in enumerate(report.runs, start=1):
-        if run.name in scenes:
-            shared.setdefault(scenes[run.name], []).append(index)
-    shown = "".join(_picture(report, png, numbers) for png, numbers in shared.items())
-    shown = f'<div class="figures">{shown}</div>' if shown else ""
-    placed = [(index, run) for index, run in enumerate(report.runs, start=1) if run.layout is not None]
-    if not placed:
-        return f"<h2>Where the gauges go</h2>{shown}" if shown else ""
-    bodies = [_gauge_rows(index, run) for index, run in placed]
-    caption = "Gauges that stand together read alike: they average noise, and one can stand in for the other."
-    head = ("run", "gauge", "element", *AXES, "nearest", "distance")
-    numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
-    return (
-        f'<h2>Where the gauges go</h2>{shown}<details class="card below"><summary>All gauges of all runs, '
-        f"and how near they stand to each other</summary>{numbers}</details>"
-    )
+def _remarks(run: SuiteRun) -> str:
+    """The note of a run and its warnings."""
+    text = f"<p>{escape(run.note)}</p>" if run.note else ""
+    if run.warnings:
+        text += f"<details><summary>Warnings ({len(run.warnings)})</summary>{bullets(run.warnings)}</details>"
+    return text
 
 
-def _picture(report: SuiteReport, png: bytes, numbers: list[int]) -> str:
-    """One layout with the runs that have it, and how near its gauges stand to each other."""
-    run = report.runs[numbers[0] - 1]
-    title = "<br>".join(f"{index}. {escape(report.runs[index - 1].label)}" for index in numbers)
-    near = "; ".join(f"{one} – {other} {number(1000 * size, 3)}\u00a0mm" for one, other, size in _distances(run))
-    many = f"{run.gauges} gauges of a pool of {run.pool}" if run.gauges is not None else "the gauges"
-    alt = f"The structure with {many} of {numbered(tuple(numbers))}" + (
-        f"; nearest to each other: {near}." if near else "."
-    )
-    said = f"Nearest to each other: {near}." if near else ""
-    label = f"picture of the gauges of {numbered(tuple(numbers))}"
-    return (
-        f'<figure class="card"><h3>{title}</h3><div class="scene" tabindex="0" role="region" aria-label="{label}">'
-        f'<img alt="{escape(alt)}" width="1280" height="840" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-        f"</div><figcaption>{escape(said)}</figcaption></figure>"
-    )
-
-
-def _distances(run: SuiteRun) -> list[tuple[str, str, float]]:
-    """Every pair of nearest gauges once, the closest first."""
-    found: dict[frozenset[str], tuple[str, str, float]] = {}
-    for one, other, size in run.pairs:
-        found.setdefault(frozenset((one, other)), (one, other, size))
-    return sorted(found.values(), key=lambda pair: pair[2])
-
-
-def _gauge_rows(index: int, run: SuiteRun) -> str:
-    assert run.layout is not None
-    places = decimals(run.layout.points)
-    nearest = {one: (other, size) for one, other, size in run.pairs}
-    rows = []
-    for i, gauge in enumerate(run.layout.gauges):
-        other, size = nearest.get(gauge.label, ("", None))
-        cells = [
-            f"<td>{badge(gauge.label, i, hollow=gauge.glued)}</td>",
-            f'<td class="n">{gauge.element}</td>',
-            *(f'<td class="n">{cell}</td>' for cell in axes(gauge.position, places)),
-            f"<td>{escape(other) or '–'}</td>",
-            f'<td class="n">{"–" if size is None else measure(1000 * size, "mm", 3)}</td>',
-        ]
-        many = len(run.layout.gauges)
-        heading = f'<th scope="rowgroup" rowspan="{many}">{index}. {escape(run.label)}</th>' if i == 0 else ""
-        rows.append(f"<tr>{heading}{''.join(cells)}</tr>")
-    return f"<tbody>{''.join(rows)}</tbody>" if rows else ""
-
-
-def _runs(report: SuiteReport, drawings: tuple[Drawing, ...], cards: Mapping[str, str]) -> str:
-    """A section a run: its answer, its note and warnings, and its estimates side by side."""
+def _placements(suite: Suite, cards: Cards) -> str:
+    """A section a placement: its answer, its note and warnings, and its estimates side by side."""
+    if not suite.placements:
+        return ""
     text = '<h2>Run by run</h2><p class="lead">Estimate (blue), smoothed (green), truth (dashed).</p>'
-    for index, run in enumerate(report.runs, start=1):
-        shown = "".join(cards[d.key] for d in drawings if d.key.startswith(f"estimate-{index}-"))
+    for index, run in suite.placements:
+        shown = "".join(card for key, card in cards.items() if key.startswith(f"estimate-{index}-"))
         # Three in a row, or two where three would leave a hole.
         grid = "multiples" if (1 + shown.count("<figure")) % 3 == 0 else "figures"
-        own = link(run.page, "its own page") if run.page else ""
-        said = f"<p>{run_answer(run)}</p>"
-        said += f"<p>{escape(run.note)}</p>" if run.note else ""
-        said += f'<p class="note">Truth: {escape(run.truth_description)}.</p>' if run.truth_description else ""
-        if run.warnings:
-            said += f"<details><summary>Warnings ({len(run.warnings)})</summary>{bullets(run.warnings)}</details>"
+        words = f"<p>{summary.run_answer(run)}</p>"
+        words += f'<p class="note">Truth: {escape(run.truth_description)}.</p>' if run.truth_description else ""
+        words += _remarks(run)
         text += (
             f'<section id="run-{index}"><h3 class="run">{index}. {escape(run.label)} '
-            f"<small>{escape(run.name)}{' · ' + own if own else ''}</small></h3>"
-            f'<div class="{grid}"><div class="card">{said}</div>{shown}</div></section>'
+            f"<small>{escape(run.name)}{summary.link(run, 'its own page', ' · {}')}</small></h3>"
+            f'<div class="{grid}"><div class="card">{words}</div>{shown}</div></section>'
         )
-    return text if report.runs else ""
+    return text
 
 
-def _facts(report: SuiteReport) -> str:
-    """Configs, how far they went, and the modes of their models."""
-    rows = [
-        [
-            f"{index}. {escape(run.name)}",
-            escape(run.reached),
-            ", ".join(measure(value, "Hz") for value in run.frequencies[:3]) or "–",
-        ]
-        for index, run in enumerate(report.runs, start=1)
-    ]
-    cards = (
-        f'<section class="card"><h3>Models</h3>{table("models", ("config", "reached", "first modes"), rows)}</section>'
+def _facts(suite: Suite) -> str:
+    """Configs, how far they went, and the numbers of their models."""
+    if suite.benches:
+        head: tuple[str, ...] = ("coordinates", "constraints", "first frequency [Hz]", "correction")
+        rows = [[*_named(i, run), *_of_bench(run)] for i, run in suite.benches]
+    else:
+        head = ("first modes",)
+        rows = [[*_named(i, run), _modes(run)] for i, run in suite.placements]
+    numbers = table("models", ("config", "reached", *head), rows, numeric=(2, 3, 4) if suite.benches else ())
+    provenance = pairs("provenance", suite.provenance.items())
+    return (
+        f'<h2>What it rests on</h2><section class="card"><h3>Models</h3>{numbers}</section>'
+        f'<details class="card"><summary>Provenance</summary>{provenance}</details>'
     )
-    if report.provenance:
-        cards += f'<section class="card"><h3>Provenance</h3>{pairs("provenance", report.provenance.items())}</section>'
-    return f'<h2>What it rests on</h2><div class="panels">{cards}</div>'
+
+
+def _named(index: int, run: SuiteRun) -> tuple[str, str]:
+    return f"{index}. {escape(run.name)}", escape(run.reached)
+
+
+def _modes(run: PlacementRun) -> str:
+    return ", ".join(measure(value, "Hz") for value in run.frequencies[:3]) or "–"
+
+
+def _of_bench(run: BenchRun) -> list[str]:
+    numbers = run.motion.numbers if run.motion is not None else {}
+    cells = [numbers.get(key) for key in ("coordinates", "constraints", "first_frequency")]
+    method = run.summary.get("method")
+    shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
+    return [*shown, escape(str(method)) if method else "–"]

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.report.bench.data import BenchRun
 from strainsight.report.placement.data import Claim, FloatArray, Unknown
-from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 
 OVER, CAUTIOUS, CLAIMED = "overconfident", "cautious", "as claimed"
 LOST, DIVERGED = "not identified", "diverged"
@@ -52,31 +53,33 @@ class Result:
         return None if self.error is None or not self.std else self.error / self.std
 
 
-def results_of(run: SuiteRun) -> tuple[Result, ...]:
+def results_of(run: PlacementRun) -> tuple[Result, ...]:
     """Every unknown of the run, in its order."""
     return tuple(_result(run, unknown) for unknown in run.unknowns)
 
 
 def is_estimated(run: SuiteRun) -> bool:
+    if isinstance(run, BenchRun):
+        return run.estimate is not None
     return any(unknown.error is not None for unknown in run.unknowns)
 
 
-def verdicts_of(run: SuiteRun) -> tuple[str, ...]:
+def verdicts_of(run: PlacementRun) -> tuple[str, ...]:
     """What is wrong with a run, each said once."""
     return tuple(dict.fromkeys(verdict for result in results_of(run) for verdict in result.verdicts))
 
 
-def counts(report: SuiteReport) -> dict[str, list[int]]:
+def counts(report: Suite) -> dict[str, list[int]]:
     """Numbers of the runs, from 1, by what they came to: every verdict, else "cautious" or "as claimed"; "not estimated"."""
     found: dict[str, list[int]] = {}
-    for index, run in enumerate(report.runs, start=1):
+    for index, run in report.placements:
         fine = CAUTIOUS if any(result.verdict == CAUTIOUS for result in results_of(run)) else CLAIMED
         for word in (verdicts_of(run) or (fine,)) if is_estimated(run) else ("not estimated",):
             found.setdefault(word, []).append(index)
     return found
 
 
-def _result(run: SuiteRun, unknown: Unknown) -> Result:
+def _result(run: PlacementRun, unknown: Unknown) -> Result:
     repeats = next((entry for entry in run.repeats if entry.name == unknown.name), None)
     smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
     error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)

@@ -1,4 +1,4 @@
-"""The first screen of a suite: one sentence on all runs, one table with an answer a run."""
+"""The first screen of a suite of placements: one sentence on all runs, one table with an answer a run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from strainsight.report.page.markup import count, grouped_table, plain, share
 from strainsight.report.suite.cases import numbered
-from strainsight.report.suite.data import SuiteReport, SuiteRun, metric_name, metric_words, metrics_of
+from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.report.suite.results import (
     CAUTIOUS,
     CLAIMED,
@@ -30,10 +30,10 @@ MEASURED = COLUMNS[5:]
 """The columns that only a validated run has."""
 
 
-def answer(report: SuiteReport) -> str:
-    """How many runs, and what they came to."""
+def answer(report: Suite) -> str:
+    """How many placements, and what they came to."""
     found = counts(report)
-    many = len(report.runs)
+    many = len(report.placements)
     parts = []
     for word, text in (
         (CLAIMED, "as claimed"),
@@ -51,22 +51,24 @@ def answer(report: SuiteReport) -> str:
     return f"<strong>{count(many)} run{'s' * (many != 1)}</strong>: {', '.join(parts)}{ending}."
 
 
-def runs_table(report: SuiteReport) -> str:
+def runs_table(report: Suite) -> str:
     """A block a run, a row an unknown."""
-    metrics = metrics_of(report.runs)
+    metrics = metrics_of(run for _, run in report.placements)
     columns = tuple(metric_name(metrics) if column == METRIC else column for column in COLUMNS)
-    caption = f"{metric_words(metrics)}, with the whole pool → with the chosen gauges, and their ratio. " * bool(metrics)
+    caption = f"{metric_words(metrics)}, with the whole pool → with the chosen gauges, and their ratio. " * bool(
+        metrics
+    )
     caption += (
         "Parameters: the filtered estimate, mean over the last half; loads: the smoothed one. "
         "The repeats have other noise and other starting values and are filtered. A claim holds where the RMS of error over σ "
         "lies in the band of χ² that 99.73 % of true claims keep to, the narrower the more repeats; below it σ is cautious."
     )
-    bodies = [_block(index, run, len(metrics) > 1) for index, run in enumerate(report.runs, start=1)]
+    bodies = [_block(index, run, len(metrics) > 1) for index, run in report.placements]
     numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
     return grouped_table("runs", columns, bodies, caption=caption, numeric=numeric)
 
 
-def run_answer(run: SuiteRun) -> str:
+def run_answer(run: PlacementRun) -> str:
     """One sentence: how many gauges tell what, and whether it held."""
     names = [escape(unknown.name) for unknown in run.unknowns]
     if not is_estimated(run):
@@ -85,19 +87,22 @@ def run_answer(run: SuiteRun) -> str:
     return text
 
 
-def link(page: str, text: str) -> str:
-    """A link to a run's own page; `page` is a path, so that nothing in it can act as a scheme."""
-    return f'<a href="{escape(quote(page, safe="/%"))}">{text}</a>'
+def link(run: SuiteRun, text: str = "its page", around: str = "{}") -> str:
+    """A link to a run's own page, a path, so that nothing in it can act as a scheme; nothing where it has none."""
+    return around.format(f'<a href="{escape(quote(run.page, safe="/%"))}">{text}</a>') if run.page else ""
 
 
-def _block(index: int, run: SuiteRun, mixed: bool) -> str:
+ASIDE = '<small class="aside"><br>{}</small>'
+"""Around a link below a run's label."""
+
+
+def _block(index: int, run: PlacementRun, mixed: bool) -> str:
     """All rows of a run, its own cells once beside those of its unknowns; mixed: runs differ in their metric."""
     many = len(run.unknowns) if is_estimated(run) else 1
     span = f' rowspan="{many}"' if many > 1 else ""
     heading = (
         f'<th scope="rowgroup"{span}><a href="#run-{index}">{index}. {escape(run.label)}</a>'
-        + (f'<small class="aside"><br>{link(run.page, "its page")}</small>' if run.page else "")
-        + "</th>"
+        + f"{link(run, around=ASIDE)}</th>"
     )
     shared = (
         f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
@@ -116,14 +121,14 @@ def _block(index: int, run: SuiteRun, mixed: bool) -> str:
     return f"<tbody>{''.join(rows)}</tbody>"
 
 
-def _absent(run: SuiteRun) -> str:
+def _absent(run: PlacementRun) -> str:
     """Why there is no estimate, and what placement expects where it went so far."""
     expected = ", ".join(f"{escape(name)} ± {share(std)}" for name, std in run.expected_std.items())
     text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
     return text + (f"<br>expected when placed: {expected}" if expected else "")
 
 
-def _metric(run: SuiteRun, mixed: bool) -> str:
+def _metric(run: PlacementRun, mixed: bool) -> str:
     """From the whole pool to the chosen gauges, and how many times that is."""
     trend = run.trend
     if trend is None or not len(trend.value):

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from strainsight import __version__
+from strainsight.errors import ConfigError, did_you_mean
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
+from strainsight.report.bench.data import BenchRun
 from strainsight.report.placement.data import Layout, Unknown
-from strainsight.report.suite.data import SuiteReport, SuiteRun
+from strainsight.report.suite.data import PlacementRun, Study, Suite, SuiteRun
+from strainsight.stages.pages.bench_run import estimate_of, motion_of, warnings_in
 from strainsight.stages.pages.page import warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, size
 from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
+from strainsight.stages.pages.statements import statements_of
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
@@ -25,16 +29,19 @@ PAGE = "report"
 """The stage of a run that writes its own page, report.html."""
 
 
-def suite_report(context: Context) -> SuiteReport:
-    """The page's content, run by run."""
-    runs, provenance = [], {"strainsight": __version__}
+def suite_of(context: Context) -> Suite:
+    """The page's content, run by run. Raises ConfigError for every number that a claim or a study names and no run has."""
+    runs: list[SuiteRun] = []
+    provenance = {"strainsight": __version__}
     for i, entry in enumerate(context.config.runs):
-        context.progress(f"reading {entry.name}", 0.6 * i / len(context.config.runs))
+        context.progress(f"reading {entry.name}", 0.5 * i / len(context.config.runs))
         up = _artefacts(context.files, i)
-        runs.append(_run(entry, up))
+        runs.append(_placement(entry, up) if "loads" in entry else _bench(entry, up))
         # The digest and not the key, which changes with inputs that made no difference.
-        provenance[f"{entry.name}, {entry.reached}"] = up[entry.reached].digest[:16]
-    return SuiteReport(context.name, str(context.config.title), tuple(runs), provenance)
+        provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
+    studies = _studies(context.config.studies, runs)
+    statements = statements_of(context.config.claims, runs)
+    return Suite(context.name, str(context.config.title), tuple(runs), studies, statements, provenance)
 
 
 def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:
@@ -42,17 +49,30 @@ def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:
     return {key.removeprefix(start): Artefact(path) for key, path in files.items() if key.startswith(start)}
 
 
-def _run(entry: Any, up: Mapping[str, Artefact]) -> SuiteRun:
+def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
+    """What the page shows of any run."""
+    return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
+        "page": f"../{entry.name}/report.html" if PAGE in up else None,
+        "numbers": {stage: artefact.summary for stage, artefact in up.items()},
+    }
+
+
+def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchRun:
+    return BenchRun(
+        **_stated(entry, up),
+        motion=motion_of(up["simulate"]) if "simulate" in up else None,
+        estimate=estimate_of(up["estimate"]) if "estimate" in up else None,
+        warnings=warnings_in(up),
+    )
+
+
+def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     names = list(entry.unknowns)
     mesh = mesh_from(up["import"])
     validate, place = up.get("validate"), up.get("place")
     layout = layout_of_page(mesh, up, entry.loads) if place else None
-    return SuiteRun(
-        name=entry.name,
-        label=entry.label,
-        note=entry.note,
-        page=f"../{entry.name}/report.html" if PAGE in up else None,
-        reached=entry.reached,
+    return PlacementRun(
+        **_stated(entry, up),
         unknowns=tuple(_unknown(name, entry.unknowns[name], up) for name in names),
         gauges=len(layout.gauges) if layout else None,
         pool=int(place.summary["pool"]) if place else None,
@@ -101,4 +121,26 @@ def nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:
         if others:
             distance, label = min(others)
             found.append((gauge.label, label, distance))
+    return tuple(found)
+
+
+def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Study, ...]:
+    """The studies in the order in which the runs name them, with what the suite says more of each."""
+    more = {study.name: (i, study) for i, study in enumerate(described)}
+    found = []
+    for name in dict.fromkeys(run.study for run in runs if run.study):
+        places = tuple(i for i, run in enumerate(runs) if run.study == name)
+        if name not in more:
+            found.append(Study(name, "", None, (), places))
+            continue
+        i, study = more[name]
+        known = list(dict.fromkeys(key for j in places for key in runs[j].summary if runs[j].number(key) is not None))
+        for number in study.numbers:
+            if number not in known:
+                raise ConfigError(
+                    f"no run of the study '{name}' has a number '{number}'",
+                    key=f"studies.{i}.numbers",
+                    remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'none'}"),
+                )
+        found.append(Study(name, study.note, study.over, tuple(study.numbers), places))
     return tuple(found)

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from strainsight.config.load import load_config
-from strainsight.config.suite_benches import claims_of, told_of, value_over
-from strainsight.config.suite_runs import runs_of
+from strainsight.config.suite_runs import runs_of, value_over
 from strainsight.errors import ConfigError
+from strainsight.stages.pages.suite_entries import suite_config
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 BENCH = """\
@@ -60,22 +60,20 @@ def refused(path: Path, stages=("import", "reduce", "simulate")) -> list[ConfigE
     def checked():
         suite = load_config(path)
         runs = runs_of(suite)
-        claims_of(suite, runs, [list(stages)] * len(runs))
+        suite_config(suite, runs, [list(stages)] * len(runs))
 
     with pytest.raises(ConfigError) as caught:
         checked()
     return [caught.value, *caught.value.others]
 
 
-def test_the_page_is_told_what_every_run_varies_and_where_its_numbers_are(write):
+def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write):
     suite = load_config(write())
-    runs = runs_of(suite)
-    told = told_of(suite, runs, [["import", "reduce", "simulate", "report"]] * 3)
-    assert [run["at"] for run in told] == [0.5, 0.1, None]
-    assert [run["study"] for run in told] == ["steps", "steps", ""]
-    assert told[0]["artefacts"] == {"simulate": "long-x/simulate.h5", "report": "long-x/report.h5"}
-    claims = claims_of(suite, runs, [["simulate"]] * 3)
-    assert [(claim["runs"], claim["against"], claim["number"]) for claim in claims] == [
+    given = suite_config(suite, runs_of(suite), [["import", "reduce", "simulate", "report"]] * 3)
+    assert [run["at"] for run in given["runs"]] == [0.5, 0.1, None]
+    assert [run["study"] for run in given["runs"]] == ["steps", "steps", ""]
+    assert given["runs"][0]["artefacts"] == {"simulate": "long-x/simulate.h5", "report": "long-x/report.h5"}
+    assert [(claim["runs"], claim["against"], claim["number"]) for claim in given["claims"]] == [
         ([0], None, ["steps"]),
         ([1], 0, ["steps"]),
     ]
@@ -121,10 +119,18 @@ def test_placements_and_benches_do_not_share_a_page(write):
     assert "beam.yaml is a placement, runs[0] a bench" in error.what
 
 
-def test_studies_and_claims_are_for_benches(write):
-    text = "kind: suite\nname: all\ntitle: t\nruns:\n  - {config: beam.yaml, label: E, study: s, group: g}\n"
-    text += "studies: [{name: s}]\nclaims: [{text: t, run: a, number: n, above: 0}]\n"
-    assert {error.key for error in refused(write(text))} == {"studies", "claims", "runs[0].study", "runs[0].group"}
+def test_placements_have_studies_and_claims_too(write):
+    text = "kind: suite\nname: all\ntitle: t\nruns:\n  - {config: beam.yaml, name: a, label: E, study: s, group: g}\n"
+    text += "studies: [{name: s, over: place.keep}]\nclaims: [{text: t, run: a, number: error.E, above: 0}]\n"
+    suite = load_config(write(text))
+    given = suite_config(suite, runs_of(suite), [["import", "validate"]])
+    assert (given["runs"][0]["at"], given["claims"][0]["stage"]) == (4.0, "validate")
+    assert list(given["runs"][0]["artefacts"]) == ["import", "validate"]
+    (error,) = refused(write(text), ("import", "place"))
+    assert (error.key, error.what) == (
+        "claims[0].run",
+        "runs[0], 'a', has no stage 'validate': it goes through import, place",
+    )
 
 
 def test_a_bearing_alone_has_no_page_in_a_suite(write, tmp_path):

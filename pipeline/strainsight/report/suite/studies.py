@@ -1,4 +1,4 @@
-"""The figures of a study: its runs as lines beside each other, and its numbers over the key that they vary."""
+"""The figures of a study: its numbers over the key that its runs vary; benches as lines beside each other."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from strainsight.report.bench.data import BenchRun, BenchSensor, BenchStudy, BenchSuite
+from strainsight.report.bench.data import BenchRun, BenchSensor
 from strainsight.report.bench.figures import Line, line_style, ratio_figure, unknown_figure
 from strainsight.report.bench.sensors import sensor_figure
 from strainsight.report.chart.drawing import Drawing, figure, styled, svg
 from strainsight.report.chart.panels import legend_above, log_ticks
 from strainsight.report.page.text import number, short
 from strainsight.report.placement.data import FloatArray, IntArray
+from strainsight.report.suite.data import Study, Suite, SuiteRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,26 +25,25 @@ WIDE = 3.0
 """Ratio of the largest to the smallest from which an axis is logarithmic."""
 
 
-def study_figures(suite: BenchSuite, study: BenchStudy) -> tuple[Drawing, ...]:
-    """First what the study varies, then every unknown and every sensor of its runs."""
+def study_figures(suite: Suite, study: Study) -> tuple[Drawing, ...]:
+    """First what the study varies, then every unknown and every sensor of its benches."""
     place = suite.studies.index(study)
     runs = [suite.runs[i] for i in study.runs]
     drawings = []
     if study.over is not None:
         drawings += _sweeps(f"study-{place}", study, runs)
-    for i, (about, part) in enumerate(_parts(runs)):
+    for i, (about, part) in enumerate(_parts([run for run in runs if isinstance(run, BenchRun) and run.estimate])):
         drawings += _pair(f"study-{place}-{i}", about, part)
     return tuple(drawings)
 
 
-def _parts(runs: Sequence[BenchRun]) -> list[tuple[str, list[BenchRun]]]:
+def _parts(runs: Sequence[BenchRun]) -> list[tuple[str, Sequence[BenchRun]]]:
     """The runs in handfuls that one figure can hold: by group where there are too many, then in their order."""
-    told = [run for run in runs if run.estimate is not None]
-    if len(told) <= TOGETHER:
-        return [("", told)] * bool(told)
-    found = []
-    for group in dict.fromkeys(run.group for run in told):
-        own = [run for run in told if run.group == group]
+    if len(runs) <= TOGETHER:
+        return [("", runs)] * bool(runs)
+    found: list[tuple[str, Sequence[BenchRun]]] = []
+    for group in dict.fromkeys(run.group for run in runs):
+        own = [run for run in runs if run.group == group]
         for start in range(0, len(own), TOGETHER):
             found.append((group, own[start : start + TOGETHER]))
     return found
@@ -53,27 +53,20 @@ def _pair(key: str, about: str, runs: Sequence[BenchRun]) -> list[Drawing]:
     """Estimates of every unknown, then every sensor as measured and as estimated."""
     drawings = []
     behind = f" ({about})" if about else ""
-    kinds = {unknown.name: unknown.kind for run in runs if run.estimate for unknown in run.estimate.unknowns}
+    kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
     for i, (name, kind) in enumerate(kinds.items()):
-        own = [
-            (run.label, unknown)
-            for run in runs
-            if run.estimate
-            for unknown in run.estimate.unknowns
-            if unknown.name == name
-        ]
+        own = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
         lines = [Line(label, unknown.history) for label, unknown in own]
         drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", kind, lines))
         elsewhere = [(label, unknown) for label, unknown in own if unknown.there is not None]
         if elsewhere:
             drawings.append(ratio_figure(f"{key}-ratio-{i}", f"{name}: ratio of the loads{behind}", elsewhere))
-    names = dict.fromkeys(sensor.name for run in runs if run.estimate for sensor in run.estimate.sensors)
+    names = dict.fromkeys(sensor.name for run in runs for sensor in run.sensors)
     for i, name in enumerate(names):
         shown = [
             (run.label, sensor)
             for run in runs
-            if run.estimate
-            for sensor in run.estimate.sensors
+            for sensor in run.sensors
             if sensor.name == name and sensor.expected is not None
         ]
         if shown:
@@ -88,11 +81,11 @@ def _largest(sensor: BenchSensor) -> int:
     return int(np.argmax(np.ptp(finite, axis=0)))
 
 
-def _sweeps(key: str, study: BenchStudy, runs: Sequence[BenchRun]) -> list[Drawing]:
+def _sweeps(key: str, study: Study, runs: Sequence[SuiteRun]) -> list[Drawing]:
     """The numbers of the study over the key; the errors of its loads and of its parameters where it names none."""
     if study.numbers:
         return [_sweep(f"{key}-sweep", study, runs, [(name, None, name) for name in study.numbers])]
-    kinds = {unknown.name: unknown.kind for run in runs if run.estimate for unknown in run.estimate.unknowns}
+    kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
     drawings = []
     for kind, what in (("input", "loads"), ("parameter", "parameters")):
         wanted: list[tuple[str, str | None, str]] = [
@@ -106,8 +99,8 @@ def _sweeps(key: str, study: BenchStudy, runs: Sequence[BenchRun]) -> list[Drawi
 
 def _sweep(
     key: str,
-    study: BenchStudy,
-    runs: Sequence[BenchRun],
+    study: Study,
+    runs: Sequence[SuiteRun],
     wanted: Sequence[tuple[str, str | None, str]],
     what: str = "numbers",
 ) -> Drawing:
@@ -152,7 +145,7 @@ def _sweep(
     )
 
 
-def _values(runs: Sequence[BenchRun], places: IntArray, name: str) -> FloatArray:
+def _values(runs: Sequence[SuiteRun], places: IntArray, name: str) -> FloatArray:
     found = [runs[int(i)].number(name) for i in places]
     return np.array([np.nan if value is None or not np.isfinite(value) else value for value in found], dtype=float)
 

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from html import escape
 
-from strainsight.report.bench.data import CONFIRMED, CONTRADICTED, UNDECIDED, BenchClaim, BenchSuite
 from strainsight.report.page.markup import count, plain, sheet
 from strainsight.report.page.text import number
+from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, UNDECIDED, Statement, Suite
+from strainsight.report.suite.results import is_estimated
 
 MARKS = {
     CONFIRMED: '<strong class="good whole">✓ confirmed</strong>',
@@ -19,87 +20,87 @@ FEW = 3
 """Most numbers of a claim that are shown one by one."""
 
 
-def answer(suite: BenchSuite) -> str:
+def answer(suite: Suite) -> str:
     """How many statements hold, which do not, and how many runs that is from."""
-    many, told = len(suite.runs), sum(1 for run in suite.runs if run.estimate is not None)
-    runs = f"{count(many)} run{'s' * (many != 1)}, {count(told)} with an estimate"
-    if not suite.claims:
+    many, estimated = len(suite.runs), sum(map(is_estimated, suite.runs))
+    runs = f"{count(many)} run{'s' * (many != 1)}, {count(estimated)} with an estimate"
+    if not suite.statements:
         return f"<strong>{runs}</strong>."
     parts = []
     for verdict in (CONFIRMED, CONTRADICTED, UNDECIDED):
-        places = [i for i, claim in enumerate(suite.claims, start=1) if claim.verdict == verdict]
+        places = [i for i, statement in enumerate(suite.statements, start=1) if statement.verdict == verdict]
         if places:
             links = ", ".join(f'<a href="#claim-{i}">{i}</a>' for i in places)
             listed = f" (statement{'s' * (len(places) > 1)} {links})" if verdict != CONFIRMED else ""
             word = f"<strong>{verdict}</strong>" if verdict != CONFIRMED else verdict
             parts.append(f"{count(len(places))} {word}{listed}")
-    all_of = len(suite.claims)
+    all_of = len(suite.statements)
     return f"<strong>{count(all_of)} statement{'s' * (all_of != 1)}</strong>: {', '.join(parts)}; from {runs}."
 
 
-def claims_table(suite: BenchSuite) -> str:
+def statements_table(suite: Suite) -> str:
     """A row a statement: what was measured where, within which bounds it would hold, and whether it does."""
-    if not suite.claims:
+    if not suite.statements:
         return ""
-    head = "".join(f'<th scope="col">{name}</th>' for name in ("statement", "measured", "asked", "verdict"))
-    rows = "".join(_row(suite, i, claim) for i, claim in enumerate(suite.claims, start=1))
+    head = "".join(f'<th scope="col">{name}</th>' for name in ("statement", "measured", "target", "verdict"))
+    rows = "".join(_row(suite, i, statement) for i, statement in enumerate(suite.statements, start=1))
     text = f'<table class="claims"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-    return f'<section id="answer" aria-label="answer" class="card">{sheet("statements", text, "<h2>Statements</h2>")}</section>'
+    return sheet("statements", text, "<h2>Statements</h2>")
 
 
 Shown = Callable[[float], str]
 """How a number is written: `number` for people, `plain` for a page."""
 
 
-def asked(claim: BenchClaim, shown: Shown = number) -> str:
+def target(statement: Statement, shown: Shown = number) -> str:
     """The bounds in words."""
-    unit = f" {claim.unit}" if claim.unit else ""
-    if claim.equals is not None:
-        return "yes" if claim.equals else "no"
-    if claim.above is not None and claim.below is not None:
-        return f"{shown(claim.above)} to {shown(claim.below)}{unit}"
-    if claim.above is not None:
-        return f"above {shown(claim.above)}{unit}"
-    return f"below {shown(claim.below if claim.below is not None else float('nan'))}{unit}"
+    unit = f" {statement.unit}" if statement.unit else ""
+    if statement.equals is not None:
+        return "yes" if statement.equals else "no"
+    if statement.above is not None and statement.below is not None:
+        return f"{shown(statement.above)} to {shown(statement.below)}{unit}"
+    if statement.above is not None:
+        return f"above {shown(statement.above)}{unit}"
+    return f"below {shown(statement.below if statement.below is not None else float('nan'))}{unit}"
 
 
-def measured(claim: BenchClaim, shown: Shown = number) -> str:
+def measured(statement: Statement, shown: Shown = number) -> str:
     """The numbers in words: one by one where they are few, else from which to which."""
-    values = [value for _, _, value in claim.found]
-    unit = f" {claim.unit}" if claim.unit else ""
-    if claim.equals is not None:
+    values = [value for _, _, value in statement.found]
+    unit = f" {statement.unit}" if statement.unit else ""
+    if statement.equals is not None:
         yes = sum(bool(value) for value in values)
         return ("yes" if yes else "no") if len(values) == 1 else f"{shown(yes)} of {shown(len(values))} yes"
     if len(values) <= FEW:
         return ", ".join(shown(value) for value in values) + unit
     finite = [value for value in values if value == value]
     lost = len(values) - len(finite)
-    said = f"{shown(min(finite))} to {shown(max(finite))}{unit} ({shown(len(values))} numbers)" if finite else "–"
+    text = f"{shown(min(finite))} to {shown(max(finite))}{unit} ({shown(len(values))} numbers)" if finite else "–"
     if finite and min(finite) == max(finite):
-        said = f"{shown(finite[0])}{unit} ({shown(len(values))} numbers)"
-    return said + (f", {shown(lost)} without a number" if lost and finite else "")
+        text = f"{shown(finite[0])}{unit} ({shown(len(values))} numbers)"
+    return text + (f", {shown(lost)} without a number" if lost and finite else "")
 
 
-def _row(suite: BenchSuite, index: int, claim: BenchClaim) -> str:
-    names = list(dict.fromkeys(name for _, name, _ in claim.found))
+def _row(suite: Suite, index: int, statement: Statement) -> str:
+    names = list(dict.fromkeys(name for _, name, _ in statement.found))
     listed = escape(", ".join(names[:FEW])) + (f" and {count(len(names) - FEW)} more" if len(names) > FEW else "")
-    places = list(dict.fromkeys(place for place, _, _ in claim.found))
+    places = list(dict.fromkeys(place for place, _, _ in statement.found))
     links = ", ".join(f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places[:FEW])
     links += f" and {count(len(places) - FEW)} more" if len(places) > FEW else ""
-    compared = f" over {escape(claim.compared)}" if claim.compared else ""
+    compared = f" over {escape(statement.compared)}" if statement.compared else ""
     wrong = ""
-    if claim.verdict != CONFIRMED and len(claim.found) > 1:
-        bad = [(i, name, value) for i, name, value in claim.found if claim.holds(value) is not True]
+    if statement.verdict != CONFIRMED and len(statement.found) > 1:
+        bad = [(i, name, value) for i, name, value in statement.found if statement.holds(value) is not True]
         worst = "; ".join(
             f"{escape(suite.runs[i].label)}: {escape(name)} {plain(value)}" for i, name, value in bad[:FEW]
         )
         more = f" and {count(len(bad) - FEW)} more" if len(bad) > FEW else ""
         wrong = f"<br><small>not in {worst}{more}</small>"
-    safe = replace(claim, unit=escape(claim.unit))
+    safe = replace(statement, unit=escape(statement.unit))
     return (
-        f'<tr id="claim-{index}"><th scope="row">{index}. {escape(claim.text)}</th>'
+        f'<tr id="claim-{index}"><th scope="row">{index}. {escape(statement.text)}</th>'
         f'<td data-label="measured">{measured(safe, plain)}<br>'
         f"<small>{listed}{compared} in {links}</small></td>"
-        f'<td data-label="asked">{asked(safe, plain)}</td>'
-        f"<td>{MARKS[claim.verdict]}{wrong}</td></tr>"
+        f'<td data-label="target">{target(safe, plain)}</td>'
+        f"<td>{MARKS[statement.verdict]}{wrong}</td></tr>"
     )

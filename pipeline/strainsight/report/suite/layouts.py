@@ -1,0 +1,110 @@
+"""The layouts of a suite: on the structure they share, to turn round; as pictures; gauge by gauge."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from html import escape
+
+import numpy as np
+
+from strainsight.report.page.markup import badge, grouped_table, measure
+from strainsight.report.page.text import number
+from strainsight.report.picture.layout import Layout
+from strainsight.report.placement.gauge_table import AXES, axes, decimals
+from strainsight.report.space.section import space_section
+from strainsight.report.suite.cases import numbered
+from strainsight.report.suite.data import PlacementRun, Suite
+
+
+def suite_space(report: Suite) -> str:
+    """HTML: the structure of the first run that has gauges, with the layouts of all runs on the same one to choose from.
+
+    Equal layouts are offered once, under the numbers of their runs.
+    """
+    found: dict[bytes, tuple[list[int], Layout]] = {}
+    placed = [(index, run.layout) for index, run in report.placements if run.layout is not None]
+    for index, layout in placed:
+        if _same_structure(layout, placed[0][1]):
+            found.setdefault(_look(layout), ([], layout))[0].append(index)
+    label = {index: run.label for index, run in report.placements}
+    return space_section(
+        [(f"{', '.join(f'{index}.' for index in runs)} {label[runs[0]]}", layout) for runs, layout in found.values()]
+    )
+
+
+def gauges_section(report: Suite, scenes: Mapping[str, bytes]) -> str:
+    """HTML: pictures of the layouts, equal ones once, and where every gauge sits; scenes: run's name → PNG."""
+    shared: dict[bytes, list[int]] = {}
+    for index, run in report.placements:
+        if run.name in scenes:
+            shared.setdefault(scenes[run.name], []).append(index)
+    shown = "".join(_picture(report, png, numbers) for png, numbers in shared.items())
+    shown = f'<div class="figures">{shown}</div>' if shown else ""
+    placed = [(index, run) for index, run in report.placements if run.layout is not None]
+    if not placed:
+        return f"<h2>Where the gauges go</h2>{shown}" if shown else ""
+    bodies = [_gauge_rows(index, run) for index, run in placed]
+    caption = "Gauges that stand together are redundant: they average noise, and one can replace the other."
+    head = ("run", "gauge", "element", *AXES, "nearest", "distance")
+    numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
+    return (
+        f'<h2>Where the gauges go</h2>{shown}<details class="card below"><summary>All gauges of all runs, '
+        f"and how near they stand to each other</summary>{numbers}</details>"
+    )
+
+
+def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
+    """One layout with the runs that have it, and how near its gauges stand to each other."""
+    run = dict(report.placements)[numbers[0]]
+    title = "<br>".join(f"{index}. {escape(report.runs[index - 1].label)}" for index in numbers)
+    near = "; ".join(f"{one} – {other} {number(1000 * size, 3)}\u00a0mm" for one, other, size in _distances(run))
+    many = f"{run.gauges} gauges of a pool of {run.pool}" if run.gauges is not None else "the gauges"
+    alt = f"The structure with {many} of {numbered(tuple(numbers))}" + (
+        f"; nearest to each other: {near}." if near else "."
+    )
+    nearest = f"Nearest to each other: {near}." if near else ""
+    label = f"picture of the gauges of {numbered(tuple(numbers))}"
+    return (
+        f'<figure class="card"><h3>{title}</h3><div class="scene" tabindex="0" role="region" aria-label="{label}">'
+        f'<img alt="{escape(alt)}" width="1280" height="840" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+        f"</div><figcaption>{escape(nearest)}</figcaption></figure>"
+    )
+
+
+def _distances(run: PlacementRun) -> list[tuple[str, str, float]]:
+    """Every pair of nearest gauges once, the closest first."""
+    found: dict[frozenset[str], tuple[str, str, float]] = {}
+    for one, other, size in run.pairs:
+        found.setdefault(frozenset((one, other)), (one, other, size))
+    return sorted(found.values(), key=lambda pair: pair[2])
+
+
+def _gauge_rows(index: int, run: PlacementRun) -> str:
+    assert run.layout is not None
+    places = decimals(run.layout.points)
+    nearest = {one: (other, size) for one, other, size in run.pairs}
+    rows = []
+    for i, gauge in enumerate(run.layout.gauges):
+        other, size = nearest.get(gauge.label, ("", None))
+        cells = [
+            f"<td>{badge(gauge.label, i, hollow=gauge.glued)}</td>",
+            f'<td class="n">{gauge.element}</td>',
+            *(f'<td class="n">{cell}</td>' for cell in axes(gauge.position, places)),
+            f"<td>{escape(other) or '–'}</td>",
+            f'<td class="n">{"–" if size is None else measure(1000 * size, "mm", 3)}</td>',
+        ]
+        many = len(run.layout.gauges)
+        heading = f'<th scope="rowgroup" rowspan="{many}">{index}. {escape(run.label)}</th>' if i == 0 else ""
+        rows.append(f"<tr>{heading}{''.join(cells)}</tr>")
+    return f"<tbody>{''.join(rows)}</tbody>" if rows else ""
+
+
+def _same_structure(one: Layout, other: Layout) -> bool:
+    return np.array_equal(one.points, other.points) and np.array_equal(one.faces, other.faces)
+
+
+def _look(layout: Layout) -> bytes:
+    """What two layouts have in common that are drawn alike."""
+    marks = [np.concatenate([gauge.position, *gauge.channels]) for gauge in layout.gauges]
+    return b"".join(np.asarray(array, dtype=float).tobytes() for array in (*marks, layout.pool))
