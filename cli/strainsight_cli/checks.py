@@ -40,14 +40,14 @@ def check_solver() -> list[Finding]:
     install = "pip install --force-reinstall pypardiso mkl (x86-64 only)"
     if "solver" not in found:
         return [Finding("solver", FAILS, ended or "no result", "pip install --force-reinstall numpy scipy pypardiso")]
-    said = f"{found['solver']}, {found['unknowns']} unknowns in {found['seconds']:.2f} s, error {found['error']:.1e}"
+    text = f"{found['solver']}, {found['unknowns']} unknowns in {found['seconds']:.2f} s, error {found['error']:.1e}"
     if not found["error"] < ACCURATE:
-        return [Finding("solver", FAILS, f"{said}: wrong", "pip install --force-reinstall numpy scipy pypardiso")]
+        return [Finding("solver", FAILS, f"{text}: wrong", "pip install --force-reinstall numpy scipy pypardiso")]
     if found["solver"] != "PARDISO":
         why = f" ({found['why']})" if found.get("why") else ""
         meaning = "many times slower, and refuses more than 100 000 unknowns"
-        return [Finding("solver", WARNING, f"{said}; PARDISO cannot be loaded{why}: {meaning}", install)]
-    return [Finding("solver", GOOD, said)]
+        return [Finding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)]
+    return [Finding("solver", GOOD, text)]
 
 
 def check_rendering() -> list[Finding]:
@@ -96,12 +96,12 @@ def check_memory() -> list[Finding]:
     there = available_memory() / GIB
     if math.isinf(there):
         return [Finding("memory", WARNING, "this system does not say how much there is", "watch it on large models")]
-    said = f"{there:.1f} GiB available: models up to about {_rounded(largest_model(there))} unknowns"
+    text = f"{there:.1f} GiB available: models up to about {_rounded(largest_model(there))} unknowns"
     if there < LEAST_MEMORY:
-        return [Finding("memory", FAILS, said, f"end other programs: the smallest example takes {LEAST_MEMORY} GiB")]
+        return [Finding("memory", FAILS, text, f"end other programs: the smallest example takes {LEAST_MEMORY} GiB")]
     if there < SOME_MEMORY:
-        return [Finding("memory", WARNING, said, "end other programs, or take coarse meshes and --set jobs=1")]
-    return [Finding("memory", GOOD, said)]
+        return [Finding("memory", WARNING, text, "end other programs, or take coarse meshes and --set jobs=1")]
+    return [Finding("memory", GOOD, text)]
 
 
 def largest_model(gib: float) -> float:
@@ -127,11 +127,11 @@ def check_disk(results: Path) -> list[Finding]:
         what = "cannot be written" if folder.is_dir() else "is a file"
         return [Finding("disk", FAILS, f"{folder if folder != results.absolute() else results} {what}", other)]
     free = shutil.disk_usage(folder).free / GIB
-    said = f"{free:.1f} GiB free for {results}"
+    text = f"{free:.1f} GiB free for {results}"
     if free < LEAST_DISK:
-        return [Finding("disk", FAILS, said, f"free some, or {other}")]
+        return [Finding("disk", FAILS, text, f"free some, or {other}")]
     return [
-        Finding("disk", WARNING, said, f"free some, or {other}") if free < SOME_DISK else Finding("disk", GOOD, said)
+        Finding("disk", WARNING, text, f"free some, or {other}") if free < SOME_DISK else Finding("disk", GOOD, text)
     ]
 
 
@@ -149,6 +149,6 @@ def check_terminal(environment: Mapping[str, str] = os.environ) -> list[Finding]
     where = f"{kind}, {columns} columns" if sys.stdout.isatty() else "none: plain lines, no progress bar"
     colour = "without colour (NO_COLOR)" if environment.get("NO_COLOR") else ""
     narrow = sys.stdout.isatty() and columns < 80
-    said = ", ".join(part for part in (where, colour) if part)
+    text = ", ".join(part for part in (where, colour) if part)
     remedy = "widen it to 80 columns: tables fold" if narrow else ""
-    return [locale, Finding("terminal", WARNING if narrow else GOOD, said, remedy)]
+    return [locale, Finding("terminal", WARNING if narrow else GOOD, text, remedy)]

@@ -40,7 +40,7 @@ def show(findings: Sequence[Finding], as_json: bool) -> int:
 
 
 def _print_table(findings: Sequence[Finding]) -> None:
-    """A row a finding; the remedy stands below what it mends."""
+    """A row a finding; the remedy stands below what it corrects."""
     from rich.text import Text
 
     from strainsight_cli.render import print_grid, printable

@@ -34,12 +34,12 @@ PATIENCE = 1.0
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """What Python says of a full disk without the name of the file."""
 LAST_WORDS: list[Callable[[str], None]] = []
-"""What else is told of an interrupt, before the process ends; none may wait for anything."""
+"""What else reports an interrupt, before the process ends; none may wait for anything."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What is told of an exception: exit code, message, and the traceback where that is of help."""
+    """What is reported of an exception: exit code, message, and the traceback where that is of help."""
 
     code: int
     message: str
@@ -47,7 +47,7 @@ class Failure:
 
 
 def failure_of(error: Exception) -> Failure:
-    """Exit code 2 for what the user can mend, else 1."""
+    """Exit code 2 for what the user can correct, else 1."""
     from strainsight.errors import StrainsightError
 
     details = "".join(traceback.format_exception(error))
@@ -62,8 +62,8 @@ def failure_of(error: Exception) -> Failure:
         asked = f": {error}" if str(error) else ""
         remedy = "take a coarser mesh or a larger machine, end other programs, or give --jobs 1"
         return Failure(USER, f"there is not enough memory{asked}\n    {remedy}", details)
-    said = f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
-    return Failure(INTERNAL, said, details)
+    text = f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
+    return Failure(INTERNAL, text, details)
 
 
 def tell(failure: Failure, verbose: bool) -> typer.Exit:
@@ -76,7 +76,7 @@ def tell(failure: Failure, verbose: bool) -> typer.Exit:
 
 @contextmanager
 def reported(verbose: bool = False) -> Iterator[None]:
-    """Turn exceptions into a message on stderr and typer.Exit: 2 if the user can mend it, else 1; 130 interrupted."""
+    """Turn exceptions into a message on stderr and typer.Exit: 2 if the user can correct it, else 1; 130 interrupted."""
     with warnings.catch_warnings(), _interruptible():
         plain_warnings(verbose)
         try:
@@ -143,16 +143,16 @@ def _wait_for_the_end(reading: int) -> None:
 
 def _end(number: int) -> None:
     gc.disable()  # a collection may wait for a lock that the interrupted code holds, as that of h5py
-    said = KEPT if number == signal.SIGINT else ENDED
+    text = KEPT if number == signal.SIGINT else ENDED
     with suppress(Exception):  # a terminal that is gone
         # Not print: the interrupted code may hold the stream's buffer.
         for stream in (sys.stdout, sys.stderr):
             if stream.isatty():
                 os.write(stream.fileno(), SHOW_CURSOR)
-        os.write(2, f"{said}\n".encode())
+        os.write(2, f"{text}\n".encode())
     with suppress(Exception):
         for tell_it in LAST_WORDS:
-            tell_it(said)
+            tell_it(text)
     with suppress(Exception):
         end_children()
     _leave(128 + number)

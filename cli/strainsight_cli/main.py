@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from strainsight.sweep.sweep import Where
+from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import reported
@@ -44,7 +44,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Where to glue strain gauges on a finite-element model, what they will let you know, and how well.",
+    help="Where to bond strain gauges on a finite-element model, what they will let you know, and how well.",
 )
 
 

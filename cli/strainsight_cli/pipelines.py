@@ -16,7 +16,7 @@ STAGES = {
     "rom": "Reduce the model",
     "train": "Simulate the training run and the strain of every candidate",
     "screen": "Drop weak and clustered candidates",
-    "observe": "Say which unknowns could be told apart",
+    "observe": "Say which unknowns are observable together",
     "place": "Choose the gauges",
     "simulate": "Simulate a bench in time",
     "estimate": "Estimate from measurements: of a test, or of a bench",

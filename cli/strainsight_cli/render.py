@@ -98,8 +98,8 @@ def print_grid(
         grid.add_row(*row)
     with console.capture() as capture:
         console.print(Padding(grid, (0, 0, 0, indent), expand=False))
-    said = capture.get()
-    print(said if at_terminal else "\n".join(line.rstrip() for line in said.split("\n")), end="")
+    text = capture.get()
+    print(text if at_terminal else "\n".join(line.rstrip() for line in text.split("\n")), end="")
 
 
 def print_tables(tables: Sequence[Table]) -> None:

@@ -33,7 +33,7 @@ Log = Callable[[str], None]
 def run_log(job: Job, stages: str) -> Iterator[Log]:
     """Yields the function that writes a line to the log of the job's folder; warnings and a failure go there by themselves.
 
-    The folder is made by the run; what is said before it is there is said with the first line after. Nothing of this
+    The folder is made by the run; lines from before it is there are written with the first one after. Nothing of this
     is ever a reason for the run to fail: a log that cannot be written is not written.
     """
     import strainsight

@@ -25,7 +25,7 @@ LOOK = 0.2
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that ended: its lines; artefacts of its stages; what is told of the failure that ended it, if any."""
+    """A run that ended: its lines; artefacts of its stages; what is reported of the failure that ended it, if any."""
 
     place: int
     lines: tuple[str, ...]
@@ -36,8 +36,8 @@ class Ended:
 def side_by_side(
     works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
 ) -> Generator[Ended]:
-    """Every run as it ends, `jobs` at a time; where one process computes what another needs, the other waits and takes it
-    over. After a run that failed no other is started. Raises StrainsightError where a process was killed."""
+    """Every run as it ends, `jobs` at a time; where one process computes what another needs, the other waits and reuses
+    it. After a run that failed no other is started. Raises StrainsightError where a process was killed."""
     waits = [set(makers(work, works).values()) for work in works]
     pending, ended = list(range(len(works))), set[int]()
     running: dict[Future[Ended], int] = {}
@@ -84,13 +84,13 @@ def _quiet_tracker() -> None:
 
 
 def _pass_on(moves: Any, progress: Progress) -> None:
-    """What the processes said since the last look: a move of the bar, or a note."""
+    """What the processes sent since the last look: a move of the bar, or a note."""
     while not moves.empty():
-        said = moves.get()
-        if isinstance(said, str):
-            note(said)
+        text = moves.get()
+        if isinstance(text, str):
+            note(text)
         else:
-            progress(*said)
+            progress(*text)
 
 
 def _killed(works: Sequence[Work]) -> Exception:

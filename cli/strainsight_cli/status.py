@@ -47,14 +47,14 @@ def sum_of(statuses: Sequence[Status]) -> str:
     from strainsight.workflow.plan import UP_TO_DATE
 
     pending = [status for status in statuses if status.status != UP_TO_DATE]
-    said = f"{len(statuses) - len(pending)} of {len(statuses)} stages up to date"
+    text = f"{len(statuses) - len(pending)} of {len(statuses)} stages up to date"
     seconds = [_seconds(status) for status in pending]
     known = [value for value in seconds if value is not None]
     if not known:
-        return said
+        return text
     others = f"the other {len(pending)}" if len(pending) > 1 else "the other"
     which = others if len(known) == len(pending) else f"{len(known)} of {others}"
-    return f"{said}; {which} took {sum(known):.1f} s when last run"
+    return f"{text}; {which} took {sum(known):.1f} s when last run"
 
 
 def _seconds(status: Status) -> float | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from strainsight.errors import ConfigError, UserError, did_you_mean
-from strainsight.sweep.sweep import Where
+from strainsight.sweep.where import Where
 from strainsight_cli import pipelines, render
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import tell
@@ -196,7 +196,7 @@ def _all_runs(
 
 @contextmanager
 def _named(work: Work) -> Iterator[None]:
-    """Say which run it was, before the failure itself is told."""
+    """Say which run it was, before the failure itself is reported."""
     try:
         yield
     except Exception:

@@ -12,23 +12,23 @@ if TYPE_CHECKING:
     from strainsight.workflow.output import Table
 
 Computed = tuple[str, str, float | None]
-"""Key, digest and seconds: an artefact that was taken over is the same to the last digit."""
+"""Key, digest and seconds: a reused artefact is the same to the last digit."""
 
 
 def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page: Artefact) -> Table:
     """A row a run, a column a stage: seconds that the stage took when it was computed, "↩ 2" where it was run 2 that did.
 
-    Which run it was is known of what was taken over just now; of what was there before, the first run is taken to be it.
+    Which run it was is known of what was reused just now; of what was there before, the first run is taken to be it.
     page: the suite's own artefact, in a row of its own.
     """
     from strainsight.workflow.output import Table
 
     stages = list(dict.fromkeys(artefact.header.stage for artefacts in found for artefact in artefacts))
     by: dict[Computed, int] = {}
-    for lent in (False, True):
+    for reused in (False, True):
         for i, artefacts in enumerate(found):
             for artefact in artefacts:
-                if bool(artefact.lender) == lent:
+                if bool(artefact.source) == reused:
                     by.setdefault(_computed(artefact), i)
     cells: list[list[str]] = []
     spent = [[0.0] * len(stages) for _ in runs]
@@ -48,7 +48,7 @@ def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page:
     rows.append(("", "the suite's page", *[""] * len(stages), _seconds(own)))
     below = [_seconds(sum(column)) for column in zip(*spent, strict=True)]
     rows.append(("", "all", *below, _seconds(own + sum(map(sum, spent)))))
-    return Table("where the time goes [s] (↩ n: taken over from run n)", ("", "run", *stages, "all"), tuple(rows))
+    return Table("where the time goes [s] (↩ n: reused from run n)", ("", "run", *stages, "all"), tuple(rows))
 
 
 def peak_memory(jobs: int) -> str:

@@ -24,18 +24,18 @@ def tried(name: str, words: Sequence[str] = (), seconds: float = SECONDS) -> tup
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=seconds)
     except subprocess.TimeoutExpired as late:
-        said = late.stdout or b""
-        return _found(said.decode(errors="replace") if isinstance(said, bytes) else said), f"no end after {seconds:g} s"
+        text = late.stdout or b""
+        return _found(text.decode(errors="replace") if isinstance(text, bytes) else text), f"no end after {seconds:g} s"
     if done.returncode < 0:
         return _found(done.stdout), f"crashed with {_signal(-done.returncode)}"
     last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
     return _found(done.stdout), last[0] if done.returncode else ""
 
 
-def _found(said: str) -> dict[str, Any]:
+def _found(text: str) -> dict[str, Any]:
     """The facts among the lines; libraries print what they like beside them."""
     found: dict[str, Any] = {}
-    for line in said.splitlines():
+    for line in text.splitlines():
         if line.startswith(MARK):
             found |= json.loads(line[len(MARK) :])
     return found

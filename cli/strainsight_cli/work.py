@@ -8,7 +8,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from strainsight.sweep.sweep import Sweep, Where, opened
+from strainsight.sweep.sweep import Sweep
+from strainsight.sweep.where import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
 from strainsight_cli.runlog import Log, peak, run_log

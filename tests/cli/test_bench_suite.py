@@ -66,7 +66,7 @@ def first(call):
     return done.output
 
 
-def test_runs_claims_and_times_are_said(first, folder):
+def test_runs_claims_and_times_are_reported(first, folder):
     for heading in ("run 1 of 2 coarse", "run 2 of 2 fine", "suite both"):
         assert heading in first.splitlines()
     statement = next(line for line in first.splitlines() if line.startswith("Fine takes"))

@@ -133,7 +133,7 @@ def test_a_results_folder_that_is_a_file_fails_and_one_that_is_missing_does_not(
     assert not (tmp_path / "none").exists()
 
 
-def test_a_full_disk_is_told(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1e6}))
     (disk,) = checks.check_disk(tmp_path)
     assert disk.verdict == FAILS

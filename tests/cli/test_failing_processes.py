@@ -82,7 +82,7 @@ def failed(works, verbose=False, as_json=False, moved=lambda *_: None) -> int:
     return caught.value.exit_code
 
 
-def test_a_failure_is_told_at_once_and_the_run_beside_it_ends(works, capfd):
+def test_a_failure_is_reported_at_once_and_the_run_beside_it_ends(works, capfd):
     said = []
 
     def moved(run: str, *_) -> None:
@@ -132,7 +132,7 @@ def test_the_table_names_the_run_that_computed_a_stage(works):
     first, second = works("good", "good", by=1)
     (*_, late) = run(second.stages, second.job)
     (*_, taken) = run(first.stages, first.job)
-    assert taken.artefact.lender == "good2"
+    assert taken.artefact.source == "good2"
     found = [[taken.artefact], [late.artefact]]
     rows = timing_table(["good1", "good2"], found, late.artefact).rows
     assert [row[2] for row in rows[:2]] == ["↩ 2", "0.0"]

@@ -68,7 +68,7 @@ def test_init_takes_a_deck_not_a_config(tmp_path, monkeypatch):
     assert (tmp_path / "own.yaml").read_text(encoding="utf-8") == "kind: placement\n"
 
 
-def test_a_folder_that_cannot_be_written_is_told_with_the_option_for_another():
+def test_a_folder_that_cannot_be_written_is_reported_with_the_option_for_another():
     found = failure_of(PermissionError(13, "Permission denied", "results"))
     assert found.code == 2
     assert found.message.startswith("results  Permission denied\n")

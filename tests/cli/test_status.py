@@ -64,7 +64,7 @@ def test_a_row_says_why_it_will_run_and_what_that_took_before(table):
     assert sum_of == "1 of 2 stages up to date; the other took 0.0 s when last run"
 
 
-def test_more_than_three_reasons_are_counted_and_all_told_on_request(table):
+def test_more_than_three_reasons_are_counted_and_all_shown_on_request(table):
     changed = dict.fromkeys(KEYS, 2)
     assert table(**changed)[2].endswith("c 1 → 2 (own.yaml:2) and 2 more")
     assert table(verbose=True, **changed)[2].count("1 → 2") == 5

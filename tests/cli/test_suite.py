@@ -168,7 +168,7 @@ def test_an_unknown_last_stage_is_named_with_its_place(suite, call):
     assert "did you mean place?" in done.stderr
 
 
-def test_every_unknown_last_stage_is_told_at_once(suite, call):
+def test_every_unknown_last_stage_is_reported_at_once(suite, call):
     done = call("status", suite, "--set", "runs.1.until=plaec", "--set", "runs.2.until=obsevre")
     assert done.stderr.count("the run has no stage") == 2
 

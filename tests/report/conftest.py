@@ -79,7 +79,7 @@ def layout():
 
 
 def mixed_layout():
-    """Every kind of sensor on the same box: a rosette, mirrored gauges, some glued already, a triaxial accelerometer."""
+    """Every kind of sensor on the same box: a rosette, mirrored gauges, some bonded already, a triaxial accelerometer."""
     beam = layout()
     one, two, below, far = beam.gauges
     turn = np.radians([0, 45, 90])
@@ -88,10 +88,10 @@ def mixed_layout():
     gauges = (
         replace(one, peak=9.1e-5, range=3e-3, mirror="G3"),
         replace(two, kind="rosette", directions=fan, peak=2.4e-4, range=2e-4),
-        replace(below, peak=9.1e-5, range=3e-3, mirror="G1", glued=True),
+        replace(below, peak=9.1e-5, range=3e-3, mirror="G1", bonded=True),
         replace(far, kind="accelerometer", position=np.array([1.9, 0.04, 0.12]), normal=up, directions=np.eye(3),
                 direction=np.eye(3)[0], peak=41.2, unit="m/s^2", label="G4", facet=0, nodes=(2,)),
-        Gauge("G5", 1310, 2, np.array([1.5, 0.0, 0.06]), side, side, 0.0, {"E": np.inf}, (5, 6), glued=True,
+        Gauge("G5", 1310, 2, np.array([1.5, 0.0, 0.06]), side, side, 0.0, {"E": np.inf}, (5, 6), bonded=True,
               kind="accelerometer", peak=np.nan, range=50.0, unit="m/s^2"),
         Gauge("G6", 1400, 3, np.array([1.2, 0.04, 0.12]), up, up, 0.0, {}, (8, 9), kind="displacement sensor",
               peak=4.3e-4, range=2e-3, unit="m"),

@@ -14,7 +14,8 @@ import sweep_tasks as tasks
 
 from strainsight.errors import ConfigError, StrainsightError, UserError
 from strainsight.sweep import cluster as module
-from strainsight.sweep.sweep import Where, opened, serial, watched
+from strainsight.sweep.sweep import serial, watched
+from strainsight.sweep.where import Where, opened
 
 pytest.importorskip("distributed")
 MATRIX = np.random.default_rng(0).standard_normal((200, 300))

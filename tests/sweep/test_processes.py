@@ -11,7 +11,8 @@ import sweep_tasks as tasks
 
 from strainsight.errors import ConfigError
 from strainsight.sweep import processes
-from strainsight.sweep.sweep import Where, opened, serial, watched
+from strainsight.sweep.sweep import serial, watched
+from strainsight.sweep.where import Where, opened
 
 pytestmark = pytest.mark.usefixtures("eager")
 MATRIX = np.random.default_rng(0).standard_normal((200, 300))

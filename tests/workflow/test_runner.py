@@ -179,12 +179,12 @@ def test_kernels_and_config_stay_out_of_the_workflow():
         "strainsight.workflow",
         *(
             f"strainsight.workflow.{m}"
-            for m in ["artefact", "borrow", "lock", "output", "plan", "runner", "seal", "slices", "stage", "store"]
+            for m in ["artefact", "reuse", "lock", "output", "plan", "runner", "seal", "slices", "stage", "store"]
         ),
     }
 
 
-def test_what_a_run_beside_has_done_on_the_same_inputs_is_taken_over(job):
+def test_what_a_run_beside_has_done_on_the_same_inputs_is_reused(job):
     """Only the last stage has another setting, so only it runs; the others are the same to the byte."""
     done(job)
     other = changed(job, name="other", show={"limit": 200.0})
@@ -192,13 +192,13 @@ def test_what_a_run_beside_has_done_on_the_same_inputs_is_taken_over(job):
     stages = tuple(Stage(*(s.name, s.version, s.reads, s.upstream, s.files, noted(s.run, s.name, ran))) for s in STAGES)
     reasons = {event.stage: event.reason for event in run(stages, other) if event.status == "done"}
     assert ran == ["show"]
-    assert "taken over from toy" in reasons["read"]
+    assert "reused from toy" in reasons["read"]
     for name in ("read", "halve"):
         assert (other.folder / f"{name}.h5").read_bytes() == (job.folder / f"{name}.h5").read_bytes()
     assert {event.status for event in run(STAGES, other)} == {"up to date"}
 
 
-def test_an_artefact_knows_how_long_it_took_also_where_it_was_taken_over(job):
+def test_an_artefact_knows_how_long_it_took_also_where_it_was_reused(job):
     done(job)
     other = changed(job, name="other")
     done(other)
@@ -212,15 +212,15 @@ def test_an_artefact_knows_how_long_it_took_also_where_it_was_taken_over(job):
     assert (again.digest, again.key) == (own.digest, own.key)
 
 
-def test_nothing_is_taken_over_by_force_or_from_a_damaged_file(job):
+def test_nothing_is_reused_by_force_or_from_a_damaged_file(job):
     done(job)
     other = changed(job, name="other")
     damaged = job.folder / "halve.h5"
     damaged.write_bytes(damaged.read_bytes()[:-1] + b"x")
     reasons = {event.stage: event.reason for event in run(STAGES, other, forced=["read"]) if event.status == "done"}
-    assert "taken over" not in reasons["read"]
-    assert "taken over" not in reasons["halve"]
-    assert "taken over" in reasons["show"]
+    assert "reused" not in reasons["read"]
+    assert "reused" not in reasons["halve"]
+    assert "reused" in reasons["show"]
 
 
 def noted(function, name, ran):

@@ -260,7 +260,7 @@ def test_room_is_reserved_for_more_than_the_file_takes(tmp_path):
         assert path.stat().st_size < store._most_bytes(content, HEADER)
 
 
-def test_a_full_disk_is_said_before_hdf5_meets_it(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_before_hdf5_meets_it(tmp_path, monkeypatch):
     good = write_artefact(tmp_path / "a.h5", output(), HEADER)
 
     def full(*_):

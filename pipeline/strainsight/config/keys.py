@@ -47,8 +47,8 @@ def sections_at(model: type[BaseModel], path: Sequence[str], data: Any) -> list[
             data = data[place] if (place := place_in(part, len(data))) is not None else None
         else:
             data = data.get(part) if isinstance(data, Mapping) else None
-        told = data.get("type", tuple(data)) if isinstance(data, Mapping) else ()
-        names = told if isinstance(told, tuple) else (told,)
+        listed = data.get("type", tuple(data)) if isinstance(data, Mapping) else ()
+        names = listed if isinstance(listed, tuple) else (listed,)
         named = [member for item in below for tag, member in _tagged(item) if tag in names]
         sections = named or [member for item in below for member in _members(item)]
     return sections
@@ -84,7 +84,7 @@ def _whole(field: Any) -> Any:
 
 
 def _tagged(annotation: Any) -> Iterator[tuple[str, Any]]:
-    """Name and type of the members that a discriminator tells apart: their Tag, or what their `type` may be."""
+    """Name and type of the members that a discriminator distinguishes: their Tag, or what their `type` may be."""
     told_apart = get_origin(annotation) is Annotated and any(
         isinstance(item, str | Discriminator) or getattr(item, "discriminator", None)
         for item in annotation.__metadata__

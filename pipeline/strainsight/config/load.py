@@ -16,7 +16,7 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
 from strainsight.config.messages import problems_of
-from strainsight.config.overrides import Override, meant_for_runs, parsed, put, told_of_made
+from strainsight.config.overrides import Override, explained, meant_for_runs, parsed, put
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
 from strainsight.config.suite import SuiteConfig, suite_problems
@@ -78,7 +78,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
         if data.get("kind") == "suite":
             found = [meant_for_runs(problem, given) for problem in found]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
-            found = [told_of_made(problem, made, KINDS[data["kind"]][0], data) for problem in found]
+            found = [explained(problem, made, KINDS[data["kind"]][0], data) for problem in found]
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in found])
     return LoadedConfig(path, model, given, places)
 

@@ -82,7 +82,7 @@ def _index(entries: Sequence[Any], part: str, override: Override) -> int:
     return place
 
 
-def told_of_made(problem: Problem, made: Sequence[str], model: type[BaseModel], data: Any) -> Problem:
+def explained(problem: Problem, made: Sequence[str], model: type[BaseModel], data: Any) -> Problem:
     """For a key that is missing in a section which only an override made: is the section misspelt, or new to the config?"""
     section = next((key for key in made if problem.key.startswith(f"{key}.")), None)
     if section is None or not problem.what.startswith(MISSING):

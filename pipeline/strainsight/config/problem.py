@@ -1,4 +1,4 @@
-"""One thing to mend in a config."""
+"""One thing to correct in a config."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from strainsight.errors import did_you_mean
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing to mend: dotted key, what is wrong, how to mend it; whether the key itself is wrong, not its value."""
+    """One thing to correct: dotted key, what is wrong, the remedy; whether the key itself is wrong, not its value."""
 
     key: str
     what: str

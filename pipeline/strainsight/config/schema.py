@@ -23,7 +23,7 @@ def config_schema() -> dict[str, Any]:
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "strainsight config",
-        "description": "One of the kinds of config, told apart by `kind`.",
+        "description": "One of the kinds of config, distinguished by `kind`.",
         **schema,
     }
 

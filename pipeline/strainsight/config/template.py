@@ -29,7 +29,7 @@ class Suggestion:
 
 
 TEMPLATE = """\
-# Where to glue strain gauges on {deck}.
+# Where to bond strain gauges on {deck}.
 # Lines marked ← are yours to fill in. `strainsight schema` describes every key; values are SI unless a comment says
 # otherwise.
 kind: placement
@@ -48,7 +48,7 @@ parameters:
     region: {region:<8}              # ← its id or name, or a list of them
     guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
     range: [{low}, {high}]   # ← [Pa] the true value lies in here
-    process_noise_scale: 0.05     # how fast it may wander in the filter [1/√s]
+    process_noise_scale: 0.05     # how fast it may drift in the filter [1/√s]
 
 # Forces. What is known: false has to stand under place.estimate.
 loads:
@@ -80,7 +80,7 @@ screen:
 
 place:
   estimate: [E]                   # ← names from above
-  keep: 4                         # ← gauges you will glue
+  keep: 4                         # ← gauges you will bond
   instants: 20                    # instants of the training run to place for
   aggregate: mean                 # over them, or worst
   certificate: true               # say how far from the best layout this one can be

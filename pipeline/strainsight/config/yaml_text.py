@@ -66,10 +66,10 @@ def parse(text: str) -> Document:
         root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        said = str(error.problem or error.context or "cannot be read")
-        remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, said)), "")
+        words = str(error.problem or error.context or "cannot be read")
+        remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, words)), "")
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        raise YamlProblem(f"not valid YAML: {said}", line, column, remedy=remedy) from error
+        raise YamlProblem(f"not valid YAML: {words}", line, column, remedy=remedy) from error
     except YAMLError as error:
         raise YamlProblem(f"not valid YAML: {' '.join(str(error).split())}", 1, 1) from error
     except RecursionError as error:

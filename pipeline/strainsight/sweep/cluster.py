@@ -12,8 +12,8 @@ from functools import cache, partial
 from typing import Any
 
 from strainsight.errors import StrainsightError, UserError
-from strainsight.sweep.heard import Heard, heard, repeated
-from strainsight.sweep.sweep import P, R, S, Sweep, Told
+from strainsight.sweep.captured import Captured, captured, repeated
+from strainsight.sweep.sweep import P, Progress, R, S, Sweep
 
 PATIENCE = 5.0
 """[s] that a scheduler has to answer in, and a first worker to be there."""
@@ -37,7 +37,7 @@ def on_cluster(address: str) -> Iterator[Sweep]:
         raise UserError(
             "the package distributed is not installed", key="--dask", remedy="pip install 'strainsight[dask]'"
         ) from None
-    # What it has to say of broken connections is said by the errors below.
+    # The errors below report broken connections.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     _require_scheduler(address)
     client = Client(address, timeout=PATIENCE, set_as_default=False)
@@ -114,7 +114,7 @@ def _shown(version: str | None) -> str:
     return "missing" if version is None else version.removesuffix(".final.0")
 
 
-def _sweep(client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, told: Told | None = None) -> list[R]:
+def _sweep(client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
     import dask
     from distributed import CancelledError
     from distributed.comm import CommClosedError
@@ -130,7 +130,7 @@ def _sweep(client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: 
         kept = client.submit(_kept, shared, key=f"shared-{run}")
         futures = client.map(_one, list(points), key=keys, task=task, shared=kept, ours=versions(), pure=False)
     try:
-        return _collected(client, futures, told)
+        return _collected(client, futures, progress)
     except BaseException as error:
         # The client may still be trying to connect again when the first future tells that the connection is lost.
         if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
@@ -143,19 +143,19 @@ def _kept(shared: Any) -> Any:
     return shared
 
 
-def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Heard:
+def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Captured:
     """A task on a worker, which may have come after the first ones were asked for their versions."""
     from distributed import get_worker
 
     _refuse_others(versions(), f"worker {get_worker().address}", ours)
-    return heard(task, shared, point)
+    return captured(task, shared, point)
 
 
-def _collected(client: Any, futures: Sequence[Any], told: Told | None) -> list[Any]:
+def _collected(client: Any, futures: Sequence[Any], progress: Progress | None) -> list[Any]:
     """The results in order; the error of a task ends them all."""
     from distributed import wait
 
-    found: dict[Any, Heard] = {}
+    found: dict[Any, Captured] = {}
     waiting, last_seen = set(futures), time.monotonic()
     while waiting:
         try:
@@ -166,12 +166,12 @@ def _collected(client: Any, futures: Sequence[Any], told: Told | None) -> list[A
             continue
         found |= _results(client, done)
         waiting -= done
-        if told is not None:
-            told(len(found) / len(futures))
+        if progress is not None:
+            progress(len(found) / len(futures))
     return [repeated(found[future.key]) for future in futures]
 
 
-def _results(client: Any, done: Collection[Any]) -> dict[Any, Heard]:
+def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
     from distributed import KilledWorker
 
     try:

@@ -11,8 +11,8 @@ import warnings
 from collections.abc import Callable, Sequence
 
 from strainsight.processes import end_with_parent
-from strainsight.sweep.heard import heard, repeated
-from strainsight.sweep.sweep import P, R, S, Sweep, Told
+from strainsight.sweep.captured import captured, repeated
+from strainsight.sweep.sweep import P, Progress, R, S, Sweep
 
 WORTH = 5.0
 """[s] of work ahead from which other processes pay: they take about 2 s to start and to import what they need."""
@@ -26,14 +26,14 @@ def in_processes(jobs: int | None, memory: Callable[[], float]) -> Sweep:
     """
     most = jobs or cores()
 
-    def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, told: Told | None = None) -> list[R]:
+    def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
         found: list[R] = []
         start = time.perf_counter()
 
         def keep(result: R) -> None:
             found.append(result)
-            if told is not None:
-                told(len(found) / len(points))
+            if progress is not None:
+                progress(len(found) / len(points))
 
         for k, point in enumerate(points):
             left = len(points) - k
@@ -64,7 +64,7 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
         max_nbytes=None,
         initializer=_begin,
     )
-    results = parallel(delayed(heard)(task, shared, point) for point in points)
+    results = parallel(delayed(captured)(task, shared, point) for point in points)
     try:
         for result in results:
             keep(repeated(result))

@@ -1,19 +1,16 @@
-"""What a sweep is, the one that needs nobody else, and which one is asked for."""
+"""What a sweep is, and the one that needs nobody else."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 
 P = TypeVar("P")
 R = TypeVar("R")
 S = TypeVar("S")
 
-Told = Callable[[float], None]
-"""Is told the share that is done."""
+Progress = Callable[[float], None]
+"""Called with the share that is done."""
 
 
 class Sweep(Protocol):
@@ -22,53 +19,28 @@ class Sweep(Protocol):
     task      a function of a module, without side effects: its result follows from its arguments to the last bit
     points    what differs; random numbers of a point come from a seed and its place, never from the order
     shared    what all points need, in plain arrays; it is sent once to a cluster
-    told      is told the share that is done
+    progress  called with the share that is done
     """
 
     def __call__(
-        self, task: Callable[[S, P], R], points: Sequence[P], shared: S, told: Told | None = None
+        self, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None
     ) -> list[R]: ...
 
 
-def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, told: Told | None = None) -> list[R]:
+def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
     """One point after the other, here."""
     found = []
     for point in points:
         found.append(task(shared, point))
-        if told is not None:
-            told(len(found) / len(points))
+        if progress is not None:
+            progress(len(found) / len(points))
     return found
 
 
-def watched(sweep: Sweep, watcher: Told) -> Sweep:
-    """The same sweep, whose progress `watcher` is told."""
+def watched(sweep: Sweep, watcher: Progress) -> Sweep:
+    """The same sweep, which calls `watcher` with its progress."""
 
-    def seen(task: Callable[[S, P], R], points: Sequence[P], shared: S, told: Told | None = None) -> list[R]:
-        return sweep(task, points, shared, told or watcher)
+    def seen(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
+        return sweep(task, points, shared, progress or watcher)
 
     return seen
-
-
-@dataclass(frozen=True)
-class Where:
-    """Where sweeps run: in at most `jobs` processes, None for one a core, or on the Dask cluster whose scheduler has this
-    address. No part of what is computed: it never enters a key."""
-
-    jobs: int | None = None
-    dask: str | None = None
-
-
-@contextmanager
-def opened(where: Where, memory: Callable[[], float] = lambda: math.inf) -> Iterator[Sweep]:
-    """The sweep that is asked for; memory() [bytes] is what can still be taken. Raises UserError without such a cluster."""
-    if where.dask is not None:
-        from strainsight.sweep.cluster import on_cluster
-
-        with on_cluster(where.dask) as sweep:
-            yield sweep
-    elif where.jobs == 1:
-        yield serial
-    else:
-        from strainsight.sweep.processes import in_processes
-
-        yield in_processes(where.jobs, memory)

@@ -69,7 +69,7 @@ class Artefact:
     artefact.summary, .tables, .message    what the stage said
     artefact.key, .digest, .header         what it was made from, and the sha256 of what it holds
     artefact.attributes("/augmented")      attributes of a group or dataset
-    artefact.lender                        the run beside this one that it has just been taken over from, or ""
+    artefact.source                        the run beside this one that it has just been reused from, or ""
 
     Raises ArtefactError for a file that is missing, cut short, altered, of another format version, or that points
     outside itself.
@@ -77,7 +77,7 @@ class Artefact:
 
     def __init__(self, path: Path):
         self.path = Path(path)
-        self.lender = ""
+        self.source = ""
         known = _identity(self.path)
         with _checked(self.path) as file:
             self._read(file, known in _VERIFIED)

@@ -13,9 +13,9 @@ from pathlib import Path
 from strainsight.errors import StrainsightError
 from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact, Header, file_digest
-from strainsight.workflow.borrow import borrowed
 from strainsight.workflow.lock import computing, locked
 from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge
+from strainsight.workflow.reuse import reused
 from strainsight.workflow.slices import Slice, declared
 from strainsight.workflow.stage import Context, Stage
 from strainsight.workflow.store import remove_unfinished, write_artefact
@@ -59,7 +59,7 @@ def run(
     the iterator ends. A stage that fails writes nothing and leaves all earlier artefacts as they were; its
     StrainsightError gets the place of its config key. `forced` names stages that run in any case. A stage whose
     upstream ran again but came out the same stays up to date; one that a run beside this has done on the same inputs is
-    taken over from there; where another process is at it, that one is waited for.
+    reused from there; where another process is at it, that one is waited for.
     """
     # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
     with _placed(job):
@@ -79,12 +79,12 @@ def run(
             start = time.perf_counter()
             reason = status.reason
             key = inputs[stage.name].key(stage, {name: finished[name].digest for name in stage.upstream})
-            said = f"{job.config['name']} waits for another process that computes {stage.name}"
-            with computing(job.results, key, partial(notice, said)):
-                taken = None if stage.name in forced else borrowed(stage, job, key)
+            waits = f"{job.config['name']} waits for another process that computes {stage.name}"
+            with computing(job.results, key, partial(notice, waits)):
+                taken = None if stage.name in forced else reused(stage, job, key)
                 if taken is not None:
                     finished[stage.name] = taken
-                    reason += f", taken over from {taken.lender}"
+                    reason += f", reused from {taken.source}"
                 else:
                     with _placed(job):
                         finished[stage.name] = _execute(stage, job, inputs[stage.name], key, finished, progress, sweep)

@@ -93,8 +93,8 @@ def _most_bytes(output: Output, header: Header) -> int:
     arrays = sum(_text(np.asarray(d.array)).nbytes for d in output.datasets.values())
     attributes = sum(len(repr(dict(entries))) for entries in output.attributes.values())
     names = sum(len(name) + len(d.description) for name, d in output.datasets.items())
-    told = len(repr((output.summary, output.tables, output.message, header)).encode())
-    return ROOM + arrays + ROOM_EACH * len(output.datasets) + 2 * (attributes + names + told)
+    stated = len(repr((output.summary, output.tables, output.message, header)).encode())
+    return ROOM + arrays + ROOM_EACH * len(output.datasets) + 2 * (attributes + names + stated)
 
 
 def _reserve(path: Path, size: int) -> None:

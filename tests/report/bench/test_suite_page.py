@@ -137,7 +137,7 @@ def test_the_lines_of_several_runs_have_their_labels_and_one_truth():
     assert dashes(lines[0].history, other) == dashes(lines[0].history, coarse) + 1
 
 
-def test_a_filter_that_was_lost_leaves_a_gap():
+def test_a_filter_that_diverged_leaves_a_gap():
     drawing = unknown_figure("k", "t", "input", [Line("", load(lost_from=20).history)])
     assert b"nan" not in drawing.svg.lower().replace(b"finance", b"")
     nothing = unknown_figure("k", "t", "input", [Line("", load(lost_from=0).history)])
@@ -224,7 +224,7 @@ def test_the_table_has_columns_only_for_what_there_is():
         assert text in more
 
 
-def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_said():
+def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reported():
     placement = BenchPlacement(
         np.eye(3), np.eye(3), {"F": 1e3}, {"F": np.array([2e3, np.inf])}, np.arange(3), np.ones(3), {}, {"F": "N"}
     )  # fmt: skip

@@ -56,7 +56,7 @@ def test_per_cent_keeps_its_significant_zeros():
     ]
 
 
-def test_what_is_no_number_is_said():
+def test_what_is_no_number_is_reported():
     assert [number(math.nan), number(math.inf), number(-math.inf), percent(math.inf), percent(math.nan)] == [
         "–",
         "∞",

@@ -56,7 +56,7 @@ def test_what_has_no_normal_or_no_direction_has_a_mark_all_the_same():
                 assert all(np.isfinite(mesh.points).all() for mesh in meshes)
 
 
-def test_kinds_are_told_apart_and_others_are_bars():
+def test_kinds_are_distinguished_and_others_are_bars():
     kinds = ("strain gauge", "rosette", "accelerometer", "displacement sensor")
     assert len({shape(kind) for kind in kinds}) == 4
     assert shape("thermometer") == shape("strain gauge")

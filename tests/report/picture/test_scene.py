@@ -72,7 +72,7 @@ def test_every_kind_of_sensor_is_pictured_and_survives_the_way_to_the_child(mixe
     layout = mixed().layout
     again = scene.unpack(scene.pack(layout))
     for before, after in zip(layout.gauges, again.gauges, strict=True):
-        assert (before.label, before.kind, before.glued) == (after.label, after.kind, after.glued)
+        assert (before.label, before.kind, before.bonded) == (after.label, after.kind, after.bonded)
         np.testing.assert_array_equal(before.channels, after.channels)
     assert scene.unpack(scene.pack(replace(layout, gauges=()))).gauges == ()
     pixels = colours(scene.render(layout))

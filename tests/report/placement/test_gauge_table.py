@@ -1,4 +1,4 @@
-"""The table of gauges: kinds, what was glued already, and readings against ranges."""
+"""The table of gauges: kinds, what was bonded already, and readings against ranges."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def test_given_gauges_have_a_number_in_place_of_an_element(full):
     assert "Ids are those of the mesh file" in gauge_table(report)
 
 
-def test_kind_glued_and_mirror_image_are_said(mixed):
+def test_kind_bonded_and_mirror_image_are_reported(mixed):
     assert [row["kind"] for row in rows(mixed())] == [
-        "strain gauge|mirrors G3", "rosette", "strain gauge|glued already|mirrors G1", "accelerometer",
-        "accelerometer|glued already", "displacement sensor",
+        "strain gauge|mirrors G3", "rosette", "strain gauge|bonded already|mirrors G1", "accelerometer",
+        "accelerometer|bonded already", "displacement sensor",
     ]  # fmt: skip
     text = gauge_table(mixed())
     assert text.count("background:#ffffff") == 2

@@ -82,7 +82,7 @@ def test_no_number_of_the_first_screen_stands_outside_its_exact_value(full, mixe
         assert not re.search(r"\d", words(text)), words(text)
 
 
-def test_a_load_that_is_zero_is_said_to_be_judged_by_its_amplitude(full):
+def test_a_load_that_is_zero_is_reported_to_be_judged_by_its_amplitude(full):
     load, modulus = full().unknowns
     first = first_screen(page(full(unknowns=(replace(load, truth=0.0, zero=True), modulus))))
     assert "one standard deviation, of a load relative to its RMS, of tip to its amplitude" in words(first)
@@ -97,27 +97,27 @@ def observed(full, **changes):
     return words(text.split("<h2>What can be known</h2>")[1].split("</ul>")[0]) if "What can be known" in text else None
 
 
-def test_what_cannot_be_told_apart_is_said_by_its_smallest_sets(full):
+def test_what_cannot_be_distinguished_is_reported_by_its_smallest_sets(full):
     cases = full().cases
-    assert observed(full) == "Everything asked for is observable. E, rho and tip can hardly be told apart."
+    assert observed(full) == "All unknowns are observable. E, rho and tip can hardly be estimated together."
     pair = tuple(replace(case, unknowns=("tip", "rho"), lost="tip and rho") for case in cases[1::3])
     # With the pair goes the set of three that it is part of.
     assert observed(full, cases=cases + pair) == (
-        "Everything asked for is observable. rho and tip can hardly be told apart."
+        "All unknowns are observable. rho and tip can hardly be estimated together."
     )
     once = tuple(replace(case, lost="") if case.excitation == "35 Hz" else case for case in cases)
-    assert "E, rho and tip can hardly be told apart in training run." in observed(full, cases=once)
+    assert "E, rho and tip can hardly be estimated together in training run." in observed(full, cases=once)
 
 
-def test_what_was_asked_for_and_is_lost_is_said_loudly(full):
+def test_what_was_asked_for_and_is_lost_is_reported_loudly(full):
     asked = tuple(replace(case, unknowns=("E", "tip")) if case.lost else case for case in full().cases)
-    assert observed(full, cases=asked) == "E and tip can hardly be told apart."
+    assert observed(full, cases=asked) == "E and tip can hardly be estimated together."
     never = tuple(replace(case, condition=np.inf) for case in asked)
-    assert observed(full, cases=never) == "E and tip cannot be told apart."
+    assert observed(full, cases=never) == "E and tip cannot be estimated together."
     load, modulus = full().unknowns
     assert observed(full, unknowns=(load, replace(modulus, std=np.inf))).startswith("E: not with these gauges.")
     assert '<strong class="bad">' in first_screen(page(full(cases=asked)))
-    assert observed(full, cases=(), unknowns=(load, modulus)) == "Everything asked for is observable."
+    assert observed(full, cases=(), unknowns=(load, modulus)) == "All unknowns are observable."
     assert observed(full, cases=(), unknowns=(load, replace(modulus, expected_std=None))) is None
 
 
@@ -240,14 +240,14 @@ def test_the_key_of_the_picture_names_only_what_occurs(full, mixed):
         ("star", "1 rosette"),
         ("block", "2 accelerometers"),
         ("cone", "1 displacement sensor"),
-        ("hollow", "2 of them glued already"),
+        ("hollow", "2 of them bonded already"),
     ]
 
 
 def test_a_page_of_every_kind_of_sensor(mixed):
     text = page(mixed())
     Outline(text)
-    assert "6 sensors, 2 of them glued already, chosen from 30 candidates" in words(text)
+    assert "6 sensors, 2 of them bonded already, chosen from 30 candidates" in words(text)
     assert "<h2>Readings</h2>" in text
     assert text.index("Gauge G2 0°") < text.index("Gauge G2 45°") < text.index("Gauge G4 x")
 
@@ -267,7 +267,7 @@ def test_a_placement_without_unknowns_has_a_page(full):
     text = page(full(unknowns=(), histories=(), random_sets=(), noise=(), repeats=(), cases=(), advice=()))
     Outline(text)
     assert "4 gauges, chosen from 30 candidates . " in words(text)
-    assert "frozen σ(" not in text
+    assert "steady-state σ(" not in text
 
 
 @pytest.mark.parametrize("lost", [np.nan, np.inf])

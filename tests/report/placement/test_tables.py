@@ -42,12 +42,12 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     assert rows[1][3:] == ["–"] * 4
     assert rows[3][1:] == [3.5, pytest.approx(3.5 / 2.62), 0.074, 2.9, 1.3e3, 1.9e8]
     assert rows[4][1:] == [np.inf, np.inf, np.inf, np.inf, 2.1e3, np.inf]
-    assert head(text)[-2:] == ["frozen σ(tip)", "frozen σ(E)"]
+    assert head(text)[-2:] == ["steady-state σ(tip)", "steady-state σ(E)"]
     assert "1.15\u00a0kN" in text
     assert "165\u00a0MPa" in text
 
 
-def test_what_cannot_be_observed_is_said_in_words_and_what_the_caption_must_say_is_there(full):
+def test_what_cannot_be_observed_is_reported_in_words_and_what_the_caption_must_say_is_there(full):
     text = criteria_table(full())
     assert text.count("cannot observe<") == 1
     assert "all scored by the same covariance" in text
@@ -86,7 +86,7 @@ def test_cases_are_rows_and_excitations_are_columns(full):
     assert "by the units" in text
 
 
-def test_what_is_lost_at_one_excitation_only_is_said_of_that_one():
+def test_what_is_lost_at_one_excitation_only_is_reported_of_that_one():
     cases = (Case(("E",), "a", 1.0, 1.0, "E"), Case(("E",), "b", np.inf, np.nan, ""), Case((), "a", 2.0, 3.0))
     rows = cells(cases_table(cases))
     assert rows[0][3] == np.inf

@@ -64,7 +64,7 @@ def test_the_exact_numbers_stand_in_the_first_table(suite):
     assert "4 of 30" in words(first)
 
 
-def test_what_failed_is_said_in_words(suite):
+def test_what_failed_is_reported_in_words(suite):
     first = words(first_screen(page(suite())))
     assert first.count("✕ not identified") == 1
     assert first.count("✕ overconfident") == 2
@@ -75,7 +75,7 @@ def test_what_failed_is_said_in_words(suite):
     assert "not estimated (ends after observe): no gauge tells all three." in first
 
 
-def test_a_load_that_is_zero_is_said_to_be_judged_by_its_amplitude(suite):
+def test_a_load_that_is_zero_is_reported_to_be_judged_by_its_amplitude(suite):
     run = suite().runs[1]
     zero = tuple(replace(unknown, zero=unknown.kind == "input") for unknown in run.unknowns)
     assert "tip, load, zero: in % of its amplitude" in words(
@@ -84,7 +84,7 @@ def test_a_load_that_is_zero_is_said_to_be_judged_by_its_amplitude(suite):
     assert "of its amplitude" not in words(first_screen(page(suite())))
 
 
-def test_a_lost_repeat_is_said_in_words(suite):
+def test_a_lost_repeat_is_reported_in_words(suite):
     run = suite().runs[0]
     error = np.append(run.repeats[0].error[:-1], np.nan)
     text = page(suite(runs=(replace(run, repeats=(replace(run.repeats[0], error=error),)),)))

@@ -138,7 +138,7 @@ def test_a_window_is_no_larger_than_its_screen(screen, size):
     assert fitting(screen) == size
 
 
-def test_a_display_that_does_not_answer_is_said_with_exit_code_2_and_leaves_nothing_behind(beam, monkeypatch, tmp_path):
+def test_a_display_that_does_not_answer_is_reported_with_exit_code_2_and_leaves_nothing_behind(beam, monkeypatch, tmp_path):
     monkeypatch.setenv("DISPLAY", ":7777")
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

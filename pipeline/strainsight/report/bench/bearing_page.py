@@ -183,6 +183,6 @@ def _cases(cases: Sequence[BearingCase]) -> str:
         rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
         title = f"{case.bearing} under {case.case}"
         caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
-        said = table(title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
-        text += f'<h2>{escape(title)}</h2><div class="card">{said}</div>'
+        words = table(title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
+        text += f'<h2>{escape(title)}</h2><div class="card">{words}</div>'
     return text

@@ -79,8 +79,8 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Dr
         caption += "; below, the size of the error over the largest true value" + (
             ", and the claimed σ (dotted)" if len(lines) == 1 else ""
         )
-    said = "; ".join(f"{line.label or name}: {_ending(line.history)}" for line in lines)
-    return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {said}.", image)
+    text = "; ".join(f"{line.label or name}: {_ending(line.history)}" for line in lines)
+    return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {text}.", image)
 
 
 def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
@@ -90,7 +90,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     with styled():
         labels = [line_label(label, len(lines)) for label, _ in lines]
         drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
-        said = []
+        text = []
         for place, (label, unknown) in enumerate(lines):
             there, history, style = unknown.there, unknown.history, line_style(place)
             assert there is not None
@@ -102,7 +102,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
             axes.plot(history.time[index], history.mean[index] / factor, **style, label=line_label(label, len(lines)))
             below.plot(history.time[index], drawable(quotient)[index], **style)
             if (known := quotient[np.isfinite(quotient)]).size:
-                said.append(f"{label or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
+                text.append(f"{label or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
         axes.set_ylabel(f"{short(own.name, 24)} [{short(unit)}]")
         plain_axis(axes)
         plain_axis(below)
@@ -112,7 +112,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
         image = svg(drawn)
     caption = (
         f"{own.name} on this bench, and over the one on the bench that was measured where that is above {number(LARGE)} of its "
-        f"maximum: {'; '.join(said) or 'nowhere'}."
+        f"maximum: {'; '.join(text) or 'nowhere'}."
     )
     return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", image)
 
@@ -137,14 +137,14 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
         legend_above(axes)
         image = svg(drawn)
     finite = errors[np.isfinite(errors)]
-    said = (
+    text = (
         f"RMS {number(float(np.sqrt(np.mean(finite**2))), 2)}, largest {number(float(finite.max()), 2)}"
         if len(finite)
         else "none"
     )
     lost = f"; {len(errors) - len(finite)} lost" if len(finite) < len(errors) else ""
     what = "at the end" if unknown.kind == "parameter" else "over the second half"
-    caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {said}{lost}."
+    caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}{lost}."
     return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, image)
 
 

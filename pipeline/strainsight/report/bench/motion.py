@@ -34,11 +34,11 @@ def loads_figure(motion: BenchMotion) -> Drawing:
             legend_above(axes)
         time_axis(panels[-1])
         image = svg(drawn)
-    said = "; ".join(
+    text = "; ".join(
         f"{name} at most {quantity(float(np.max(np.abs(values), initial=0.0)), unit.replace('N m', 'N·m'), 3)}"
         for name, (unit, values) in motion.inputs.items()
     )
-    return Drawing("loads", "Loads", f"Loads on the bench in time: {said}.", f"Line chart of loads: {said}.", image)
+    return Drawing("loads", "Loads", f"Loads on the bench in time: {text}.", f"Line chart of loads: {text}.", image)
 
 
 def bearing_figures(motion: BenchMotion, bearing: BearingMotion) -> list[Drawing]:

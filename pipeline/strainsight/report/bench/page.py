@@ -91,8 +91,8 @@ def bench_page(
         f'<section class="card warnings"><h2>Warnings</h2>{bullets(run.warnings)}</section>' if run.warnings else ""
     ]
     if run.estimate is not None:
-        told = runs_table("unknowns", [(escape(run.name), run)])
-        sections.append(f'<section id="answer" aria-label="answer" class="card">{told}</section>')
+        listed = runs_table("unknowns", [(escape(run.name), run)])
+        sections.append(f'<section id="answer" aria-label="answer" class="card">{listed}</section>')
         sections.append(f"<h2>What was estimated</h2>{cards('unknowns')}")
         sensors = mismatch_table(run)
         sections.append(f'<h2>Does it explain the sensors?</h2><div class="card">{sensors}</div>{cards("sensors")}')
@@ -135,15 +135,15 @@ def run_answer(run: BenchRun) -> str:
     estimate = run.estimate
     if estimate is None:
         return ""
-    parts = [_told(run, unknown) for unknown in estimate.unknowns]
+    parts = [_estimated(run, unknown) for unknown in estimate.unknowns]
     channels = run.number("channels")
     given = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
     text = f"{count(given)} channels tell {', '.join(parts) or 'nothing'}."
     elsewhere = [unknown.name for unknown in estimate.unknowns if unknown.there is not None]
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
-        told = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
-        text = f"These loads make the bench read as the one that was measured, {', '.join(told)}: {', '.join(parts)}."
+        listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
+        text = f"These loads make the bench read as the one that was measured, {', '.join(listed)}: {', '.join(parts)}."
     lost = run.number("lost")
     if lost:
         text += f' <strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong>'
@@ -153,7 +153,7 @@ def run_answer(run: BenchRun) -> str:
     return text
 
 
-def _told(run: BenchRun, unknown: BenchUnknown) -> str:
+def _estimated(run: BenchRun, unknown: BenchUnknown) -> str:
     name = f"<strong>{escape(unknown.name)}</strong>"
     error, std = run.number(f"error.{unknown.name}"), run.number(f"std.{unknown.name}")
     if error is not None:
@@ -221,8 +221,8 @@ def _facts(run: BenchRun) -> list[tuple[str, str]]:
         ("unknowns", "unknowns"),
         ("violation", "constraints violated by, corrected"),
     ):
-        if (said := run.number(key)) is not None:
-            rows.append((name, plain(said, 3)))
+        if (text := run.number(key)) is not None:
+            rows.append((name, plain(text, 3)))
     if run.placement is not None:
         rows += [
             (f"placement: {key}", plain(float(value), 4))

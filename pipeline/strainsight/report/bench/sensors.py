@@ -90,8 +90,8 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
     many = "" if len(kept) == len(sensor.components) else f" (the largest {len(kept)} of {len(sensor.components)})"
     caption = f"Components of {sensor.name}{many} in time"
     if sensor.expected is not None:
-        said = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in kept)
-        caption += f"; RMS of measured − estimated over RMS of measured: {said}"
+        text = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in kept)
+        caption += f"; RMS of measured − estimated over RMS of measured: {text}"
     if not sensor.used:
         caption += "; the filter was not given it"
     return Drawing(key, title, f"{caption}.", f"Line charts of {len(kept)} components of {sensor.name} in time.", image)

@@ -137,7 +137,7 @@ def runs_table(name: str, entries: Sequence[tuple[str, BenchRun]], *, explained:
     bodies = [
         _block(heading, run, [cell for _, cell in columns], [cell for _, cell in shared]) for heading, run in entries
     ]
-    note = " ".join(said for key, said in MEANINGS.items() if any(heading.startswith(key) for heading in names))
+    note = " ".join(words for key, words in MEANINGS.items() if any(heading.startswith(key) for heading in names))
     head = ("run", "unknown", *names)
     return grouped_table(name, head, bodies, caption=note * explained, numeric=range(2, len(head)))
 

@@ -19,7 +19,7 @@ from strainsight.report.placement.data import FloatArray, IntArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito (2008): told apart by colour-blind readers and in grey.
+# Okabe and Ito (2008): distinguished by colour-blind readers and in grey.
 BLUE, VERMILION, GREEN, ORANGE = "#0072b2", "#d55e00", "#009e73", "#e69f00"
 PURPLE, SKY, YELLOW = "#cc79a7", "#56b4e9", "#f0e442"
 INK, MUTED, GRID = "#1c2430", "#6b7480", "#dfe3e8"

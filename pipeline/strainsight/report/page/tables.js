@@ -98,7 +98,7 @@ function words(cell) {
 /** Units of the exact numbers in a cell. */
 const unitsOf = (cell) => [...(cell?.querySelectorAll("data[data-unit]") ?? [])].map((exact) => exact.dataset.unit);
 
-/** The table as rows of text, as it is sorted now, foot last. The unit of a column's numbers is said in its head, and where
+/** The table as rows of text, as it is sorted now, foot last. The unit of a column's numbers stands in its head, and where
  * its rows differ in theirs, in a column behind it. */
 function contents(table) {
   const cells = grid([...table.rows]);
@@ -141,7 +141,7 @@ function save(rows, name) {
   return "saved";
 }
 
-/** Copy and Save CSV beside the caption, and where it is said that it was done. */
+/** Copy and Save CSV beside the caption, and where it is reported that it was done. */
 function tools(table, name, place) {
   const bar = document.createElement("div");
   bar.className = "tools";

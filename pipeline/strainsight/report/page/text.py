@@ -9,7 +9,7 @@ READINGS = {"strain": "strain", "m/s^2": "acceleration", "m/s²": "acceleration"
 """What a gauge reads, by the unit that the artefacts state."""
 PREFIXED_UNITS = frozenset({"Pa", "N", "N·m", "Nm", "N/m", "Hz", "W", "J"})
 SMALL = 5e-5
-"""Ratio below which it is no longer said in per cent."""
+"""Ratio below which it is no longer shown in per cent."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -59,8 +59,8 @@ def _kinds(gauges: tuple[Gauge, ...]) -> list[tuple[str, str]]:
     """Which marks stand for sensors, and how many of each kind, as HTML: only what occurs."""
     found = Counter(gauge.kind for gauge in gauges)
     marks = [(shape(kind), f"{count(many)} {escape(kind)}{'s' * (many > 1)}") for kind, many in found.items()]
-    glued = sum(gauge.glued for gauge in gauges)
-    return marks + [("hollow", f"{count(glued)} of them glued already")] * bool(glued)
+    bonded = sum(gauge.bonded for gauge in gauges)
+    return marks + [("hollow", f"{count(bonded)} of them bonded already")] * bool(bonded)
 
 
 def _key(colour: str, name: str, text: str) -> str:

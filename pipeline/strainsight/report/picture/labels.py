@@ -43,7 +43,7 @@ def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: t
                 anchors.append(pixels(gauge.position[None])[0])
                 names.append(short(gauge.label))
                 colours.append(gauge_colour(i))
-                hollow.append(gauge.glued)
+                hollow.append(gauge.bonded)
                 away.append(np.array([0.0, -1.0 if anchors[-1][1] <= centre[1] else 1.0]))
         for load, shown in zip(layout.loads, named, strict=True):
             if not shown:

@@ -21,7 +21,7 @@ class Gauge:
     angle [deg] from the projected axis; nodes: ids of the facet's nodes;
     without: unknown's name → relative standard deviation expected when this gauge is left out (inf: not observable);
     kind ("strain gauge", "rosette", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the
-    first is `direction`; glued: it was there already; peak: largest training reading of its channels [unit]; range: what it
+    first is `direction`; bonded: it was there already; peak: largest training reading of its channels [unit]; range: what it
     can measure [unit], None where not stated; unit of its readings;
     mirror: label of its mirror image, where the two were placed as one.
     """
@@ -37,7 +37,7 @@ class Gauge:
     nodes: tuple[int, ...] = ()
     kind: str = "strain gauge"
     directions: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    glued: bool = False
+    bonded: bool = False
     peak: float | None = None
     range: float | None = None
     unit: str = "strain"
@@ -64,7 +64,7 @@ class Layout:
     """The structure and what sits on it.
 
     points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
-    (told apart by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
+    (by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
     gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid.
     """
 

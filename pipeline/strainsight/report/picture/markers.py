@@ -1,4 +1,4 @@
-"""What stands for a sensor or a load in the picture: one shape for each kind, hollow where it was glued already."""
+"""What stands for a sensor or a load in the picture: one shape for each kind, hollow where it was bonded already."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.report.picture.layout import FloatArray, Gauge, Layout, Load
 
 EMPTY = "#ffffff"
-"""The ground of what was glued already: its colour is left to the outline."""
+"""The ground of what was bonded already: its colour is left to the outline."""
 
 
 def shape(kind: str) -> str:

@@ -24,7 +24,7 @@ from strainsight.processes import end_with_parent
 Arrays = Mapping[str, np.ndarray]
 
 OFF_SCREEN = "off-screen"
-"""What the child process is told beside the arrays."""
+"""The argument of the child process."""
 DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1"
 
 

@@ -65,9 +65,9 @@ def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int
         plotter.add_mesh(pv.PolyData(layout.fixed + 2 * lift), color=CLAMP, point_size=9, lighting=False)
     for i, gauge in enumerate(layout.gauges):
         for mesh in marker(gauge, 0.034 * diagonal):
-            plotter.add_mesh(mesh, color=EMPTY if gauge.glued else gauge_colour(i), ambient=0.5)
-            edges = mesh.extract_feature_edges(30.0) if gauge.glued else mesh
-            if gauge.glued and edges.n_points:
+            plotter.add_mesh(mesh, color=EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)
+            edges = mesh.extract_feature_edges(30.0) if gauge.bonded else mesh
+            if gauge.bonded and edges.n_points:
                 plotter.add_mesh(edges.translate(lift), color=gauge_colour(i), line_width=3.5, lighting=False)
     for load in layout.loads:
         start, step = arrow(load, layout)

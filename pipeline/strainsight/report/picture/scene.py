@@ -50,7 +50,7 @@ def pack(layout: Layout) -> dict[str, np.ndarray]:
         "gauge_direction": np.array([gauge.direction for gauge in gauges], dtype=float).reshape(-1, 3),
         "gauge_normal": np.array([gauge.normal for gauge in gauges], dtype=float).reshape(-1, 3),
         "gauge_kind": np.array([gauge.kind for gauge in gauges], dtype=str),
-        "gauge_glued": np.array([gauge.glued for gauge in gauges], dtype=bool),
+        "gauge_bonded": np.array([gauge.bonded for gauge in gauges], dtype=bool),
         "gauge_channels": np.array([len(gauge.channels) for gauge in gauges], dtype=np.int64),
         "channel_direction": np.concatenate([np.empty((0, 3)), *(gauge.channels for gauge in gauges)]),
         "load_name": np.array([load.name for load in loads], dtype=str),
@@ -64,9 +64,9 @@ def unpack(arrays: dict[str, np.ndarray]) -> Layout:
     """The layout that `pack` flattened, as far as a picture needs it."""
     channels = np.split(arrays["channel_direction"], np.cumsum(arrays["gauge_channels"])[:-1])
     gauges = tuple(
-        Gauge(str(label), 0, 0, position, direction, normal, 0.0, kind=str(kind), directions=axes, glued=bool(glued))
-        for label, position, direction, normal, kind, glued, axes in zip(
-            *(arrays[f"gauge_{name}"] for name in ("label", "position", "direction", "normal", "kind", "glued")),
+        Gauge(str(label), 0, 0, position, direction, normal, 0.0, kind=str(kind), directions=axes, bonded=bool(bonded))
+        for label, position, direction, normal, kind, bonded, axes in zip(
+            *(arrays[f"gauge_{name}"] for name in ("label", "position", "direction", "normal", "kind", "bonded")),
             channels[: len(arrays["gauge_label"])],
             strict=True,
         )

@@ -125,7 +125,7 @@ class Criteria:
     """One layout by every criterion, all from the same covariances (inf: it cannot observe everything).
 
     rule: how it was found ("elimination, exchange", "log-determinant", "effective independence", "random, median of 10");
-    values: by every metric of `PlacementReport.metrics`, in their order; std: unknown's name → frozen σ [SI]: a ranking
+    values: by every metric of `PlacementReport.metrics`, in their order; std: unknown's name → steady-state σ [SI]: a ranking
     number, not what a filter will claim.
     """
 
@@ -141,8 +141,8 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Case:
-    """How well one set of unknowns could be told apart: its names; excitation ("training run", "35 Hz"); condition of the
-    scaled PBH matrix at λ = 0, raw: the thesis's number, which orders cases by their units; lost: in words what is (nearly)
+    """How well one set of unknowns could be distinguished: its names; excitation ("training run", "35 Hz"); condition of the
+    scaled PBH matrix at λ = 0, raw: that of the unscaled one, which orders cases by their units; lost: in words what is (nearly)
     unobservable, empty where nothing is."""
 
     unknowns: tuple[str, ...]
@@ -203,9 +203,9 @@ class PlacementReport:
     """All that the page of a placement shows.
 
     name of the config, title for people; frequencies [Hz] of the model at the reference;
-    metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be told
-    apart; observability: name → number;
-    advice: sentences, what to do with the layout (how many gauges are worth it, which stand in for each other, limits);
+    metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be
+    distinguished; observability: name → number;
+    advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
     provenance: versions, seed, keys.

@@ -15,9 +15,9 @@ from strainsight.report.placement.gauge_table import AXES, SINGLE, axes, decimal
 def answer(report: PlacementReport) -> str:
     """The first sentence: how many gauges tell what, how well, how far from the best, and which unknown is weakest."""
     gauges, pool = len(report.layout.gauges), int(report.trend.count[0])
-    glued = sum(gauge.glued for gauge in report.layout.gauges)
+    bonded = sum(gauge.bonded for gauge in report.layout.gauges)
     word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
-    many = f"{word}{'s' * (gauges != 1)}, {f'{count(glued)} of them glued already, ' if glued else ''}chosen"
+    many = f"{word}{'s' * (gauges != 1)}, {f'{count(bonded)} of them bonded already, ' if bonded else ''}chosen"
     known = [unknown for unknown in report.unknowns if _sigma(unknown) is not None]
     parts = [f"{escape(unknown.name)} to within ±{share(_sigma(unknown))}" for unknown in known]
     text = f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
@@ -129,7 +129,7 @@ def _without(report: PlacementReport) -> str:
     places = decimals(report.layout.points)
     rows = [
         [
-            badge(gauge.label, index, hollow=gauge.glued),
+            badge(gauge.label, index, hollow=gauge.bonded),
             *(share(gauge.without.get(name, math.nan)) for name in names),
             *axes(gauge.position, places),
         ]
@@ -137,7 +137,7 @@ def _without(report: PlacementReport) -> str:
     ]
     sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
     foot = ["with all", *(share(sigma[name]) for name in names), "", "", ""]
-    said = table(
+    text = table(
         "with and without",
         ["gauge", *(f"σ({escape(name)})" for name in names), *AXES],
         rows,
@@ -148,14 +148,14 @@ def _without(report: PlacementReport) -> str:
     lost = any(math.isinf(value) for gauge in gauges for value in gauge.without.values())
     more = " ∞: without that gauge the unknown can no longer be observed." if lost else ""
     note = f'<p class="note">σ expected if that gauge fails.{more}</p>' if names else ""
-    return f'<div class="card without">{said}{note}</div>'
+    return f'<div class="card without">{text}{note}</div>'
 
 
 def _cautions(report: PlacementReport) -> str:
     """What can be known and what cannot, what was not tested, and how many warnings there are."""
     cards = ""
-    if told := _observable(report):
-        cards += f'<div class="card notes"><h2>What can be known</h2><ul>{told}</ul></div>'
+    if listed := _observable(report):
+        cards += f'<div class="card notes"><h2>What can be known</h2><ul>{listed}</ul></div>'
     if report.not_tested:
         cards += f'<div class="card notes"><h2>Not tested</h2>{bullets(report.not_tested)}</div>'
     if many := len(report.warnings):
@@ -168,7 +168,7 @@ def _cautions(report: PlacementReport) -> str:
 
 
 def _observable(report: PlacementReport) -> str:
-    """Items: whether what was asked for can be told at all, and the smallest sets that cannot be told apart."""
+    """Items: whether all unknowns are observable, and the smallest sets that are not."""
     asked = frozenset(unknown.name for unknown in report.unknowns)
     lost: dict[frozenset[str], list[Case]] = {}
     for case in report.cases:
@@ -180,13 +180,13 @@ def _observable(report: PlacementReport) -> str:
     if gone:
         items.append(f'<strong class="bad">{_join([escape(name) for name in gone])}: not with these gauges.</strong>')
     elif asked and asked not in lost and (report.cases or all(u.expected_std is not None for u in report.unknowns)):
-        items.append("Everything asked for is observable.")
+        items.append("All unknowns are observable.")
     for names, cases in lost.items():
         where = {case.excitation for case in cases}
         if any(other < names and where <= {case.excitation for case in others} for other, others in lost.items()):
             continue
-        how = "cannot be told" if any(math.isinf(case.condition) for case in cases) else "can hardly be told"
+        how = "cannot be estimated" if any(math.isinf(case.condition) for case in cases) else "can hardly be estimated"
         at = "" if where == excitations else f" in {_join([escape(case.excitation) for case in cases])}"
-        said = f"{_join([escape(name) for name in sorted(names)])} {how}{' apart' * (len(names) > 1)}{at}."
-        items.append(f'<strong class="bad">{said}</strong>' if names == asked else said)
+        text = f"{_join([escape(name) for name in sorted(names)])} {how}{' together' * (len(names) > 1)}{at}."
+        items.append(f'<strong class="bad">{text}</strong>' if names == asked else text)
     return "".join(f"<li>{item}</li>" for item in items)

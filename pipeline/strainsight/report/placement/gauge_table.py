@@ -28,7 +28,7 @@ def gauge_table(report: PlacementReport) -> str:
     def row(index: int, gauge: Gauge) -> list[str]:
         nodes = " ".join(str(node) for node in gauge.nodes) or "–"
         cells = [
-            badge(gauge.label, index, hollow=gauge.glued), _kind(gauge), str(gauge.element), str(gauge.facet or "–"),
+            badge(gauge.label, index, hollow=gauge.bonded), _kind(gauge), str(gauge.element), str(gauge.facet or "–"),
             nodes, *axes(gauge.position, places),
             "<br>".join(_whole(_direction(vector)) for vector in gauge.channels),
             "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
@@ -62,18 +62,18 @@ def given(gauges: tuple[Gauge, ...]) -> bool:
 
 def _caption(gauges: tuple[Gauge, ...]) -> str:
     """What the columns mean, as far as they occur."""
-    said = [
+    text = [
         ("Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file")
         + "; direction is the measuring one in global axes, angle from the projected axis"
         + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
     ]
     if any(gauge.mirror for gauge in gauges):
-        said.append("A gauge and its mirror image were placed as one.")
+        text.append("A gauge and its mirror image were placed as one.")
     if any(gauge.peak is not None for gauge in gauges):
-        said.append("The peak is the largest reading of the training run, of what the sensor can measure.")
+        text.append("The peak is the largest reading of the training run, of what the sensor can measure.")
     if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
-        said.append("∞: without that gauge the unknown can no longer be observed.")
-    return " ".join(said)
+        text.append("∞: without that gauge the unknown can no longer be observed.")
+    return " ".join(text)
 
 
 def _several(gauges: tuple[Gauge, ...]) -> bool:
@@ -83,8 +83,8 @@ def _several(gauges: tuple[Gauge, ...]) -> bool:
 def _kind(gauge: Gauge) -> str:
     """Strain gauge, rosette …; what sets it apart from the others of its kind stands below."""
     text = escape(gauge.kind)
-    if gauge.glued:
-        text += f"<br><strong>{_whole('glued already')}</strong>"
+    if gauge.bonded:
+        text += f"<br><strong>{_whole('bonded already')}</strong>"
     return text + (f"<br>mirrors {escape(gauge.mirror)}" if gauge.mirror else "")
 
 

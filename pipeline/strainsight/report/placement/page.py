@@ -122,8 +122,8 @@ def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
             for row in report.noise
         ]
         caption = "Noise as a share of the strongest candidate's RMS reading; error beside the claimed σ."
-        said = table("noise", head, rows, caption=caption, numeric=range(1, len(head)))
-        cards.append(f'<div class="card">{said}</div>')
+        text = table("noise", head, rows, caption=caption, numeric=range(1, len(head)))
+        cards.append(f'<div class="card">{text}</div>')
     return f'<h2>How sure one can be</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
 
 
@@ -170,7 +170,7 @@ def _observability(report: PlacementReport) -> str:
     body = "".join(f'<div class="card">{card}</div>' for card in cards)
     body = f'<div class="panels">{body}</div>' if cards else ""
     if report.cases:
-        body = f'<div class="card"><h3>What can be told apart</h3>{cases_table(report.cases)}</div>{body}'
+        body = f'<div class="card"><h3>What can be distinguished</h3>{cases_table(report.cases)}</div>{body}'
     return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""
 
 
@@ -183,12 +183,12 @@ def _inside(value: float, band: tuple[float, float] | None) -> str:
 def _facts(report: PlacementReport) -> str:
     cards = ""
     if report.facts:
-        said = pairs("model and run", report.facts.items())
-        cards += f'<section class="card"><h3>Model and run</h3>{said}</section>'
+        text = pairs("model and run", report.facts.items())
+        cards += f'<section class="card"><h3>Model and run</h3>{text}</section>'
     cards += _time(report)
     if report.provenance:
-        said = pairs("provenance", report.provenance.items())
-        cards += f'<section class="card"><h3>Provenance</h3>{said}</section>'
+        text = pairs("provenance", report.provenance.items())
+        cards += f'<section class="card"><h3>Provenance</h3>{text}</section>'
     return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""
 
 
@@ -202,6 +202,6 @@ def _time(report: PlacementReport) -> str:
         for stage, time in report.seconds.items()
     ]
     foot = ("all stages", measure(whole, "s", 3), "")
-    caption = "When each was computed last; one that was taken over from another run took its time there."
-    said = table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)
-    return f'<section class="card"><h3>Where the time went</h3>{said}</section>'
+    caption = "When each was computed last; one that was reused from another run took its time there."
+    text = table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)
+    return f'<section class="card"><h3>Where the time went</h3>{text}</section>'

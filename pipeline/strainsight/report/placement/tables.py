@@ -1,4 +1,4 @@
-"""Tables of one report: the layout beside those of other rules, and what could be told apart."""
+"""Tables of one report: the layout beside those of other rules, and what could be distinguished."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from html import escape
 from strainsight.report.page.markup import measure, plain, table
 from strainsight.report.placement.data import Case, Criteria, PlacementReport
 
-FROZEN = "one standard deviation of an unknown at frozen instants: it ranks layouts, a filter claims its own"
+STEADY = "one standard deviation of an unknown with the system held at an instant: it ranks layouts, a filter claims its own"
 
 
 def criteria_table(report: PlacementReport) -> str:
@@ -36,7 +36,7 @@ def criteria_table(report: PlacementReport) -> str:
     rules = sorted(report.criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
     head = ["layout by", escape(report.trend.metric.symbol), "times the chosen", *(escape(m.symbol) for m in others)]
-    head += [f"frozen σ({escape(name)})" for name in names]
+    head += [f"steady-state σ({escape(name)})" for name in names]
     caption = "Layouts of the same size from the same pool"
     caption += ", all scored by the same covariance" if full else ""
     caption += (
@@ -52,12 +52,12 @@ def criteria_table(report: PlacementReport) -> str:
 
 def criteria_meaning(report: PlacementReport) -> str:
     """What the columns of the criteria mean, as a list."""
-    said = [
+    words = [
         (metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
         for i, metric in enumerate(report.metrics)
     ]
     items = "".join(
-        f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>" for name, text in [*said, ("frozen σ", FROZEN)]
+        f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>" for name, text in [*words, ("steady-state σ", STEADY)]
     )
     return f"<h3>Criteria, smaller is better in all</h3><ul>{items}</ul>"
 
@@ -80,9 +80,9 @@ def cases_table(cases: Sequence[Case]) -> str:
     for excitation in excitations:
         head += [f"{escape(excitation)}, scaled", "raw"]
     caption = (
-        "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0, the larger the harder to tell apart. "
+        "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0, the larger the harder to distinguish. "
         "The scaled one can be compared between rows at the same excitation, and says which unknowns an excitation tells; "
-        "the raw one is the thesis's number, which orders the rows by the units of their unknowns."
+        "the raw one, as in the thesis, orders the rows by the units of their unknowns."
     )
     rows = [row(unknowns, found) for unknowns, found in grid.items()]
     return table("sets of unknowns", [*head, "what is lost"], rows, caption=caption, numeric=range(1, len(head)))
@@ -96,8 +96,8 @@ def _sigma(value: float | None, unit: str) -> str:
 
 
 def _lost(found: dict[str, Case], excitations: int) -> str:
-    """What is lost, said once where it is the same at every excitation."""
-    said = [(case.excitation, case.lost) for case in found.values() if case.lost]
-    if len(said) == excitations and len({lost for _, lost in said}) == 1:
-        return escape(said[0][1])
-    return "<br>".join(f"{escape(excitation)}: {escape(lost)}" for excitation, lost in said)
+    """What is lost, once where it is the same at every excitation."""
+    text = [(case.excitation, case.lost) for case in found.values() if case.lost]
+    if len(text) == excitations and len({lost for _, lost in text}) == 1:
+        return escape(text[0][1])
+    return "<br>".join(f"{escape(excitation)}: {escape(lost)}" for excitation, lost in text)

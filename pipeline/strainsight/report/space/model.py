@@ -17,7 +17,7 @@ from strainsight.report.space.surface import CREASE, surface
 
 STEEL, LINES, CREASES, POOL, CLAMP = "#c3ccd6", "#8693a3", "#3f4b59", "#33475c", "#8a4fb5"
 DOTS = 4000
-"""More of a kind cannot be told apart."""
+"""More of a kind cannot be distinguished."""
 LENGTH = 0.034
 """Of a gauge's bar, over the size of the structure."""
 

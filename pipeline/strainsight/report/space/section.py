@@ -74,7 +74,7 @@ def space_section(layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape]
 
 
 def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
-    """A chip for every gauge, and the place for what is said of the picked one."""
+    """A chip for every gauge, and the place for the words on the picked one."""
     if not gauges:
         return ""
     chips = "".join(
@@ -145,15 +145,15 @@ def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Sh
 
 def _gauge(gauge: Gauge, index: int, group: int, places: int) -> dict[str, Any]:
     """A gauge's mark and what its panel says."""
-    said = [("kind", gauge.kind)]
-    said += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)
-    said += [("facet", str(gauge.facet))] * bool(gauge.facet)
-    said += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
-    said.append(("position", f"{coordinates(gauge.position, places)} m"))
+    text = [("kind", gauge.kind)]
+    text += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)
+    text += [("facet", str(gauge.facet))] * bool(gauge.facet)
+    text += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
+    text.append(("position", f"{coordinates(gauge.position, places)} m"))
     for direction in gauge.channels:
-        said.append(("direction", " ".join(number(round(float(value), 4), 4) for value in direction)))
-    said += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
-    said += [
+        text.append(("direction", " ".join(number(round(float(value), 4), 4) for value in direction)))
+    text += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
+    text += [
         (f"σ({name}) without it", "cannot be observed" if math.isinf(value) else percent(value))
         for name, value in gauge.without.items()
         if not math.isnan(value)
@@ -165,5 +165,5 @@ def _gauge(gauge: Gauge, index: int, group: int, places: int) -> dict[str, Any]:
         "ink": ink_on(gauge_colour(index)),
         "position": np.asarray(gauge.position, dtype=float).tolist(),
         "normal": np.asarray(gauge.normal, dtype=float).tolist(),
-        "said": said,
+        "said": text,
     }

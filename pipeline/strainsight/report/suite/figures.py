@@ -131,8 +131,8 @@ def errors_figure(rows: list[tuple[int, PlacementRun, Result]]) -> Drawing:
         "are the repeats with other noise and other starts, which are filtered, also those of loads. Crosses are overconfident "
         "or not identified."
     )
-    said = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, _, result in rows)
-    return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {said}.", image)
+    text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, _, result in rows)
+    return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {text}.", image)
 
 
 def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:

@@ -88,7 +88,7 @@ def _gauge_rows(index: int, run: PlacementRun) -> str:
     for i, gauge in enumerate(run.layout.gauges):
         other, size = nearest.get(gauge.label, ("", None))
         cells = [
-            f"<td>{badge(gauge.label, i, hollow=gauge.glued)}</td>",
+            f"<td>{badge(gauge.label, i, hollow=gauge.bonded)}</td>",
             f'<td class="n">{gauge.element}</td>',
             *(f'<td class="n">{cell}</td>' for cell in axes(gauge.position, places)),
             f"<td>{escape(other) or '–'}</td>",

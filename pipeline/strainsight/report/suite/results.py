@@ -65,7 +65,7 @@ def is_estimated(run: SuiteRun) -> bool:
 
 
 def verdicts_of(run: PlacementRun) -> tuple[str, ...]:
-    """What is wrong with a run, each said once."""
+    """What is wrong with a run, each once."""
     return tuple(dict.fromkeys(verdict for result in results_of(run) for verdict in result.verdicts))
 
 

@@ -133,7 +133,7 @@ def _sweep(
     caption = f"{what.capitalize()} over {study.over}, one line a group of runs."
     if any(claimed for _, claimed, _ in wanted):
         caption = f"Error of the {what} over {study.over}; dotted: the standard deviation that the filter claims."
-    said = "; ".join(
+    text = "; ".join(
         f"{label}: "
         + ", ".join(
             f"{number(x, 3)} {number(v, 2)}" for x, v in zip(at, _values(runs, np.arange(len(runs)), name), strict=True)
@@ -141,7 +141,7 @@ def _sweep(
         for name, _, label in wanted
     )
     return Drawing(
-        key, f"{study.name}: {what} over {study.over}", caption, f"Line chart over {study.over}. {said}.", image
+        key, f"{study.name}: {what} over {study.over}", caption, f"Line chart over {study.over}. {text}.", image
     )
 
 

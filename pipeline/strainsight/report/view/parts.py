@@ -97,7 +97,7 @@ def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
     both = low < 0 < high
     if both:
         low, high = -max(-low, high), max(-low, high)
-    # VTK keeps one bar a title: spaces, which nobody sees, tell the panels' bars apart. The line feed keeps the title off
+    # VTK keeps one bar a title: spaces, which nobody sees, distinguish the panels' bars. The line feed keeps the title off
     # the numbers.
     title = f"{view.quantity} [{view.unit}]{' ' * (bar or 0)}\n"
     return {
@@ -156,7 +156,7 @@ def add_names(plotter: Any, layout: Layout, seen: NDArray[np.bool_], through: bo
     position, normal = places(layout)
     for i in map(int, np.flatnonzero(seen)):
         gauge = layout.gauges[i]
-        mark = f"{short(gauge.label)}{' (glued)' if gauge.glued else ''}"
+        mark = f"{short(gauge.label)}{' (bonded)' if gauge.bonded else ''}"
         at = position[i] + size * (0.6 * LENGTH * gauge.channels[0] + 0.02 * normal[i])
         _name(plotter, at, mark, gauge_colour(i), through)
     for load in layout.loads:

@@ -54,7 +54,7 @@ def draw(view: View, off_screen: bool) -> Any:
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
     for place, (panel, corner, first) in enumerate(cells):
         plotter.subplot(*divmod(place, columns))
-        # What one sees is told of the structure as it is: a place on the displaced one may lie under its facets.
+        # What one sees is found on the structure as it is: a place on the displaced one may lie under its facets.
         seen = seen_from(layout.points, triangle, position, normal, corner) if off_screen else np.ones(len(position))
         moved = carried(layout, panel)
         add_panel(plotter, view, moved, panel, triangle, place if first else None)
@@ -79,9 +79,9 @@ def _add_title(plotter: Any, title: str, below: str, size: tuple[int, int]) -> N
     """One or two lines in the upper left corner, in letters of the same size whatever the panel's (width, height)."""
     lines = [(text, points) for text, points in ((title, 11), (below, 10)) if text]
     for i, (text, points) in enumerate(lines, start=1):
-        said = shorten(text, size[0] // (points + 1), placeholder=" …")
+        words = shorten(text, size[0] // (points + 1), placeholder=" …")
         at = (8 / size[0], 1 - (4 + 24 * i) / size[1])
-        plotter.add_text(plain(said), position=at, viewport=True, font_size=points, color=INK, font_file=font())
+        plotter.add_text(plain(words), position=at, viewport=True, font_size=points, color=INK, font_file=font())
 
 
 def _grid(count: int, points: FloatArray) -> tuple[int, int]:

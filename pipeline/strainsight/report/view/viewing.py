@@ -30,9 +30,9 @@ def window(view: View) -> None:
     if done.returncode == NO_DISPLAY:
         raise _no_display("the display does not answer")
     if done.returncode:
-        said = last_words(done.stderr.decode(errors="replace"))
+        text = last_words(done.stderr.decode(errors="replace"))
         raise StrainsightError(
-            f"the window broke off (exit code {done.returncode}{said})",
+            f"the window broke off (exit code {done.returncode}{text})",
             remedy="draw it into a file instead: --screenshot FILE.png",
         )
 

@@ -57,10 +57,10 @@ def run(context: Context) -> Output:
         summary[f"loaded.{case.bearing}.{case.case}"] = int((case.force > 0).any(axis=1).sum())
     worst = max(cases, key=lambda case: float(case.pressure.max()), default=None)
     counts = ((len(bearings), "bearing"), (len(cases), "load case"), (len(curves), "curve"))
-    said = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
+    text = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
     if worst is not None:
-        said += f"; at most {worst.pressure.max() / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
-    return Output(written(alone, units), summary, said, _tables(cases), files={"bearing.html": page})
+        text += f"; at most {worst.pressure.max() / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
+    return Output(written(alone, units), summary, text, _tables(cases), files={"bearing.html": page})
 
 
 def _facts(bearing: Bearing) -> str:

@@ -93,8 +93,8 @@ def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, 
 def _truth(estimate: Estimate) -> str:
     if estimate.measured is not None:
         return f"measured on {estimate.measured.run}"
-    said = TRUTHS[estimate.truth.model].format(substeps=estimate.truth.substeps)
-    return said + ("" if estimate.truth.noise else ", without noise")
+    text = TRUTHS[estimate.truth.model].format(substeps=estimate.truth.substeps)
+    return text + ("" if estimate.truth.noise else ", without noise")
 
 
 def _table(own: Estimated, result: Compared) -> Table:

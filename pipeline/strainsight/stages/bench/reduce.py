@@ -14,15 +14,15 @@ def run(context: Context) -> Output:
     """The reduced bodies, and their natural frequencies for a look."""
     found = reductions(context.config, inputs.meshes(context), context)
     summary: dict[str, Scalar] = {}
-    said = []
+    text = []
     for name, own in found.items():
         first, size = float(own.frequency[0]), len(own.body.mass)
         summary |= {f"unknowns.{name}": own.unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
-        said.append(f"{name} {own.unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut {own.body.cut:.4g} Hz")
+        text.append(f"{name} {own.unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut {own.body.cut:.4g} Hz")
     return Output(
         datasets=written(ReducedBodies(bodies={name: own.body for name, own in found.items()})),
         summary=summary,
-        message="; ".join(said) or "no flexible body",
+        message="; ".join(text) or "no flexible body",
         tables=tuple(_table(name, own) for name, own in found.items()),
     )
 

@@ -31,15 +31,15 @@ def run(context: Context) -> Output:
         "violation_rate": float(found.violation.velocity.max()),
         "turn": own.turn,
     }
-    said = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
+    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
     if len(found.frequency) and (first := float(found.frequency[0])) > 0:
         summary |= {"first_frequency": first, "band": min(BAND * first, 1 / (FEWEST_STEPS_A_PERIOD * h))}
-        said += f"; good for loads up to {summary['band']:.3g} Hz"
+        text += f"; good for loads up to {summary['band']:.3g} Hz"
     summary |= {f"pressure.{name}": float(ring.pressure.max()) for name, ring in found.bearings.items()}
     return Output(
         datasets=written(found, dataset_units(config, load_units(config, system.inputs))),
         summary=summary,
-        message=said,
+        message=text,
         tables=tuple(table for table in (_moved(own), _rings(own), _warnings(own, h)) if table.rows),
     )
 

@@ -76,15 +76,15 @@ def placement_of(artefact: Artefact) -> BenchPlacement:
 
 
 def warnings_in(artefacts: Mapping[str, Artefact]) -> tuple[str, ...]:
-    """What the stages warned of, each said once."""
-    said = [
+    """What the stages warned of, each once."""
+    words = [
         row[0]
         for artefact in artefacts.values()
         for table in artefact.tables
         if table.title == WARNINGS
         for row in table.rows
     ]
-    return tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in dict.fromkeys(said))
+    return tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in dict.fromkeys(words))
 
 
 def _input(own: BenchEstimated, name: str) -> BenchUnknown:

@@ -92,44 +92,44 @@ def placement_report(context: Context) -> PlacementReport:
 def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
     """What a reader has to know: of the model, and once they were validated, of the estimates."""
     ready = read(Reduced, up["rom"]).matrices if "rom" in up else None
-    said = [f"{text}." for text in (sanity_warnings(mesh) if ready is None else ready.notes)]
+    notes = [f"{text}." for text in (sanity_warnings(mesh) if ready is None else ready.notes)]
     cards = [card for card in mesh.ignored if mesh.effect.get(card) != "none"]
     if cards:
         but = ": what they add must be in the matrices" * (ready is not None)
-        said.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
-    return (*said, *(_doubts(up["validate"], names) if "validate" in up else ()))
+        notes.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
+    return (*notes, *(_doubts(up["validate"], names) if "validate" in up else ()))
 
 
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
-    said = []
+    notes = []
     summary = validate.summary
     for name in names:
         if summary.get(f"identified.{name}") is False:
-            said.append(f"{name} is not identified: other starting values end more than 3 σ apart.")
+            notes.append(f"{name} is not identified: other starting values end more than 3 σ apart.")
         std = float(summary[f"std.{name}"])
         if doubt := doubt_of(claims_of(name, summary, repeated(name, validate))):
-            said.append(f"{name} is overconfident: {doubt}.")
+            notes.append(f"{name} is overconfident: {doubt}.")
         random = validate[f"/random_sets/all/std/{name}"]
         if len(random) and np.nanmedian(random) < 0.9 * std:
-            said.append(
+            notes.append(
                 f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
                 f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
             )
     if lost := int(summary["lost_runs"]):
-        said.append(f"{lost} runs of the studies diverged and are left out of the medians.")
-    return said
+        notes.append(f"{lost} runs of the studies diverged and are left out of the medians.")
+    return notes
 
 
 def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
-    said = ["No measured data: the truth is simulated."]
+    notes = ["No measured data: the truth is simulated."]
     if config.validation.truth.model == "rom":
-        said.append("The truth is the filter's own model: no model error was tested.")
+        notes.append("The truth is the filter's own model: no model error was tested.")
     elif config.validation.truth.model == "modes":
-        said.append("Damping and gauge positions are exact in this truth; choose truth model rich to test them.")
+        notes.append("Damping and gauge positions are exact in this truth; choose truth model rich to test them.")
     elif read(Training, train).given is not None:
-        said.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
-    said.append("Temperature, gauge factor, drift and glue are outside this model.")
-    return tuple(said)
+        notes.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
+    notes.append("Temperature, gauge factor, drift and the bond are outside this model.")
+    return tuple(notes)
 
 
 def _facts(up: Mapping[str, Artefact]) -> dict[str, str]:

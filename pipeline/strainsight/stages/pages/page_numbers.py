@@ -114,7 +114,7 @@ def metrics_of(place: Artefact) -> tuple[Metric, ...]:
 
 
 def _metric(criterion: Criterion, place: Artefact) -> Metric:
-    """In words, with the unknowns that it is taken over where these are not all."""
+    """In words, with the unknowns that it covers where these are not all."""
     over = place["/elimination/unknowns"].tolist()
     of = f", of {' and '.join(over)} alone" * (len(over) < len(place.children("/expected_std")))
     return Metric(criterion.symbol, criterion.meaning + of)

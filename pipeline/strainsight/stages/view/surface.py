@@ -57,7 +57,7 @@ def modes_view(title: str, layout: Layout, shapes: np.ndarray, captions: list[st
     panels = []
     for shape, caption in zip(shapes[:MODES], captions, strict=False):
         length = np.linalg.norm(shape, axis=1)
-        # A shape has no size of its own: it is drawn as large as it can be told from the structure.
+        # A shape has no size of its own: it is drawn as large as it can be seen beside the structure.
         shift = shape * (0.06 * size / max(float(length.max(initial=0.0)), np.finfo(float).tiny))
         panels.append(Panel(caption, length, shift))
     return View(title, layout, tuple(panels), "size of the shape", unit, POINTS)

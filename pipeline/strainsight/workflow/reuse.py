@@ -1,4 +1,4 @@
-"""A stage that another run in the same results folder has already done on the same inputs is taken over, not repeated."""
+"""A stage that another run in the same results folder has already done on the same inputs is reused, not repeated."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from strainsight.workflow.stage import Stage
 from strainsight.workflow.store import TEMPORARY
 
 
-def borrowed(stage: Stage, job: Job, key: str) -> Artefact | None:
-    """The artefact of a run beside this one that was made from exactly the same, taken over here; `lender` is that run.
+def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
+    """The artefact of a run beside this one that was made from exactly the same, reused here; `source` is that run.
 
     key: of the stage as it would run now. It has to agree, and so has every file that the stage found while running; a file
     written beside it is copied too, its sha256 checked. An artefact that is damaged is passed over: its own run will notice.
@@ -32,7 +32,7 @@ def borrowed(stage: Stage, job: Job, key: str) -> Artefact | None:
             taken = _taken(path, job.folder, header)
         except (ArtefactError, OSError):  # damaged, or replaced by its run at this moment
             continue
-        taken.lender = path.parent.name
+        taken.source = path.parent.name
         return taken
     return None
 
@@ -45,7 +45,7 @@ def _taken(source: Path, folder: Path, header: Header) -> Artefact:
         parts.append((_part(source, folder), folder / source.name))
         own = Artefact(parts[0][0])
         if own.header != header:
-            raise ArtefactError("replaced while it was taken over", where=str(source))
+            raise ArtefactError("replaced while it was copied", where=str(source))
         for name, digest in (own.header.beside or {}).items():
             parts.append((_part(source.parent / name, folder), folder / name))
             if Path(name).name != name or _sha256(parts[-1][0]) != digest:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from strainsight.workflow import artefact as artefacts
-from strainsight.workflow import borrow
+from strainsight.workflow import reuse
 from strainsight.workflow.lock import computing
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.plan import Job
@@ -43,20 +43,20 @@ def job_of(results: Path, name: str, by: int = 1) -> Job:
     return Job({"name": name, "by": by}, results, results)
 
 
-def lender_of(job: Job) -> str:
+def source_of(job: Job) -> str:
     (*_, event) = run((stage(),), job)
     assert event.artefact.path == job.folder / "look.h5"
-    return event.artefact.lender
+    return event.artefact.source
 
 
 @pytest.fixture
 def results(tmp_path) -> Path:
-    assert lender_of(job_of(tmp_path, "first")) == ""
+    assert source_of(job_of(tmp_path, "first")) == ""
     return tmp_path
 
 
 def test_an_artefact_is_one_file_and_what_people_edit_is_a_copy(results):
-    assert lender_of(job_of(results, "second")) == "first"
+    assert source_of(job_of(results, "second")) == "first"
     assert os.path.samefile(results / "first" / "look.h5", results / "second" / "look.h5")
     with (results / "second" / "page.html").open("a") as stream:
         stream.write("mine")
@@ -67,15 +67,15 @@ def test_an_artefact_is_one_file_and_what_people_edit_is_a_copy(results):
 def test_a_link_is_followed_to_the_file(results):
     (results / "first" / "look.h5").rename(results / "elsewhere.h5")
     (results / "first" / "look.h5").symlink_to("../elsewhere.h5")
-    assert lender_of(job_of(results, "second")) == "first"
+    assert source_of(job_of(results, "second")) == "first"
     assert not (results / "second" / "look.h5").is_symlink()
 
 
 @pytest.mark.parametrize("changed", ["look.h5", "page.html"])
 def test_what_is_replaced_while_it_is_taken_is_passed_over(results, changed, monkeypatch):
-    lender_of(job_of(results, "second"))
-    lender_of(job_of(results, "other", by=2))
-    real = borrow._part
+    source_of(job_of(results, "second"))
+    source_of(job_of(results, "other", by=2))
+    real = reuse._part
 
     def late(source: Path, folder: Path) -> Path:
         if source == results / "first" / changed:
@@ -83,8 +83,8 @@ def test_what_is_replaced_while_it_is_taken_is_passed_over(results, changed, mon
             source.write_bytes(source.read_bytes() + b"x" * (changed == "page.html"))
         return real(source, folder)
 
-    monkeypatch.setattr(borrow, "_part", late)
-    assert lender_of(job_of(results, "third")) == "second"
+    monkeypatch.setattr(reuse, "_part", late)
+    assert source_of(job_of(results, "third")) == "second"
     assert {path.name for path in (results / "third").iterdir()} == {"look.h5", "page.html"}
 
 
@@ -93,12 +93,12 @@ def test_a_disk_without_links_gets_a_copy(results, monkeypatch):
         raise OSError(errno.EPERM, "no links here")
 
     monkeypatch.setattr(os, "link", refused)
-    assert lender_of(job_of(results, "second")) == "first"
+    assert source_of(job_of(results, "second")) == "first"
     assert not os.path.samefile(results / "first" / "look.h5", results / "second" / "look.h5")
 
 
 def test_files_of_another_key_are_hashed_once_and_their_content_is_not_read(results, monkeypatch):
-    lender_of(job_of(results, "other", by=2))
+    source_of(job_of(results, "other", by=2))
     for path in results.glob("*/look.h5"):
         os.utime(path, (time.time() - 60,) * 2)
     hashed, read = [], []
@@ -106,7 +106,7 @@ def test_files_of_another_key_are_hashed_once_and_their_content_is_not_read(resu
     monkeypatch.setattr(artefacts, "is_intact", lambda path: hashed.append(path.parent.name) or intact(path))
     monkeypatch.setattr(artefacts, "content_digest", lambda file: read.append(file.filename) or digest(file))
     for name in ("second", "third"):
-        assert borrow.borrowed(stage(2), job_of(results, name), "f" * 64) is None
+        assert reuse.reused(stage(2), job_of(results, name), "f" * 64) is None
     assert sorted(hashed) == ["first", "other"]
     assert read == []
 
