@@ -63,7 +63,9 @@ def check_rendering() -> list[Finding]:
 
 def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[Finding]:
     """Cores of this process, and the variables that numerical libraries read."""
-    there = cores or _cores()
+    from strainsight.sweep.processes import cores as usable
+
+    there = cores or usable()
     findings = [Finding("cores", GOOD, f"{there} for this process")]
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         given = environment.get(name)
@@ -82,11 +84,6 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
             finding = Finding(name, GOOD, f"{head} of {there} cores")
         findings.append(finding)
     return findings
-
-
-def _cores() -> int:
-    """Cores that this process may use: fewer than the machine has where it is confined to some."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def check_memory() -> list[Finding]:

@@ -61,7 +61,7 @@ def run(context: Context) -> Output:
 
 REPORT = Stage(
     "report",
-    version=8,
+    version=9,
     reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),

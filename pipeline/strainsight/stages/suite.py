@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from hashlib import sha256
-
-import numpy as np
 
 from strainsight.errors import StrainsightError
 from strainsight.records.record import written
-from strainsight.report.picture.scene import pack, render_all
+from strainsight.report.picture.scene import look, render_all
 from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
@@ -55,7 +51,7 @@ def run(context: Context) -> Output:
 def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
     """Run → its picture, and why there are none; runs with the same layout share one."""
     layouts = {run.name: run.layout for _, run in suite.placements if run.layout is not None}
-    looks = {name: _look(pack(layout)) for name, layout in layouts.items()}
+    looks = {name: look(layout) for name, layout in layouts.items()}
     different = {looks[name]: layout for name, layout in layouts.items()}
     if not different:
         return {}, ""
@@ -63,15 +59,7 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
         pictures = dict(zip(different, render_all(list(different.values())), strict=True))
     except StrainsightError as error:
         return {}, f"{error.what}: {error.remedy}"
-    return {name: pictures[look] for name, look in looks.items()}, ""
-
-
-def _look(packed: Mapping[str, np.ndarray]) -> str:
-    digest = sha256()
-    for name, array in packed.items():
-        digest.update(f"{name}{array.dtype}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    return {name: pictures[own] for name, own in looks.items()}, ""
 
 
 SUITE = Stage(

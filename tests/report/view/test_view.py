@@ -15,7 +15,7 @@ from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.picture.geometry import triangles
 from strainsight.report.view import viewing
 from strainsight.report.view.parts import carried, facet_of_triangle, gauge_arrows, plain
-from strainsight.report.view.viewed import DOTS, FACETS, POINTS, Panel, View, exaggerated, pack_view, unpack_view
+from strainsight.report.view.viewed import FACETS, Panel, View, exaggerated
 from strainsight.report.view.viewer import fitting
 
 
@@ -52,23 +52,6 @@ def test_values_are_coloured_from_the_lowest_to_the_highest_with_a_scalar_bar(be
         colour = to_hex(colormaps["viridis"](value))
         assert close_to(image, colour, 6) > 60
         assert close_to(plain_image, colour, 6) == 0
-
-
-def test_a_view_survives_the_way_to_the_child(beam):
-    shift = np.full((len(beam.points), 3), 0.25)
-    view = View(
-        "t", beam, (Panel("a", np.arange(3.0), shift), Panel("b", np.ones(3), shift)), "q", "u", DOTS, np.ones((3, 3))
-    )
-    again = unpack_view(pack_view(view))
-    assert (again.title, again.quantity, again.unit, again.on) == ("t", "q", "u", DOTS)
-    assert [panel.title for panel in again.panels] == ["a", "b"]
-    np.testing.assert_array_equal(again.panels[0].values, np.arange(3.0))
-    np.testing.assert_array_equal(again.panels[1].shift, shift)
-    np.testing.assert_array_equal(again.dots, np.ones((3, 3)))
-    assert [gauge.label for gauge in again.layout.gauges] == [gauge.label for gauge in beam.gauges]
-    empty = unpack_view(pack_view(View("t", beam)))
-    assert empty.panels[0].values.size == 0
-    assert empty.on == POINTS
 
 
 def test_every_triangle_knows_its_facet():

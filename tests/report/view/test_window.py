@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 
 from strainsight.report.picture.offscreen import inherited
-from strainsight.report.view.viewed import View, pack_view
+from strainsight.report.view.viewed import View
 
 pytestmark = [
     pytest.mark.slow,
@@ -41,9 +41,9 @@ def display():
 @pytest.fixture
 def window(beam, display, tmp_path):
     """A shell that stands for the process which asked for the window, and the number of the one that shows it."""
-    arrays = tmp_path / "view.npz"
-    np.savez(arrays, **pack_view(View('a beam of "5 $"', beam)))
-    shell = f'"{sys.executable}" -P -m strainsight.report.view.viewer < "{arrays}" & echo $!; wait'
+    view = tmp_path / "view"
+    view.write_bytes(pickle.dumps(View('a beam of "5 $"', beam)))
+    shell = f'"{sys.executable}" -P -m strainsight.report.view.viewer < "{view}" & echo $!; wait'
     asked = subprocess.Popen(
         ["sh", "-c", shell], stdout=subprocess.PIPE, text=True, env={**inherited(), "DISPLAY": display}
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import count
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from strainsight.report.chart.drawing import BLUE, GREEN, ORANGE, VERMILION, Dra
 from strainsight.report.chart.panels import legend_above
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import figure as card
-from strainsight.report.page.markup import measure, table
+from strainsight.report.page.markup import figures, measure, table
 from strainsight.report.page.text import number
 from strainsight.report.placement.data import FloatArray
 
@@ -65,8 +66,8 @@ def bearing_page(
         + table("bearings", ("bearing", "what it is"), [[escape(key), escape(text)] for key, text in facts.items()])
         + "</div>",
         _cases(cases),
-        _figures("Loads of the balls", polar, 0),
-        _figures("Load over displacement", drawings, len(polar)),
+        figures(map(card, polar, count()), "<h2>Loads of the balls</h2>"),
+        figures(map(card, drawings, count(len(polar))), "<h2>Load over displacement</h2>"),
     ]
     worst = max(cases, key=lambda case: float(case.pressure.max()), default=None)
     answer = escape(
@@ -168,13 +169,6 @@ def case_rows(case: BearingCase) -> list[tuple[str, list[tuple[float, str, int]]
         )
         for i in range(len(DISPLACEMENTS))
     ]
-
-
-def _figures(title: str, drawings: Sequence[Drawing], first: int) -> str:
-    if not drawings:
-        return ""
-    cards = "".join(card(entry, i) for i, entry in enumerate(drawings, start=first))
-    return f'<h2>{title}</h2><div class="figures">{cards}</div>'
 
 
 def _cases(cases: Sequence[BearingCase]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -20,7 +19,7 @@ from strainsight.report.bench.sensors import components_figure, consistency_figu
 from strainsight.report.bench.tables import facts, mismatch_table, placement_table, ratio, runs_table
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
-from strainsight.report.page.markup import bullets, count, figure, measure, pairs, plain
+from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, picture, plain
 from strainsight.report.page.text import number
 from strainsight.report.space.section import STYLE, script
 
@@ -77,15 +76,10 @@ def bench_page(
 ) -> str:
     """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG;
     turned: the section of `space_section`, or nothing."""
-    first: dict[str, int] = {}
-    count = 0
-    for key, entries in drawings.items():
-        first[key] = count
-        count += len(entries)
+    number_of = {entry.key: i for i, entry in enumerate(entry for entries in drawings.values() for entry in entries)}
 
     def cards(key: str) -> str:
-        shown = "".join(figure(entry, i) for i, entry in enumerate(drawings.get(key, ()), start=first.get(key, 0)))
-        return f'<div class="figures">{shown}</div>' if shown else ""
+        return figures(figure(entry, number_of[entry.key]) for entry in drawings.get(key, ()))
 
     sections = [
         f'<section class="card warnings"><h2>Warnings</h2>{bullets(run.warnings)}</section>' if run.warnings else ""
@@ -123,11 +117,8 @@ def bench_page(
 
 
 def _picture(caption: str, png: bytes) -> str:
-    encoded = base64.b64encode(png).decode()
-    return (
-        f'<figure class="card picture"><img alt="{escape(caption)}" width="1400" height="900" '
-        f'src="data:image/png;base64,{encoded}"><figcaption>{escape(caption)}</figcaption></figure>'
-    )
+    shown = picture(png, caption, 1400, 900)
+    return f'<figure class="card picture">{shown}<figcaption>{escape(caption)}</figcaption></figure>'
 
 
 def run_answer(run: BenchRun) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -141,6 +142,18 @@ def figure(entry: Drawing, index: int) -> str:
         f'<figure class="card"><h3>{escape(entry.title)}</h3>{inline_svg(entry, f"f{index}-")}'
         f"<figcaption>{escape(entry.caption)}</figcaption></figure>"
     )
+
+
+def figures(cards: Iterable[str], heading: str = "") -> str:
+    """Cards side by side below a heading; nothing where there are none."""
+    shown = "".join(cards)
+    return f'{heading}<div class="figures">{shown}</div>' if shown else ""
+
+
+def picture(png: bytes, alt: str, width: int, height: int) -> str:
+    """A picture of the page itself, in pixels of the page."""
+    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+    return f'<img alt="{escape(alt)}" width="{width}" height="{height}" src="{source}">'
 
 
 def inline_svg(entry: Drawing, prefix: str) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 from collections import Counter
 from html import escape
 
 from strainsight.report.chart.drawing import VERMILION
+from strainsight.report.page import markup
 from strainsight.report.page.markup import count
 from strainsight.report.picture import picture
 from strainsight.report.picture.layout import Gauge, Layout
@@ -32,16 +32,8 @@ def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
         key = [("var(--muted)", name, text) for name, text in _kinds(layout.gauges)]
         key.append((picture.POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"))
         if layout.loads:
-            key.append(
-                (
-                    VERMILION,
-                    "",
-                    "load "
-                    + ", ".join(
-                        f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads
-                    ),
-                )
-            )
+            loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
+            key.append((VERMILION, "", f"load {', '.join(loads)}"))
         if len(layout.fixed):
             key.append((picture.CLAMP, "", "clamped nodes"))
         if len(layout.loose):
@@ -49,8 +41,7 @@ def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
         items = "".join(_key(*entry) for entry in key)
         shown = (
             '<div class="scene" tabindex="0" role="region" aria-label="picture of the gauges">'
-            f'<img alt="{escape(alt)}" width="1280" height="840" '
-            f'src="data:image/png;base64,{base64.b64encode(scene).decode()}"></div><ul class="key">{items}</ul>'
+            f'{markup.picture(scene, alt, 1280, 840)}</div><ul class="key">{items}</ul>'
         )
     return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>' if shown else ""
 

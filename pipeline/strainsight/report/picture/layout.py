@@ -75,3 +75,9 @@ class Layout:
     loads: tuple[Load, ...] = ()
     fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def places(self) -> tuple[FloatArray, FloatArray]:
+        """Positions and normals (g, 3) of all gauges."""
+        position = np.array([gauge.position for gauge in self.gauges], dtype=float).reshape(-1, 3)
+        return position, np.array([gauge.normal for gauge in self.gauges], dtype=float).reshape(-1, 3)

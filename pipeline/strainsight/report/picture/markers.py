@@ -1,4 +1,4 @@
-"""What stands for a sensor or a load in the picture: one shape for each kind, hollow where it was bonded already."""
+"""Meshes of pictures. What stands for a sensor or a load: one shape for each kind, hollow where it was bonded already."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.report.picture.layout import FloatArray, Gauge, Layout, Load
+from strainsight.report.picture.layout import FloatArray, Gauge, IntArray, Layout, Load
 
 EMPTY = "#ffffff"
 """The ground of what was bonded already: its colour is left to the outline."""
@@ -108,3 +108,28 @@ def free_end(load: Load, layout: Layout) -> FloatArray:
     """The end (3,) of a load's arrow that is not the loaded point: where its name goes."""
     start, step = arrow(load, layout)
     return start if start is not load.point else start + step
+
+
+def arrow_mesh(load: Load, layout: Layout) -> Any:
+    """The arrow of a load."""
+    import pyvista as pv
+
+    start, step = arrow(load, layout)
+    scale = float(np.linalg.norm(step))
+    return pv.Arrow(start=start, direction=step, scale=scale, shaft_radius=0.022, tip_radius=0.065, tip_length=0.28)
+
+
+def surface_mesh(points: FloatArray, triangle: IntArray) -> Any:
+    """Triangles (t, 3) between points (n, 3)."""
+    import pyvista as pv
+
+    return pv.PolyData(points, np.column_stack([np.full(len(triangle), 3), triangle]).ravel())
+
+
+def line_mesh(points: FloatArray, lines: IntArray) -> Any:
+    """Lines (l, 2) between points (n, 3)."""
+    import pyvista as pv
+
+    wires = pv.PolyData()
+    wires.points, wires.lines = points, np.column_stack([np.full(len(lines), 2), lines]).ravel()
+    return wires

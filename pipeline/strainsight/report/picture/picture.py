@@ -10,7 +10,7 @@ from strainsight.report.chart.drawing import VERMILION, gauge_colour
 from strainsight.report.picture.geometry import mesh_lines, seen_from, triangles, views
 from strainsight.report.picture.labels import labelled
 from strainsight.report.picture.layout import FloatArray, Layout
-from strainsight.report.picture.markers import EMPTY, arrow, free_end, marker
+from strainsight.report.picture.markers import EMPTY, arrow_mesh, free_end, line_mesh, marker, surface_mesh
 
 STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
 POOL, CLAMP = "#33475c", "#8a4fb5"
@@ -23,8 +23,7 @@ DRAWN_FACETS = 20_000
 def draw(layout: Layout, width: int, height: int) -> bytes:
     """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
     triangle = triangles(layout.faces)
-    position = np.array([gauge.position for gauge in layout.gauges]).reshape(-1, 3)
-    normal = np.array([gauge.normal for gauge in layout.gauges]).reshape(-1, 3)
+    position, normal = layout.places
     corners = views(layout.points, triangle, position, normal)
     extent = np.sort(np.ptp(layout.points, axis=0))
     slender = extent[2] > 1.6 * extent[1]
@@ -70,16 +69,7 @@ def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int
             if gauge.bonded and edges.n_points:
                 plotter.add_mesh(edges.translate(lift), color=gauge_colour(i), line_width=3.5, lighting=False)
     for load in layout.loads:
-        start, step = arrow(load, layout)
-        drawn = pv.Arrow(
-            start=start,
-            direction=step,
-            scale=float(np.linalg.norm(step)),
-            shaft_radius=0.022,
-            tip_radius=0.065,
-            tip_length=0.28,
-        )
-        plotter.add_mesh(drawn, color=VERMILION, ambient=0.4)
+        plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
     _aim(plotter, corner, size)
     plotter.enable_anti_aliasing("ssaa")
     image = np.asarray(plotter.screenshot(None, transparent_background=True, return_img=True))
@@ -96,42 +86,42 @@ def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int
 
 def _add_surface(plotter: Any, layout: Layout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
     """Shaded facets with their outlines and the sharp edges of the body."""
-    import pyvista as pv
-
-    surface = pv.PolyData(layout.points, np.column_stack([np.full(len(triangle), 3), triangle]).ravel())
+    surface = surface_mesh(layout.points, triangle)
     shaded = surface.compute_normals(
         split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
     )
     plotter.add_mesh(shaded, color=STEEL, smooth_shading=True, ambient=0.32, diffuse=0.8, specular=0.05)
     if len(layout.faces) <= DRAWN_FACETS:
-        _add_lines(plotter, layout.points + lift, mesh_lines(layout.faces), LINES, 1.0)
+        wires = line_mesh(layout.points + lift, mesh_lines(layout.faces))
+        plotter.add_mesh(wires, color=LINES, line_width=1.0, lighting=False)
     creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
     if creases.n_points:
         plotter.add_mesh(creases.translate(lift), color=CREASES, line_width=1.6, lighting=False)
-
-
-def _add_lines(plotter: Any, points: FloatArray, lines: Any, colour: str, width: float) -> None:
-    import pyvista as pv
-
-    wires = pv.PolyData()
-    wires.points = points
-    wires.lines = np.column_stack([np.full(len(lines), 2), lines]).ravel()
-    plotter.add_mesh(wires, color=colour, line_width=width, lighting=False)
 
 
 def _aim(plotter: Any, corner: FloatArray, size: tuple[int, int]) -> None:
     """Parallel view from a corner, z up, everything inside with room for labels."""
     bounds = np.array(plotter.bounds).reshape(3, 2)
     box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
-    middle = box.mean(axis=0)
+    axes = across(corner)
+    spread = np.ptp(box @ axes, axis=0)
+    scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
+    aim(plotter, box.mean(axis=0), corner, float(np.linalg.norm(np.ptp(box, axis=0))), scale)
+
+
+def across(corner: FloatArray) -> FloatArray:
+    """Unit vectors to the right and up (3, 2) as one sees them from a corner, z up."""
     right = np.cross([0.0, 0.0, 1.0], corner)
     right /= np.linalg.norm(right)
-    up = np.cross(corner, right)
-    spread = np.ptp(box @ np.column_stack([right, up]), axis=0)
+    return np.column_stack([right, np.cross(corner, right)])
+
+
+def aim(plotter: Any, middle: FloatArray, corner: FloatArray, reach: float, scale: float) -> None:
+    """Parallel view from a corner at the middle of what reaches that far [m]; scale: half the height of the view [m]."""
     camera = plotter.camera
     camera.parallel_projection = True
     camera.focal_point = middle
-    camera.position = middle + corner * float(np.linalg.norm(np.ptp(box, axis=0))) * 2
-    camera.up = up
-    camera.parallel_scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
+    camera.position = middle + 2 * reach * corner
+    camera.up = across(corner)[:, 1]
+    camera.parallel_scale = scale
     plotter.reset_camera_clipping_range()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import sha256
 
 import numpy as np
 
-from strainsight.report.picture.layout import Gauge, Layout, Load
+from strainsight.report.picture.layout import FloatArray, Layout
 from strainsight.report.picture.offscreen import answer, draw_apart
 
 WIDTH, HEIGHT = 640, 420
@@ -31,65 +33,34 @@ def render(layout: Layout) -> bytes:
 def render_all(layouts: Sequence[Layout]) -> list[bytes]:
     """A picture of each, as `render` makes it, in one child process: to start it takes longer than to draw."""
     limit = TIME_LIMIT + TIME_A_PICTURE * (len(layouts) - 1)
-    arrays = {f"{i}/{name}": array for i, layout in enumerate(layouts) for name, array in pack(layout).items()}
-    return draw_apart("strainsight.report.picture.scene", {"layouts": np.array(len(layouts)), **arrays}, limit)
+    return draw_apart("strainsight.report.picture.scene", [thinned(layout) for layout in layouts], limit)
 
 
-def pack(layout: Layout) -> dict[str, np.ndarray]:
-    """The layout as plain arrays, as the child process reads them; a large pool is thinned to what one can see."""
-    stride = max(1, -(-len(layout.pool) // DOTS))
-    gauges, loads = layout.gauges, layout.loads
-    return {
-        "points": np.asarray(layout.points, dtype=float),
-        "faces": np.asarray(layout.faces, dtype=np.int64),
-        "pool": np.asarray(layout.pool, dtype=float).reshape(-1, 3)[::stride],
-        "fixed": np.asarray(layout.fixed, dtype=float).reshape(-1, 3)[:: max(1, -(-len(layout.fixed) // DOTS))],
-        "loose": np.asarray(layout.loose, dtype=float).reshape(-1, 3)[:: max(1, -(-len(layout.loose) // DOTS))],
-        "gauge_label": np.array([gauge.label for gauge in gauges], dtype=str),
-        "gauge_position": np.array([gauge.position for gauge in gauges], dtype=float).reshape(-1, 3),
-        "gauge_direction": np.array([gauge.direction for gauge in gauges], dtype=float).reshape(-1, 3),
-        "gauge_normal": np.array([gauge.normal for gauge in gauges], dtype=float).reshape(-1, 3),
-        "gauge_kind": np.array([gauge.kind for gauge in gauges], dtype=str),
-        "gauge_bonded": np.array([gauge.bonded for gauge in gauges], dtype=bool),
-        "gauge_channels": np.array([len(gauge.channels) for gauge in gauges], dtype=np.int64),
-        "channel_direction": np.concatenate([np.empty((0, 3)), *(gauge.channels for gauge in gauges)]),
-        "load_name": np.array([load.name for load in loads], dtype=str),
-        "load_point": np.array([load.point for load in loads], dtype=float).reshape(-1, 3),
-        "load_direction": np.array([load.direction for load in loads], dtype=float).reshape(-1, 3),
-        "load_known": np.array([load.known for load in loads], dtype=bool),
-    }
+def thinned(layout: Layout) -> Layout:
+    """The layout with no more dots of a kind than one can see."""
+
+    def some(points: FloatArray) -> FloatArray:
+        return points[:: max(1, -(-len(points) // DOTS))]
+
+    return replace(layout, pool=some(layout.pool), fixed=some(layout.fixed), loose=some(layout.loose))
 
 
-def unpack(arrays: dict[str, np.ndarray]) -> Layout:
-    """The layout that `pack` flattened, as far as a picture needs it."""
-    channels = np.split(arrays["channel_direction"], np.cumsum(arrays["gauge_channels"])[:-1])
-    gauges = tuple(
-        Gauge(str(label), 0, 0, position, direction, normal, 0.0, kind=str(kind), directions=axes, bonded=bool(bonded))
-        for label, position, direction, normal, kind, bonded, axes in zip(
-            *(arrays[f"gauge_{name}"] for name in ("label", "position", "direction", "normal", "kind", "bonded")),
-            channels[: len(arrays["gauge_label"])],
-            strict=True,
-        )
-    )
-    loads = tuple(
-        Load(str(name), point, direction, bool(known))
-        for name, point, direction, known in zip(
-            *(arrays[f"load_{name}"] for name in ("name", "point", "direction", "known")), strict=True
-        )
-    )
-    return Layout(arrays["points"], arrays["faces"], arrays["pool"], gauges, loads, arrays["fixed"], arrays["loose"])
+def look(layout: Layout) -> str:
+    """A digest of what the picture shows, the same for layouts that are drawn alike."""
+    words = [(g.label, g.kind, g.bonded) for g in layout.gauges], [load.name for load in layout.loads]
+    places = [array for g in layout.gauges for array in (g.position, g.normal, g.channels)]
+    arrows = [array for load in layout.loads for array in (load.point, load.direction)]
+    digest = sha256(repr(words).encode())
+    for array in (layout.points, layout.faces, layout.pool, layout.fixed, layout.loose, *places, *arrows):
+        digest.update(f"{np.shape(array)}".encode() + np.asarray(array, dtype=float).tobytes())
+    return digest.hexdigest()
 
 
-def drawn(arrays: dict[str, np.ndarray]) -> list[bytes]:
+def drawn(layouts: Sequence[Layout]) -> list[bytes]:
     """In the child process: a picture of every layout of `render_all`."""
     from strainsight.report.picture.picture import draw
 
-    found: list[dict[str, np.ndarray]] = [{} for _ in range(int(arrays["layouts"]))]
-    for key, array in arrays.items():
-        place, slash, name = key.partition("/")
-        if slash:
-            found[int(place)][name] = array
-    return [draw(unpack(layout), WIDTH, HEIGHT) for layout in found]
+    return [draw(layout, WIDTH, HEIGHT) for layout in layouts]
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from html import escape
 
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
-from strainsight.report.page.markup import bullets, figure, measure, pairs, plain, share, table
+from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, share, table
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.first import answer, first_screen
 from strainsight.report.placement.gauge_table import gauge_table
@@ -71,11 +71,7 @@ def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfold
     """Cards of the wanted figures; from number `unfolded` on they are shown on demand."""
     cards = [figure(entry, i) for i, entry in enumerate(drawings) if wanted(entry.key)]
     shown, folded = cards[:unfolded], cards[len(cards[:unfolded]) :]
-    text = f'<div class="figures">{"".join(shown)}</div>' if shown else ""
-    if folded:
-        summary = f"<summary>{len(folded)} more</summary>"
-        text += f'<details>{summary}<div class="figures">{"".join(folded)}</div></details>'
-    return text
+    return figures(shown) + (f"<details>{figures(folded, f'<summary>{len(folded)} more</summary>')}</details>" if folded else "")
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
@@ -101,13 +97,9 @@ def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
 
 
 def _random(drawings: tuple[Drawing, ...]) -> str:
-    shown = _chosen(drawings, lambda key: key.startswith("random-"))
-    return (
-        '<h2>Beside random sets</h2><p class="lead">The same estimation with as many gauges drawn at random.</p>'
-        + shown
-        if shown
-        else ""
-    )
+    lead = '<p class="lead">The same estimation with as many gauges drawn at random.</p>'
+    cards = [figure(entry, i) for i, entry in enumerate(drawings) if entry.key.startswith("random-")]
+    return figures(cards, f"<h2>Beside random sets</h2>{lead}")
 
 
 def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
@@ -124,7 +116,7 @@ def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
         caption = "Noise as a share of the strongest candidate's RMS reading; error beside the claimed σ."
         text = table("noise", head, rows, caption=caption, numeric=range(1, len(head)))
         cards.append(f'<div class="card">{text}</div>')
-    return f'<h2>How sure one can be</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
+    return figures(cards, "<h2>How sure one can be</h2>")
 
 
 def _observability(report: PlacementReport) -> str:
@@ -158,15 +150,8 @@ def _observability(report: PlacementReport) -> str:
         cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
     if report.frequencies:
         rows = [[str(i + 1), measure(value, "Hz")] for i, value in enumerate(report.frequencies)]
-        cards.append(
-            table(
-                "modes",
-                ("mode", "frequency"),
-                rows,
-                caption="Natural frequencies of the model at the first guess.",
-                numeric=(1,),
-            )
-        )
+        caption = "Natural frequencies of the model at the first guess."
+        cards.append(table("modes", ("mode", "frequency"), rows, caption=caption, numeric=(1,)))
     body = "".join(f'<div class="card">{card}</div>' for card in cards)
     body = f'<div class="panels">{body}</div>' if cards else ""
     if report.cases:

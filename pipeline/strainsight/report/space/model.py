@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour
 from strainsight.report.picture.geometry import triangles, views
 from strainsight.report.picture.layout import FloatArray, IntArray, Layout
-from strainsight.report.picture.markers import arrow, marker
+from strainsight.report.picture.markers import arrow_mesh, marker
+from strainsight.report.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
 from strainsight.report.space.surface import CREASE, surface
 
-STEEL, LINES, CREASES, POOL, CLAMP = "#c3ccd6", "#8693a3", "#3f4b59", "#33475c", "#8a4fb5"
 DOTS = 4000
 """More of a kind cannot be distinguished."""
 LENGTH = 0.034
@@ -81,7 +81,7 @@ def space(layouts: Sequence[Layout]) -> Space:
         return [Drawn("points", np.arange(first, first + len(shown)), colour, width, group)]
 
     first = gathered.add(body.position, body.normal, STEEL, body.source)
-    loads = [solid(_arrow(*arrow(load, shared)), VERMILION, load.point) for load in shared.loads]
+    loads = [solid(arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]
     solids = np.concatenate([body.triangle + first, *loads])
     parts = [Drawn("triangles", solids)] * bool(len(solids))
     parts += [Drawn("lines", body.line, LINES)] * bool(len(body.line))
@@ -95,9 +95,7 @@ def space(layouts: Sequence[Layout]) -> Space:
             marks += [solid(mesh, gauge_colour(i), gauge.position) for mesh in marker(gauge, LENGTH * size)]
         parts += [Drawn("triangles", np.concatenate(marks), group=group)] if marks else []
         parts += dots(layout.pool, POOL, 5.0, group)
-    gauges = [gauge for layout in layouts for gauge in layout.gauges]
-    position = np.array([gauge.position for gauge in gauges]).reshape(-1, 3)
-    normal = np.array([gauge.normal for gauge in gauges]).reshape(-1, 3)
+    position, normal = map(np.concatenate, zip(*(layout.places for layout in layouts), strict=True))
     eye = views(shared.points, triangles(shared.faces), position, normal)[0]
     return Space(*gathered.arrays(), tuple(parts), tuple(anchor), eye, body.thinned)
 
@@ -132,10 +130,3 @@ class _Gathered:
     def arrays(self) -> tuple[FloatArray, FloatArray, NDArray[np.uint8], IntArray]:
         position, normal, colour, source = (np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))
         return position, normal, colour, source.astype(np.int64)
-
-
-def _arrow(start: FloatArray, step: FloatArray) -> Any:
-    import pyvista as pv
-
-    scale = float(np.linalg.norm(step))
-    return pv.Arrow(start=start, direction=step, scale=scale, shaft_radius=0.022, tip_radius=0.065, tip_length=0.28)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from html import escape
 
 import numpy as np
 
-from strainsight.report.page.markup import badge, grouped_table, measure
+from strainsight.report.page.markup import badge, figures, grouped_table, measure, picture
 from strainsight.report.page.text import number
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.gauge_table import AXES, axes, decimals
@@ -39,8 +38,7 @@ def gauges_section(report: Suite, scenes: Mapping[str, bytes]) -> str:
     for index, run in report.placements:
         if run.name in scenes:
             shared.setdefault(scenes[run.name], []).append(index)
-    shown = "".join(_picture(report, png, numbers) for png, numbers in shared.items())
-    shown = f'<div class="figures">{shown}</div>' if shown else ""
+    shown = figures(_picture(report, png, numbers) for png, numbers in shared.items())
     placed = [(index, run) for index, run in report.placements if run.layout is not None]
     if not placed:
         return f"<h2>Where the gauges go</h2>{shown}" if shown else ""
@@ -67,8 +65,7 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
     label = f"picture of the gauges of {numbered(tuple(numbers))}"
     return (
         f'<figure class="card"><h3>{title}</h3><div class="scene" tabindex="0" role="region" aria-label="{label}">'
-        f'<img alt="{escape(alt)}" width="1280" height="840" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-        f"</div><figcaption>{escape(nearest)}</figcaption></figure>"
+        f"{picture(png, alt, 1280, 840)}</div><figcaption>{escape(nearest)}</figcaption></figure>"
     )
 
 

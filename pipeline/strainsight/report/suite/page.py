@@ -12,7 +12,7 @@ from strainsight.report.bench.tables import MEANINGS
 from strainsight.report.bench.tables import runs_table as benches_table
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
-from strainsight.report.page.markup import bullets, figure, measure, pairs, plain, table
+from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, table
 from strainsight.report.placement.page import FOOTER as PLACEMENTS
 from strainsight.report.space.section import STYLE, script
 from strainsight.report.suite import statements, summary
@@ -37,7 +37,7 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     sections = (
         f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,
-        _grid("All runs beside each other", [cards[key] for key in ("errors", "trends") if key in cards]),
+        figures([cards[key] for key in ("errors", "trends") if key in cards], "<h2>All runs beside each other</h2>"),
         observability_section(suite, cards),
         gauges_section(suite, scenes),
         *_studies(suite, cards),
@@ -51,10 +51,6 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     )
 
 
-def _grid(heading: str, cards: Sequence[str]) -> str:
-    return f'<h2>{heading}</h2><div class="figures">{"".join(cards)}</div>' if cards else ""
-
-
 def _studies(suite: Suite, cards: Cards) -> list[str]:
     """Where to find which study, every one with its runs and figures, and the benches that belong to none."""
     parts = []
@@ -66,9 +62,9 @@ def _studies(suite: Suite, cards: Cards) -> list[str]:
         )
         parts.append(f'<nav class="card" aria-label="studies"><h2>Studies</h2><ol class="contents">{items}</ol></nav>')
     for place, study in enumerate(suite.studies):
-        shown = "".join(card for key, card in cards.items() if key.startswith(f"study-{place}-"))
+        shown = figures(card for key, card in cards.items() if key.startswith(f"study-{place}-"))
         note = f'<p class="lead">{escape(study.note)}</p>' if study.note else ""
-        runs = _benches(suite, study.runs, f"runs of study {place + 1}", f'<div class="figures">{shown}</div>')
+        runs = _benches(suite, study.runs, f"runs of study {place + 1}", shown)
         heading = f"<h2>{place + 1}. {escape(study.name)}</h2>"
         parts.append(f'<section id="study-{place + 1}">{heading}{note}{runs}</section>')
     if alone := [i for i, run in enumerate(suite.runs) if isinstance(run, BenchRun) and not run.study]:
@@ -80,11 +76,11 @@ def _studies(suite: Suite, cards: Cards) -> list[str]:
     return parts
 
 
-def _benches(suite: Suite, places: Sequence[int], name: str, figures: str = "") -> str:
+def _benches(suite: Suite, places: Sequence[int], name: str, drawn: str = "") -> str:
     """The numbers of the benches among the runs at these places, the figures, and what the filter says of each in words."""
     entries = [(number, run) for number, run in suite.benches if number - 1 in places]
     if not entries:
-        return figures
+        return drawn
     headings = [f'<span id="run-{i}">{i}. {escape(run.label)}</span>' for i, run in entries]
     rows = [
         (heading + summary.link(run, around=summary.ASIDE), run)
@@ -93,7 +89,7 @@ def _benches(suite: Suite, places: Sequence[int], name: str, figures: str = "") 
     remarks = [(i, run, " ".join(filter(None, (run_answer(run), _remarks(run))))) for i, run in entries]
     items = "".join(f"<li><strong>{i}. {escape(run.label)}</strong>: {text}</li>" for i, run, text in remarks if text)
     words = f'<details class="card below"><summary>Run by run</summary><ul>{items}</ul></details>' if items else ""
-    return f'<div class="card">{benches_table(name, rows, explained=False)}</div>{figures}{words}'
+    return f'<div class="card">{benches_table(name, rows, explained=False)}</div>{drawn}{words}'
 
 
 def _remarks(run: SuiteRun) -> str:

@@ -13,7 +13,7 @@ from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
 from strainsight.report.page.text import short
 from strainsight.report.picture.geometry import TRIANGLES, mesh_lines
 from strainsight.report.picture.layout import FloatArray, Gauge, IntArray, Layout
-from strainsight.report.picture.markers import arrow, free_end
+from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
 from strainsight.report.view.viewed import DOTS, POINTS, Panel, View
 
 STEEL, LINES, POOL, CLAMP, INK = "#c3ccd6", "#5d6a79", "#7b8794", "#8a4fb5", "#1c2430"
@@ -43,12 +43,6 @@ def carried(layout: Layout, panel: Panel) -> Layout:
     )
 
 
-def places(layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Positions and normals (g, 3) of all gauges."""
-    position = np.array([gauge.position for gauge in layout.gauges], dtype=float).reshape(-1, 3)
-    return position, np.array([gauge.normal for gauge in layout.gauges], dtype=float).reshape(-1, 3)
-
-
 def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: IntArray, bar: int | None) -> None:
     """Structure, dots, gauges and loads of one panel; bar: number of its scalar bar, None: without one."""
     import pyvista as pv
@@ -57,7 +51,7 @@ def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: 
     size = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
     coloured = _colours(view, panel, bar) if len(panel.values) else None
     if len(triangle):
-        surface = pv.PolyData(points, np.column_stack([np.full(len(triangle), 3), triangle]).ravel())
+        surface = surface_mesh(points, triangle)
         if coloured is None or view.on == DOTS:
             shown = plotter.add_mesh(surface, color=STEEL, ambient=0.45, diffuse=0.55)
         elif view.on == POINTS:
@@ -69,8 +63,7 @@ def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: 
         shown.mapper.SetResolveCoincidentTopologyToPolygonOffset()
         shown.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 2.0)
         if len(layout.faces) <= DRAWN_FACETS:
-            wires, lines = pv.PolyData(), mesh_lines(layout.faces)
-            wires.points, wires.lines = points, np.column_stack([np.full(len(lines), 2), lines]).ravel()
+            wires = line_mesh(points, mesh_lines(layout.faces))
             plotter.add_mesh(wires, color=LINES, line_width=1, opacity=0.5, lighting=False)
     for own, colour, width in ((layout.loose, LINES, 9), (layout.pool, POOL, 5), (layout.fixed, CLAMP, 8)):
         if len(own):
@@ -84,10 +77,7 @@ def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: 
         for own in gauge_arrows(gauge, LENGTH * size):
             plotter.add_mesh(own, color=gauge_colour(i), ambient=0.5)
     for load in layout.loads:
-        start, step = arrow(load, layout)
-        scale = float(np.linalg.norm(step))
-        own = pv.Arrow(start=start, direction=step, scale=scale, shaft_radius=0.022, tip_radius=0.065)
-        plotter.add_mesh(own, color=VERMILION, ambient=0.4)
+        plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
 
 
 def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
@@ -153,7 +143,7 @@ def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:
 def add_names(plotter: Any, layout: Layout, seen: NDArray[np.bool_], through: bool = True) -> None:
     """Ids of the gauges that are seen, and names of loads; through: ids are drawn over what stands before them."""
     size = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
-    position, normal = places(layout)
+    position, normal = layout.places
     for i in map(int, np.flatnonzero(seen)):
         gauge = layout.gauges[i]
         mark = f"{short(gauge.label)}{' (bonded)' if gauge.bonded else ''}"

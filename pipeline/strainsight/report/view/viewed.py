@@ -1,4 +1,4 @@
-"""What `strainsight view` shows, as plain arrays on their way to the process that draws them."""
+"""What `strainsight view` shows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from strainsight.report.picture.layout import FloatArray, Layout
-from strainsight.report.picture.scene import pack, unpack
 
 POINTS, FACETS, DOTS = "points", "facets", "dots"
 """Where the values of a panel stand."""
@@ -40,29 +39,6 @@ class View:
     unit: str = ""
     on: str = POINTS
     dots: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-
-
-def pack_view(view: View) -> dict[str, np.ndarray]:
-    """The view as arrays of numbers and text."""
-    return pack(view.layout) | {
-        "view_text": np.array([view.title, view.quantity, view.unit, view.on], dtype=str),
-        "view_dots": np.asarray(view.dots, dtype=float).reshape(-1, 3),
-        "panel_title": np.array([panel.title for panel in view.panels], dtype=str),
-        "panel_values": np.array([panel.values for panel in view.panels], dtype=float),
-        "panel_shift": np.array([panel.shift for panel in view.panels], dtype=float),
-    }
-
-
-def unpack_view(arrays: dict[str, np.ndarray]) -> View:
-    """The view that `pack_view` flattened."""
-    title, quantity, unit, on = map(str, arrays["view_text"])
-    panels = tuple(
-        Panel(str(name), values, shift)
-        for name, values, shift in zip(
-            arrays["panel_title"], arrays["panel_values"], arrays["panel_shift"], strict=True
-        )
-    )
-    return View(title, unpack(arrays), panels, quantity, unit, on, arrays["view_dots"])
 
 
 def exaggerated(points: FloatArray, shift: FloatArray, share: float = 0.06) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
 from io import BytesIO
@@ -14,9 +15,10 @@ import numpy as np
 from strainsight.report.picture.geometry import seen_from, triangles, views
 from strainsight.report.picture.layout import FloatArray, Layout
 from strainsight.report.picture.markers import free_end
-from strainsight.report.picture.offscreen import OFF_SCREEN, answer, from_npz
-from strainsight.report.view.parts import INK, add_names, add_panel, carried, font, places, plain
-from strainsight.report.view.viewed import NO_DISPLAY, View, unpack_view
+from strainsight.report.picture.offscreen import OFF_SCREEN, answer
+from strainsight.report.picture.picture import across, aim
+from strainsight.report.view.parts import INK, add_names, add_panel, carried, font, plain
+from strainsight.report.view.viewed import NO_DISPLAY, View
 
 WIDTH, HEIGHT = 1400, 900
 OF_A_SCREEN = 0.9
@@ -35,7 +37,7 @@ def draw(view: View, off_screen: bool) -> Any:
     import pyvista as pv
 
     layout, triangle = view.layout, triangles(view.layout.faces)
-    position, normal = places(layout)
+    position, normal = layout.places
     corners = views(layout.points, triangle, position, normal)
     if not off_screen or len(view.panels) > 1:
         corners = corners[:1]
@@ -97,24 +99,15 @@ def _aim(plotter: Any, layout: Layout, corner: FloatArray, size: tuple[int, int]
     """Parallel view from a corner, z up, everything inside between title and scalar bar; size: pixels of the panel."""
     ends = [free_end(load, layout) for load in layout.loads]
     shown = np.concatenate([layout.points, np.array(ends, dtype=float).reshape(-1, 3)])
-    right = np.cross([0.0, 0.0, 1.0], corner)
-    right /= np.linalg.norm(right)
-    up = np.cross(corner, right)
-    spread = shown @ np.column_stack([right, up])
+    axes = across(corner)
+    spread = shown @ axes
     wide, high = np.ptp(spread, axis=0)
     top, bottom = 64 / size[1], 0.13 + 27 / size[1]
     # The whole panel is 2 × scale high, what is left between title and bar less.
     scale = 0.5 * max(1.06 * high / (1 - top - bottom), 1.14 * wide * size[1] / size[0])
     centre = (spread.min(axis=0) + spread.max(axis=0)) / 2
-    reach = float(np.linalg.norm(np.ptp(shown, axis=0)))
-    middle = centre[0] * right + (centre[1] + scale * (top - bottom)) * up + (shown.mean(axis=0) @ corner) * corner
-    camera = plotter.camera
-    camera.parallel_projection = True
-    camera.focal_point = middle
-    camera.position = middle + 2 * reach * corner
-    camera.up = up
-    camera.parallel_scale = scale
-    plotter.reset_camera_clipping_range()
+    middle = axes @ (centre + np.array([0.0, scale * (top - bottom)])) + (shown.mean(axis=0) @ corner) * corner
+    aim(plotter, middle, corner, float(np.linalg.norm(np.ptp(shown, axis=0))), scale)
 
 
 def show(plotter: Any, title: str, parent: int) -> None:
@@ -134,9 +127,9 @@ def show(plotter: Any, title: str, parent: int) -> None:
     plotter.show(title=title)
 
 
-def drawn(arrays: dict[str, np.ndarray]) -> list[bytes]:
+def drawn(view: View) -> list[bytes]:
     """A picture of the view."""
-    plotter = draw(unpack_view(arrays), off_screen=True)
+    plotter = draw(view, off_screen=True)
     content = BytesIO()
     plotter.screenshot(content)
     plotter.close()
@@ -149,7 +142,7 @@ def main(asked: str = "") -> None:
         answer(drawn)
         return
     parent = os.getppid()
-    view = unpack_view(from_npz(sys.stdin.buffer.read()))
+    view: View = pickle.load(sys.stdin.buffer)
     show(draw(view, off_screen=False), f"strainsight: {view.title}", parent)
 
 

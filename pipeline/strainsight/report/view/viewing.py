@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
+from dataclasses import replace
 
 from strainsight.errors import StrainsightError, UserError
-from strainsight.report.picture.offscreen import as_npz, draw_apart, inherited, last_words
-from strainsight.report.view.viewed import NO_DISPLAY, View, pack_view
+from strainsight.report.picture.offscreen import draw_apart, inherited, last_words
+from strainsight.report.picture.scene import thinned
+from strainsight.report.view.viewed import NO_DISPLAY, View
 
 CHILD = "strainsight.report.view.viewer"
 TIME_LIMIT = 300.0
@@ -17,7 +20,7 @@ TIME_LIMIT = 300.0
 
 def screenshot(view: View) -> bytes:
     """PNG of the view on white. Raises StrainsightError that names the Debian packages where nothing can render."""
-    return draw_apart(CHILD, pack_view(view), TIME_LIMIT)[0]
+    return draw_apart(CHILD, _sent(view), TIME_LIMIT)[0]
 
 
 def window(view: View) -> None:
@@ -26,7 +29,7 @@ def window(view: View) -> None:
         raise _no_display("there is no display to open a window on")
     # By stdin and not by a file: nothing is left behind where this process is interrupted. -P: no module of this folder.
     command = [sys.executable, "-P", "-m", CHILD]
-    done = subprocess.run(command, env=inherited(), input=as_npz(pack_view(view)), stderr=subprocess.PIPE, check=False)
+    done = subprocess.run(command, env=inherited(), input=pickle.dumps(_sent(view)), stderr=subprocess.PIPE, check=False)
     if done.returncode == NO_DISPLAY:
         raise _no_display("the display does not answer")
     if done.returncode:
@@ -35,6 +38,10 @@ def window(view: View) -> None:
             f"the window broke off (exit code {done.returncode}{text})",
             remedy="draw it into a file instead: --screenshot FILE.png",
         )
+
+
+def _sent(view: View) -> View:
+    return replace(view, layout=thinned(view.layout))
 
 
 def _no_display(what: str) -> UserError:

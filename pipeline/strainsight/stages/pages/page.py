@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from strainsight import __version__
+from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.records.mesh import mesh_from
+from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
-from strainsight.report.placement.data import PlacementReport, RandomSets
+from strainsight.records.validated import Validated
+from strainsight.report.placement.data import PlacementReport
 from strainsight.stages.pages.claims import claims_of, doubt_of
 from strainsight.stages.pages.page_layout import layout_of_page
 from strainsight.stages.pages.page_numbers import (
@@ -24,6 +27,7 @@ from strainsight.stages.pages.page_numbers import (
     history_of,
     metrics_of,
     noise_rows,
+    random_sets_of,
     repeated,
     repeats_of,
     signals_of,
@@ -33,18 +37,13 @@ from strainsight.stages.pages.page_numbers import (
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
-POOLS: tuple[tuple[str, Literal["all candidates", "screened"]], ...] = (
-    ("all", "all candidates"),
-    ("screened", "screened"),
-)
-
 
 def placement_report(context: Context) -> PlacementReport:
     """The page's content, from the artefacts of all stages."""
     up, config = context.upstream, context.config
     names = [str(name) for name in config.place.estimate]
     kinds = {name: "input" if name in config.loads else "parameter" for name in names}
-    validate = up["validate"]
+    validate, place = up["validate"], read(Placed, up["place"])
     mesh = mesh_from(up["import"])
     return PlacementReport(
         name=context.name,
@@ -54,27 +53,16 @@ def placement_report(context: Context) -> PlacementReport:
         trend=trend_of(up["place"]),
         histories=tuple(history_of(name, validate) for name in names),
         gauge_signals=signals_of(up),
-        random_sets=tuple(
-            RandomSets(
-                name,
-                label,
-                validate[f"/random_sets/{key}/error/{name}"],
-                validate[f"/random_sets/{key}/estimate/{name}"].T,
-                float(validate.summary[f"error.{name}"]),
-            )
-            for name in names
-            for key, label in POOLS
-            if len(validate[f"/random_sets/{key}/error/{name}"])
-        ),
+        random_sets=random_sets_of(names, validate),
         noise=noise_rows(names, up),
         repeats=repeats_of(names, validate),
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()),
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
-        advice=tuple(up["place"]["/advice"].tolist()),
+        advice=place.advice,
         observability={
-            name: float(value) for name, value in up["place"].children("/observability").items() if np.ndim(value) == 0
+            name: getattr(place.observability, name) for name in ("condition", "condition_raw", "sigma_min")
         },
         truth_description=str(validate.summary["description"]),
         consistency=consistency_of(validate),
@@ -109,7 +97,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
         std = float(summary[f"std.{name}"])
         if doubt := doubt_of(claims_of(name, summary, repeated(name, validate))):
             notes.append(f"{name} is overconfident: {doubt}.")
-        random = validate[f"/random_sets/all/std/{name}"]
+        random = read(Validated, validate).all.std[name]
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
                 f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
@@ -138,6 +126,7 @@ def _facts(up: Mapping[str, Artefact]) -> dict[str, str]:
 
 def _number_of_gauges(up: Mapping[str, Artefact]) -> str:
     """As "4 gauges", or "1 sensor" where some of the layout are no gauges."""
-    count, channels = len(up["place"]["/selected/final/gauge"]), up["place"]["/selected/final/channel"][:, 0]
-    word = "gauge" if np.all(up["train"]["/gauges/quantity"][channels] == 0) else "sensor"
+    final = read(Placed, up["place"]).final
+    count, quantity = len(final.gauge), read(Training, up["train"]).candidates.quantity
+    word = "gauge" if np.all(quantity[final.channel[:, 0]] == STRAIN) else "sensor"
     return f"{count} {word}{'s' * (count != 1)}"

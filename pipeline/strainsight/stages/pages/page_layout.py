@@ -11,6 +11,7 @@ from strainsight.cases.structure.channels import channels_of
 from strainsight.cases.structure.gauge_list import GaugeList, gauge_list
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
@@ -19,17 +20,17 @@ from strainsight.workflow.artefact import Artefact
 
 
 def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
-    place = up["place"]
+    place, own = up["place"], read(Placed, up["place"])
     faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
     candidates = read(Training, up["train"]).candidates
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
     without = {
-        name: values * placed_scale(name, place) / size(name, up) for name, values in place.children("/without").items()
+        name: values * placed_scale(name, place) / size(name, up) for name, values in own.without.items()
     }
     listed = listed_gauges(up)
-    row = place["/selected/final/gauge"]
+    row = own.final.gauge
     mirror = [next((listed.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), "") for i in range(len(row))]
-    nodes = candidates.nodes[candidates.first[place["/selected/final/number"]]]
+    nodes = candidates.nodes[candidates.first[own.final.number]]
     gauges = tuple(
         Gauge(
             label=listed.labels[i],
@@ -51,7 +52,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
         )
         for i in range(len(listed.labels))
     )
-    pool = place["/pool/gauges"]
+    pool = own.pool.gauges
     return Layout(
         points=mesh.position,
         faces=faces,
@@ -65,7 +66,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
 
 def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
     training, screened = read(Training, up["train"]), read(Screened, up["screen"])
-    return gauge_list(up["place"]["/selected/final/number"], channels_of(training, screened), training, screened)
+    return gauge_list(read(Placed, up["place"]).final.number, channels_of(training, screened), training, screened)
 
 
 def is_ready(rom: Artefact) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from strainsight import __version__
 from strainsight.errors import ConfigError, did_you_mean
 from strainsight.records.mesh import mesh_from
+from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
@@ -70,6 +71,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     names = list(entry.unknowns)
     mesh = mesh_from(up["import"])
     validate, place = up.get("validate"), up.get("place")
+    expected = read(Placed, place).expected_std if place else {}
     layout = layout_of_page(mesh, up, entry.loads) if place else None
     return PlacementRun(
         **_stated(entry, up),
@@ -78,7 +80,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
         pool=int(place.summary["pool"]) if place else None,
         trend=trend_of(place) if place else None,
         layout=layout,
-        expected_std={n: float(place[f"/expected_std/{n}"]) / size(n, up) for n in names} if place else {},
+        expected_std={n: expected[n] / size(n, up) for n in names if n in expected},
         histories=tuple(history_of(name, validate) for name in names) if validate else (),
         repeats=repeats_of(names, validate) if validate else (),
         cases=cases_of(up["observe"]) if "observe" in up else (),
@@ -95,7 +97,7 @@ def _unknown(name: str, entry: Any, up: Mapping[str, Artefact]) -> Unknown:
     guess, expected = _guess(name, entry, up), None
     if "place" in up:
         guess = placed_scale(name, up["place"])
-        expected = float(up["place"][f"/expected_std/{name}"]) / guess
+        expected = read(Placed, up["place"]).expected_std[name] / guess
     return Unknown(name=name, unit=entry.unit, kind=entry.kind, guess=guess, expected_std=expected)
 
 

@@ -16,6 +16,7 @@ from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
+from strainsight.records.validated import Validated
 from strainsight.report.picture.layout import Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
 from strainsight.stages.pages.page_layout import layout_of_page, loads_of_page, loose_nodes
@@ -75,10 +76,10 @@ def _candidates(name: str, layout: Layout, train: Artefact) -> View:
 
 
 def _strain(title: str, layout: Layout, up: Mapping[str, Artefact]) -> View:
-    validate = up["validate"]
-    strain, candidates = validate["/field/strain"], read(Training, up["train"]).candidates
+    field, candidates = read(Validated, up["validate"]).field, read(Training, up["train"]).candidates
+    strain = field.strain
     position, known = candidates.position, np.flatnonzero(np.isfinite(strain) & (candidates.quantity == STRAIN))
     order = known[np.argsort(np.abs(strain[known]), kind="stable")]
-    panel = Panel(f"t = {float(validate['/field/instant']):.4g} s, largest true strain", strain[order] * MICRO)
+    panel = Panel(f"t = {field.instant:.4g} s, largest true strain", strain[order] * MICRO)
     own = replace(layout, pool=np.empty((0, 3)))
     return View(title, own, (panel,), "estimated strain of every candidate", "µm/m", DOTS, position[order])
