@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.report.arrays import History
 from strainsight.report.placement.data import (
     Case,
     Claim,
@@ -14,7 +15,6 @@ from strainsight.report.placement.data import (
     Criteria,
     Gauge,
     GaugeSignal,
-    History,
     Layout,
     Load,
     Metric,

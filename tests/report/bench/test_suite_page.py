@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from strainsight.report.arrays import History
 from strainsight.report.bench.data import (
     BenchEstimate,
     BenchPlacement,
@@ -19,7 +20,6 @@ from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, un
 from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
 from strainsight.report.bench.tables import placement_table, ratio, runs_table
-from strainsight.report.placement.data import History
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page

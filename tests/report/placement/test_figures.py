@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.report.arrays import History
 from strainsight.report.chart.panels import last_periods
 from strainsight.report.placement.comparisons import noise_figure, random_errors_figure, repeats_figure
-from strainsight.report.placement.data import Claim, History, Metric, NoiseRow, RandomSets, Repeats, Trend, Unknown
+from strainsight.report.placement.data import Claim, Metric, NoiseRow, RandomSets, Repeats, Trend, Unknown
 from strainsight.report.placement.figures import closing_figure, elbow, estimate_figure, placement_figures, trend_figure
 
 

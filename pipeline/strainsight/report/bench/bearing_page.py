@@ -9,13 +9,13 @@ from itertools import count
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import BLUE, GREEN, ORANGE, VERMILION, Drawing, figure, styled, svg
 from strainsight.report.chart.panels import legend_above
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import figure as card
 from strainsight.report.page.markup import figures, measure, table
-from strainsight.report.page.text import number
-from strainsight.report.placement.data import FloatArray
+from strainsight.report.text import number
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)

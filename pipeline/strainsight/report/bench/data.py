@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from strainsight.report.arrays import FloatArray, History, IntArray
 from strainsight.report.page.run import Run, Scalar
-from strainsight.report.placement.data import FloatArray, History, IntArray
 
 
 @dataclass(frozen=True)

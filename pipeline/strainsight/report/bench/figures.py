@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray, History
 from strainsight.report.bench.data import BenchUnknown
 from strainsight.report.chart.drawing import BLUE, INK, MUTED, SERIES, Drawing, figure, styled, svg, visible_instants
 from strainsight.report.chart.panels import drawable, legend_above, legend_of_lines, log_ticks, plain_axis, time_axis
-from strainsight.report.page.text import number, prefix, reading_unit, short
-from strainsight.report.placement.data import FloatArray, History
+from strainsight.report.text import number, prefix, reading_unit, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.bench.bearing_page import COLOURS
 from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement
 from strainsight.report.bench.figures import line_style
 from strainsight.report.chart.drawing import BLUE, MUTED, Drawing, figure, styled, svg, visible_instants
 from strainsight.report.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
-from strainsight.report.page.text import number, prefix, quantity, short
-from strainsight.report.placement.data import FloatArray
+from strainsight.report.text import number, prefix, quantity, short
 
 
 def loads_figure(motion: BenchMotion) -> Drawing:

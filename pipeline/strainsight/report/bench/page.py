@@ -20,8 +20,8 @@ from strainsight.report.bench.tables import facts, mismatch_table, placement_tab
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, picture, plain
-from strainsight.report.page.text import number
 from strainsight.report.space.section import STYLE, script
+from strainsight.report.text import number
 
 STYLES = ("bench/bench.css",)
 FOOTER = (

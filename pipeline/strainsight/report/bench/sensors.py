@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.bench.data import BenchEstimate, BenchSensor
 from strainsight.report.bench.figures import legend_height, line_label, line_style, peak
 from strainsight.report.chart.drawing import BLUE, INK, Drawing, figure, styled, svg, visible_instants
@@ -18,8 +19,7 @@ from strainsight.report.chart.panels import (
     plain_axis,
     time_axis,
 )
-from strainsight.report.page.text import number, ratio, reading_unit, short
-from strainsight.report.placement.data import FloatArray
+from strainsight.report.text import number, ratio, reading_unit, short
 
 PANELS = 8
 """Most components of a sensor in one figure."""

@@ -7,11 +7,11 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 
+from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
-from strainsight.report.page import text
 from strainsight.report.page.markup import data, grouped_table, measure, plain, table
-from strainsight.report.page.text import number
-from strainsight.report.placement.gauge_table import AXES, axes, decimals
+from strainsight.report.page.positions import AXES, axes, decimals
+from strainsight.report.text import number
 
 Cell = Callable[[BenchRun, BenchUnknown], str]
 

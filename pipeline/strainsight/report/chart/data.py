@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.panels import DOTS
-from strainsight.report.placement.data import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from strainsight.report.placement.data import FloatArray, IntArray
+from strainsight.report.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

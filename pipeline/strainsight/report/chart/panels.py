@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray, History
 from strainsight.report.chart.drawing import MUTED
-from strainsight.report.page.text import SUPERSCRIPTS, number, prefix
-from strainsight.report.placement.data import FloatArray, History
+from strainsight.report.text import SUPERSCRIPTS, number, prefix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

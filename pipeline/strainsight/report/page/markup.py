@@ -9,7 +9,7 @@ from html import escape
 
 from strainsight.report.chart import drawing
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.page.text import number, percent, quantity
+from strainsight.report.text import number, percent, quantity
 
 THEME = {
     drawing.BLUE: "var(--blue)",

@@ -8,10 +8,10 @@ from html import escape
 from strainsight.report.chart.drawing import VERMILION
 from strainsight.report.page import markup
 from strainsight.report.page.markup import count
+from strainsight.report.page.positions import coordinates, decimals
 from strainsight.report.picture import picture
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import shape
-from strainsight.report.placement.gauge_table import coordinates, decimals
 
 OUTLINES = {
     "bar": "polygon(0 30%,100% 30%,100% 70%,0 70%)",

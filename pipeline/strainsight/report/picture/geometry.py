@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.report.picture.layout import FloatArray, IntArray
+from strainsight.report.arrays import FloatArray, IntArray
 
 # Local node triples by number of facet nodes, in VTK order; facets with mid-side nodes are cut along them.
 TRIANGLES = {

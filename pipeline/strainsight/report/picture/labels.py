@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
-from strainsight.report.page.text import short
-from strainsight.report.picture.layout import FloatArray, Layout
+from strainsight.report.picture.layout import Layout
 from strainsight.report.picture.markers import EMPTY, free_end
+from strainsight.report.text import short
 
 CAPTION = "#7b8794"
 FONT = 10.0

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.report.picture.layout import FloatArray, Gauge, IntArray, Layout, Load
+from strainsight.report.arrays import FloatArray, IntArray
+from strainsight.report.picture.layout import Gauge, Layout, Load
 
 EMPTY = "#ffffff"
 """The ground of what was bonded already: its colour is left to the outline."""

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour
 from strainsight.report.picture.geometry import mesh_lines, seen_from, triangles, views
 from strainsight.report.picture.labels import labelled
-from strainsight.report.picture.layout import FloatArray, Layout
+from strainsight.report.picture.layout import Layout
 from strainsight.report.picture.markers import EMPTY, arrow_mesh, free_end, line_mesh, marker, surface_mesh
 
 STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"

@@ -8,7 +8,8 @@ from hashlib import sha256
 
 import numpy as np
 
-from strainsight.report.picture.layout import FloatArray, Layout
+from strainsight.report.arrays import FloatArray
+from strainsight.report.picture.layout import Layout
 from strainsight.report.picture.offscreen import answer, draw_apart
 
 WIDTH, HEIGHT = 640, 420

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.report.arrays import History
 from strainsight.report.chart.drawing import (
     BLUE,
     INK,
@@ -18,8 +19,8 @@ from strainsight.report.chart.drawing import (
     visible_instants,
 )
 from strainsight.report.chart.panels import focus_on, legend_above, plain_ticks, shown_unit, time_axis
-from strainsight.report.page.text import number, percent, short
-from strainsight.report.placement.data import Claim, History, NoiseRow, RandomSets, Repeats, Unknown
+from strainsight.report.placement.data import Claim, NoiseRow, RandomSets, Repeats, Unknown
+from strainsight.report.text import number, percent, short
 
 
 def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:

@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from strainsight.report.picture.layout import FloatArray as FloatArray
+from strainsight.report.arrays import FloatArray, History, IntArray
 from strainsight.report.picture.layout import Gauge as Gauge
-from strainsight.report.picture.layout import IntArray as IntArray
 from strainsight.report.picture.layout import Layout as Layout
 from strainsight.report.picture.layout import Load as Load
 
@@ -90,20 +89,6 @@ class Trend:
     metric: Metric
     lower_bound: float | None = None
     gap: float | None = None
-
-
-@dataclass(frozen=True)
-class History:
-    """An unknown over time: time (T,) [s]; truth, mean, smoothed (T,) [unit]; std, smoothed_std (T,) [unit] one σ."""
-
-    name: str
-    unit: str
-    time: FloatArray
-    truth: FloatArray | None
-    mean: FloatArray
-    std: FloatArray
-    smoothed: FloatArray | None = None
-    smoothed_std: FloatArray | None = None
 
 
 @dataclass(frozen=True)

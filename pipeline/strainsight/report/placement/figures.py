@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray, History, IntArray
 from strainsight.report.chart.drawing import (
     BLUE,
     GREEN,
@@ -30,15 +31,15 @@ from strainsight.report.chart.panels import (
     shown_unit,
     time_axis,
 )
-from strainsight.report.page.text import number, quantity, short
 from strainsight.report.placement.comparisons import (
     noise_figure,
     random_errors_figure,
     random_histories_figure,
     repeats_figure,
 )
-from strainsight.report.placement.data import FloatArray, History, IntArray, PlacementReport, Trend
+from strainsight.report.placement.data import PlacementReport, Trend
 from strainsight.report.placement.signals import signal_figures
+from strainsight.report.text import number, quantity, short
 
 
 def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:

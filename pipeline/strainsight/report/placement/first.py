@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from html import escape
 
 from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
+from strainsight.report.page.positions import AXES, axes, decimals
 from strainsight.report.picture.card import pictured
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
-from strainsight.report.placement.gauge_table import AXES, SINGLE, axes, decimals, names_without
+from strainsight.report.placement.gauge_table import SINGLE, names_without
 
 
 def answer(report: PlacementReport) -> str:

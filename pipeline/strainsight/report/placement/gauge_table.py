@@ -7,14 +7,15 @@ from html import escape
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.page.markup import badge, data, share, table
-from strainsight.report.page.text import number, percent, reading_unit
-from strainsight.report.picture.layout import FloatArray, Gauge
+from strainsight.report.page.positions import AXES, axes, decimals
+from strainsight.report.picture.layout import Gauge
 from strainsight.report.placement.data import PlacementReport
+from strainsight.report.text import number, percent, reading_unit
 
 SINGLE = frozenset({"strain gauge", "rosette"})
 """Kinds that people call gauges; with others among them they are sensors."""
-AXES = ("x [m]", "y [m]", "z [m]")
 
 
 def gauge_table(report: PlacementReport) -> str:
@@ -110,22 +111,6 @@ def _reading(gauge: Gauge) -> str:
         return f'{text}<br><strong class="mark bad">✕ beyond its range</strong>'
     used = gauge.peak / gauge.range if gauge.range > 0 else math.nan
     return f"{text}<br>{data(used, percent(used))}" if math.isfinite(used) else text
-
-
-def decimals(points: FloatArray) -> int:
-    """Decimals that show a position to about a ten-thousandth of the structure's size."""
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return min(max(4 - math.floor(math.log10(size)), 0), 9) if size > 0 else 4
-
-
-def coordinates(position: FloatArray, places: int) -> str:
-    """Position (3,) [m] with that many decimals."""
-    return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
-
-
-def axes(position: FloatArray, places: int) -> list[str]:
-    """x, y and z (3,) [m] as cells, with that many decimals."""
-    return [data(float(value), coordinates(position[i : i + 1], places)) for i, value in enumerate(position)]
 
 
 def _whole(text: str) -> str:

@@ -8,9 +8,9 @@ import numpy as np
 
 from strainsight.report.chart.drawing import INK, Drawing, figure, gauge_colour, styled, svg, visible_instants
 from strainsight.report.chart.panels import dots, drawable, last_periods, legend_above, time_axis
-from strainsight.report.page.text import READINGS, number, reading_unit, short
 from strainsight.report.picture.layout import Gauge
 from strainsight.report.placement.data import GaugeSignal
+from strainsight.report.text import READINGS, number, reading_unit, short
 
 
 def signal_figures(signals: Sequence[GaugeSignal], gauges: Sequence[Gauge]) -> list[Drawing]:

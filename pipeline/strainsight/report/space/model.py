@@ -9,9 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour
 from strainsight.report.picture.geometry import triangles, views
-from strainsight.report.picture.layout import FloatArray, IntArray, Layout
+from strainsight.report.picture.layout import Layout
 from strainsight.report.picture.markers import arrow_mesh, marker
 from strainsight.report.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
 from strainsight.report.space.surface import CREASE, surface

@@ -14,10 +14,10 @@ import numpy as np
 
 from strainsight.report.chart.drawing import gauge_colour, ink_on
 from strainsight.report.page.document import own
-from strainsight.report.page.text import number, percent
+from strainsight.report.page.positions import coordinates, decimals
 from strainsight.report.picture.layout import Gauge, Layout
-from strainsight.report.placement.gauge_table import coordinates, decimals
 from strainsight.report.space.model import Shape, Space, space, vertex_shift
+from strainsight.report.text import number, percent
 
 STYLE = "space/space.css"
 SCRIPTS = ("space/draw.js", "space/view.js")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.picture.geometry import mesh_lines, triangles
-from strainsight.report.picture.layout import FloatArray, IntArray
 
 LARGEST = 20_000
 """Triangles: more would make the page heavy and look the same."""

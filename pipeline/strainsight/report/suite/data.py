@@ -10,10 +10,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from strainsight.report.arrays import History
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.page.run import Run
 from strainsight.report.picture.layout import Layout
-from strainsight.report.placement.data import Case, History, Metric, Repeats, Trend, Unknown
+from strainsight.report.placement.data import Case, Metric, Repeats, Trend, Unknown
 
 CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "no number"
 

@@ -8,12 +8,12 @@ from html import escape
 import numpy as np
 
 from strainsight.report.page.markup import badge, figures, grouped_table, measure, picture
-from strainsight.report.page.text import number
+from strainsight.report.page.positions import AXES, axes, decimals
 from strainsight.report.picture.layout import Layout
-from strainsight.report.placement.gauge_table import AXES, axes, decimals
 from strainsight.report.space.section import space_section
 from strainsight.report.suite.cases import numbered
 from strainsight.report.suite.data import PlacementRun, Suite
+from strainsight.report.text import number
 
 
 def suite_space(report: Suite) -> str:

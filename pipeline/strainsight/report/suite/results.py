@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.placement.data import Claim, FloatArray, Unknown
+from strainsight.report.placement.data import Claim, Unknown
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 
 OVER, CAUTIOUS, CLAIMED = "overconfident", "cautious", "as claimed"

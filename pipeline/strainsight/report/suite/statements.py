@@ -7,9 +7,9 @@ from dataclasses import replace
 from html import escape
 
 from strainsight.report.page.markup import count, plain, sheet
-from strainsight.report.page.text import number
 from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, UNDECIDED, Statement, Suite
 from strainsight.report.suite.results import is_estimated
+from strainsight.report.text import number
 
 MARKS = {
     CONFIRMED: '<strong class="good whole">✓ confirmed</strong>',

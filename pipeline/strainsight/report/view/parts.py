@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
-from strainsight.report.page.text import short
 from strainsight.report.picture.geometry import TRIANGLES, mesh_lines
-from strainsight.report.picture.layout import FloatArray, Gauge, IntArray, Layout
+from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
+from strainsight.report.text import short
 from strainsight.report.view.viewed import DOTS, POINTS, Panel, View
 
 STEEL, LINES, POOL, CLAMP, INK = "#c3ccd6", "#5d6a79", "#7b8794", "#8a4fb5", "#1c2430"

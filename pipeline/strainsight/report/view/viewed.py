@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strainsight.report.picture.layout import FloatArray, Layout
+from strainsight.report.arrays import FloatArray
+from strainsight.report.picture.layout import Layout
 
 POINTS, FACETS, DOTS = "points", "facets", "dots"
 """Where the values of a panel stand."""

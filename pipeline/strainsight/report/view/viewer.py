@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.picture.geometry import seen_from, triangles, views
-from strainsight.report.picture.layout import FloatArray, Layout
+from strainsight.report.picture.layout import Layout
 from strainsight.report.picture.markers import free_end
 from strainsight.report.picture.offscreen import OFF_SCREEN, answer
 from strainsight.report.picture.picture import across, aim

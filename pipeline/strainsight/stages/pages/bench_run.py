@@ -10,6 +10,7 @@ from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
 from strainsight.records.bench_placed import PLACED, BenchPlaced
 from strainsight.records.record import read, unit_of
 from strainsight.records.simulated import Simulated
+from strainsight.report.arrays import History
 from strainsight.report.bench.data import (
     BearingMotion,
     BenchEstimate,
@@ -18,7 +19,6 @@ from strainsight.report.bench.data import (
     BenchSensor,
     BenchUnknown,
 )
-from strainsight.report.placement.data import History
 from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))

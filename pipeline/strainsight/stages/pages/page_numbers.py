@@ -14,12 +14,12 @@ from strainsight.records.placed import Observed, Placed
 from strainsight.records.placement import RULES, metric_key
 from strainsight.records.record import read, unit_of
 from strainsight.records.validated import Validated
+from strainsight.report.arrays import History
 from strainsight.report.placement.data import (
     Case,
     Consistency,
     Criteria,
     GaugeSignal,
-    History,
     Metric,
     NoiseRow,
     RandomSets,

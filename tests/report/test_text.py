@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from strainsight.report.page.text import number, percent, quantity, reading_unit, short
+from strainsight.report.text import number, percent, quantity, reading_unit, short
 
 DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
