@@ -9,10 +9,7 @@ from strainsight_cli.view import say_stale, viewable
 
 
 def figures(
-    config: ConfigFile,
-    results: Results = DEFAULT_RESULTS,
-    overrides: Set = None,
-    verbose: Verbose = False,
+    config: ConfigFile, results: Results = DEFAULT_RESULTS, overrides: Set = None, verbose: Verbose = False
 ) -> None:
     with reported(verbose):
         from strainsight.config.load import load_config

@@ -153,9 +153,7 @@ def schema() -> None:
 
 def _add_stage(name: str, what: str) -> None:
     @app.command(
-        name,
-        short_help=f"{what}.",
-        help=f"{what}. Runs the stages above first where they are not up to date.",
+        name, short_help=f"{what}.", help=f"{what}. Runs the stages above first where they are not up to date."
     )
     def command(
         config: ConfigFile,
@@ -169,10 +167,8 @@ def _add_stage(name: str, what: str) -> None:
         verbose: Verbose = False,
     ) -> None:
         with reported(verbose):
-            work = work_of_one(config, results, overrides, name)
-            last = [stage.name for stage in work.stages].index(name)
-            upto = replace(work, stages=work.stages[: last + 1], where=Where(jobs, dask))
-            _bring_up_to_date(upto, [name] if force else [], dry_run, as_json, verbose, tables=[name])
+            work = replace(work_of_one(config, results, overrides, name), where=Where(jobs, dask))
+            _one_stage(work, name, force, dry_run, as_json, verbose)
 
 
 for _name, _what in pipelines.STAGES.items():
@@ -225,8 +221,7 @@ def estimate(
         if allow_unobservable:
             asked.append("estimate.allow_unobservable=true")
         work = work_of_one(config, results, asked, "estimate")
-        names = [stage.name for stage in work.stages]
-        if "estimate" not in names:
+        if "estimate" not in [stage.name for stage in work.stages]:
             raise ConfigError(
                 "no measurements to estimate from",
                 key="estimate",
@@ -234,8 +229,14 @@ def estimate(
                 remedy="add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}` to the config "
                 "(docs/estimation.md), and give --measurements FILE",
             )
-        upto = replace(work, stages=work.stages[: names.index("estimate") + 1], where=Where(jobs, dask))
-        _bring_up_to_date(upto, ["estimate"] if force else [], dry_run, as_json, verbose, tables=["estimate"])
+        _one_stage(replace(work, where=Where(jobs, dask)), "estimate", force, dry_run, as_json, verbose)
+
+
+def _one_stage(work: Work, name: str, force: bool, dry_run: bool, as_json: bool, verbose: bool) -> None:
+    """The stages up to this one, and its tables."""
+    last = [stage.name for stage in work.stages].index(name)
+    upto = replace(work, stages=work.stages[: last + 1])
+    _bring_up_to_date(upto, [name] if force else [], dry_run, as_json, verbose, tables=[name])
 
 
 def _bring_up_to_date(

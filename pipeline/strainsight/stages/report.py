@@ -46,10 +46,7 @@ def run(context: Context) -> Output:
                 ("/noise/level",),
             )
     said = f"report.html, {len(page) / 1024:.0f} KiB" + (f"; no 3D picture: {problem}" if problem else "")
-    summary: dict[str, Scalar] = {
-        "picture": scene is not None,
-        "warnings": len(report.warnings),
-    }
+    summary: dict[str, Scalar] = {"picture": scene is not None, "warnings": len(report.warnings)}
     return Output(
         datasets=datasets,
         summary=summary,

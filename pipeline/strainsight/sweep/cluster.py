@@ -114,7 +114,9 @@ def _shown(version: str | None) -> str:
     return "missing" if version is None else version.removesuffix(".final.0")
 
 
-def _sweep(client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
+def _sweep(
+    client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None
+) -> list[R]:
     import dask
     from distributed import CancelledError
     from distributed.comm import CommClosedError

@@ -57,12 +57,7 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
 
     # max_nbytes: no array passes through a file. pre_dispatch: no more copies of what is shared than processes.
     parallel = Parallel(
-        n_jobs=count,
-        return_as="generator",
-        batch_size=1,
-        pre_dispatch="n_jobs",
-        max_nbytes=None,
-        initializer=_begin,
+        n_jobs=count, return_as="generator", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None, initializer=_begin
     )
     results = parallel(delayed(captured)(task, shared, point) for point in points)
     try:

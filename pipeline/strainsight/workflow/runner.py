@@ -92,13 +92,7 @@ def run(
 
 
 def _execute(
-    stage: Stage,
-    job: Job,
-    inputs: Inputs,
-    key: str,
-    finished: Mapping[str, Artefact],
-    progress: Progress,
-    sweep: Sweep,
+    stage: Stage, job: Job, inputs: Inputs, key: str, finished: Mapping[str, Artefact], progress: Progress, sweep: Sweep
 ) -> Artefact:
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.report.arrays import FloatArray
-from strainsight.report.bench.bearing_page import COLOURS
 from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement
 from strainsight.report.bench.figures import line_style
 from strainsight.report.chart.drawing import BLUE, MUTED, Drawing, figure, styled, svg, visible_instants
@@ -17,28 +16,17 @@ from strainsight.report.text import number, prefix, quantity, short
 
 def loads_figure(motion: BenchMotion) -> Drawing:
     """Forces above, moments below, as they act on the bench."""
-    groups = [
-        (unit, {name: values for name, (own, values) in motion.inputs.items() if own == unit})
-        for unit in dict.fromkeys(unit for unit, _ in motion.inputs.values())
-    ]
-    with styled():
-        drawn, *panels = figure(1.4 + 1.8 * len(groups), (1.0,) * len(groups))
-        for axes, (unit, loads) in zip(panels, groups, strict=True):
-            largest = max(float(np.max(np.abs(values), initial=0.0)) for values in loads.values())
-            factor, shown = prefix(largest, unit.replace("N m", "N·m"))
-            for place, (name, values) in enumerate(loads.items()):
-                index = visible_instants(values[:, None], 240)
-                axes.plot(motion.time[index], values[index] / factor, **line_style(place), label=short(name))
-            plain_axis(axes)
-            axes.set_ylabel(f"load [{short(shown)}]")
-            legend_above(axes)
-        time_axis(panels[-1])
-        image = svg(drawn)
-    text = "; ".join(
-        f"{name} at most {quantity(float(np.max(np.abs(values), initial=0.0)), unit.replace('N m', 'N·m'), 3)}"
-        for name, (unit, values) in motion.inputs.items()
-    )
-    return Drawing("loads", "Loads", f"Loads on the bench in time: {text}.", f"Line chart of loads: {text}.", image)
+    largest = {name: float(np.max(np.abs(values), initial=0.0)) for name, (_, values) in motion.inputs.items()}
+    panels, listed = [], []
+    for unit in dict.fromkeys(unit for unit, _ in motion.inputs.values()):
+        loads = {name: values for name, (own, values) in motion.inputs.items() if own == unit}
+        shown_unit = unit.replace("N m", "N·m")
+        factor, shown = prefix(max(largest[name] for name in loads), shown_unit)
+        panels.append(
+            (f"load [{short(shown)}]", np.column_stack(list(loads.values())) / factor, tuple(map(short, loads)))
+        )
+        listed += [f"{name} at most {quantity(largest[name], shown_unit, 3)}" for name in loads]
+    return _stacked("loads", "Loads", motion.time, panels, f"Loads on the bench in time: {'; '.join(listed)}.", 1.8)
 
 
 def bearing_figures(motion: BenchMotion, bearing: BearingMotion) -> list[Drawing]:
@@ -121,17 +109,18 @@ def _stacked(
     time: FloatArray,
     panels: Sequence[tuple[str, FloatArray, tuple[str, ...]]],
     caption: str,
+    height: float = 1.5,
 ) -> Drawing:
+    """Panels one above the other, each with its label, the columns of an array and their names; height of one [inch]."""
     with styled():
-        drawn, *all_axes = figure(1.2 + 1.5 * len(panels), (1.0,) * len(panels))
+        drawn, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
         for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
             index = visible_instants(columns, 240)
-            for column, name, colour in zip(columns.T, names, COLOURS, strict=False):
-                axes.plot(time[index], drawable(column)[index], color=colour, label=name)
+            for place, (column, name) in enumerate(zip(columns.T, names, strict=True)):
+                axes.plot(time[index], drawable(column)[index], **line_style(place), label=name)
             plain_axis(axes)
             axes.set_ylabel(label)
-            if len(names) > 1:
-                legend_above(axes)
+            legend_above(axes)
         time_axis(all_axes[-1])
         image = svg(drawn)
     parts = ", ".join(

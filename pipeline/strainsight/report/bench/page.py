@@ -8,12 +8,7 @@ from html import escape
 import numpy as np
 
 from strainsight.report.bench.data import BenchMotion, BenchRun, BenchUnknown
-from strainsight.report.bench.figures import (
-    Line,
-    ratio_figure,
-    runs_figure,
-    unknown_figure,
-)
+from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
 from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure, trend_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import facts, mismatch_table, placement_table, ratio, runs_table

@@ -90,12 +90,7 @@ def table(
 
 
 def grouped_table(
-    name: str,
-    head: Sequence[str],
-    bodies: Iterable[str],
-    *,
-    caption: str = "",
-    numeric: Iterable[int] = (),
+    name: str, head: Sequence[str], bodies: Iterable[str], *, caption: str = "", numeric: Iterable[int] = ()
 ) -> str:
     """A table of blocks of rows (`<tbody>…</tbody>`), which stay together when it is sorted; the rest as of `table`."""
     return sheet(

@@ -174,4 +174,6 @@ def _agreement(verdict: str, claim: Claim | None) -> str:
     if claim is None:
         return agree
     low, high = (number(edge, 2) for edge in claim.band)
-    return f"{agree} RMS of error over σ {number(claim.ratio, 3)}, {low} to {high} where the claim holds: {claim.verdict}."
+    return (
+        f"{agree} RMS of error over σ {number(claim.ratio, 3)}, {low} to {high} where the claim holds: {claim.verdict}."
+    )

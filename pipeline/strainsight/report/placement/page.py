@@ -71,7 +71,9 @@ def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfold
     """Cards of the wanted figures; from number `unfolded` on they are shown on demand."""
     cards = [figure(entry, i) for i, entry in enumerate(drawings) if wanted(entry.key)]
     shown, folded = cards[:unfolded], cards[len(cards[:unfolded]) :]
-    return figures(shown) + (f"<details>{figures(folded, f'<summary>{len(folded)} more</summary>')}</details>" if folded else "")
+    return figures(shown) + (
+        f"<details>{figures(folded, f'<summary>{len(folded)} more</summary>')}</details>" if folded else ""
+    )
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:

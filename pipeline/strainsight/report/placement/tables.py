@@ -9,7 +9,9 @@ from html import escape
 from strainsight.report.page.markup import measure, plain, table
 from strainsight.report.placement.data import Case, Criteria, PlacementReport
 
-STEADY = "one standard deviation of an unknown with the system held at an instant: it ranks layouts, a filter claims its own"
+STEADY = (
+    "one standard deviation of an unknown with the system held at an instant: it ranks layouts, a filter claims its own"
+)
 
 
 def criteria_table(report: PlacementReport) -> str:
@@ -57,7 +59,8 @@ def criteria_meaning(report: PlacementReport) -> str:
         for i, metric in enumerate(report.metrics)
     ]
     items = "".join(
-        f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>" for name, text in [*words, ("steady-state σ", STEADY)]
+        f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>"
+        for name, text in [*words, ("steady-state σ", STEADY)]
     )
     return f"<h3>Criteria, smaller is better in all</h3><ul>{items}</ul>"
 

@@ -29,7 +29,9 @@ def window(view: View) -> None:
         raise _no_display("there is no display to open a window on")
     # By stdin and not by a file: nothing is left behind where this process is interrupted. -P: no module of this folder.
     command = [sys.executable, "-P", "-m", CHILD]
-    done = subprocess.run(command, env=inherited(), input=pickle.dumps(_sent(view)), stderr=subprocess.PIPE, check=False)
+    done = subprocess.run(
+        command, env=inherited(), input=pickle.dumps(_sent(view)), stderr=subprocess.PIPE, check=False
+    )
     if done.returncode == NO_DISPLAY:
         raise _no_display("the display does not answer")
     if done.returncode:

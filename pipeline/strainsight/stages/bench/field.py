@@ -57,12 +57,7 @@ def _motion(context: Context) -> Motion:
 
 
 FIELD = Stage(
-    "field",
-    version=2,
-    reads=("field", "bodies.*.moduli"),
-    upstream=("import", "reduce", "simulate"),
-    files=(),
-    run=run,
+    "field", version=2, reads=("field", "bodies.*.moduli"), upstream=("import", "reduce", "simulate"), files=(), run=run
 )
 
 

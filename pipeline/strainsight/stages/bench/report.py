@@ -39,11 +39,7 @@ def run(context: Context) -> Output:
     count = sum(len(entries) for entries in drawings.values())
     return Output(
         datasets=_datasets(report),
-        summary={
-            "figures": count,
-            "pictures": len(pictures),
-            "warnings": len(report.warnings),
-        },
+        summary={"figures": count, "pictures": len(pictures), "warnings": len(report.warnings)},
         message=f"report.html, {count} figures, {len(page) / 1024:.0f} KiB"
         + (f"; no 3D pictures: {problem}" if problem else ""),
         files={"report.html": page},

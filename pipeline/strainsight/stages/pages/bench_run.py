@@ -31,10 +31,7 @@ def estimate_of(artefact: Artefact) -> BenchEstimate:
     own = read(BenchEstimated, artefact)
     return BenchEstimate(
         time=own.time,
-        unknowns=(
-            *(_input(own, name) for name in own.inputs),
-            *(_parameter(own, name) for name in own.parameters),
-        ),
+        unknowns=(*(_input(own, name) for name in own.inputs), *(_parameter(own, name) for name in own.parameters)),
         sensors=tuple(_compared(name, match, own.time[1:]) for name, match in own.sensors.items()),
         nis=own.nis,
         violation=own.violation,

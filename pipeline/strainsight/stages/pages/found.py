@@ -17,10 +17,7 @@ LONGEST = 12
 
 
 def found_tables(
-    mesh: Mesh,
-    weight: tuple[float, np.ndarray] | None,
-    quality: Sequence[Quality],
-    warnings: Sequence[str],
+    mesh: Mesh, weight: tuple[float, np.ndarray] | None, quality: Sequence[Quality], warnings: Sequence[str]
 ) -> tuple[Table, ...]:
     """One table: nodes, elements by type and region, materials, supports, ties, sets, quality, mass, what is
     ignored, notes and warnings. weight: mass [kg] and centre (3,) [m], where the mesh has densities."""
@@ -81,8 +78,7 @@ def _constraints(mesh: Mesh) -> list[Row]:
         rows.append(("own displacement systems", _number(len(mesh.axes), "node"), ""))
     for kind, elements in (("rigid element", mesh.rigid), ("averaging element", mesh.averaging)):
         ties = [
-            (str(e), _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}")
-            for e in elements
+            (str(e), _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}") for e in elements
         ]
         rows += _shortened(ties, f"{kind}s")
     masses = [

@@ -24,9 +24,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
     candidates = read(Training, up["train"]).candidates
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
-    without = {
-        name: values * placed_scale(name, place) / size(name, up) for name, values in own.without.items()
-    }
+    without = {name: values * placed_scale(name, place) / size(name, up) for name, values in own.without.items()}
     listed = listed_gauges(up)
     row = own.final.gauge
     mirror = [next((listed.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), "") for i in range(len(row))]

@@ -5,15 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from strainsight.records.suite import (
-    CaseRows,
-    NumberRows,
-    RunRows,
-    StatementRows,
-    SuiteNumbers,
-    UnknownRows,
-    columns,
-)
+from strainsight.records.suite import CaseRows, NumberRows, RunRows, StatementRows, SuiteNumbers, UnknownRows, columns
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metrics_of
 from strainsight.report.suite.results import Result, results_of
