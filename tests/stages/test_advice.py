@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.advice import best_possible
+from strainsight.cases.layout.advice import best_possible
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.elimination import eliminate

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.advice import advice
-from strainsight.cases.structure.layout import layout_of
+from strainsight.cases.layout.advice import advice
+from strainsight.cases.layout.layout import layout_of
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.limits import limits_of
@@ -28,14 +28,14 @@ def pools(artefacts):
 
 def layout(pools, greedy=(0, 1, 2), **asked):
     settings = {
-        "aggregate": "mean",
         "keep": 3,
         "exchange": True,
         "certificate": True,
         "optimise": "metric",
         "prove": 0.0,
     }
-    return layout_of(pools, np.array(greedy), limits_of(12, 3), SimpleNamespace(**settings | asked), lambda *_: None)
+    own = SimpleNamespace(**settings | asked)
+    return layout_of(pools, np.array(greedy), limits_of(12, 3), own, "mean", lambda *_: None)
 
 
 def failures(pools, gauges):

@@ -12,7 +12,7 @@ import pyvista
 from pydantic import TypeAdapter
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
-from strainsight.cases.structure.candidates import zone_of
+from strainsight.cases.layout.zones import zone_of
 from strainsight.config.zones import Zone
 from strainsight.errors import UserError
 from strainsight.fem import memory

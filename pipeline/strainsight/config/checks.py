@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
+from strainsight.config.layout import layout_problems
 from strainsight.config.loads import Load, MultiSine, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem, known
@@ -88,13 +89,6 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(key, f"'{name}' is named twice", "remove one of them")
         elif name in config.loads and config.loads[name].known:
             yield Problem(key, f"load '{name}' is known", f"set loads.{name}.known: false, or do not estimate it")
-    for i, name in enumerate(config.place.metric_over):
-        key, estimated = f"place.metric_over.{i}", config.place.estimate
-        if name not in estimated:
-            remedy = did_you_mean(name, estimated, f"place.estimate has {', '.join(estimated)}")
-            yield Problem(key, f"'{name}' is not estimated", remedy)
-        elif name in config.place.metric_over[:i]:
-            yield Problem(key, f"'{name}' is named twice", "remove one of them")
     for name, load in config.loads.items():
         if not load.known and name not in config.place.estimate:
             yield Problem(
@@ -105,8 +99,8 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
 
 
 def _optimum(config: PlacementConfig) -> Iterator[Problem]:
-    if config.place.prove > 0 and config.place.optimise != "metric":
-        yield Problem("place.prove", "a proof is of the metric, not of the worst failure", "remove one of the two keys")
+    bonded = len(config.gauges.fixed)
+    yield from layout_problems(config.place, config.place.estimate, "place.estimate", bonded, "gauges.fixed")
     if config.place.symmetry is not None and config.place.optimise != "metric":
         yield Problem(
             "place.symmetry", "of a mirrored pair one gauge would fail, not both", "remove one of the two keys"

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from strainsight.config.gauges import AxisDirection, Gauges
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
-from strainsight.config.zones import BoxZone, FacingZone, InCylinder
-
-NO_LENGTH = "a vector of length zero"
-FOR_EXAMPLE = "give a vector such as [1, 0, 0]"
+from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, zone_problems
 
 
 def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -19,8 +15,8 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     gauges, place = config.gauges, config.place
     yield from _given(config)
     yield from _directions(gauges)
-    yield from _zones("gauges.include", gauges.include)
-    yield from _zones("gauges.exclude", gauges.exclude)
+    yield from zone_problems("gauges.include", gauges.include)
+    yield from zone_problems("gauges.exclude", gauges.exclude)
     for name, sensors in config.motion_sensors.items():
         for i, axis in enumerate(sensors.axes):
             if axis != "normal" and not any(axis):
@@ -28,10 +24,8 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
         directions = [axis if axis == "normal" else _unit(axis) for axis in sensors.axes]
         if any(a in directions[:i] for i, a in enumerate(directions)):
             yield Problem(f"motion_sensors.{name}.axes", "two axes are the same direction", "remove one of them")
-        yield from _zones(f"motion_sensors.{name}.include", sensors.include)
-        yield from _zones(f"motion_sensors.{name}.exclude", sensors.exclude)
-    for i, limit in enumerate(place.at_most):
-        yield from _zone(f"place.at_most.{i}.zone", limit.zone)
+        yield from zone_problems(f"motion_sensors.{name}.include", sensors.include)
+        yield from zone_problems(f"motion_sensors.{name}.exclude", sensors.exclude)
     if place.symmetry is not None and not any(place.symmetry.normal):
         yield Problem("place.symmetry.normal", NO_LENGTH, FOR_EXAMPLE)
     yield from _mirrored(config)
@@ -119,20 +113,6 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
         )
 
 
-def _zones(key: str, zones: Sequence[Any]) -> Iterator[Problem]:
-    for i, zone in enumerate(zones):
-        yield from _zone(f"{key}.{i}", zone)
-
-
-def _zone(key: str, zone: Any) -> Iterator[Problem]:
-    if isinstance(zone, BoxZone) and any(low >= high for low, high in zip(*zone.box, strict=True)):
-        yield Problem(f"{key}.box", "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
-    elif isinstance(zone, InCylinder) and not any(zone.cylinder.axis):
-        yield Problem(f"{key}.cylinder.axis", NO_LENGTH, FOR_EXAMPLE)
-    elif isinstance(zone, FacingZone) and not any(zone.normal_cone.axis):
-        yield Problem(f"{key}.normal_cone.axis", NO_LENGTH, FOR_EXAMPLE)
-
-
 def _count(config: PlacementConfig) -> Iterator[Problem]:
     keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
     kinds = {"inputs" if name in config.loads else "parameters" for name in names}
@@ -143,12 +123,6 @@ def _count(config: PlacementConfig) -> Iterator[Problem]:
             "place.keep",
             f"{keep} gauge{'s' * (keep != 1)} cannot observe {len(names)} {what} ({', '.join(names)})",
             f"keep at least {-(-len(names) * keep // signals)}, or estimate fewer {what.removeprefix('unknown ')}",
-        )
-    if keep < len(config.gauges.fixed):
-        yield Problem(
-            "place.keep",
-            f"{keep} gauges, and {len(config.gauges.fixed)} are glued already (gauges.fixed)",
-            f"keep at least {len(config.gauges.fixed)}",
         )
     pool = config.screen.keep
     if pool != "all" and keep > pool:

@@ -69,17 +69,36 @@ class GluedGauge(Section):
     position: Vector = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
     direction: Vector = Field(description="Measuring direction [-]; it is laid on the surface there.")
     length: NotNegative | None = Field(
-        None, description="Length of its grid [m], over which it averages; null: gauges.grid_length."
+        None,
+        description="Length of its grid [m], over which it averages; null: gauges.grid_length, on a bench the strain at its "
+        "centre.",
     )
     angles: Angles = Field(
         (0.0,), description="Angles of its grids from the direction, right-handed about the outward normal [deg]."
     )
 
 
-class Gauges(Section):
-    """Where strain gauges may go, along what, and how noisy they are."""
+class SensorSites(Section):
+    """Where sensors may go, and what one costs."""
 
     surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
+    include: tuple[Zone, ...] = Field((), description="Zones that they have to be in, one of them; none: everywhere.")
+    exclude: tuple[Zone, ...] = Field((), description="Zones without them.")
+    price: NotNegative = Field(1.0, description="Price of one, in the unit of place.budget.")
+
+
+class GaugeSites(SensorSites):
+    """Where strain gauges may go, and which are there already."""
+
+    fixed: tuple[GluedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
+    snap_tolerance: Positive = Field(
+        0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
+    )
+
+
+class Gauges(GaugeSites):
+    """Where strain gauges may go, along what, and how noisy they are."""
+
     direction: Direction | None = Field(
         None, description="Measuring directions of the candidates; left out only with `given`."
     )
@@ -96,20 +115,12 @@ class Gauges(Section):
         None,
         description="Largest strain that a gauge can measure [strain]; candidates that see more in training are dropped.",
     )
-    price: NotNegative = Field(1.0, description="Price of a gauge, in the unit of place.budget.")
-    include: tuple[Zone, ...] = Field((), description="Zones that gauges have to be in, one of them; none: everywhere.")
-    exclude: tuple[Zone, ...] = Field((), description="Zones without gauges.")
-    fixed: tuple[GluedGauge, ...] = Field((), description="Gauges that are already glued; they count in place.keep.")
-    snap_tolerance: Positive = Field(
-        0.005, description="How far a glued gauge may be from the surface of the mesh before it is refused [m]."
-    )
 
 
-class MotionSensors(Section):
+class MotionSensors(SensorSites):
     """Accelerometers or displacement sensors that may be placed beside the strain gauges."""
 
     quantity: Literal["acceleration", "displacement"] = Field(description="What they measure: [m/s²] or [m].")
-    surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
     axes: Annotated[tuple[Vector | Literal["normal"], ...], Field(min_length=1, max_length=3)] = Field(
         ("normal",),
         description="Measuring directions, 'normal' to the surface or in global coordinates [-]; several are one sensor, as "
@@ -120,6 +131,3 @@ class MotionSensors(Section):
     range: Positive | None = Field(
         None, description="Largest reading [m/s² or m]; candidates that see more are dropped."
     )
-    price: NotNegative = Field(1.0, description="Price of a sensor, in the unit of place.budget.")
-    include: tuple[Zone, ...] = Field((), description="Zones that they have to be in, one of them; none: everywhere.")
-    exclude: tuple[Zone, ...] = Field((), description="Zones without them.")

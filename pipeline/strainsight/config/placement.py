@@ -9,10 +9,10 @@ from pydantic import Discriminator, Field, Tag
 from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, Vector, with_defaults
 from strainsight.config.estimate import Estimate
 from strainsight.config.gauges import Gauges, MotionSensors
+from strainsight.config.layout import LayoutSettings
 from strainsight.config.loads import Load
 from strainsight.config.mesh import MeshFile
 from strainsight.config.validation import Validate
-from strainsight.config.zones import Zone
 
 KeepAll = Literal["all"]
 
@@ -106,13 +106,6 @@ class ProcessNoise(Section):
     )
 
 
-class ZoneLimit(Section):
-    """So many gauges in a zone, and no more."""
-
-    zone: Zone = Field(description="The zone.")
-    count: int = Field(ge=0, description="Most gauges in it [-].")
-
-
 class Symmetry(Section):
     """A plane: gauges on both sides are placed in pairs."""
 
@@ -120,14 +113,11 @@ class Symmetry(Section):
     normal: Vector = Field(description="Its normal in global coordinates [-].")
 
 
-class Place(Section):
+class Place(LayoutSettings):
     """The elimination."""
 
     estimate: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(
         description="Unknown loads and parameters to place for."
-    )
-    keep: int = Field(
-        ge=1, description="Gauges to glue [-], those already glued among them; with a budget at most so many."
     )
     instants: int = Field(20, ge=1, description="Instants of a training run that the model is linearised at [-].")
     parameter_samples: int = Field(
@@ -138,37 +128,12 @@ class Place(Section):
     aggregate: Literal["mean", "worst"] = Field(
         "mean", description="How instants and parameter samples are put together."
     )
-    criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = Field(
-        "trace",
-        description="What the layout makes small, of the covariance of the unknowns: the sum of their variances; the volume of "
-        "what stays uncertain, which no unit changes; or the variance of the combination of them that is known worst.",
-    )
-    metric_over: tuple[Name, ...] = Field(
-        (),
-        description="Unknowns of place.estimate that the criterion is taken over; empty: all. The others are estimated beside "
-        "them, however badly.",
-    )
     weights: Literal["normalised", "thesis"] = Field(
         "normalised",
         description="Of the trace. normalised: every unknown starts at 1; thesis: the plain trace, which orders by units.",
     )
-    minimum_spacing: NotNegative = Field(0.0, description="Least distance between gauges of the layout [m].")
-    at_most: tuple[ZoneLimit, ...] = Field((), description="Most gauges in some zones.")
-    budget: Positive | None = Field(
-        None, description="What the gauges may cost together (gauges.price); null: no limit."
-    )
     symmetry: Symmetry | None = Field(
         None, description="Place gauges in mirrored pairs; those without a mirror are left out."
-    )
-    certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
-    exchange: bool = Field(True, description="Exchange gauges after the elimination until none helps.")
-    optimise: Literal["metric", "worst_failure"] = Field(
-        "metric", description="metric: the criterion; worst_failure: the same after the worst failure of any one gauge."
-    )
-    prove: NotNegative = Field(
-        0.0,
-        description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none. What it reaches "
-        "without a proof depends on the machine.",
     )
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag
 
 from strainsight.config.base import Positive, Section, Text, Vector
+from strainsight.config.problem import Problem
+
+NO_LENGTH = "a vector of length zero"
+FOR_EXAMPLE = "give a vector such as [1, 0, 0]"
 
 
 def key_of(*keys: str) -> Any:
@@ -85,3 +90,17 @@ Zone = Annotated[
     | Annotated[NearSetZone, Tag("near_set")],
     key_of("box", "cylinder", "normal_cone", "near_edges", "near_set"),
 ]
+
+
+def zone_problems(key: str, zones: Sequence[Any]) -> Iterator[Problem]:
+    for i, zone in enumerate(zones):
+        yield from zone_problem(f"{key}.{i}", zone)
+
+
+def zone_problem(key: str, zone: Any) -> Iterator[Problem]:
+    if isinstance(zone, BoxZone) and any(low >= high for low, high in zip(*zone.box, strict=True)):
+        yield Problem(f"{key}.box", "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
+    elif isinstance(zone, InCylinder) and not any(zone.cylinder.axis):
+        yield Problem(f"{key}.cylinder.axis", NO_LENGTH, FOR_EXAMPLE)
+    elif isinstance(zone, FacingZone) and not any(zone.normal_cone.axis):
+        yield Problem(f"{key}.normal_cone.axis", NO_LENGTH, FOR_EXAMPLE)

@@ -16,6 +16,8 @@ from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
 
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
+UNITS = ("strain", "m/s^2", "m")
+"""Of these quantities."""
 
 STEEPEST = 10.0
 """Degrees: an axis nearer than this to a facet's normal has no trustworthy projection on it."""
@@ -88,6 +90,15 @@ class Candidates:
         """The channels at `index`, in its order; neighbours of one gauge remain one."""
         taken = {entry.name: getattr(self, entry.name)[index] for entry in fields(self)}
         return Candidates(**(taken | {"gauge": _consecutive(taken["gauge"])}))
+
+
+def channels_of_gauges(owner: np.ndarray, gauges: np.ndarray) -> np.ndarray:
+    """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest; owner (m,) ascending: the gauge
+    of every channel."""
+    first = np.searchsorted(owner, gauges)
+    count = np.searchsorted(owner, gauges, side="right") - first
+    each = np.arange(int(count.max(initial=1)))
+    return np.asarray(np.where(each < count[..., None], first[..., None] + each, -1))
 
 
 def concatenate(parts: Sequence[Candidates]) -> Candidates:

@@ -64,7 +64,7 @@ def glued(
             key,
             i,
             f"is {found.distance[i]:.4g} m from the surface (nearest: {_xyz(found.point[i])}), beyond {tolerance:g} m",
-            "correct its position, or raise gauges.snap_tolerance; positions are in metres",
+            "correct its position, or raise snap_tolerance beside it; positions are in metres",
         )
     normal = normals_at(skin, found.facet, found.local)
     d = np.array([_laid(key, i, entry, normal[i]) for i, entry in enumerate(entries)])

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, diags_array, vstack
 
 from strainsight.augmentation.observability import MarginalModes, undetectable_directions, undetectable_in_words
 from strainsight.errors import InfeasibleError
-from strainsight.placement.limits import BUDGET, FIXED, KEEP, SPACING, Limits
+from strainsight.placement.limits import BUDGET, KEEP, SPACING, Limits
 from strainsight.placement.scenario import Pool
 
 SEES = 1e-9
@@ -184,11 +184,12 @@ def _conflict(limits: Limits, at: int) -> InfeasibleError:
     name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
     glued = [g for g in sorted(limits.fixed) if row[g] > 0]
     if name == SPACING:
-        what = f"the gauges of row {glued[0]} of the pool are glued already ({FIXED}), nearer to each other than {name}"
+        what = f"the gauges of row {glued[0]} of the pool are glued already ({limits.key}), nearer to each other than {name}"
     else:
         unit = "" if name == BUDGET else " gauges"
-        what = f"what is glued already ({FIXED}) takes {row[glued].sum():g}{unit} of the {limits.most[at]:g} that {name} allows"
-    return InfeasibleError(what, key=name, remedy=f"widen {name}, or take a gauge out of {FIXED}")
+        taken = f"{row[glued].sum():g}{unit} of the {limits.most[at]:g}"
+        what = f"what is glued already ({limits.key}) takes {taken} that {name} allows"
+    return InfeasibleError(what, key=name, remedy=f"widen {name}, or take a gauge out of {limits.key}")
 
 
 def _no_room(limits: Limits, families: Sequence[str], room: int, found: Found) -> InfeasibleError:

@@ -23,7 +23,8 @@ class Limits:
 
     rows (constraints, pool) ≥ 0; most (constraints,); names: dotted config key of every constraint, the same for all of
     one key; size (pool,): gauges in every pool row, 2 in a mirrored pair; keep: most gauges, rows[0] = size; least: 0
-    under a budget, else keep, less what a row of more than one gauge may leave over. A part of a layout breaks no limit.
+    under a budget, else keep, less what a row of more than one gauge may leave over; key: config key of the fixed ones. A
+    part of a layout breaks no limit.
     """
 
     rows: csr_array
@@ -33,6 +34,7 @@ class Limits:
     size: np.ndarray
     keep: int
     least: int
+    key: str = FIXED
 
     @property
     def plain(self) -> bool:
@@ -107,13 +109,14 @@ def limits_of(
     budget: float | None = None,
     near: np.ndarray | None = None,
     zones: Sequence[tuple[str, np.ndarray, int]] = (),
+    key: str = FIXED,
 ) -> Limits:
     """The `Limits` of a pool of so many rows.
 
     fixed: rows that stay and count; size (pool,): gauges in each, 1 where not given; price (pool,) ≥ 0 and budget: with a
     budget `keep` is an upper limit; near (p, 2): rows that may not both be kept, of which two fixed ones are as they are,
     and with twice the same a row that may not be kept at all; zones: (config key, members (pool,), at most so many),
-    members bool, or how many gauges of the row lie inside.
+    members bool, or how many gauges of the row lie inside; key: dotted config key of the fixed ones.
     Raises ConfigError where the pool is smaller than `keep` or the fixed gauges are more.
     """
     sizes = np.ones(pool, dtype=int) if size is None else np.asarray(size, dtype=int)
@@ -125,10 +128,10 @@ def limits_of(
             remedy=f"keep between {max(1, glued)} and {total}",
         )
     rows, most, names = [sizes.astype(float)], [float(keep)], [KEEP]
-    for key, members, at_most in zones:
+    for name, members, at_most in zones:
         rows.append(np.asarray(members, dtype=float))
         most.append(float(at_most))
-        names.append(key)
+        names.append(name)
     if budget is not None:
         rows.append(np.ones(pool) if price is None else np.asarray(price, dtype=float))
         most.append(budget * (1 + ROUNDED))
@@ -152,6 +155,7 @@ def limits_of(
         size=sizes,
         keep=keep,
         least=least,
+        key=key,
     )
 
 

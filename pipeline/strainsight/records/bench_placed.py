@@ -1,9 +1,10 @@
-"""place.h5 of a bench: candidates, the elimination in the pool, and the layouts with what each is expected to know."""
+"""place.h5 of a bench: candidates, the placement in the pool, and the layouts with what each is expected to know."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.layout import PlacedLayout
 from strainsight.records.record import dataset, group, record
 
 PLACED = "place"
@@ -22,40 +23,14 @@ class BenchCandidates:
 
 
 @record
-class AugmentedBench:
-    """State (y, ẏ, u) about the static equilibrium: motions that the constraints leave, their rates, the unknown inputs."""
-
-    F: np.ndarray = dataset("/F", "1/s", "n* × n*", "state matrix of (η, η̇, u) about the static equilibrium")
-    H: np.ndarray = dataset("/H", "strain", "pool × n*", "row of every gauge of the pool")
-    Q: np.ndarray = dataset("/Q", "1/s", "n* × n*", "process intensity")
-    R: np.ndarray = dataset("/R", "strain^2 s", "pool", "intensity of every gauge")
-    weight: np.ndarray = dataset("/weight", "1", "n*", "diagonal of W")
-
-
-@record
-class BenchElimination:
-    removed: np.ndarray = dataset("/removed", "1", "step", "pool rows in the order of their removal")
-    trace: np.ndarray = dataset("/trace", "1", "step + 1", "tr(W P), the full pool first")
-    rise: np.ndarray = dataset("/rise", "1", "step", "rise of tr(W P) at every removal, with all its digits")
-    greedy: np.ndarray = dataset("/greedy", "1", "kept", "pool rows that the elimination leaves")
-
-
-@record
-class BenchCertificate:
-    lower_bound: float = dataset("/lower_bound", "1", "", "no layout of that size has a lower tr(W P)")
-    gap: float = dataset("/gap", "1", "", "(tr(W P) of the layout − lower bound) / tr(W P)")
-    weights: np.ndarray = dataset("/weights", "1", "pool", "weights of the relaxation")
-
-
-@record
 class BenchLayout:
     """One layout, its gauges in its order."""
 
     candidate: np.ndarray = dataset("/candidate", "1", "gauge", "number of every gauge among the candidates")
     position: np.ndarray = dataset("/position", "m", "gauge × 3", "position")
     direction: np.ndarray = dataset("/direction", "1", "gauge × 3", "measuring direction")
-    trace: float = dataset(
-        "/trace", "1", "", "tr(W P); inf where an input is lost, NaN where the equation is not solved to accuracy"
+    metric: float = dataset(
+        "/metric", "1", "", "<what>; inf where an input is lost, NaN where the equation is not solved to accuracy"
     )
     std: np.ndarray = dataset(
         "/std",
@@ -67,20 +42,14 @@ class BenchLayout:
 
 
 @record
-class BenchPlaced:
-    """place.h5 of a bench."""
+class BenchPlaced(PlacedLayout):
+    """place.h5 of a bench: the state is (η, η̇, u) about the static equilibrium, motions that the constraints leave in their
+    modes, their rates, the unknown inputs."""
 
     inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every unknown input")
     units: tuple[str, ...] = dataset("/units", "1", "/inputs", "unit of every one of them")
     candidates: BenchCandidates = group("/candidates")
-    augmented: AugmentedBench = group("/augmented")
-    pool: np.ndarray = dataset("/pool/candidate", "1", "pool", "candidates that enter the elimination")
-    elimination: BenchElimination = group("/elimination")
-    exchange: np.ndarray = dataset(
-        "/exchange/trace", "1", "exchange + 1", "tr(W P) after every exchange, the elimination's first"
-    )
-    certificate: BenchCertificate = group("/certificate")
-    layouts: dict[str, BenchLayout] = group("/layouts/<name>")
+    layouts: dict[str, BenchLayout] = group("/layouts/<name>", what="<what>")
 
     def layout(self, which: str) -> BenchLayout:
         """For a sensor with `layout: which`. "random": the first of those drawn, which is no worse a draw than another."""

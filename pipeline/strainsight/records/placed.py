@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.layout import PlacedLayout
 from strainsight.records.record import dataset, group, record
 
 
@@ -31,84 +32,6 @@ class Observed:
 
 
 @record
-class Augmented:
-    """Every scenario exactly as it was solved, so that anyone can solve it again."""
-
-    F: np.ndarray = dataset("/F", "1/s", "scenario × state × state", "augmented state matrix F*")
-    H: np.ndarray = dataset("/H", "strain", "scenario × channel × state", "rows H* of every channel")
-    Q: np.ndarray = dataset("/Q", "1/s", "scenario × state × state", "process intensity")
-    R: np.ndarray = dataset("/R", "strain^2 s", "scenario × channel", "intensity of every channel")
-    weight: np.ndarray = dataset("/weight", "1", "scenario × state", "diagonal of W")
-    scale: np.ndarray = dataset(
-        "/scale",
-        "x*",
-        "scenario × state",
-        "x* = scale · the coordinates above, in which diag P = 1 with the whole pool",
-    )
-
-
-@record
-class PoolTable:
-    """What is bonded and removed as one: a gauge, or a mirrored pair."""
-
-    candidate: np.ndarray = dataset(
-        "/candidate", "1", "pool row", "row of train.h5 of every pool row, of its first channel"
-    )
-    channel: np.ndarray = dataset("/channel", "1", "channel", "row of train.h5 of every row of /augmented/H")
-    row: np.ndarray = dataset("/row", "1", "channel", "pool row that every row of /augmented/H belongs to")
-    gauges: np.ndarray = dataset(
-        "/gauges", "1", "pool row × 1 or 2", "gauges of every pool row, −1 where it has one and others two"
-    )
-
-
-@record
-class Removals:
-    """The elimination, the whole pool first."""
-
-    removed: np.ndarray = dataset("/removed", "1", "removal", "pool rows in the order of their removal")
-    trace: np.ndarray | None = dataset(
-        "/trace", "1", "removal + 1", "metric, the full pool first, where it is the trace", default=None
-    )
-    metric: np.ndarray | None = dataset(
-        "/metric", "1", "removal + 1", "metric, the full pool first, where it is another one", default=None
-    )
-    rise: np.ndarray = dataset("/rise", "1", "removal", "rise of the metric at every removal, with all its digits")
-    unknowns: tuple[str, ...] = dataset(
-        "/unknowns", "1", "/unknowns", "name of every unknown that the metric weighs, inputs first"
-    )
-    blocks: np.ndarray = dataset(
-        "/blocks",
-        "1",
-        "removal + 1 × /unknowns",
-        "variance of every one of them times its weight, of which tr(W P) is the sum",
-    )
-    solves: np.ndarray = dataset("/solves", "1", "removal", "exact Riccati solves of every removal")
-    ties: np.ndarray = dataset("/ties", "1", "removal", "other pool rows that were as good to remove, at every removal")
-
-
-@record
-class Selection:
-    """A set of gauges."""
-
-    gauge: np.ndarray = dataset(
-        "/gauge", "1", "gauge", "pool row of every gauge; of the final set the most missed first"
-    )
-    number: np.ndarray = dataset("/number", "1", "gauge", "number of every gauge in train.h5")
-    channel: np.ndarray = dataset(
-        "/channel", "1", "gauge × most channels", "rows of train.h5 of its channels, −1 where it has fewer"
-    )
-    rank: np.ndarray = dataset("/rank", "1", "gauge", "1 is the gauge that is missed most; else the order of the list")
-    element: np.ndarray = dataset("/element", "1", "gauge", "element id in the deck")
-    facet: np.ndarray = dataset("/facet", "1", "gauge", "facet number within the element, from 1")
-    nodes: np.ndarray = dataset("/nodes", "1", "gauge × 8", "node indices of the facet, −1 where it has fewer")
-    position: np.ndarray = dataset("/position", "m", "gauge × 3", "position")
-    direction: np.ndarray = dataset("/direction", "1", "gauge × 3", "direction of its first channel")
-    load: np.ndarray | None = dataset(
-        "/load", "1", "gauge", "largest training reading over the range of every gauge, NaN: none stated", default=None
-    )
-
-
-@record
 class PbhNumbers:
     """Observability of the unknowns from the whole pool."""
 
@@ -120,53 +43,13 @@ class PbhNumbers:
 
 
 @record
-class Bound:
-    """What any layout within the limits could reach."""
-
-    lower_bound: float = dataset("/lower_bound", "1", "", "no layout within the limits has a smaller metric")
-    gap: float = dataset("/gap", "1", "", "(metric of the final set − bound) / metric")
-    weights: np.ndarray = dataset("/weights", "1", "pool row", "gauge weights of the relaxed problem")
-
-
-@record
-class Rules:
-    """The layout beside those by other rules, all from the same covariances."""
-
-    rule: tuple[str, ...] = dataset("/rule", "1", "/rule", "how every set was found")
-    gauges: np.ndarray = dataset("/gauges", "1", "/rule × row", "pool rows of every set, −1 for none")
-    name: tuple[str, ...] = dataset("/name", "1", "/name", "every criterion, that of the layout first")
-    value: np.ndarray = dataset("/value", "1", "/rule × /name", "metric of every set by every criterion")
-    std: dict[str, np.ndarray] = dataset(
-        "/std/<name>", "SI", "/rule", "steady-state σ of <name>, which ranks layouts and is no claim"
-    )
-
-
-@record
-class Placed:
+class Placed(PlacedLayout):
     """place.h5."""
 
-    augmented: Augmented = group("/augmented")
-    pool: PoolTable = group("/pool")
-    elimination: Removals = group("/elimination")
-    residual: float = dataset(
-        "/riccati/residual", "1", "", "largest relative residual of the elimination's Riccati solutions"
-    )
-    greedy: Selection = group("/selected/greedy")
-    final: Selection = group("/selected/final")
     expected_std: dict[str, float] = dataset(
         "/expected_std/<name>", "SI", "", "σ of <name> that the filter is expected to claim, along the training run"
     )
     without: dict[str, np.ndarray] = dataset(
         "/without/<name>", "1", "gauge", "relative σ of <name> expected without each gauge of the final set"
     )
-    loss: np.ndarray = dataset(
-        "/failure/loss",
-        "1",
-        "gauge",
-        "metric when each gauge of the final set fails; inf where an unknown is then lost, NaN where not solved",
-    )
     observability: PbhNumbers = group("/observability")
-    certificate: Bound | None = group("/certificate", default=None)
-    baseline: dict[str, float] = dataset("/baseline/<name>", "1", "", "metric of the set by that rule")
-    criteria: Rules = group("/criteria")
-    advice: tuple[str, ...] = dataset("/advice", "1", "sentence", "what to do with the layout")

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.structure.settings import families
-from strainsight.config import zones as stated
 from strainsight.config.gauges import AxisDirection, Gauges
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
@@ -17,7 +17,7 @@ from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.principal import principal_angles
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.surface import facet_centres
-from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, Zone, inside
+from strainsight.gauges.zones import inside
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 
@@ -131,17 +131,3 @@ def _strain_gauges(
         )
     kept = pool.take(np.flatnonzero(well))
     return kept, pool.gauges - kept.gauges
-
-
-def zone_of(entry: stated.Zone) -> Zone:
-    """A zone of a config."""
-    match entry:
-        case stated.BoxZone(box=(low, high)):
-            return Box(low, high)
-        case stated.InCylinder(cylinder=own):
-            return Cylinder(own.point, own.axis, own.radius)
-        case stated.FacingZone(normal_cone=cone):
-            return NormalCone(cone.axis, cone.angle)
-        case stated.NearSetZone(near_set=near):
-            return NearSet(near.set, near.distance)
-    return NearEdges(entry.near_edges)

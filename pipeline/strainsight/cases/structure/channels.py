@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.gauges.candidates import ACCELERATION
+from strainsight.gauges.candidates import ACCELERATION, channels_of_gauges
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, damping_matrix
-
-UNITS = ("strain", "m/s^2", "m")
-"""Of the quantities strain, acceleration and displacement."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +33,7 @@ class Channels:
 
     def of(self, gauges: np.ndarray) -> np.ndarray:
         """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest."""
-        first = np.searchsorted(self.gauge, gauges)
-        count = np.searchsorted(self.gauge, gauges, side="right") - first
-        each = np.arange(int(count.max(initial=1)))
-        return np.where(each < count[..., None], first[..., None] + each, -1)
+        return channels_of_gauges(self.gauge, gauges)
 
 
 def channels_of(training: Training, screened: Screened) -> Channels:

@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.structure.problem import SILENT, Problem, filter_model, initial_covariance
 from strainsight.errors import NumericalError
 from strainsight.estimation.filter import covariance_recursion
 from strainsight.placement.recommendation import alike
-
-
-@dataclass(frozen=True)
-class Expectation:
-    """σ of every unknown relative to its scale: std, name → σ; without, name → (k,) σ without each gauge in turn."""
-
-    std: dict[str, float]
-    without: dict[str, np.ndarray]
-
-    def importance(self, over: Collection[str]) -> np.ndarray:
-        """How much σ grows without each gauge, summed over these unknowns (k,)."""
-        return np.asarray(sum(self.without[name] / self.std[name] for name in over))
-
-    def ordered(self, order: np.ndarray) -> Expectation:
-        """The same with the gauges in another order."""
-        return Expectation(self.std, {name: values[order] for name, values in self.without.items()})
 
 
 def expectation(problem: Problem, gauges: np.ndarray) -> Expectation:

@@ -11,10 +11,7 @@ from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.noise import Rule, channel_intensity
 from strainsight.cases.structure.problem import Problem
 from strainsight.config.placement import Place
-from strainsight.placement.criteria.choices import CRITERIA
-from strainsight.placement.criteria.trace import Trace
-from strainsight.placement.metric import Metric
-from strainsight.placement.scenario import Pool, Scenario, thesis_weight, weight_of_pools
+from strainsight.placement.scenario import Scenario
 from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import instant_values
 
@@ -43,20 +40,6 @@ def scenarios_of(
             H, r = _measured(p, channels, F)
             plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
     return tuple(plain)
-
-
-def metrics_of(problem: Problem, pools: Sequence[Pool], settings: Place) -> dict[str, Metric]:
-    """Every criterion of the unknowns of `place.metric_over`, by its name: the trace weighed as `place.weights` asks for,
-    the others in units of x*, relative to amplitude and guess."""
-    unknowns = problem.unknowns
-    over = np.isin(unknowns.names, settings.metric_over or unknowns.names)
-    at, size = np.asarray(unknowns.position(problem.model))[over], len(pools[0].P)
-    if settings.weights == "thesis":
-        weight = thesis_weight(size, at, unknowns.scale[over])
-    else:
-        weight = weight_of_pools(pools, at)
-    own = thesis_weight(size, at, np.ones(len(at)))
-    return {c.name: Metric(weight if isinstance(c, Trace) else own, c) for c in CRITERIA}
 
 
 def parameter_samples(

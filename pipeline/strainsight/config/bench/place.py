@@ -7,38 +7,42 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Positive, Section, Text
-from strainsight.config.gauges import Direction, PrincipalDirection
+from strainsight.config.base import NotNegative, Positive
+from strainsight.config.gauges import Direction, GaugeSites, PrincipalDirection
+from strainsight.config.layout import Keep, LayoutSettings, layout_problems
 from strainsight.config.names import FlexibleName
 from strainsight.config.problem import Problem
-from strainsight.config.zones import Zone
+from strainsight.config.zones import zone_problems
 
 Layout = Literal["place", "random"]
 """Which layout a strain sensor takes from the placement."""
 
 
-class BenchPlace(Section):
+class BenchPlace(GaugeSites, LayoutSettings):
     """Gauges of a flexible body, placed for the unknown inputs of `estimate`."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
-    keep: int = Field(4, ge=1, description="Gauges to glue [-].")
+    keep: Keep = 4
     noise: Positive = Field(description="Noise standard deviation of a sample of every gauge [strain].")
-    surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
     direction: Direction = Field(
         default_factory=lambda: PrincipalDirection(type="principal", angles=(0.0, 45.0, 90.0, 135.0)),
         description="Measuring directions of the candidates, one gauge each; principal: of the static strains under the unknown "
         "inputs, each as strong as the others.",
     )
-    include: tuple[Zone, ...] = Field((), description="Zones that gauges have to be in, one of them; none: everywhere.")
-    exclude: tuple[Zone, ...] = Field((), description="Zones without gauges.")
     pool: Annotated[int, Field(ge=1)] = Field(
-        300, description="Candidates that enter the elimination [-]: the strongest under each unknown input in turn."
+        300,
+        description="Candidates that enter the elimination beside the bonded ones [-]: the strongest under each unknown input "
+        "in turn.",
     )
     spacing: NotNegative = Field(
         0.0, description="Least distance between those that are strongest under one input [m]."
     )
-    minimum_spacing: NotNegative = Field(0.0, description="Least distance between gauges of the layout [m].")
     random: int = Field(4, ge=0, le=1000, description="Layouts drawn from all candidates, to compare with [-].")
+
+    @property
+    def bonded(self) -> int:
+        """How many gauges are there already: each grid of a rosette is one."""
+        return sum(len(gauge.angles) for gauge in self.fixed)
 
 
 def place_problems(config: Any) -> Iterator[Problem]:
@@ -49,8 +53,12 @@ def place_problems(config: Any) -> Iterator[Problem]:
             yield Problem(
                 "place", "no input is unknown", "name the loads to place for under estimate.inputs", at_key=True
             )
-        if place.pool < place.keep:
+        if place.pool + place.bonded < place.keep:
             yield Problem("place.pool", f"{place.pool} candidates for {place.keep} gauges", "take a larger pool")
+        inputs = () if config.estimate is None else tuple(config.estimate.inputs)
+        yield from layout_problems(place, inputs, "estimate.inputs", place.bonded, "place.fixed")
+        yield from zone_problems("place.include", place.include)
+        yield from zone_problems("place.exclude", place.exclude)
     for name, sensor in config.sensors.items():
         if sensor.type == "strain":
             yield from _layout(f"sensors.{name}", sensor, place)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.cases.structure.channels import channels_of
-from strainsight.cases.structure.gauge_list import GaugeList, gauge_list
+from strainsight.cases.layout.gauge_list import GaugeList
+from strainsight.cases.structure.gauges import listed_gauges as gauges_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.placed import Placed
@@ -64,7 +64,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
 
 def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
     training, screened = read(Training, up["train"]), read(Screened, up["screen"])
-    return gauge_list(read(Placed, up["place"]).final.number, channels_of(training, screened), training, screened)
+    return gauges_of(read(Placed, up["place"]).final.number, training, screened)
 
 
 def is_ready(rom: Artefact) -> bool:

@@ -7,11 +7,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from strainsight.cases.structure.gauge_list import channel_labels
+from strainsight.cases.layout.comparison import RULES
+from strainsight.cases.layout.gauge_list import channel_labels
 from strainsight.placement.criteria.choices import criterion_of
 from strainsight.placement.criteria.criterion import Criterion
+from strainsight.records.layout import PlacedLayout, metric_key
 from strainsight.records.placed import Observed, Placed
-from strainsight.records.placement import RULES, metric_key
 from strainsight.records.record import read, unit_of
 from strainsight.records.validated import Validated
 from strainsight.report.arrays import History
@@ -60,7 +61,7 @@ def repeated(name: str, validate: Artefact) -> tuple[np.ndarray, np.ndarray]:
 
 
 def trend_of(place: Artefact) -> Trend:
-    summary, own = place.summary, read(Placed, place).elimination
+    summary, own = place.summary, read(PlacedLayout, place).elimination
     criterion = criterion_of(str(summary["criterion"]))
     key = metric_key(criterion.name)
     value: np.ndarray = getattr(own, key)
@@ -121,20 +122,20 @@ def signals_of(up: Mapping[str, Artefact]) -> tuple[GaugeSignal, ...]:
 
 def metrics_of(place: Artefact) -> tuple[Metric, ...]:
     """Every criterion, that of the layout first."""
-    return tuple(_metric(criterion_of(name), place) for name in read(Placed, place).criteria.name)
+    return tuple(_metric(criterion_of(name), place) for name in read(PlacedLayout, place).criteria.name)
 
 
 def _metric(criterion: Criterion, place: Artefact) -> Metric:
     """In words, with the unknowns that it covers where these are not all."""
-    own = read(Placed, place)
+    own = read(PlacedLayout, place)
     over = own.elimination.unknowns
-    of = f", of {' and '.join(over)} alone" * (len(over) < len(own.expected_std))
+    of = f", of {' and '.join(over)} alone" * (len(over) < len(own.criteria.std))
     return Metric(criterion.symbol, criterion.meaning + of)
 
 
 def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
     """This layout, then the others by their metric; of the random sets the one in the middle."""
-    own = read(Placed, place).criteria
+    own = read(PlacedLayout, place).criteria
     drawn = sorted((i for i, rule in enumerate(own.rule) if rule not in RULES), key=lambda i: own.value[i, 0])
     shown = {i: RULES[rule] for i, rule in enumerate(own.rule) if rule in RULES}
     if drawn:

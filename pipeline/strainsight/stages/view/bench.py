@@ -74,7 +74,7 @@ def _modes(title: str, layout: Layout, mesh: Mesh, part: ReducedBody) -> View:
 
 def _candidates(title: str, layout: Layout, place: BenchPlaced) -> View:
     """The pool by the step in which each was removed; what stayed has the last colour, what never entered is grey."""
-    position, pool, removed = place.candidates.position, place.pool, place.elimination.removed
+    position, pool, removed = place.candidates.position, place.pool.candidate, place.elimination.removed
     step = np.full(len(pool), len(removed) + 1.0)
     step[removed] = np.arange(1, len(removed) + 1)
     outside = np.delete(position, pool, axis=0)

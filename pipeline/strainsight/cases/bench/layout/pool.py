@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
 
 import numpy as np
 
-from strainsight.cases.structure.candidates import BASE_ANGLES, zone_of
+from strainsight.cases.layout.zones import zone_of
+from strainsight.cases.structure.candidates import BASE_ANGLES
 from strainsight.config.bench.place import BenchPlace
 from strainsight.errors import InfeasibleError, blame
-from strainsight.gauges.candidates import Candidates, candidates
+from strainsight.gauges.candidates import Candidates, candidates, concatenate
+from strainsight.gauges.glued import GluedEntry, glued
 from strainsight.gauges.principal import principal_angles
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.screening import screen, strongest_first
-from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 
 UNFELT = 1e-12
@@ -25,8 +27,8 @@ UNFELT = 1e-12
 
 @dataclass(frozen=True)
 class GaugePool:
-    """candidates, m of them, a gauge each; rows (m, r) strain per coordinate of the body; response (m, nu) strain per unit of
-    every unknown input, at rest; kept (p,) ascending: which enter the elimination."""
+    """candidates, m of them, a gauge each, those that are bonded already first; rows (m, r) strain per coordinate of the body;
+    response (m, nu) strain per unit of every unknown input, at rest; kept (p,) ascending: which enter the elimination."""
 
     candidates: Candidates
     rows: np.ndarray
@@ -54,15 +56,23 @@ def gauge_pool(
             rows = channel_rows(mesh.position, base, basis, facets=facets)
             alike = static / _strength(rows @ static, inputs)
             turn = principal_angles(rows.reshape(-1, len(BASE_ANGLES), basis.shape[1]), alike @ alike.T)
-        pool = zoned(mesh, facets, axis, place.direction.angles, turn=turn)
+        pool = concatenate([_bonded(mesh, facets, place), zoned(mesh, facets, axis, place.direction.angles, turn=turn)])
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     response = rows @ static
     size = np.abs(response) / _strength(response, inputs)
+    free, there = np.flatnonzero(~pool.glued), np.flatnonzero(pool.glued)
     with blame("place.spacing"):
-        ranked = [_ranked(column, pool.position, float(place.spacing)) for column in size.T]
+        ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in size.T]
     in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
-    kept = list(in_turn)[: int(place.pool)]
+    kept = [*there.tolist(), *list(in_turn)[: int(place.pool)]]
     return GaugePool(pool, rows, response, np.array(sorted(kept)))
+
+
+def _bonded(mesh: Mesh, facets: Facets, place: BenchPlace) -> Candidates:
+    """The gauges that are there already, each grid of a rosette a gauge of its own."""
+    entries = [GluedEntry(e.position, e.direction, float(e.length or 0.0), e.angles) for e in place.fixed]
+    there, _ = glued(mesh, facets, entries, float(place.snap_tolerance), "place.fixed")
+    return replace(there, gauge=np.arange(len(there)))
 
 
 def _ranked(strength: np.ndarray, position: np.ndarray, spacing: float) -> np.ndarray:

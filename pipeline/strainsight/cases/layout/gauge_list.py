@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.structure.channels import UNITS, Channels
-from strainsight.gauges.candidates import ACCELERATION, STRAIN
-from strainsight.records.training import Screened, Training
+from strainsight.gauges.candidates import ACCELERATION, STRAIN, UNITS, Candidates
 from strainsight.workflow.output import Table
 
 
@@ -40,12 +38,16 @@ class GaugeList:
     range: np.ndarray
 
 
-def gauge_list(gauges: np.ndarray, channels: Channels, training: Training, screened: Screened) -> GaugeList:
-    """Gauges (k,) by their numbers, as a layout lists them."""
-    names, candidates = screened.family, training.candidates
-    own = [row[row >= 0] for row in channels.of(gauges)]
-    first = np.array([row[0] for row in own])
-    reading, limit = training.reading, screened.range
+def gauge_list(
+    candidates: Candidates, gauges: np.ndarray, families: Sequence[str], peak: np.ndarray, limit: np.ndarray
+) -> GaugeList:
+    """Gauges (k,) by their numbers, as a layout lists them.
+
+    families: names of the arrays of the candidates; peak (m,): largest reading of every channel; limit (m,): what it can
+    measure, infinite where that is not stated.
+    """
+    own = [candidates.channels(gauges[i : i + 1]) for i in range(len(gauges))]
+    first = candidates.first[gauges]
     stated = np.array([limit[c].min() for c in own])
     return GaugeList(
         labels=tuple(f"G{i + 1}" for i in range(len(gauges))),
@@ -59,9 +61,9 @@ def gauge_list(gauges: np.ndarray, channels: Channels, training: Training, scree
         angles=tuple(candidates.angle[c] for c in own),
         length=candidates.length[first],
         glued=candidates.glued[first],
-        family=tuple(names[int(candidates.array[c])] for c in first),
-        peak=np.array([np.abs(reading[:, c]).max() for c in own]),
-        peaks=tuple(np.abs(reading[:, c]).max(axis=0) for c in own),
+        family=tuple(families[int(candidates.array[c])] for c in first),
+        peak=np.array([peak[c].max() for c in own]),
+        peaks=tuple(peak[c] for c in own),
         range=np.where(np.isfinite(stated), stated, np.nan),
     )
 
@@ -87,8 +89,13 @@ def _kind(quantity: int, channels: int) -> str:
     return "accelerometer" if quantity == ACCELERATION else "displacement sensor"
 
 
-def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray]) -> Table:
-    """Where every gauge goes, and what each unknown would be known to without it."""
+def percent(share: float) -> str:
+    """Three digits of a share."""
+    return f"{100 * share:.3g} %"
+
+
+def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], said: Callable[[float], str] = percent) -> Table:
+    """Where every gauge goes, and what each unknown would be known to without it, as `said`."""
     kinds, given = listed.glued.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
     rows = tuple(
         (
@@ -101,7 +108,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray]) -> Table:
             " ".join(f"{angle:g}°" for angle in listed.angles[i])
             if listed.kind[i] in ("strain gauge", "rosette")
             else "",
-            *(f"{100 * values[i]:.3g} %" for values in without.values()),
+            *(said(float(values[i])) for values in without.values()),
         )
         for i in range(len(listed.labels))
     )

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.structure.problem import Problem
-from strainsight.cases.structure.scenarios import scenarios_of
-from strainsight.config.placement import Place
+from strainsight.config.layout import LayoutSettings
 from strainsight.placement.branch_and_bound import BranchAndBound, branch_and_bound
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.exchange import Exchange, exchange
-from strainsight.placement.failure import loss_if_one_fails, robust_set
+from strainsight.placement.failure import robust_set
 from strainsight.placement.fill import fill
 from strainsight.placement.limits import Limits
-from strainsight.placement.metric import Metric
-from strainsight.placement.scenario import Pool, solve_pool
+from strainsight.placement.scenario import Aggregate, Pool
 from strainsight.placement.score import score
 
 
@@ -37,14 +34,14 @@ def layout_of(
     pools: Sequence[Pool],
     greedy: np.ndarray,
     limits: Limits,
-    settings: Place,
+    settings: LayoutSettings,
+    aggregate: Aggregate,
     progress: Callable[[str, float], None],
 ) -> Layout:
     """The set of least metric, or of least loss after one failure, as settings (`place` of a config) ask for.
 
     Raises InfeasibleError where a robust layout is asked for of so few gauges that every failure loses an unknown.
     """
-    aggregate = settings.aggregate
     progress("exchange", 0.5)
     # Under a budget the elimination leaves money over.
     greedy = fill(pools, greedy, limits, aggregate)
@@ -65,25 +62,3 @@ def layout_of(
         lower = min(proof.lower_bound, cost)
         certificate = replace(certificate, lower_bound=lower, gap=(cost - lower) / cost)
     return Layout(gauges, cost, swapped, certificate, proof)
-
-
-def gauge_losses(
-    problem: Problem,
-    pools: Sequence[Pool],
-    metric: Metric,
-    rows: np.ndarray,
-    gauges: np.ndarray,
-    settings: Place,
-    ranges: Mapping[str, Sequence[float]],
-    seed: int,
-) -> np.ndarray:
-    """The metric of the layout when each of its gauges fails (k,), inf where an unknown is lost, NaN where not solved.
-
-    metric: of x*; rows: its pool rows; gauges (k,) their numbers, in the same order. Of a mirrored pair one gauge fails, not
-    both.
-    """
-    aggregate = settings.aggregate
-    if len(rows) == len(gauges):
-        return loss_if_one_fails(pools, rows, aggregate)
-    alone = scenarios_of(problem, problem.channels.of(gauges), settings, ranges, seed)
-    return loss_if_one_fails([solve_pool(s).under(metric) for s in alone], np.arange(len(gauges)), aggregate)

@@ -35,19 +35,21 @@ def advice(
     ties: int,
     price: tuple[float, float] | None,
     alone: int,
+    relative: bool = True,
 ) -> tuple[str, ...]:
     """Sentences, the most useful first.
 
     labels (k,) of the gauges; criterion, over: the unknowns that its metric weighs; cost: metric of the elimination, the whole
     pool first, of one set only where limits rule the size; keep: gauges asked for; kept: pool rows in the layout; std: unknown
-    → σ relative to its scale, without: the same without each gauge (k,); groups of gauges that read alike; glued (k,) bool;
+    → σ, relative to its scale or not, without: the same without each gauge (k,); groups of
+    gauges that read alike; glued (k,) bool;
     load (k,): largest training reading over the range, NaN where no range is stated; loss (k,): metric when each fails, inf
     where an unknown is lost, NaN where not solved; ties: removals that could as well have been of another gauge; price: (of
     the layout, budget); alone: gauges without a mirror image.
     """
     return (
         *_how_many(sigma_of(criterion, over), cost, kept, labels, keep),
-        *_weakest(std),
+        *(_weakest(std) if relative else ()),
         *best_possible(certificate, criterion, over),
         *(
             f"{', '.join(labels[i] for i in group)} read alike in the training run: they average noise, and stand in for "
@@ -140,11 +142,10 @@ def _failures(
     elif lost:
         yield f"An unknown is lost if {' or '.join(lost)} fails."
     elif not unsolved:
-        name, worst, growth = max(
-            ((name, first_of_largest(values), float(np.max(values)) / std[name]) for name, values in without.items()),
-            key=lambda found: found[2],
-        )
-        yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
+        known = {name: values for name, values in without.items() if np.isfinite(values).all()}
+        found = ((float(np.max(values)) / std[name], name, first_of_largest(values)) for name, values in known.items())
+        for growth, name, worst in [max(found, key=lambda own: own[0])] if known else ():
+            yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
 
 
 def _percent(share: float) -> str:

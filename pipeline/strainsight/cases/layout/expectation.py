@@ -1,0 +1,26 @@
+"""What a filter on a layout is expected to claim, with all gauges and without each."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """σ of every unknown: std, name → σ; without, name → (k,) σ without each gauge in turn. On a structure relative to the
+    scale of the unknown, on a bench in N or N m; inf where it is lost, NaN where it is not solved."""
+
+    std: dict[str, float]
+    without: dict[str, np.ndarray]
+
+    def importance(self, over: Collection[str]) -> np.ndarray:
+        """How much σ grows without each gauge, summed over these unknowns (k,); infinite where that is not solved."""
+        grown = np.asarray(sum(self.without[name] / self.std[name] for name in over))
+        return np.where(np.isnan(grown), np.inf, grown)
+
+    def ordered(self, order: np.ndarray) -> Expectation:
+        """The same with the gauges in another order."""
+        return Expectation(self.std, {name: values[order] for name, values in self.without.items()})

@@ -1,0 +1,20 @@
+"""The zones of a config on the surface of a mesh."""
+
+from __future__ import annotations
+
+from strainsight.config import zones as stated
+from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, Zone
+
+
+def zone_of(entry: stated.Zone) -> Zone:
+    """A zone of a config."""
+    match entry:
+        case stated.BoxZone(box=(low, high)):
+            return Box(low, high)
+        case stated.InCylinder(cylinder=own):
+            return Cylinder(own.point, own.axis, own.radius)
+        case stated.FacingZone(normal_cone=cone):
+            return NormalCone(cone.axis, cone.angle)
+        case stated.NearSetZone(near_set=near):
+            return NearSet(near.set, near.distance)
+    return NearEdges(entry.near_edges)
