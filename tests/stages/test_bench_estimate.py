@@ -316,7 +316,7 @@ def test_a_lost_estimate_writes_no_command_history_and_says_so(estimate):
 def test_what_is_sure_and_wrong_is_said(estimate):
     found = estimate(LOADS, "estimate.duration=2.0", *(f"estimate.inputs.F{k}.increment=1.0e-3" for k in "xyz"))
     text = str(found.tables)
-    assert "Fz is sure and wrong" in text
+    assert "Fz is overconfident" in text
     assert "innovations are" in text
 
 

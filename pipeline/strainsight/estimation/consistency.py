@@ -74,20 +74,28 @@ def chi_square_band(dimension: int, samples: int = 1, level: float = 0.95) -> tu
     return float(low), float(high)
 
 
-def claim_of(error: np.ndarray, std: np.ndarray) -> Claim | None:
+def claim_of(error: np.ndarray, std: np.ndarray, alike: float = 1.0) -> Claim | None:
     """Whether one draw or many keep to the σ that was claimed for them: RMS of e/σ inside √(χ²_n/n).
 
-    error, std (n,), or scalars, in one unit; what is not finite and what claims no σ are no draws. None without a draw.
+    error, std (...), or scalars, in one unit; what is not finite and what claims no σ are no draws; alike: so many of them are
+    one draw, as starts of one seed or samples in time (`samples_alike`). None without a draw.
     Errors that are means over time of their own are smaller than one draw, and σ then cautious.
     """
     error, std = np.atleast_1d(error), np.atleast_1d(std)
     drawn = np.isfinite(error) & np.isfinite(std) & (std > 0)
-    draws = int(np.count_nonzero(drawn))
-    if not draws:
+    if not drawn.any():
         return None
+    draws = max(1, int(np.count_nonzero(drawn) / alike))
     ratio = float(np.sqrt(np.mean((error[drawn] / std[drawn]) ** 2)))
     low, high = (float(np.sqrt(edge)) for edge in chi_square_band(1, draws, HOLDS))
     return Claim(draws, ratio, (low, high), "cautious" if ratio < low else "overconfident" if ratio > high else "as claimed")
+
+
+def samples_alike(scaled: np.ndarray) -> float:
+    """How many samples of e/σ (T, ...) in time are worth one independent draw of its square: (1 + ρ²)/(1 − ρ²), ρ the
+    correlation of neighbours. Source: Bartlett, J. Roy. Stat. Soc. Suppl. 8 (1946)."""
+    power, square = np.nansum(scaled[:-1] ** 2), np.nansum(scaled[1:] * scaled[:-1]) ** 2
+    return float((power**2 + square) / max(power**2 - square, np.finfo(float).eps * power**2)) if power > 0 else 1.0
 
 
 def whiteness(whitened: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, un
 from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
 from strainsight.report.bench.tables import placement_table, ratio, runs_table
+from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
@@ -226,7 +227,9 @@ def test_the_table_has_columns_only_for_what_there_is():
 
 def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reported():
     placement = BenchPlacement(
-        np.eye(3), np.eye(3), {"F": 1e3}, {"F": np.array([2e3, np.inf])}, np.arange(3), np.ones(3), {}, {"F": "N"}
+        np.eye(3), np.eye(3), {"F": 1e3}, {"F": np.array([2e3, np.inf])}, {}, {"F": "N"},
+        Trend(np.arange(3), np.ones(3), {}, 1.0, Metric("tr", "the trace")), np.array([1.5, 2.0, np.inf]),
+        {"F": np.array([1e3, 2e3, np.inf])},
     )  # fmt: skip
     cells = re.findall(r"<td[^>]*>(.*?)</td>", placement_table(placement))
     assert [re.sub("<[^>]*>", "", cell) for cell in cells[:3]] == ["1\u00a0kN", "2\u00a0kN", "∞\u00a0N"]

@@ -6,11 +6,12 @@ Numbers are kept under the names that the stages give them in their summaries ("
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
-from strainsight.report.arrays import FloatArray, History, IntArray
+from strainsight.report.arrays import FloatArray, History
 from strainsight.report.page.run import Run, Scalar
+from strainsight.report.placement.data import Criteria, Metric, Trend
 
 
 @dataclass(frozen=True)
@@ -83,17 +84,22 @@ class BenchMotion:
 @dataclass(frozen=True)
 class BenchPlacement:
     """Gauges that were placed: position and direction (g, 3), expected: input → its expected σ [unit] with the layout, and
-    random: input → the same with every random layout (r,), inf where it is lost; count (s,), trace (s,): the metric while
-    gauges are taken away; numbers: the summary of place; units: input → N or N m, where they are known."""
+    random: input → the same with every random layout (r,), inf where it is lost; numbers: the summary of place; units: input →
+    N or N m; trend of the metric; criteria: layouts by other rules, ours first, by every one of metrics; loss (g,): the metric
+    when each gauge fails, without: input → σ (g,) [unit] without each; advice: sentences."""
 
     position: FloatArray
     direction: FloatArray
     expected: Mapping[str, float]
     random: Mapping[str, FloatArray]
-    count: IntArray
-    trace: FloatArray
     numbers: Mapping[str, Scalar]
-    units: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str]
+    trend: Trend
+    loss: FloatArray
+    without: Mapping[str, FloatArray]
+    metrics: tuple[Metric, ...] = ()
+    criteria: tuple[Criteria, ...] = ()
+    advice: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -56,27 +56,6 @@ def bearing_figures(motion: BenchMotion, bearing: BearingMotion) -> list[Drawing
     return [moved, pressed]
 
 
-def trend_figure(placement: BenchPlacement) -> Drawing:
-    """The metric while gauges are taken away, over its value with the whole pool."""
-    scale = float(placement.trace[0])
-    curve = drawable(placement.trace) / scale if scale > 0 else drawable(placement.trace)
-    with styled():
-        drawn, axes = figure(3.2)
-        axes.plot(placement.count, curve, color=BLUE)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        plain_ticks(axes, "x")
-        plain_ticks(axes, "y")
-        axes.set_xlabel("gauges left [–]")
-        axes.set_ylabel("tr(W P) over all gauges' [–]")
-        image = svg(drawn)
-    caption = (
-        f"Sum of the scaled error variances while gauges are taken away, read from right to left: {number(float(curve[-1]), 3)} "
-        f"times with {int(placement.count[-1])} gauges."
-    )
-    return Drawing("trend", "What every gauge is worth", caption, f"Line chart. {caption}", image)
-
-
 def random_figure(placement: BenchPlacement) -> Drawing:
     """Expected standard deviation of every load with the layout and with random ones, over the layout's."""
     names = [name for name, std in placement.expected.items() if std > 0]

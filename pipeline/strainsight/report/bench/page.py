@@ -7,14 +7,16 @@ from html import escape
 
 import numpy as np
 
-from strainsight.report.bench.data import BenchMotion, BenchRun, BenchUnknown
+from strainsight.report.bench.data import BenchMotion, BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
-from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure, trend_figure
+from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import facts, mismatch_table, placement_table, ratio, runs_table
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, picture, plain
+from strainsight.report.placement.figures import trend_figure
+from strainsight.report.placement.tables import criteria_meaning, criteria_table
 from strainsight.report.space.section import STYLE, script
 from strainsight.report.text import number
 
@@ -45,7 +47,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
         )
         found["sensors"] += (consistency_figure(estimate),)
     if (placement := run.placement) is not None:
-        found["placement"] = (trend_figure(placement),) * bool(len(placement.trace))
+        found["placement"] = (trend_figure(placement.trend),)
         if any(len(values) for values in placement.random.values()):
             found["placement"] += (random_figure(placement),)
     if (motion := run.motion) is not None:
@@ -89,8 +91,7 @@ def bench_page(
         sections.append("<h2>Gauges and stress on the body</h2>" + "".join(_picture(*entry) for entry in pictures))
     sections.append(turned)
     if run.placement is not None:
-        table = placement_table(run.placement)
-        sections.append(f'<h2>Where the gauges go</h2><div class="card">{table}</div>{cards("placement")}')
+        sections.append(f"<h2>Where the gauges go</h2>{_placed(run.placement)}{cards('placement')}")
     if run.motion is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
         sections.append(f"<h2>How the bench moves</h2>{lead}{cards('motion')}")
@@ -109,6 +110,14 @@ def bench_page(
         (*STYLES, STYLE) if turned else STYLES,
         (script(),) * bool(turned),
     )
+
+
+def _placed(placement: BenchPlacement) -> str:
+    """The layout, what to do with it, and the same by other rules."""
+    advice = f'<section class="card notes advice"><h3>What to do with this layout</h3>{bullets(placement.advice)}</section>'
+    rules = f'<div class="card">{criteria_meaning(placement)}{criteria_table(placement)}</div>'
+    shown = advice * bool(placement.advice) + rules * bool(placement.criteria)
+    return f'<div class="card">{placement_table(placement)}</div>{shown}'
 
 
 def _picture(caption: str, png: bytes) -> str:

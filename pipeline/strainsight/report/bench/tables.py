@@ -182,18 +182,35 @@ def placement_table(placement: BenchPlacement) -> str:
     """The layout's expected standard deviations beside those of random layouts, and where the gauges go."""
     rows = []
     for name, std in placement.expected.items():
-        unit = placement.units.get(name, "").replace("N m", "N·m")
+        unit = _unit(placement, name)
         drawn = [float(value) for value in placement.random.get(name, ()) if not math.isnan(value)]
         cells = [measure(min(drawn), unit, 3), measure(max(drawn), unit, 3)] if drawn else ["–", "–"]
         rows.append([escape(name), measure(std, unit, 3), *cells])
     head = ("load", "expected σ", "best random layout", "worst")
     loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
-    places = decimals(placement.position)
+    places, symbol = decimals(placement.position), escape(placement.trend.metric.symbol)
     gauges = [
-        [str(i), *axes(at, places), f'<span class="whole">{" ".join(axes(along, 3))}</span>']
-        for i, (at, along) in enumerate(zip(placement.position, placement.direction, strict=True), start=1)
+        [
+            f"G{i + 1}",
+            *axes(placement.position[i], places),
+            f'<span class="whole">{" ".join(axes(placement.direction[i], 3))}</span>',
+            plain(float(placement.loss[i]), 4),
+            *(measure(float(std[i]), _unit(placement, name), 3) for name, std in placement.without.items()),
+        ]
+        for i in range(len(placement.position))
     ]
-    return loads + table("gauges", ("gauge", *AXES, "direction"), gauges, numeric=(1, 2, 3))
+    head = ("gauge", *AXES, "direction", f"{symbol} if it fails", *(f"σ({escape(n)}) without it" for n in placement.without))
+    proven = {True: " Proven: no layout within the limits is better.", False: " The time was too short for a proof."}
+    with_all, gap = plain(placement.trend.final, 4), placement.trend.gap
+    caption = f"{symbol} of the layout: {with_all}." + (
+        "" if gap is None else f" No other layout within the limits is lower by more than {ratio(max(gap, 0.0))}."
+    )
+    caption += proven.get(placement.numbers.get("proven"), "")
+    return loads + table("gauges", head, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(head))])
+
+
+def _unit(placement: BenchPlacement, name: str) -> str:
+    return placement.units.get(name, "").replace("N m", "N·m")
 
 
 def facts(name: str, rows: Iterable[tuple[str, str]]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 from strainsight.report.arrays import FloatArray, History, IntArray
 from strainsight.report.picture.layout import Gauge as Gauge
@@ -183,6 +183,20 @@ class Consistency:
     nis_band: tuple[float, float] | None = None
 
 
+class Compared(Protocol):
+    """A layout beside those of other rules: its trend; criteria: layouts by every rule, ours first; metrics: every one, that of
+    the layout first; units: of every unknown."""
+
+    @property
+    def trend(self) -> Trend: ...
+    @property
+    def criteria(self) -> tuple[Criteria, ...]: ...
+    @property
+    def metrics(self) -> tuple[Metric, ...]: ...
+    @property
+    def units(self) -> Mapping[str, str]: ...
+
+
 @dataclass(frozen=True)
 class PlacementReport:
     """All that the page of a placement shows.
@@ -219,3 +233,8 @@ class PlacementReport:
     facts: Mapping[str, str] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Unit of every unknown, by name."""
+        return {unknown.name: unknown.unit for unknown in self.unknowns}

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from html import escape
 
 from strainsight.report.page.markup import measure, plain, table
-from strainsight.report.placement.data import Case, Criteria, PlacementReport
+from strainsight.report.placement.data import Case, Compared, Criteria
 
 STEADY = (
     "one standard deviation of an unknown with the system held at an instant: it ranks layouts, a filter claims its own"
 )
 
 
-def criteria_table(report: PlacementReport) -> str:
+def criteria_table(report: Compared) -> str:
     """Layouts by rule, the chosen one and its bound first, the others by their metric."""
     chosen = report.criteria[0].chosen if report.criteria else report.trend.final
     scale = chosen if 0 < chosen < math.inf else math.nan
-    names = [u.name for u in report.unknowns if any(u.name in entry.std for entry in report.criteria)]
-    unit = {unknown.name: unknown.unit for unknown in report.unknowns}
+    unit = report.units
+    names = [name for name in unit if any(name in entry.std for entry in report.criteria)]
     full = bool(report.criteria)
 
     others = report.metrics[1:] * full
@@ -52,7 +52,7 @@ def criteria_table(report: PlacementReport) -> str:
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-def criteria_meaning(report: PlacementReport) -> str:
+def criteria_meaning(report: Compared) -> str:
     """What the columns of the criteria mean, as a list."""
     words = [
         (metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))

@@ -19,6 +19,7 @@ from strainsight.report.bench.data import (
     BenchSensor,
     BenchUnknown,
 )
+from strainsight.stages.pages.page_numbers import criteria_of, metrics_of, trend_of
 from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))
@@ -66,9 +67,14 @@ def placement_of(artefact: Artefact) -> BenchPlacement:
         direction=best.direction,
         expected={name: float(best.std[i]) for i, name in enumerate(own.inputs)},
         random={name: np.array([std[i] for std in drawn]) for i, name in enumerate(own.inputs)},
-        count=len(own.pool) - np.arange(len(own.elimination.trace)),
-        trace=own.elimination.trace,
         numbers=artefact.summary,
+        units=dict(zip(own.inputs, own.units, strict=True)),
+        trend=trend_of(artefact),
+        loss=own.loss,
+        without={name: best.without[:, i] for i, name in enumerate(own.inputs)},
+        metrics=metrics_of(artefact),
+        criteria=criteria_of(list(own.inputs), artefact),
+        advice=own.advice,
     )
 
 

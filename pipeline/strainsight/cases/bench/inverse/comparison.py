@@ -15,9 +15,8 @@ from strainsight.cases.bench.inverse.numbers import (
     ratio_numbers,
 )
 from strainsight.cases.bench.inverse.unknowns import asked
-from strainsight.cases.bench.inverse.verdicts import SURE
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.estimation.consistency import not_identified
+from strainsight.estimation.consistency import Claim, claim_of, not_identified, samples_alike
 from strainsight.records.bench_estimated import (
     BenchEstimated,
     LoadHistory,
@@ -33,26 +32,29 @@ LEARNED = 0.5
 
 @dataclass(frozen=True)
 class Compared:
-    """found: what is written; numbers: of every load, parameter and sensor, those that are finite."""
+    """found: what is written; numbers: of every load, parameter and sensor, those that are finite; claims: whether the
+    estimate of every unknown keeps to its σ, where the truth is known."""
 
     found: BenchEstimated
     numbers: Numbers
+    claims: dict[str, Claim]
 
 
 def compared(config: BenchConfig, own: Estimated) -> Compared:
     """Histories of the first run, ends of all runs."""
     numbers: Numbers = {}
+    claims: dict[str, Claim | None] = {}
     inputs: dict[str, LoadHistory] = {}
     input_runs: dict[str, LoadRuns] = {}
     for i, (name, column) in enumerate(zip(asked(config).inputs, own.unknowns.inputs, strict=True)):
-        inputs[name], error, more = _load(own, name, i, column)
+        inputs[name], error, claims[name], more = _load(own, name, i, column)
         numbers |= more
         if error is not None:
             input_runs[name] = LoadRuns(error=error)
     parameters: dict[str, ParameterHistory] = {}
     parameter_runs: dict[str, ParameterRuns] = {}
     for i, name in enumerate(own.unknowns.free):
-        parameters[name], ends, more = _parameter(own, name, i)
+        parameters[name], ends, claims[name], more = _parameter(own, name, i)
         numbers |= more
         if len(ends.estimate) > 1:
             parameter_runs[name] = ends
@@ -73,34 +75,42 @@ def compared(config: BenchConfig, own: Estimated) -> Compared:
         input_runs=input_runs,
         parameter_runs=parameter_runs,
     )
-    return Compared(found, {key: value for key, value in numbers.items() if np.isfinite(value)})
+    judged = {name: claim for name, claim in claims.items() if claim is not None}
+    return Compared(found, {key: value for key, value in numbers.items() if np.isfinite(value)}, judged)
 
 
-def _load(own: Estimated, name: str, i: int, column: int) -> tuple[LoadHistory, np.ndarray | None, Numbers]:
-    """The history of an unknown load, the errors (runs,) of several runs, and its numbers."""
+def _load(
+    own: Estimated, name: str, i: int, column: int
+) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
+    """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
     at = own.trial.model.u.start + i
     mean = own.mean[:, :, at]
     std = np.where(np.isfinite(mean), own.std[:, :, at], np.nan)
     true = own.reality.inputs[:, :, column]
     known, there = bool(np.isfinite(true).all()), own.elsewhere.get(name)
     numbers: Numbers = {}
-    error = None
+    error = claim = None
     if known:
         numbers |= load_numbers(name, true[1:, 0], mean[1:, 0], std[1:, 0])
+        # truths are one for all, or one a seed, and starts run within a seed
+        late = slice(len(mean) // 2, None)
+        off = (mean - np.repeat(true, mean.shape[1] // true.shape[1], axis=1))[late]
+        if f"error.{name}" in numbers:
+            scaled = np.divide(off, std[late], out=np.full_like(off, np.nan), where=std[late] > 0)
+            claim = claim_of(off, std[late], samples_alike(scaled) * len(own.unknowns.starts))
         if mean.shape[1] > 1:
-            # truths are one for all, or one a seed, and starts run within a seed
-            each = np.broadcast_to(np.repeat(true, mean.shape[1] // true.shape[1], axis=1), mean.shape)
-            late = slice(len(mean) // 2, None)
-            error = np.sqrt(np.mean((mean - each)[late] ** 2, axis=0))
-            numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean(((mean - each)[late] / std[late]) ** 2)))
+            error = np.sqrt(np.mean(off**2, axis=0))
+            numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
     if there is not None:
         numbers |= ratio_numbers(name, there[1:], mean[1:, 0])
     history = LoadHistory(estimate=mean[:, 0], std=std[:, 0], true=true[:, 0] if known else None, there=there)
-    return history, error, numbers
+    return history, error, claim, numbers
 
 
-def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Numbers]:
-    """The history of a parameter, where all runs start and end, and its numbers."""
+def _parameter(
+    own: Estimated, name: str, i: int
+) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
+    """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
     unknowns = own.unknowns
     column = own.bench.system.parameters.index(unknowns.parameters[name])
     theta, std = _in_theta(own, column)
@@ -109,13 +119,14 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     known = bool(np.isfinite(true).all())
     apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
     learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
-    wrong = known and bool(np.any(np.abs(theta[-1] - true) > SURE * std[-1]))
+    claim = claim_of(theta[-1] - true, std[-1], starts)  # starts within a seed are one draw
+    wrong = claim is not None and claim.verdict == "overconfident"
     numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
     history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
     error = theta[-1] - true if known else None
-    return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), numbers
+    return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers
 
 
 def _in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:

@@ -8,12 +8,11 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.estimation.consistency import Claim
 
 Scalar = float | str
 """Of a summary."""
 
-SURE = 3.0
-"""Real error over claimed σ above which an estimate is sure and wrong."""
 LARGE_NIS, SMALL_NIS = 2.0, 0.5
 """Of a truth that the filter's model could have made; slow loads make it smaller, down to (m − n)/m."""
 HARDLY = 0.5
@@ -23,17 +22,24 @@ MATCHES = 0.01
 
 
 def warnings_of(
-    config: BenchConfig, free: tuple[str, ...], numbers: Mapping[str, Scalar], nis: float, lost: np.ndarray
+    config: BenchConfig,
+    free: tuple[str, ...],
+    numbers: Mapping[str, Scalar],
+    claims: Mapping[str, Claim],
+    nis: float,
+    lost: np.ndarray,
 ) -> Iterator[str]:
-    """Sentences; numbers: the summary's, nis over the number of channels, lost (runs,) steps, −1 for none."""
+    """Sentences; numbers: the summary's, claims by unknown, nis over the number of channels, lost (runs,) steps, −1 for none."""
     estimate, gone = asked(config), lost[lost >= 0]
     if len(gone):
         yield f"{len(gone)} of {len(lost)} runs were lost, the first after {gone.min()} steps"
     for name in (*estimate.inputs, *free):
-        error, std = _float(numbers, f"error.{name}"), _float(numbers, f"std.{name}")
-        off = _float(numbers, f"ratio.{name}", error / std if std > 0 else np.nan)
-        if off > SURE:
-            yield f"{name} is sure and wrong: its error is {off:.3g} times what the filter claims"
+        std, claim = _float(numbers, f"std.{name}"), claims.get(name)
+        if claim is not None and claim.verdict == "overconfident":
+            yield (
+                f"{name} is overconfident: its error is {claim.ratio:.3g} times what the filter claims, at most "
+                f"{claim.band[1]:.3g} where the claim holds"
+            )
         if name in estimate.inputs and std > HARDLY:
             yield f"{name} is hardly known: σ is {100 * std:.3g} % of the largest load; give other sensors, or make a load known"
     yield from (
@@ -75,5 +81,5 @@ def message_of(
     return f"{', '.join(said) or 'nothing comparable'}; {method}, {truth}"
 
 
-def _float(numbers: Mapping[str, Scalar], key: str, otherwise: float = float("nan")) -> float:
-    return float(numbers.get(key, otherwise))
+def _float(numbers: Mapping[str, Scalar], key: str) -> float:
+    return float(numbers.get(key, np.nan))
