@@ -1,0 +1,174 @@
+"""The layout of a bench by every criterion and within its limits: scipy's Riccati solver over all that are allowed."""
+
+from __future__ import annotations
+
+from itertools import chain, combinations
+
+import numpy as np
+import pytest
+from scipy.linalg import LinAlgError, solve_continuous_are
+
+from strainsight.errors import ConfigError, StrainsightError
+from strainsight.stages.bench.pipeline import bench_stages
+
+from .conftest import finished, job_of
+from .test_bench_place import written
+
+INCREMENT = np.array([20.0, 10.0])
+"""Of the two loads of that beam [N]."""
+BONDED = "place.fixed=[{position: [0.3, 0.0, 0.095], direction: [1, 0, 0]}]"
+CLAMPED = "place.at_most=[{zone: {box: [[-1, -1, -1], [0.25, 1, 1]]}, count: 1}]"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """place.h5 of the beam with ten candidates in the pool; its mesh and modes are computed once."""
+    folder = tmp_path_factory.mktemp("layouts")
+    path = written(folder)
+
+    def run(*changes):
+        name = f"name=layout-{abs(hash(changes))}"
+        job = job_of(path, folder / "results", name, "place.random=1", *changes)
+        stages = [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place")]
+        return finished(job, stages)["place"][2]
+
+    return run
+
+
+def covariance(place, gauges):
+    """Of the two loads [N²] with these pool rows; None where scipy finds no steady one."""
+    F, H, Q, R, scale = (place[f"/augmented/{name}"][0] for name in ("F", "H", "Q", "R", "scale"))
+    whitened = H[gauges] / np.sqrt(R[gauges])[:, None]
+    try:
+        P = solve_continuous_are(F.T, whitened.T, Q, np.eye(len(gauges)))
+    except LinAlgError:
+        return None
+    return (P * np.outer(scale, scale))[-2:, -2:]
+
+
+def weights(place):
+    """Of the trace: the whole pool counts 1 an unknown."""
+    return 1 / np.diag(covariance(place, list(range(len(place["/pool/candidate"])))))
+
+
+def value(criterion, place, gauges):
+    M = covariance(place, list(gauges)) if len(gauges) > 1 else None
+    if M is None:
+        return np.inf
+    relative = M / np.outer(INCREMENT, INCREMENT)
+    return {
+        "trace": lambda: weights(place) @ np.diag(M),
+        "down": lambda: M[1, 1] * weights(place)[1],
+        "log_determinant": lambda: np.sqrt(np.linalg.det(relative)),
+        "worst_eigenvalue": lambda: np.linalg.eigvalsh(relative)[-1],
+    }[criterion]()
+
+
+def best(place, criterion, sizes, allowed=lambda gauges: True):
+    every = chain.from_iterable(combinations(range(len(place["/pool/candidate"])), size) for size in sizes)
+    return min(value(criterion, place, gauges) for gauges in every if allowed(gauges))
+
+
+def proven(place, criterion, sizes, allowed=lambda gauges: True):
+    """That the layout is allowed, costs what scipy says, and that no other one costs less."""
+    final = tuple(sorted(place["/selected/final/gauge"].tolist()))
+    key = "trace" if place.summary["criterion"] == "trace" else "metric"
+    least = best(place, criterion, sizes, allowed)
+    assert allowed(final)
+    assert len(final) in sizes
+    assert place.summary["proven"]
+    assert place.summary[f"{key}_final"] == pytest.approx(value(criterion, place, final), rel=1e-6)
+    assert place.summary[f"{key}_final"] == pytest.approx(least, rel=2e-6)
+    assert place.summary["lower_bound"] <= least * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("criterion", ["trace", "log_determinant", "worst_eigenvalue"])
+def test_the_layout_is_proven_best_by_every_criterion(place, criterion):
+    """The loads in their increments by the last two; each criterion chooses by its own number, and lists all of them."""
+    found = place("place.prove=60", f"place.criterion={criterion}")
+    proven(found, criterion, [3])
+    names, final = found["/criteria/name"].tolist(), found["/criteria/gauges"][0]
+    assert names[0] == criterion
+    expected = [value(name, found, final) for name in names]
+    np.testing.assert_allclose(found["/criteria/value"][0], expected, rtol=1e-6)
+
+
+def test_a_criterion_over_one_load_leaves_the_other_to_itself(place):
+    proven(place("place.prove=60", "place.metric_over=[down]"), "down", [3])
+
+
+def test_spacing_and_zones_hold_and_the_layout_is_the_best_within_them(place):
+    found = place("place.prove=60", "place.minimum_spacing=0.3", CLAMPED)
+    x = found["/candidates/position"][found["/pool/candidate"]]
+    apart = np.linalg.norm(x[:, None] - x[None], axis=2)
+
+    def allowed(gauges):
+        return sum(x[g, 0] <= 0.25 for g in gauges) <= 1 and all(apart[a, b] >= 0.3 for a, b in combinations(gauges, 2))
+
+    proven(found, "trace", [3], allowed)
+    free = place("place.prove=60")
+    assert not allowed(free["/selected/final/gauge"].tolist())
+
+
+def test_a_budget_is_kept_and_the_gauge_that_is_there_costs_nothing_and_stays(place):
+    """Two new gauges at 2.5 beside the bonded one for 6, not three."""
+    found = place("place.prove=60", "place.keep=4", "place.budget=6", "place.price=2.5", BONDED)
+    bonded = int(np.flatnonzero(found["/pool/candidate"] == 0)[0])
+    np.testing.assert_allclose(found["/candidates/position"][0], [0.3, 0.0, 0.095], atol=1e-6)
+    proven(found, "trace", [1, 2, 3], lambda gauges: bonded in gauges)
+    assert found["/layouts/random-1/candidate"][0] == 0
+    assert "5 of 6" in " ".join(found["/advice"])
+    lines = (found.path.parent / "gauges.csv").read_text(encoding="utf-8").splitlines()
+    head = lines[0].split(",")
+    assert sorted(line.split(",")[head.index("glued")] for line in lines[1:]) == ["no", "no", "yes"]
+
+
+def test_what_each_failure_costs_is_what_the_rest_of_the_gauges_reach(place):
+    found = place("place.certificate=false")
+    final = found["/selected/final/gauge"].tolist()
+    expected = [value("trace", found, [g for g in final if g != out]) for out in final]
+    np.testing.assert_allclose(found["/failure/loss"], expected, rtol=1e-6)
+    assert found.summary["worst_failure"] == pytest.approx(max(expected), rel=1e-6)
+    assert not any(name.startswith("/certificate") for name in found.paths())
+
+
+def test_the_robust_layout_loses_least_in_its_worst_failure(place):
+    """Among all sets of three; a pool row is one gauge."""
+
+    def worst(gauges):
+        return max(value("trace", found, [g for g in gauges if g != out]) for out in gauges)
+
+    found = place("place.optimise=worst_failure")
+    least = min(worst(gauges) for gauges in combinations(range(10), 3))
+    assert worst(found["/selected/final/gauge"].tolist()) == pytest.approx(least, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "says"),
+    [
+        (("place.metric_over=[dwn]",), "place.metric_over.0", "not estimated"),
+        (("place.prove=1", "place.optimise=worst_failure"), "place.prove", "worst failure"),
+        (("place.keep=1", BONDED.replace("direction: [1, 0, 0]", "direction: [1, 0, 0], angles: [0, 90]")),
+         "place.keep", "2 are bonded already"),
+        (("place.exclude=[{box: [[1, 1, 1], [0, 2, 2]]}]",), "place.exclude.0.box", "not below"),
+    ],
+)  # fmt: skip
+def test_a_config_that_contradicts_itself_is_refused_with_its_key(place, changes, key, says):
+    with pytest.raises(ConfigError) as refused:
+        place(*changes)
+    assert key in str(refused.value)
+    assert says in str(refused.value)
+
+
+def test_a_bonded_gauge_that_no_limit_has_room_for_is_named_by_its_own_key(place):
+    near = BONDED.replace("0.3,", "0.1,")
+    with pytest.raises(StrainsightError, match=r"place\.fixed") as refused:
+        place(near, CLAMPED.replace("count: 1", "count: 0"))
+    assert refused.value.key == "place.at_most.0"
+
+
+def test_of_a_gauge_beside_the_surface_the_key_and_the_remedy_are_those_of_the_bench(place):
+    with pytest.raises(StrainsightError, match="from the surface") as refused:
+        place(BONDED.replace("0.095", "0.195"))
+    assert refused.value.key == "place.fixed.0"
+    assert "snap_tolerance" in refused.value.remedy
