@@ -14,6 +14,7 @@ from strainsight.estimation.consistency import (
     nees,
     nis,
     not_identified,
+    samples_alike,
     verdict,
     whiteness,
     whiteness_band,
@@ -62,6 +63,20 @@ def test_a_claim_is_judged_by_as_many_draws_as_there_are():
     assert (once.verdict, often.verdict) == ("as claimed", "overconfident")
     assert once.band[1] == pytest.approx(3.2053, abs=1e-3)  # two-sided 0.00135 of a normal
     assert claim_of(np.full(20, 0.3), np.ones(20)).verdict == "cautious"
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_samples_that_follow_each_other_count_as_so_many_independent_ones(rho):
+    """x' = ρx + √(1 − ρ²) w: the mean of x² over n samples scatters by 2/n (1 + ρ²)/(1 − ρ²)."""
+    rng, n = np.random.default_rng(6), 400
+    x = np.empty((n, 20_000))
+    x[0] = rng.standard_normal(20_000)
+    for k in range(1, n):
+        x[k] = rho * x[k - 1] + np.sqrt(1 - rho**2) * rng.standard_normal(20_000)
+    alike = samples_alike(x)
+    assert alike == pytest.approx((1 + rho**2) / (1 - rho**2), rel=0.02)
+    assert np.var(np.mean(x**2, axis=0)) == pytest.approx(2 * alike / n, rel=0.05)
+    assert claim_of(x[:, 0], np.ones(n), alike).draws == int(n / alike)
 
 
 def test_lost_draws_and_claims_of_nothing_are_no_draws():

@@ -8,7 +8,7 @@ from strainsight.errors import NumericalError
 from strainsight.placement.criteria.choices import CRITERIA
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.metric import Metric
-from strainsight.placement.score import frozen_std, score, scores
+from strainsight.placement.score import score, scores
 
 from .variances import variance
 from .wandering import COMBINED
@@ -26,7 +26,6 @@ def test_a_set_that_cannot_tell_scores_infinity(beam_of, scenarios_of):
     unknown = np.arange(len(pools[0].P) - 2, len(pools[0].P))
     assert score(pools, [3]) == np.inf
     assert score(pools, []) == np.inf
-    assert np.all(frozen_std(pools, [3], unknown) == np.inf)
     lost = scores(pools, [3], metrics_of(unknown, len(pools[0].P)), unknown, np.ones(2))
     assert lost.cost == dict.fromkeys([criterion.name for criterion in CRITERIA], np.inf)
     assert lost.std.tolist() == [np.inf] * 2
@@ -38,7 +37,8 @@ def test_standard_deviations_are_in_the_coordinates_that_were_given(oracle, beam
     gauges, unknown = [1, 4, 6, 9], np.array([len(scenario.F) - 1, 0])
     P = oracle(pools[0].scenario, gauges)
     expected = (np.sqrt(np.diag(P)) * pools[0].scale)[unknown]
-    np.testing.assert_allclose(frozen_std(pools, gauges, unknown)[0], expected, rtol=1e-8)
+    found = scores(pools, gauges, metrics_of(unknown, len(scenario.F)), unknown, np.ones(2))
+    np.testing.assert_allclose(found.std, expected, rtol=1e-8)
 
 
 def metrics_of(unknown, size, weight=1.0):

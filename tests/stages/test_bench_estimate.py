@@ -313,11 +313,14 @@ def test_a_lost_estimate_writes_no_command_history_and_says_so(estimate):
     assert "lost" in str(found.tables)
 
 
-def test_what_is_sure_and_wrong_is_said(estimate):
-    found = estimate(LOADS, "estimate.duration=2.0", *(f"estimate.inputs.F{k}.increment=1.0e-3" for k in "xyz"))
+@pytest.mark.parametrize("increment", [1.0e-3, 300.0])
+def test_an_estimate_beyond_its_claim_is_called_overconfident(estimate, increment):
+    """Fz off by 4000 times its σ, and by 2.7 times, which no record of half as many independent errors explains."""
+    found = estimate(LOADS, "estimate.duration=2.0", *(f"estimate.inputs.F{k}.increment={increment}" for k in "xyz"))
     text = str(found.tables)
     assert "Fz is overconfident" in text
     assert "innovations are" in text
+    assert increment < 1 or found.summary["error.Fz"] < 3 * found.summary["std.Fz"]
 
 
 def test_an_unknown_under_a_load_that_begins_at_zero_is_felt_all_the_same(estimate):

@@ -17,7 +17,8 @@ from .test_bench_place import written
 INCREMENT = np.array([20.0, 10.0])
 """Of the two loads of that beam [N]."""
 BONDED = "place.fixed=[{position: [0.3, 0.0, 0.095], direction: [1, 0, 0]}]"
-CLAMPED = "place.at_most=[{zone: {box: [[-1, -1, -1], [0.25, 1, 1]]}, count: 1}]"
+SPREAD = ("place.pool=14", "place.spacing=0.4")
+CLAMPED = "place.at_most=[{zone: {box: [[-1, -1, -1], [0.35, 1, 1]]}, count: 1}]"
 
 
 @pytest.fixture(scope="module")
@@ -98,15 +99,15 @@ def test_a_criterion_over_one_load_leaves_the_other_to_itself(place):
 
 
 def test_spacing_and_zones_hold_and_the_layout_is_the_best_within_them(place):
-    found = place("place.prove=60", "place.minimum_spacing=0.3", CLAMPED)
+    found = place("place.prove=60", *SPREAD, "place.minimum_spacing=0.4", CLAMPED)
     x = found["/candidates/position"][found["/pool/candidate"]]
     apart = np.linalg.norm(x[:, None] - x[None], axis=2)
 
     def allowed(gauges):
-        return sum(x[g, 0] <= 0.25 for g in gauges) <= 1 and all(apart[a, b] >= 0.3 for a, b in combinations(gauges, 2))
+        return sum(x[g, 0] <= 0.35 for g in gauges) <= 1 and all(apart[a, b] >= 0.4 for a, b in combinations(gauges, 2))
 
     proven(found, "trace", [3], allowed)
-    free = place("place.prove=60")
+    free = place("place.prove=60", *SPREAD)
     assert not allowed(free["/selected/final/gauge"].tolist())
 
 
@@ -146,11 +147,11 @@ def test_the_robust_layout_loses_least_in_its_worst_failure(place):
 @pytest.mark.parametrize(
     ("changes", "key", "says"),
     [
-        (("place.metric_over=[dwn]",), "place.metric_over.0", "not estimated"),
+        (("place.metric_over=[dwn]",), "place.metric_over[0]", "not estimated"),
         (("place.prove=1", "place.optimise=worst_failure"), "place.prove", "worst failure"),
         (("place.keep=1", BONDED.replace("direction: [1, 0, 0]", "direction: [1, 0, 0], angles: [0, 90]")),
          "place.keep", "2 are bonded already"),
-        (("place.exclude=[{box: [[1, 1, 1], [0, 2, 2]]}]",), "place.exclude.0.box", "not below"),
+        (("place.exclude=[{box: [[1, 1, 1], [0, 2, 2]]}]",), "place.exclude[0].box", "not below"),
     ],
 )  # fmt: skip
 def test_a_config_that_contradicts_itself_is_refused_with_its_key(place, changes, key, says):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.cases.layout.advice import advice
+from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.layout.layout import layout_of
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.failure import loss_if_one_fails
@@ -75,23 +76,14 @@ def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what(pools
     ],
 )
 def test_what_a_failure_leaves_is_said_and_what_was_not_solved_is_no_loss(loss, said):
-    words = advice(
-        labels=("G1", "G2"),
-        criterion=Trace(),
-        over=("E",),
-        cost=np.array([1.0, 1.1]),
-        keep=2,
-        kept=2,
-        std={"E": 0.02},
-        certificate=None,
-        groups=[],
-        glued=np.zeros(2, dtype=bool),
-        load=np.zeros(2),
-        loss=np.array(loss),
-        without={"E": np.array([0.025, 0.03])},
-        ties=0,
-        price=None,
-        alone=0,
-    )
+    task = SimpleNamespace(
+        metric=SimpleNamespace(criterion=Trace()), over=("E",), limits=limits_of(3, 2), settings=SimpleNamespace(keep=2),
+        pool=SimpleNamespace(alone=0), relative=True, cost_of=lambda rows: None,
+    )  # fmt: skip
+    listed = SimpleNamespace(labels=("G1", "G2"), glued=np.zeros(2, dtype=bool), peak=np.zeros(2), range=np.ones(2))
+    removals = SimpleNamespace(cost=np.array([1.0, 1.1]), ties=((),))
+    own = SimpleNamespace(gauges=np.arange(2), certificate=None)
+    expected = Expectation({"E": 0.02}, {"E": np.array([0.025, 0.03])})
+    words = advice(task, removals, own, listed, expected, np.array(loss), [])
     assert said in " ".join(words)
     assert not {"lost", "solved", "worst"} & set(" ".join(words).replace(said, "").split())

@@ -80,16 +80,3 @@ def unknown_block(pool: Pool, P: np.ndarray, unknown: np.ndarray) -> np.ndarray:
     """Rows and columns of the unknowns (count,) of a covariance P (n*, n*) in the pool's coordinates, in units of x*."""
     units = pool.scale[unknown]
     return np.asarray(P[np.ix_(unknown, unknown)] * np.outer(units, units))
-
-
-def frozen_std(pools: Sequence[Pool], gauges: Gauges, unknown: np.ndarray) -> np.ndarray:
-    """√Pᵢᵢ of the unknowns (count,), indices in x*, with these gauges (scenarios, count), in the units of x*.
-
-    A ranking number of the frozen linearisation, not what a filter along the motion will claim. inf where undetectable.
-    """
-    std = np.full((len(pools), len(unknown)), np.inf)
-    for row, pool in zip(std, pools, strict=True):
-        P = subset_covariance(pool, gauges)
-        if P is not None:
-            row[:] = np.sqrt(np.diag(unknown_block(pool, P, unknown)))
-    return std

@@ -6,10 +6,15 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from strainsight.cases.layout.expectation import Expectation
+from strainsight.cases.layout.gauge_list import GaugeList
+from strainsight.cases.layout.layout import Layout
+from strainsight.cases.layout.task import Task
 from strainsight.errors import at_least
 from strainsight.ordering import first_of_largest
 from strainsight.placement.certificate import Certificate
 from strainsight.placement.criteria.criterion import Criterion
+from strainsight.placement.elimination import Elimination
 from strainsight.placement.recommendation import WORTH, gains, worth_keeping
 from strainsight.workflow.output import Table
 
@@ -18,47 +23,31 @@ NEARLY = 0.8
 
 
 def advice(
-    *,
-    labels: Sequence[str],
-    criterion: Criterion,
-    over: Sequence[str],
-    cost: np.ndarray,
-    keep: int,
-    kept: int,
-    std: Mapping[str, float],
-    certificate: Certificate | None,
-    groups: Sequence[tuple[int, ...]],
-    glued: np.ndarray,
-    load: np.ndarray,
+    task: Task,
+    elimination: Elimination,
+    layout: Layout,
+    listed: GaugeList,
+    expected: Expectation,
     loss: np.ndarray,
-    without: Mapping[str, np.ndarray],
-    ties: int,
-    price: tuple[float, float] | None,
-    alone: int,
-    relative: bool = True,
+    groups: Sequence[tuple[int, ...]],
 ) -> tuple[str, ...]:
-    """Sentences, the most useful first.
-
-    labels (k,) of the gauges; criterion, over: the unknowns that its metric weighs; cost: metric of the elimination, the whole
-    pool first, of one set only where limits rule the size; keep: gauges asked for; kept: pool rows in the layout; std: unknown
-    → σ, relative to its scale or not, without: the same without each gauge (k,); groups of
-    gauges that read alike; glued (k,) bool;
-    load (k,): largest training reading over the range, NaN where no range is stated; loss (k,): metric when each fails, inf
-    where an unknown is lost, NaN where not solved; ties: removals that could as well have been of another gauge; price: (of
-    the layout, budget); alone: gauges without a mirror image.
-    """
+    """Sentences on a layout, the most useful first; expected and loss (k,) in the order of listed, groups of it read alike."""
+    criterion, labels, plain = task.metric.criterion, listed.labels, task.limits.plain
+    # Where limits rule the size, no smaller or larger set is beside the layout.
+    cost = elimination.cost if plain else elimination.cost[-1:]
+    price, alone, ties = task.cost_of(layout.gauges), task.pool.alone, sum(1 for tied in elimination.ties if tied)
     return (
-        *_how_many(sigma_of(criterion, over), cost, kept, labels, keep),
-        *(_weakest(std) if relative else ()),
-        *best_possible(certificate, criterion, over),
+        *_how_many(sigma_of(criterion, task.over), cost, len(layout.gauges), labels, task.settings.keep),
+        *(_weakest(expected.std) if task.relative else ()),
+        *best_possible(layout.certificate, criterion, task.over),
         *(
             f"{', '.join(labels[i] for i in group)} read alike in the training run: they average noise, and stand in for "
             "each other."
             for group in groups
         ),
-        *_failures(labels, loss, std, without),
-        *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(glued)),
-        *_loads(labels, load),
+        *_failures(labels, loss, expected.std, expected.without),
+        *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(listed.glued)),
+        *_loads(labels, listed.peak / listed.range),
         *([f"The layout costs {price[0]:g} of {price[1]:g}."] if price else []),
         *([f"{alone} gauges have no mirror image that is free, and were left out."] if alone else []),
         *(

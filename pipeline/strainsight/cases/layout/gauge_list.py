@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,13 +89,8 @@ def _kind(quantity: int, channels: int) -> str:
     return "accelerometer" if quantity == ACCELERATION else "displacement sensor"
 
 
-def percent(share: float) -> str:
-    """Three digits of a share."""
-    return f"{100 * share:.3g} %"
-
-
-def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], said: Callable[[float], str] = percent) -> Table:
-    """Where every gauge goes, and what each unknown would be known to without it, as `said`."""
+def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: bool) -> Table:
+    """Where every gauge goes, and what each unknown would be known to without it."""
     kinds, given = listed.glued.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
     rows = tuple(
         (
@@ -108,7 +103,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], said: Call
             " ".join(f"{angle:g}°" for angle in listed.angles[i])
             if listed.kind[i] in ("strain gauge", "rosette")
             else "",
-            *(said(float(values[i])) for values in without.values()),
+            *(f"{100 * v[i]:.3g} %" if relative else f"{v[i]:.4g}" for v in without.values()),
         )
         for i in range(len(listed.labels))
     )

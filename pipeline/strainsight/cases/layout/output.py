@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from strainsight.cases.layout.comparison import Comparison
-from strainsight.cases.layout.gauge_list import gauge_csv
+from strainsight.cases.layout.advice import advice_table
+from strainsight.cases.layout.comparison import Comparison, criteria_table
+from strainsight.cases.layout.gauge_list import gauge_csv, gauge_table
 from strainsight.cases.layout.placement import Placed
 from strainsight.gauges.candidates import channels_of_gauges
 from strainsight.gauges.export import uff_text
 from strainsight.placement.recommendation import worth_keeping
 from strainsight.records.grids import gauge_grid
 from strainsight.records.layout import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
-from strainsight.records.record import Place
-from strainsight.workflow.output import Dataset, Scalar
+from strainsight.records.record import Place, written
+from strainsight.workflow.output import Dataset, Output, Scalar, Table
 
 
 def layout_record(found: Placed) -> PlacedLayout:
@@ -65,9 +67,40 @@ def layout_record(found: Placed) -> PlacedLayout:
     )
 
 
-def said_of(found: Placed) -> Place:
-    """What `<what>` stands for in that record."""
-    return Place("", what=found.task.metric.criterion.symbol)
+def layout_output(
+    found: Placed,
+    record: PlacedLayout,
+    numbers: Mapping[str, Scalar],
+    attributes: Mapping[str, Mapping[str, Any]],
+    tables: tuple[Table, ...] = (),
+) -> Output:
+    """Datasets of the record and the pool, numbers, tables and files; numbers, attributes, tables: those of the case beside."""
+    task, listed, std, names = found.task, found.listed, found.expected.std, found.task.unknowns.names
+    criterion, certificate, proof = task.metric.criterion, found.layout.certificate, found.layout.proof
+    grid, own = _pool_grid(found)
+    parts = [f"{len(task.pool.gauges)} → {len(found.gauges)}"]
+    if certificate:
+        parts.append(f"gap {100 * max(certificate.gap, 0.0):.3f} %")
+    if proof and proof.proven:
+        parts.append("proven")
+    parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
+    directions = np.array([each[0] for each in listed.directions])
+    return Output(
+        datasets=grid | written(record, at=Place("", what=criterion.symbol)),
+        attributes={**own, "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name}, **attributes},
+        summary={**_summary(found), **{f"std.{name}": value for name, value in std.items()}, **numbers},
+        message=", ".join(parts),
+        tables=(
+            gauge_table(listed, found.expected.without, task.relative),
+            *tables,
+            criteria_table(found.others, names, task.unknowns.scale if task.relative else None),
+            advice_table(found.advice),
+        ),
+        files={
+            "gauges.csv": gauge_csv(listed, found.expected.without),
+            "gauges.unv": uff_text(listed.position, directions, listed.normal, listed.labels).encode(),
+        },
+    )
 
 
 def _selection(found: Placed, gauges: np.ndarray, load: np.ndarray | None = None) -> Selection:
@@ -103,7 +136,7 @@ def _rules(others: Comparison, names: tuple[str, ...]) -> Rules:
     )
 
 
-def pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
+def _pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
     """The pool as points: rank in the final set (0: not in it), step at which a gauge was removed (0: never), direction."""
     pool, candidates, removed = found.task.pool, found.task.candidates, found.elimination.removed
     gauge, which = pool.flat
@@ -117,11 +150,9 @@ def pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, An
     )
 
 
-def layout_summary(found: Placed) -> dict[str, Scalar]:
-    """The numbers of a layout that scripts read."""
-    result, layout = found.elimination, found.layout
+def _summary(found: Placed) -> dict[str, Scalar]:
+    result, layout, criterion = found.elimination, found.layout, found.task.metric.criterion.name
     swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
-    criterion = found.task.metric.criterion.name
     key = metric_key(criterion)
     numbers: dict[str, Scalar] = {
         "criterion": criterion,
@@ -144,21 +175,3 @@ def layout_summary(found: Placed) -> dict[str, Scalar]:
     if certificate:
         numbers |= {"lower_bound": certificate.lower_bound, "gap": certificate.gap}
     return numbers
-
-
-def layout_files(found: Placed) -> dict[str, bytes]:
-    """gauges.csv and gauges.unv, for whoever bonds the gauges and whoever draws them."""
-    listed = found.listed
-    directions = np.array([own[0] for own in listed.directions])
-    return {
-        "gauges.csv": gauge_csv(listed, found.expected.without),
-        "gauges.unv": uff_text(listed.position, directions, listed.normal, listed.labels).encode(),
-    }
-
-
-def found_message(found: Placed, std: str) -> str:
-    """How many gauges of how many, how far from the best at most, and what they tell; std: that in words."""
-    certificate, proof = found.layout.certificate, found.layout.proof
-    gap = "" if certificate is None else f", gap {100 * max(certificate.gap, 0.0):.3f} %"
-    proven = ", proven" if proof is not None and proof.proven else ""
-    return f"{len(found.task.pool.gauges)} → {len(found.gauges)}{gap}{proven}, {std}"

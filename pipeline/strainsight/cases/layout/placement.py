@@ -47,15 +47,13 @@ def placed(
     listed: Callable[[np.ndarray], GaugeList],
     progress: Callable[[str, float], None],
     *,
-    relative: bool = True,
     alike: Callable[[np.ndarray], Sequence[tuple[int, ...]]] = lambda gauges: (),
     alone: Callable[[np.ndarray], Sequence[Pool]] | None = None,
 ) -> Placed:
     """The layout that the task asks for.
 
     Of gauges (k,) by their numbers: claimed, σ that a filter on them comes to claim; listed, the same for people; alike, groups
-    that read alike; alone, where a pool row may be two gauges, the scenarios with these as pool rows of their own. relative:
-    whether σ is claimed relative to the size of an unknown.
+    that read alike; alone, where a pool row may be two gauges, the scenarios with these as pool rows of their own.
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
     settings, limits, metric, pool = task.settings, task.limits, task.metric, task.pool
@@ -73,25 +71,7 @@ def placed(
     else:  # of a mirrored pair one gauge fails, not both
         single = [each.under(metric) for each in alone(gauges)]
         loss = loss_if_one_fails(single, np.arange(len(gauges)), task.aggregate)
-    words = advice(
-        labels=own.labels,
-        criterion=metric.criterion,
-        over=task.over,
-        cost=result.cost if limits.plain else result.cost[-1:],
-        keep=settings.keep,
-        kept=len(final),
-        std=expected.std,
-        relative=relative,
-        certificate=layout.certificate,
-        groups=alike(gauges),
-        glued=own.glued,
-        load=own.peak / own.range,
-        loss=loss,
-        without=expected.without,
-        ties=sum(1 for tied in result.ties if tied),
-        price=task.cost_of(final),
-        alone=pool.alone,
-    )
+    words = advice(task, result, layout, own, expected, loss, alike(gauges))
     others = comparison(task, final, result.kept)
     return Placed(task, result, layout, final, gauges, own, expected, loss, others, words)
 

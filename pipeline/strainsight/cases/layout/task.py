@@ -46,7 +46,7 @@ class Readings:
 class Task:
     """unknowns; pools: every scenario solved with all gauges of the pool, still without a metric; candidates, and which of them
     are the pool, with price (p,) of its rows; limits, settings: `place` of a config; readings; seed of random sets; aggregate
-    over the scenarios; weights of the trace."""
+    over the scenarios; weights of the trace; relative: whether σ is claimed relative to `scale`, or in its unit."""
 
     unknowns: Unknowns
     pools: tuple[Pool, ...]
@@ -59,6 +59,7 @@ class Task:
     seed: int
     aggregate: Aggregate = "mean"
     weights: str = "normalised"
+    relative: bool = True
 
     @property
     def over(self) -> tuple[str, ...]:

@@ -199,14 +199,20 @@ def placement_table(placement: BenchPlacement) -> str:
         ]
         for i in range(len(placement.position))
     ]
-    head = ("gauge", *AXES, "direction", f"{symbol} if it fails", *(f"σ({escape(n)}) without it" for n in placement.without))
-    proven = {True: " Proven: no layout within the limits is better.", False: " The time was too short for a proof."}
-    with_all, gap = plain(placement.trend.final, 4), placement.trend.gap
-    caption = f"{symbol} of the layout: {with_all}." + (
-        "" if gap is None else f" No other layout within the limits is lower by more than {ratio(max(gap, 0.0))}."
-    )
-    caption += proven.get(placement.numbers.get("proven"), "")
-    return loads + table("gauges", head, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(head))])
+    columns = [
+        "gauge",
+        *AXES,
+        "direction",
+        f"{symbol} if it fails",
+        *(f"σ({escape(n)}) without it" for n in placement.without),
+    ]
+    caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
+    if gap is not None:
+        caption += f" No other layout within the limits is lower by more than {ratio(max(gap, 0.0))}."
+    if "proven" in placement.numbers:
+        proof = "Proven: none is better." if placement.numbers["proven"] else "The time was too short for a proof."
+        caption += f" {proof}"
+    return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
 
 
 def _unit(placement: BenchPlacement, name: str) -> str:

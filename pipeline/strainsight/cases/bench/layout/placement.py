@@ -104,7 +104,6 @@ def placement_of(
         lambda gauges: _expectation(strained, gauges, inputs),
         lambda gauges: gauge_list(on.candidates, gauges, ("gauges",), peak, np.full(len(peak), np.inf)),
         using.progress,
-        relative=False,
     )
     units = tuple(load_units(config, inputs).values())
     return BenchPlacement(**vars(found), units=units, on=on, layouts=_layouts(found, place, seed, strained))
@@ -148,6 +147,7 @@ def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple
         place,
         Readings(scenario.H[:, None, :modes], np.full((len(kept), 1), strained.noise**2), moved @ moved.T),
         seed,
+        relative=False,
     )
 
 
