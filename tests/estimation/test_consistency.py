@@ -76,7 +76,7 @@ def test_samples_that_follow_each_other_count_as_so_many_independent_ones(rho):
     alike = samples_alike(x)
     assert alike == pytest.approx((1 + rho**2) / (1 - rho**2), rel=0.02)
     assert np.var(np.mean(x**2, axis=0)) == pytest.approx(2 * alike / n, rel=0.05)
-    assert claim_of(x[:, 0], np.ones(n), alike).draws == int(n / alike)
+    assert claim_of(x[:, 0], np.ones(n), alike=alike).draws == int(n / alike)
 
 
 def test_lost_draws_and_claims_of_nothing_are_no_draws():

@@ -74,7 +74,7 @@ def chi_square_band(dimension: int, samples: int = 1, level: float = 0.95) -> tu
     return float(low), float(high)
 
 
-def claim_of(error: np.ndarray, std: np.ndarray, alike: float = 1.0) -> Claim | None:
+def claim_of(error: np.ndarray, std: np.ndarray, *, alike: float = 1.0) -> Claim | None:
     """Whether one draw or many keep to the σ that was claimed for them: RMS of e/σ inside √(χ²_n/n).
 
     error, std (...), or scalars, in one unit; what is not finite and what claims no σ are no draws; alike: so many of them are

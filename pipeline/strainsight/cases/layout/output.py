@@ -55,8 +55,9 @@ def layout_record(found: Placed) -> PlacedLayout:
         greedy=_selection(found, greedy),
         final=_selection(found, found.gauges, found.listed.peak / found.listed.range),
         loss=found.loss,
-        certificate=certificate
-        and Bound(lower_bound=certificate.lower_bound, gap=certificate.gap, weights=certificate.weights),
+        certificate=None
+        if certificate is None
+        else Bound(lower_bound=certificate.lower_bound, gap=certificate.gap, weights=certificate.weights),
         baseline={
             rule: scores.cost[metric.criterion.name]
             for rule, scores in found.others.scores.items()

@@ -114,7 +114,9 @@ def bench_page(
 
 def _placed(placement: BenchPlacement) -> str:
     """The layout, what to do with it, and the same by other rules."""
-    advice = f'<section class="card notes advice"><h3>What to do with this layout</h3>{bullets(placement.advice)}</section>'
+    advice = (
+        f'<section class="card notes advice"><h3>What to do with this layout</h3>{bullets(placement.advice)}</section>'
+    )
     rules = f'<div class="card">{criteria_meaning(placement)}{criteria_table(placement)}</div>'
     shown = advice * bool(placement.advice) + rules * bool(placement.criteria)
     return f'<div class="card">{placement_table(placement)}</div>{shown}'

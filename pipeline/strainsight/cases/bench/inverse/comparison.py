@@ -97,7 +97,7 @@ def _load(
         off = (mean - np.repeat(true, mean.shape[1] // true.shape[1], axis=1))[late]
         if f"error.{name}" in numbers:
             scaled = np.divide(off, std[late], out=np.full_like(off, np.nan), where=std[late] > 0)
-            claim = claim_of(off, std[late], samples_alike(scaled) * len(own.unknowns.starts))
+            claim = claim_of(off, std[late], alike=samples_alike(scaled) * len(own.unknowns.starts))
         if mean.shape[1] > 1:
             error = np.sqrt(np.mean(off**2, axis=0))
             numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
@@ -107,9 +107,7 @@ def _load(
     return history, error, claim, numbers
 
 
-def _parameter(
-    own: Estimated, name: str, i: int
-) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
+def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
     """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
     unknowns = own.unknowns
     column = own.bench.system.parameters.index(unknowns.parameters[name])
@@ -119,7 +117,7 @@ def _parameter(
     known = bool(np.isfinite(true).all())
     apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
     learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
-    claim = claim_of(theta[-1] - true, std[-1], starts)  # starts within a seed are one draw
+    claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
     wrong = claim is not None and claim.verdict == "overconfident"
     numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
     if known:
