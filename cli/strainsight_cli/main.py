@@ -16,7 +16,6 @@ from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import reported
-from strainsight_cli.figures import figures
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
     ConfigFile,
@@ -31,9 +30,8 @@ from strainsight_cli.options import (
     Verbose,
 )
 from strainsight_cli.status import show_plan
-from strainsight_cli.view import view
+from strainsight_cli.view import figures, view
 from strainsight_cli.work import Work, bring_up_to_date, say, show_results
-from strainsight_cli.works import loaded_config, work_of, work_of_one
 
 # The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate, and changes the
 # last digits. Numpy reads this when it is first imported, inside the commands. PARDISO has its own threads.
@@ -70,7 +68,7 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        loaded = loaded_config(config, overrides)
+        loaded = pipelines.loaded_config(config, overrides)
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
 
@@ -81,7 +79,7 @@ def run(
             else:
                 suites.run_suite(works, at_once, force, as_json, verbose)
             return
-        work = replace(work_of(loaded, results), where=Where(jobs, dask))
+        work = replace(pipelines.work_of(loaded, results), where=Where(jobs, dask))
         names = [stage.name for stage in work.stages]
         _bring_up_to_date(work, names if force else [], dry_run, as_json, verbose, tables=names)
 
@@ -95,13 +93,13 @@ def status(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        loaded = loaded_config(config, overrides)
+        loaded = pipelines.loaded_config(config, overrides)
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
 
             suites.show_suite(suites.works_of(loaded, results), False, as_json, verbose)
         else:
-            show_plan(work_of(loaded, results), (), as_json, verbose)
+            show_plan(pipelines.work_of(loaded, results), (), as_json, verbose)
 
 
 @app.command(help="Write a commented config for your own deck.")
@@ -167,7 +165,7 @@ def _add_stage(name: str, what: str) -> None:
         verbose: Verbose = False,
     ) -> None:
         with reported(verbose):
-            work = replace(work_of_one(config, results, overrides, name), where=Where(jobs, dask))
+            work = replace(pipelines.work_of_one(config, results, overrides, name), where=Where(jobs, dask))
             _one_stage(work, name, force, dry_run, as_json, verbose)
 
 
@@ -220,7 +218,7 @@ def estimate(
             asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
         if allow_unobservable:
             asked.append("estimate.allow_unobservable=true")
-        work = work_of_one(config, results, asked, "estimate")
+        work = pipelines.work_of_one(config, results, asked, "estimate")
         if "estimate" not in [stage.name for stage in work.stages]:
             raise ConfigError(
                 "no measurements to estimate from",

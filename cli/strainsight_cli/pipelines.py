@@ -1,11 +1,16 @@
-"""Which stages a config's `kind` stands for; imported only when a command needs them."""
+"""From a config file to its stages, which are imported only when a command needs them, and to the work that they are."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from strainsight_cli.work import Work
+
 if TYPE_CHECKING:
+    from strainsight.config.load import LoadedConfig
+    from strainsight.config.overrides import Override
     from strainsight.workflow.stage import Stage
 
 STAGES = {
@@ -37,3 +42,42 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
 
     return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)
+
+
+def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> LoadedConfig:
+    """Check the config before anything else is loaded."""
+    from strainsight.config.load import load_config
+
+    return load_config(path, overrides or ())
+
+
+def work_of(config: LoadedConfig, results: Path) -> Work:
+    """All stages of a config that is no suite."""
+    from strainsight.workflow.plan import Job
+
+    data: dict[str, Any] = config.data
+    return Work(stages_of(data), Job(data, config.path.parent, results, config.locate, config.model))
+
+
+def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] | None, stage: str) -> Work:
+    """The work of a config that has the stage. Raises UserError for one that has not; a suite has none."""
+    from strainsight.config.load import kind_of
+    from strainsight.errors import UserError
+
+    if kind_of(path) == "suite":
+        other = f"strainsight {stage} on the config of one of its runs, or: strainsight run {path}"
+        raise UserError(f"a suite has no stage '{stage}'", where=str(path), remedy=other)
+    loaded = loaded_config(path, overrides)
+    work = work_of(loaded, results)
+    names = [own.name for own in work.stages]
+    kind = loaded.data["kind"]
+    if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing
+        section = (
+            f"give it a section `{stage}`; " if kind == "bench" and stage in ("place", "estimate", "field") else ""
+        )
+        raise UserError(
+            f"this config of kind {kind} has no stage '{stage}'",
+            where=str(path),
+            remedy=f"{section}its stages are {', '.join(names)}",
+        )
+    return work

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from strainsight.errors import ConfigError, UserError, did_you_mean
+from strainsight.errors import ConfigError, did_you_mean
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines, render
 from strainsight_cli.bar import progress_bar
@@ -105,18 +105,6 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
             remedy=did_you_mean(run.entry.until, names, f"its stages are {', '.join(names)}"),
         )
     return stages[: names.index(run.entry.until) + 1]
-
-
-def refuse(path: Path, stage: str) -> None:
-    """Raise UserError where the file is a suite, which has no stages of its own."""
-    from strainsight.config.load import kind_of
-
-    if kind_of(path) == "suite":
-        raise UserError(
-            f"a suite has no stage '{stage}'",
-            where=str(path),
-            remedy=f"strainsight {stage} on the config of one of its runs, or: strainsight run {path}",
-        )
 
 
 def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""`strainsight view`: what a run has computed, in a window or as a picture."""
+"""`strainsight view` and `strainsight figures`: what a run has computed, in a window, as a picture or as files."""
 
 from __future__ import annotations
 
@@ -47,10 +47,8 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        from strainsight.config.load import load_config
-
         _refuse_name(screenshot)
-        loaded = load_config(config, overrides or ())
+        loaded = pipelines.loaded_config(config, overrides)
         model = viewable(loaded, config)
         stages = pipelines.stages_of(loaded.data)
         from strainsight.stages.view.views import view_of
@@ -105,3 +103,21 @@ def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...]) -> Non
         if status.stage in read and status.status != UP_TO_DATE:
             note(f"{status.artefact} is older than the config: {status.reason}")
             return
+
+
+def figures(
+    config: ConfigFile, results: Results = DEFAULT_RESULTS, overrides: Set = None, verbose: Verbose = False
+) -> None:
+    with reported(verbose):
+        from strainsight.report.chart.files import write_figures
+        from strainsight.stages.figures import figures_of
+
+        loaded = pipelines.loaded_config(config, overrides)
+        model = viewable(loaded, config)
+        folder = results / str(loaded.data["name"])
+        report = pipelines.stages_of(loaded.data)[-1]
+        files = figures_of(model, report, folder, str(config))
+        say_stale(loaded, results, report.upstream)
+        write_figures(folder / "figures", files)
+        count = sum(name.endswith(".svg") for name in files)
+        print(f"wrote {count} figures as SVG, PNG and CSV: {folder / 'figures'}")

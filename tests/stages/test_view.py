@@ -9,9 +9,8 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError
 from strainsight.report.view.viewed import DOTS, FACETS
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.stages.view.offers import chosen, offers_of
 from strainsight.stages.view.surface import nearest
-from strainsight.stages.view.views import view_of
+from strainsight.stages.view.views import chosen, offers_of, view_of
 
 from .conftest import SHORT, finished, job_of
 from .test_bench_place import written

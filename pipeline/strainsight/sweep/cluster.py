@@ -12,8 +12,7 @@ from functools import cache, partial
 from typing import Any
 
 from strainsight.errors import StrainsightError, UserError
-from strainsight.sweep.captured import Captured, captured, repeated
-from strainsight.sweep.sweep import P, Progress, R, S, Sweep
+from strainsight.sweep.sweep import Captured, P, Progress, R, S, Sweep, captured, repeated
 
 PATIENCE = 5.0
 """[s] that a scheduler has to answer in, and a first worker to be there."""

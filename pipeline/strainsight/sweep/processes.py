@@ -11,8 +11,7 @@ import warnings
 from collections.abc import Callable, Sequence
 
 from strainsight.processes import end_with_parent
-from strainsight.sweep.captured import captured, repeated
-from strainsight.sweep.sweep import P, Progress, R, S, Sweep
+from strainsight.sweep.sweep import P, Progress, R, S, Sweep, captured, repeated
 
 WORTH = 5.0
 """[s] of work ahead from which other processes pay: they take about 2 s to start and to import what they need."""

@@ -1,9 +1,10 @@
-"""What a sweep is, and the one that needs nobody else."""
+"""What a sweep is, the one that needs nobody else, and what another process answers: a result and the warnings on the way."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 P = TypeVar("P")
 R = TypeVar("R")
@@ -44,3 +45,23 @@ def watched(sweep: Sweep, watcher: Progress) -> Sweep:
         return sweep(task, points, shared, progress or watcher)
 
     return seen
+
+
+Captured = tuple[Any, list[tuple[str, type[Warning]]]]
+"""Result of a task in another process and its warnings, which are repeated here, where they are shown as all others."""
+
+
+def captured(task: Callable[[Any, Any], Any], shared: Any, point: Any) -> Captured:
+    """The result of a task, and its warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = task(shared, point)
+    return result, [(str(warning.message), warning.category) for warning in caught]
+
+
+def repeated(answer: Captured) -> Any:
+    """The result, after its warnings."""
+    result, caught = answer
+    for message, category in caught:
+        warnings.warn(message, category, stacklevel=3)
+    return result

@@ -9,7 +9,7 @@ from html import escape
 
 from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
-from strainsight.report.page.markup import data, grouped_table, measure, plain, table
+from strainsight.report.page.markup import block, cell, data, grouped_table, measure, plain, table
 from strainsight.report.page.positions import AXES, axes, decimals
 from strainsight.report.text import number
 
@@ -149,20 +149,11 @@ def _says(cell: str) -> bool:
 
 def _block(heading: str, run: BenchRun, cells: Sequence[Cell], shared: Sequence[Callable[[BenchRun], str]]) -> str:
     """The rows of a run, its own cells once beside those of its unknowns."""
-    many = len(run.unknowns)
-    span = f' rowspan="{many}"' if many > 1 else ""
-    first = f'<th scope="rowgroup"{span}>{heading}</th>'
     if run.estimate is None:
         ends = f"not estimated (ends after {escape(run.reached)})" if run.reached else "not estimated"
-        return f'<tbody><tr>{first}<td colspan="{len(cells) + len(shared) + 1}">{ends}</td></tr></tbody>'
-    last = "".join(f'<td class="n"{span}>{cell(run) or "–"}</td>' for cell in shared)
-    rows = []
-    for i, unknown in enumerate(run.unknowns):
-        values = "".join(f'<td class="n">{cell(run, unknown)}</td>' for cell in cells)
-        rows.append(
-            f"<tr>{first if i == 0 else ''}<td>{escape(unknown.name)}</td>{values}{last if i == 0 else ''}</tr>"
-        )
-    return f"<tbody>{''.join(rows)}</tbody>"
+        return block(heading, [[cell(ends, across=len(cells) + len(shared) + 1)]])
+    rows = [[cell(escape(own.name)), *(cell(of(run, own), right=True) for of in cells)] for own in run.unknowns]
+    return block(heading, rows, [of(run) or "–" for of in shared], len(cells) + 1)
 
 
 def mismatch_table(run: BenchRun) -> str:

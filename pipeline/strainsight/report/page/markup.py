@@ -98,6 +98,26 @@ def grouped_table(
     )
 
 
+def block(heading: str, rows: Sequence[Sequence[str]], once: Sequence[str] = (), after: int = 1) -> str:
+    """A block of `grouped_table`: heading and the numbers `once`, which follow that many cells, span all its rows; cells of rows
+    are whole (`cell`)."""
+    span = f' rowspan="{len(rows)}"' if len(rows) > 1 else ""
+    first = f'<th scope="rowgroup"{span}>{heading}</th>'
+    shared = "".join(f'<td class="n"{span}>{text}</td>' for text in once)
+    lines = []
+    for i, row in enumerate(rows):
+        head, middle = (first, shared) if i == 0 else ("", "")
+        lines.append(f"<tr>{head}{''.join(row[:after])}{middle}{''.join(row[after:])}</tr>")
+    return f"<tbody>{''.join(lines)}</tbody>" if rows else ""
+
+
+def cell(text: str, *, right: bool = False, across: int = 1) -> str:
+    """A cell of a block; right: of a number; across: columns that it spans."""
+    number = ' class="n"' if right else ""
+    span = f' colspan="{across}"' if across > 1 else ""
+    return f"<td{number}{span}>{text}</td>"
+
+
 def _head(names: Sequence[str], right: frozenset[int]) -> str:
     cells = "".join(f'<th scope="col"{_right(i, right)}>{name}</th>' for i, name in enumerate(names))
     return f"<thead><tr>{cells}</tr></thead>"

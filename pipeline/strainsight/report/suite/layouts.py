@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from strainsight.report.page.markup import badge, figures, grouped_table, measure, picture
+from strainsight.report.page.markup import badge, block, cell, figures, grouped_table, measure, picture
 from strainsight.report.page.positions import AXES, axes, decimals
 from strainsight.report.picture.layout import Layout
 from strainsight.report.space.section import space_section
@@ -84,17 +84,11 @@ def _gauge_rows(index: int, run: PlacementRun) -> str:
     rows = []
     for i, gauge in enumerate(run.layout.gauges):
         other, size = nearest.get(gauge.label, ("", None))
-        cells = [
-            f"<td>{badge(gauge.label, i, hollow=gauge.bonded)}</td>",
-            f'<td class="n">{gauge.element}</td>',
-            *(f'<td class="n">{cell}</td>' for cell in axes(gauge.position, places)),
-            f"<td>{escape(other) or '–'}</td>",
-            f'<td class="n">{"–" if size is None else measure(1000 * size, "mm", 3)}</td>',
-        ]
-        many = len(run.layout.gauges)
-        heading = f'<th scope="rowgroup" rowspan="{many}">{index}. {escape(run.label)}</th>' if i == 0 else ""
-        rows.append(f"<tr>{heading}{''.join(cells)}</tr>")
-    return f"<tbody>{''.join(rows)}</tbody>" if rows else ""
+        row = [cell(badge(gauge.label, i, hollow=gauge.bonded)), cell(str(gauge.element), right=True)]
+        row += [cell(text, right=True) for text in axes(gauge.position, places)]
+        distance = "–" if size is None else measure(1000 * size, "mm", 3)
+        rows.append([*row, cell(escape(other) or "–"), cell(distance, right=True)])
+    return block(f"{index}. {escape(run.label)}", rows)
 
 
 def _same_structure(one: Layout, other: Layout) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from urllib.parse import quote
 
-from strainsight.report.page.markup import count, grouped_table, plain, share
+from strainsight.report.page.markup import block, cell, count, grouped_table, plain, share
 from strainsight.report.suite.cases import numbered
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.report.suite.results import (
@@ -98,27 +98,17 @@ ASIDE = '<small class="aside"><br>{}</small>'
 
 def _block(index: int, run: PlacementRun, mixed: bool) -> str:
     """All rows of a run, its own cells once beside those of its unknowns; mixed: runs differ in their metric."""
-    many = len(run.unknowns) if is_estimated(run) else 1
-    span = f' rowspan="{many}"' if many > 1 else ""
-    heading = (
-        f'<th scope="rowgroup"{span}><a href="#run-{index}">{index}. {escape(run.label)}</a>'
-        + f"{link(run, around=ASIDE)}</th>"
-    )
-    shared = (
+    heading = f'<a href="#run-{index}">{index}. {escape(run.label)}</a>{link(run, around=ASIDE)}'
+    once = (
         f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
         _metric(run, mixed),
         "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0)),
     )
-    once = "".join(f'<td class="n"{span}>{text}</td>' for text in shared)
-    if not is_estimated(run):
-        names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
-        absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
-        return f"<tbody><tr>{heading}<td>{names}</td>{once}{absent}</tr></tbody>"
-    rows = []
-    for i, result in enumerate(results_of(run)):
-        first = (heading, once) if i == 0 else ("", "")
-        rows.append(f"<tr>{first[0]}<td>{_unknown(result)}</td>{first[1]}{_numbers(result)}</tr>")
-    return f"<tbody>{''.join(rows)}</tbody>"
+    if is_estimated(run):
+        return block(heading, [[cell(_unknown(result)), *_numbers(result)] for result in results_of(run)], once)
+    names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
+    absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
+    return block(heading, [[cell(names), absent]], once)
 
 
 def _absent(run: PlacementRun) -> str:
@@ -146,10 +136,10 @@ def _unknown(result: Result) -> str:
     return f"{name}, load" + ("" if result.smoothed else ", filtered") + zero
 
 
-def _numbers(result: Result) -> str:
+def _numbers(result: Result) -> list[str]:
     sigmas = "–" if result.sigmas is None else plain(result.sigmas, 2)
-    cells = [*map(share, (result.error, result.std)), sigmas, *map(share, (result.rms, result.worst))]
-    return "".join(f'<td class="n">{cell}</td>' for cell in cells) + f"<td>{_verdict(result)}</td>"
+    shown = [*map(share, (result.error, result.std)), sigmas, *map(share, (result.rms, result.worst))]
+    return [*(cell(text, right=True) for text in shown), cell(_verdict(result))]
 
 
 def _verdict(result: Result) -> str:

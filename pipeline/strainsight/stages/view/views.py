@@ -1,17 +1,117 @@
-"""A view of a run from its artefacts alone."""
+"""What there is to see of a run, which stages have to have run for it, and the view from their artefacts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import UserError
+from strainsight.errors import ArtefactError, UserError
 from strainsight.report.view.viewed import View
 from strainsight.stages.view.bench import bench_view, body_of
-from strainsight.stages.view.offers import chosen, offers_of, opened
 from strainsight.stages.view.placement import placement_view
+from strainsight.workflow.artefact import Artefact
+
+WHAT = ("mesh", "modes", "candidates", "layout", "field")
+FURTHEST = ("field", "layout", "mesh")
+"""What is shown where nothing is asked for: the first of these that is there."""
+
+
+@dataclass(frozen=True)
+class Offers:
+    """stages: what → stages whose artefacts it is read from, in order; absent: what → why this config has none of it."""
+
+    stages: Mapping[str, tuple[str, ...]]
+    absent: Mapping[str, str]
+
+
+def offers_of(config: PlacementConfig | BenchConfig, names: Sequence[str], body: str = "") -> Offers:
+    """What a placement or a bench with these stages could show; body: the flexible body of a bench."""
+    if isinstance(config, BenchConfig):
+        return _of_bench(config, names, body)
+    in_time = "estimate" in names and config.estimate is not None and config.estimate.field is not None
+    placed = ("import", "rom", "train", "screen", "place")
+    return Offers(
+        {
+            "mesh": ("import",),
+            "modes": ("import", "rom"),
+            "candidates": ("import", "train"),
+            "layout": placed,
+            "field": (*placed, "estimate" if in_time else "validate"),
+        },
+        {},
+    )
+
+
+def _of_bench(config: BenchConfig, names: Sequence[str], body: str) -> Offers:
+    strains = [s for s in config.sensors.values() if s.type == "strain" and s.body == body]
+    placed_here = "place" in names and config.place is not None and config.place.body == body
+    placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))
+    stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "reduce")}
+    absent = {}
+    if placed_here:
+        stages["candidates"] = ("import", "place")
+    else:
+        absent["candidates"] = f"nothing is placed on '{body}': give the config a section `place`"
+    if strains or placed:
+        stages["layout"] = ("import", *placed)
+    else:
+        absent["layout"] = f"there is no gauge on '{body}': give the config a strain sensor, or a section `place`"
+    if "field" in names and config.field is not None and config.field.body == body:
+        stages["field"] = ("import", *placed, "field")
+    else:
+        absent["field"] = f"no field of '{body}' is written: give the config a section `field`"
+    return Offers(stages, absent)
+
+
+def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) -> str:
+    """What to show: what is asked for, or the furthest thing there is.
+
+    Raises UserError for what this config does not have, and for what has not been computed yet with the command to run.
+    """
+    if asked is not None:
+        if asked not in offers.stages:
+            can = ", ".join(what for what in WHAT if what in offers.stages)
+            raise UserError(
+                f"this run has nothing to show of '{asked}'",
+                where=config_file,
+                remedy=f"{offers.absent[asked]}; it has {can}",
+            )
+        if missing := _missing(offers, folder, asked):
+            raise UserError(
+                f"nothing to show of '{asked}' yet: {folder / missing[0]}.h5 has not been written",
+                where=config_file,
+                remedy=f"run first: strainsight {missing[-1]} {config_file}",
+            )
+        return asked
+    there = [what for what in FURTHEST if what in offers.stages and not _missing(offers, folder, what)]
+    if not there:
+        raise UserError(
+            f"there is nothing to show yet in {folder}",
+            where=config_file,
+            remedy=f"run first: strainsight import {config_file} (the mesh), or strainsight run {config_file}",
+        )
+    return there[0]
+
+
+def opened(offers: Offers, folder: Path, what: str) -> dict[str, Artefact]:
+    """The artefacts that it is read from, verified. Raises ArtefactError for one that is damaged."""
+    found = {}
+    for stage in offers.stages[what]:
+        found[stage] = Artefact(folder / f"{stage}.h5")
+        if found[stage].header.stage != stage:
+            raise ArtefactError(
+                f"this is the artefact of stage '{found[stage].header.stage}', not of '{stage}'",
+                where=str(found[stage].path),
+                remedy=f"run it again: strainsight {stage} CONFIG --force",
+            )
+    return found
+
+
+def _missing(offers: Offers, folder: Path, what: str) -> list[str]:
+    return [stage for stage in offers.stages[what] if not (folder / f"{stage}.h5").is_file()]
 
 
 def view_of(
