@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.report.page.document import own
+from strainsight.report.suite.data import Statement, Study
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
 
@@ -34,6 +35,25 @@ def test_the_page_is_well_formed_and_every_link_within_it_leads_somewhere(suite)
     assert steps_in_order(outline)
     regions = names_of_regions(outline)
     assert len(regions) == len(set(regions)) > 5
+
+
+def test_placements_have_studies_and_statements_too(suite):
+    runs = tuple(
+        replace(run, study="Step", at=float(i), numbers={"validate": {"error.E": 0.01 * i, "std.E": 0.02}})
+        for i, run in enumerate(suite().runs[:3], start=1)
+    )
+    own = suite(
+        runs=runs,
+        studies=(Study("Step", "What it costs.", "train.time_step", (), (0, 1, 2)),),
+        statements=(Statement("E is known.", ((0, "error.E", 0.01),), below=0.05),),
+    )
+    drawings = suite_figures(own)
+    (sweep,) = (drawing for drawing in drawings if drawing.key.startswith("study-"))
+    assert "error of E: 1 0.01, 2 0.02, 3 0.03" in sweep.alt
+    text = page(own, drawings=drawings)
+    assert len(Outline(text).ids) == len(set(Outline(text).ids))
+    assert "1 statement : 1 confirmed; from 3 runs, 3 with an estimate. 3 runs : 1 as claimed" in words(text)
+    assert text.index("E is known.") < text.index('data-table="runs"') < text.index("What it costs.") < text.index(sweep.caption)
 
 
 def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):
