@@ -16,7 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
-from strainsight_cli import main, pipelines
+from strainsight_cli import pipelines
 from strainsight_cli.failures import failure_of
 from strainsight_cli.main import app
 
@@ -132,7 +132,7 @@ def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(
     def broken(*_, **__):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(main, "loaded_config", broken)
+    monkeypatch.setattr(pipelines, "loaded_config", broken)
     done = call("run", CONFIG)
     assert done.exit_code == 1
     message = done.output + (done.stderr or "")
@@ -144,7 +144,7 @@ def test_memory_that_runs_out_is_two_and_says_what_was_asked_for(call, monkeypat
     def greedy(*_, **__):
         np.empty(2**59)
 
-    monkeypatch.setattr(main, "loaded_config", greedy)
+    monkeypatch.setattr(pipelines, "loaded_config", greedy)
     done = call("run", CONFIG)
     assert done.exit_code == 2
     message = done.output + (done.stderr or "")

@@ -12,7 +12,7 @@ from functools import cache, partial
 from typing import Any
 
 from strainsight.errors import StrainsightError, UserError
-from strainsight.sweep.sweep import Captured, P, Progress, R, S, Sweep, captured, repeated
+from strainsight.sweep.sweep import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
 
 PATIENCE = 5.0
 """[s] that a scheduler has to answer in, and a first worker to be there."""
@@ -114,7 +114,7 @@ def _shown(version: str | None) -> str:
 
 
 def _sweep(
-    client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None
+    client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched
 ) -> list[R]:
     import dask
     from distributed import CancelledError
@@ -152,7 +152,7 @@ def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapp
     return captured(task, shared, point)
 
 
-def _collected(client: Any, futures: Sequence[Any], progress: Progress | None) -> list[Any]:
+def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[Any]:
     """The results in order; the error of a task ends them all."""
     from distributed import wait
 
@@ -167,8 +167,7 @@ def _collected(client: Any, futures: Sequence[Any], progress: Progress | None) -
             continue
         found |= _results(client, done)
         waiting -= done
-        if progress is not None:
-            progress(len(found) / len(futures))
+        progress(len(found) / len(futures))
     return [repeated(found[future.key]) for future in futures]
 
 

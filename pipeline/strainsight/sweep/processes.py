@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Sequence
 
 from strainsight.processes import end_with_parent
-from strainsight.sweep.sweep import P, Progress, R, S, Sweep, captured, repeated
+from strainsight.sweep.sweep import P, Progress, R, S, Sweep, captured, repeated, unwatched
 
 WORTH = 5.0
 """[s] of work ahead from which other processes pay: they take about 2 s to start and to import what they need."""
@@ -25,14 +25,13 @@ def in_processes(jobs: int | None, memory: Callable[[], float]) -> Sweep:
     """
     most = jobs or cores()
 
-    def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
+    def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
         found: list[R] = []
         start = time.perf_counter()
 
         def keep(result: R) -> None:
             found.append(result)
-            if progress is not None:
-                progress(len(found) / len(points))
+            progress(len(found) / len(points))
 
         for k, point in enumerate(points):
             left = len(points) - k

@@ -14,6 +14,10 @@ Progress = Callable[[float], None]
 """Called with the share that is done."""
 
 
+def unwatched(share: float) -> None:
+    """Progress that nobody looks at."""
+
+
 class Sweep(Protocol):
     """sweep(task, points, shared) = [task(shared, point) for point in points], wherever and in whatever order they run.
 
@@ -24,25 +28,24 @@ class Sweep(Protocol):
     """
 
     def __call__(
-        self, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None
+        self, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched
     ) -> list[R]: ...
 
 
-def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
+def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
     """One point after the other, here."""
     found = []
     for point in points:
         found.append(task(shared, point))
-        if progress is not None:
-            progress(len(found) / len(points))
+        progress(len(found) / len(points))
     return found
 
 
 def watched(sweep: Sweep, watcher: Progress) -> Sweep:
     """The same sweep, which calls `watcher` with its progress."""
 
-    def seen(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress | None = None) -> list[R]:
-        return sweep(task, points, shared, progress or watcher)
+    def seen(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = watcher) -> list[R]:
+        return sweep(task, points, shared, progress)
 
     return seen
 
