@@ -19,7 +19,7 @@ from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from .conftest import ROOT, finished, job_of
+from .conftest import BENCHES, ROOT, finished, job_of, made
 
 FULL = ROOT / "configs" / "bench-full.yaml"
 PENDULUM = """
@@ -191,11 +191,10 @@ def test_a_start_that_the_joints_do_not_allow_is_refused(tmp_path, old, new, key
     assert says in done.stderr
 
 
-def test_gauges_may_be_zeroed_at_the_start(bench, tmp_path):
+def test_gauges_may_be_zeroed_at_the_start(bench):
     """Only what they read at the start goes; the bench itself is the same."""
-    config = ROOT / "configs" / "bench-full.yaml"
-    job = job_of(config, tmp_path, "simulate.duration=0.1", "sensors.gauges.zeroed=true")
-    zeroed = finished(job, bench_stages(job.config))["simulate"][2]
+    changes = ("simulate.duration=0.1", "sensors.gauges.zeroed=true")
+    zeroed = made(FULL, *changes, until="simulate", beside=BENCHES)["simulate"]
     plain = bench["simulate"]["/sensors/gauges"][:11]
     np.testing.assert_array_equal(zeroed["/sensors/gauges"], plain - plain[0])
 
@@ -222,7 +221,7 @@ def test_a_slow_mode_beside_a_stiff_residual_vector_is_damped():
     np.testing.assert_allclose(C, np.diag(0.1 * np.sqrt(lam)), rtol=1e-9)
 
 
-def test_rings_that_face_away_from_each_other_are_refused(tmp_path):
+def test_rings_that_face_away_from_each_other_are_refused(bench, tmp_path):
     """Turned by 180° about z the displacements look small; the model does not hold."""
     text = (ROOT / "configs" / "bench-full.yaml").read_text(encoding="utf-8")
     path = tmp_path / "own.yaml"
@@ -233,7 +232,8 @@ def test_rings_that_face_away_from_each_other_are_refused(tmp_path):
         .replace("duration: 10.0", "duration: 0.05"),
         encoding="utf-8",
     )
-    done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / "r")])
+    beside = str(bench["simulate"].path.parents[1])
+    done = CliRunner().invoke(app, ["simulate", str(path), "--results", beside, "--set", "name=facing-away"])
     assert done.exit_code == 2, done.output
     assert "forces.bearing" in done.stderr
     assert "3.14 rad apart" in done.stderr
@@ -252,10 +252,11 @@ def test_a_joint_whose_axes_point_opposite_ways_is_refused(tmp_path):
     assert "opposite" in done.stderr
 
 
-def test_loads_that_no_such_bearing_carries_are_refused(tmp_path):
+def test_loads_that_no_such_bearing_carries_are_refused(bench):
     job = job_of(
-        ROOT / "configs" / "bench-full.yaml",
-        tmp_path,
+        FULL,
+        bench["simulate"].path.parents[1],
+        "name=too-heavy",
         "simulate.duration=0.05",
         "forces.Fx.signal={type: constant, value: 1.0e13}",
     )
