@@ -14,6 +14,8 @@ from strainsight.errors import ConfigError
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+pytestmark = pytest.mark.slow
+
 CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-input-youngs-modulus.yaml"
 SUITE = """\
 kind: suite

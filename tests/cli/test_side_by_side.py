@@ -10,6 +10,8 @@ from typer.testing import CliRunner
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+pytestmark = pytest.mark.slow
+
 CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
 QUICK = """{train.duration: 0.2, validate.duration: 0.2, place.instants: 2, validate.random_sets: 0, validate.repeats: 2,
       validate.noise_factors: [], validate.truth.modes: 20, rom.parameter_samples: 1}"""

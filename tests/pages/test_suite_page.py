@@ -17,6 +17,8 @@ from .every import (  # noqa: F401  every page has to pass these
 )
 from .runs import page_of
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):

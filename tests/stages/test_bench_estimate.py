@@ -75,6 +75,7 @@ def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(
     assert not found["/sensors/relative/used"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zeroed", [False, True])
 def test_a_hub_ten_per_cent_too_stiff_scales_loads_and_adds_a_tenth_of_the_weight_unless_gauges_are_zeroed(
     estimate, zeroed
@@ -94,6 +95,7 @@ def test_a_hub_ten_per_cent_too_stiff_scales_loads_and_adds_a_tenth_of_the_weigh
         assert found.summary["offset.Fz"] == pytest.approx(-0.1 * WEIGHT, rel=0.02)
 
 
+@pytest.mark.slow
 def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone_do_not(estimate):
     common = ("estimate.duration=4.0", "sensors.gauges.zeroed=true")
     both = estimate(MODULUS, *common)
@@ -126,6 +128,7 @@ def test_undamped_updates_lose_a_diameter_that_damped_ones_find(estimate):
     assert estimate(DIAMETER, *wrong).summary["error.diameter"] < 1e-6
 
 
+@pytest.mark.slow
 def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(estimate, bench):
     large = ("estimate.duration=1.0", f"estimate.measured.from={bench['simulate'].path}")
     three = estimate(SMALL, *large)

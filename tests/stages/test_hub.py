@@ -17,6 +17,8 @@ from strainsight_cli.main import app
 
 from .conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 HUB = ROOT / "configs" / "hub"
 CONFIG = HUB / "hub-youngs-modulus.yaml"
 QUICK = ("place.instants=3", "validate.truth.modes=20", "validate.random_sets=2", "validate.repeats=2")

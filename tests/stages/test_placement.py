@@ -165,6 +165,7 @@ def test_the_report_is_one_file_with_the_numbers_of_the_artefacts(artefacts):
     assert artefacts["report"].summary["picture"]
 
 
+@pytest.mark.slow
 def test_the_order_of_loads_and_unknowns_in_the_file_changes_nothing(tmp_path):
     """Two loads, exchanged, and the unknowns listed the other way round: the same estimate, each trace under its own name."""
     text = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text().replace("../meshes", str(ROOT / "meshes"))

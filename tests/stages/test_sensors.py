@@ -64,6 +64,7 @@ def mixed(tmp_path_factory):
     return {stage: artefact for stage, (_, _, artefact) in finished(job_of(config, folder / "results")).items()}
 
 
+@pytest.mark.slow
 def test_a_layout_keeps_every_limit(mixed):
     train, place = mixed["train"], mixed["place"]
     chosen = place["/selected/final/channel"]

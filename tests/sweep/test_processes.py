@@ -67,6 +67,7 @@ def test_an_error_keeps_its_place_and_remedy(jobs):
     assert (failed.value.key, failed.value.remedy) == ("validate.repeats", "take two")
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_nothing(tmp_path):
     with opened(Where(2)) as sweep, pytest.warns(UserWarning, match=r"was killed.*--jobs 1"):
         found = sweep(tasks.killed_once, list(range(8)), str(tmp_path / "once"))
