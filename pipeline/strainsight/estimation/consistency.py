@@ -88,7 +88,9 @@ def claim_of(error: np.ndarray, std: np.ndarray, *, alike: float = 1.0) -> Claim
     draws = max(1, int(np.count_nonzero(drawn) / alike))
     ratio = float(np.sqrt(np.mean((error[drawn] / std[drawn]) ** 2)))
     low, high = (float(np.sqrt(edge)) for edge in chi_square_band(1, draws, HOLDS))
-    return Claim(draws, ratio, (low, high), "cautious" if ratio < low else "overconfident" if ratio > high else "as claimed")
+    return Claim(
+        draws, ratio, (low, high), "cautious" if ratio < low else "overconfident" if ratio > high else "as claimed"
+    )
 
 
 def samples_alike(scaled: np.ndarray) -> float:

@@ -74,7 +74,9 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
     per_node = np.zeros(len(mesh.position))
     for part in _chunks(mesh, density):
         a, b = np.triu_indices(part.nodes.shape[1])
-        values = element_masses(kind_of(part.kind), mesh.position[part.nodes], part.ids)[:, :, 0] * _factors(part, density)
+        values = element_masses(kind_of(part.kind), mesh.position[part.nodes], part.ids)[:, :, 0] * _factors(
+            part, density
+        )
         other = values * (a != b)
         per_node += np.bincount(part.nodes[:, a].ravel(), values.ravel(), len(per_node))
         per_node += np.bincount(part.nodes[:, b].ravel(), other.ravel(), len(per_node))

@@ -101,8 +101,7 @@ def _clamped(mesh: Mesh, rows: Rows, found: Equations) -> np.ndarray:
     for (node, component), row in zip(fixed.tolist(), held.tolist(), strict=True):
         if row in found.by:
             raise DeckError(
-                f"node {mesh.node_ids[node]} is clamped in component {component + 1} and dependent in "
-                f"{found.by[row]}",
+                f"node {mesh.node_ids[node]} is clamped in component {component + 1} and dependent in {found.by[row]}",
                 remedy="clamp the reference node instead, or take the node out of the element",
                 entity=("tie", found.by[row].id),
             )

@@ -52,7 +52,9 @@ def surface_model(
     numbers, where = np.unique(rows.region, return_inverse=True)
     for number in numbers:
         if int(number) not in mesh.regions or mesh.regions[int(number)].material not in mesh.materials:
-            raise DeckError(f"region {number} has no material", remedy="stresses need one: state it under mesh.materials")
+            raise DeckError(
+                f"region {number} has no material", remedy="stresses need one: state it under mesh.materials"
+            )
     materials = [mesh.materials[mesh.regions[int(number)].material] for number in numbers]
     lam, mu = lame(np.array([material.poisson_ratio for material in materials])[where])
     E = np.array([material.youngs_modulus for material in materials])[where]

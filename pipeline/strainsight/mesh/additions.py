@@ -29,7 +29,9 @@ def region_ids(mesh: Mesh, wanted: Sequence[int | str]) -> tuple[int, ...]:
     return tuple(found)
 
 
-def with_material(mesh: Mesh, regions: Sequence[int | str] | None, E: float, nu: float, rho: float, name: str = "") -> Mesh:
+def with_material(
+    mesh: Mesh, regions: Sequence[int | str] | None, E: float, nu: float, rho: float, name: str = ""
+) -> Mesh:
     """A mesh whose regions (None: all) are of the material E [Pa], ν [-], ρ [kg/m³].
 
     Raises UserError for a region that the mesh does not have.
@@ -56,9 +58,7 @@ def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:
     return replace(mesh, node_ids=ids, position=np.vstack([mesh.position, np.asarray(position, dtype=float)]))
 
 
-def with_rigid_element(
-    mesh: Mesh, reference: int, nodes: IntArray, components: Sequence[int], name: str = ""
-) -> Mesh:
+def with_rigid_element(mesh: Mesh, reference: int, nodes: IntArray, components: Sequence[int], name: str = "") -> Mesh:
     """A mesh with one rigid element more: components 0-5 of nodes (k,) follow node reference (indices)."""
     element = RigidElement(_next_tie(mesh), reference, nodes[nodes != reference], tuple(components), name)
     return replace(mesh, rigid=(*mesh.rigid, element))

@@ -59,7 +59,9 @@ class FlexibleBody(Section):
 
     type: Literal["flexible"] = Field(description="Kind of body.")
     mesh: MeshFile = Field(description="The finite-element model, whose supports hold the body on the ground.")
-    scale: Positive = Field(1.0, description="The body is so many times the size of its deck, of the same material [-].")
+    scale: Positive = Field(
+        1.0, description="The body is so many times the size of its deck, of the same material [-]."
+    )
     modes: Annotated[int, Field(ge=0)] | None = Field(
         None, description="Modes with held interfaces to keep [-]; null: as many as `cutoff` asks for, or 10."
     )

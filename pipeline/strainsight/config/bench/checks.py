@@ -172,7 +172,9 @@ def _apart(config: BenchConfig) -> Iterator[Problem]:
     """Where a joint, a force or a sensor is between two frames, these are on two bodies."""
     for section in ("joints", "forces", "sensors"):
         for name, entry in getattr(config, section).items():
-            named = [(key, frame) for key, frame, mark in names_in(entry, f"{section}.{name}") if mark.section == "frames"]
+            named = [
+                (key, frame) for key, frame, mark in names_in(entry, f"{section}.{name}") if mark.section == "frames"
+            ]
             bodies = [config.frames[frame].body for _, frame in named if frame in config.frames]
             if len(bodies) == 2 and bodies[0] == bodies[1]:
                 keys = {key for key, _ in named}

@@ -71,7 +71,9 @@ class FromRun(Section):
         description="Name of the run (results/NAME/simulate.h5), or the path of such a file from the config's folder.",
     )
     sensors: dict[Name, Text] = Field({}, description="Own sensor → sensor there; left out: the one of the same name.")
-    inputs: dict[Name, Text] = Field({}, description="Own input → input there, to divide one by the other; default as above.")
+    inputs: dict[Name, Text] = Field(
+        {}, description="Own input → input there, to divide one by the other; default as above."
+    )
     scale: Positive = Field(1.0, description="Factor on lengths that are taken over [-].")
 
 
@@ -89,15 +91,20 @@ class Method(Section):
 class Estimate(Section):
     """Loads and parameters of the bench from its sensors (thesis 2 to 4)."""
 
-    time_step: Positive | None = Field(None, description="Time step of filter and samples [s]; null: simulate.time_step.")
+    time_step: Positive | None = Field(
+        None, description="Time step of filter and samples [s]; null: simulate.time_step."
+    )
     duration: Positive | None = Field(None, description="Length of the estimate [s]; null: simulate.duration.")
     sensors: Annotated[dict[Name, MeasuredSensor], Field(min_length=1)] = Field(
         description="The sensors that the filter is given; all others are compared with it."
     )
-    inputs: dict[Name, UnknownInput] = Field({}, description="Unknown forces and moments, by their names under `forces`.")
+    inputs: dict[Name, UnknownInput] = Field(
+        {}, description="Unknown forces and moments, by their names under `forces`."
+    )
     parameters: dict[Name, EstimatedParameter] = Field({}, description="Parameters that the filter has wrong, by name.")
     increments: Literal["step", "second"] = Field(
-        "step", description="Whether `increment` is σ of the change in a step, whatever its length, or in a second (Q ∝ h²)."
+        "step",
+        description="Whether `increment` is σ of the change in a step, whatever its length, or in a second (Q ∝ h²).",
     )
     disturbance: NotNegative = Field(
         0.0, description="σ of a white acceleration on every body, drawn anew in every step: model error [m/s²]."

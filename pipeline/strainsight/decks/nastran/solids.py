@@ -42,7 +42,9 @@ def read_solids(
     )
     if not elements and required:
         raise DeckError(
-            "the deck holds no solid element", where=str(path), remedy=f"the model needs {FAMILIES} ({', '.join(SOLIDS)})"
+            "the deck holds no solid element",
+            where=str(path),
+            remedy=f"the model needs {FAMILIES} ({', '.join(SOLIDS)})",
         )
     ids = unique_ids(elements, "element")
     gathered: dict[ElementKind, list[tuple[int, int, list[int]]]] = {}
