@@ -112,6 +112,7 @@ def placed(folder: Path) -> Artefact:
             candidate=np.arange(4),
             position=np.arange(12.0).reshape(4, 3),
             direction=np.tile([0.0, 0.6, -0.8], (4, 1)),
+            length=np.zeros(4),
             metric=1.0,
             std=np.array([std]),
             without=np.full((4, 1), np.inf),

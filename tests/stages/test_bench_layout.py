@@ -27,11 +27,11 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("layouts")
     path = written(folder)
 
-    def run(*changes):
+    def run(*changes, last="place"):
         name = f"name=layout-{abs(hash(changes))}"
         job = job_of(path, folder / "results", name, "place.random=1", *changes)
-        stages = [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place")]
-        return finished(job, stages)["place"][2]
+        stages = [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place", last)]
+        return finished(job, stages)[last][2]
 
     return run
 
@@ -122,6 +122,16 @@ def test_a_budget_is_kept_and_the_gauge_that_is_there_costs_nothing_and_stays(pl
     lines = (found.path.parent / "gauges.csv").read_text(encoding="utf-8").splitlines()
     head = lines[0].split(",")
     assert sorted(line.split(",")[head.index("glued")] for line in lines[1:]) == ["no", "no", "yes"]
+
+
+def test_a_sensor_reads_the_bonded_gauge_over_its_grid(place):
+    """Statics under the constant loads of the beam: a grid of 0.2 m averages the strain that falls along the beam."""
+    grid = BONDED.replace("direction: [1, 0, 0]", "direction: [1, 0, 0], length: 0.2")
+    found, simulated = place(grid), place(grid, last="simulate")
+    own = found["/layouts/place/candidate"]
+    assert found["/layouts/place/length"][own == 0] == pytest.approx(0.2)
+    expected = found["/candidates/response"][own] @ [1000.0, 500.0]
+    np.testing.assert_allclose(simulated["/sensors/gauges"][0], expected, rtol=1e-6)
 
 
 def test_what_each_failure_costs_is_what_the_rest_of_the_gauges_reach(place):

@@ -29,6 +29,7 @@ class BenchLayout:
     candidate: np.ndarray = dataset("/candidate", "1", "gauge", "number of every gauge among the candidates")
     position: np.ndarray = dataset("/position", "m", "gauge × 3", "position")
     direction: np.ndarray = dataset("/direction", "1", "gauge × 3", "measuring direction")
+    length: np.ndarray = dataset("/length", "m", "gauge", "length of its grid, 0: the strain at its centre")
     metric: float = dataset(
         "/metric", "1", "", "<what>; inf where an input is lost, NaN where the equation is not solved to accuracy"
     )

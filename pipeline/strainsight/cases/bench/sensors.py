@@ -77,7 +77,7 @@ def _strain(
     else:
         assert placed is not None
         key, own = f"sensors.{name}.layout", placed.layout(entry.layout)
-        entries = [GluedEntry(x, d) for x, d in zip(own.position, own.direction, strict=True)]
+        entries = [GluedEntry(*gauge) for gauge in zip(own.position, own.direction, own.length, strict=True)]
     facets = exterior_facets(mesh)
     with blame(key):
         there, moved = glued(mesh, facets, entries, entry.snap_tolerance, key)

@@ -11,7 +11,7 @@ from strainsight.workflow.stage import Context, Stage
 
 def run(context: Context) -> Output:
     """The placement, with the pool as points of a grid."""
-    return output_of(placement_of(context.config, context.seed, meshes(context), bodies(context), context))
+    return output_of(placement_of(context.config, meshes(context), bodies(context), context))
 
 
 PLACE = Stage(

@@ -78,7 +78,7 @@ class Strained:
 
 
 def placement_of(
-    config: BenchConfig, seed: int, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
+    config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
 ) -> BenchPlacement:
     """Linearise about the static equilibrium, screen, eliminate, exchange, prove; draw layouts to compare with.
 
@@ -100,13 +100,13 @@ def placement_of(
     strained = Strained(linear, rows, noise, float(asked(config).disturbance))
     peak = np.abs(on.rows @ q[modal])
     found = placed(
-        _task(place, seed, meshes[place.body], on, inputs, strained),
+        _task(place, config.seed, meshes[place.body], on, inputs, strained),
         lambda gauges: _expectation(strained, gauges, inputs),
         lambda gauges: gauge_list(on.candidates, gauges, ("gauges",), peak, np.full(len(peak), np.inf)),
         using.progress,
     )
     units = tuple(load_units(config, inputs).values())
-    return BenchPlacement(**vars(found), units=units, on=on, layouts=_layouts(found, place, seed, strained))
+    return BenchPlacement(**vars(found), units=units, on=on, layouts=_layouts(found, place, strained))
 
 
 def _equilibrium(config: BenchConfig, bench: Bench, using: Resources) -> tuple[np.ndarray, np.ndarray]:
@@ -165,21 +165,20 @@ def _expectation(strained: Strained, gauges: np.ndarray, inputs: tuple[str, ...]
     return Expectation(dict(zip(inputs, std.tolist(), strict=True)), dict(zip(inputs, without.T, strict=True)))
 
 
-def _layouts(found: Placed, place: BenchPlace, seed: int, strained: Strained) -> dict[str, BenchLayout]:
+def _layouts(found: Placed, place: BenchPlace, strained: Strained) -> dict[str, BenchLayout]:
     """The placed layout, and as many gauges drawn from all candidates, those that are bonded already among them."""
     expected, candidates, metric = found.expected, found.task.candidates, found.task.metric
 
     def layout(gauges: np.ndarray, cost: float, std: np.ndarray, without: np.ndarray) -> BenchLayout:
-        position, direction = candidates.position[gauges], candidates.direction[gauges]
-        return BenchLayout(
-            candidate=gauges, position=position, direction=direction, metric=cost, std=std, without=without
-        )
+        where = {key: getattr(candidates, key)[gauges] for key in ("position", "direction", "length")}
+        return BenchLayout(candidate=gauges, **where, metric=cost, std=std, without=without)
 
     own = np.array(list(expected.std.values())), np.column_stack(list(expected.without.values()))
     layouts = {PLACED: layout(found.gauges, found.layout.cost, *own)}
     bonded, free = np.flatnonzero(candidates.glued), np.flatnonzero(~candidates.glued)
     count = len(found.gauges) - len(bonded)
-    drawn = random_sets(len(free), count, int(place.random), seed) if count else np.zeros((int(place.random), 0), int)
+    some, seed = int(place.random), found.task.seed
+    drawn = random_sets(len(free), count, some, seed) if count else np.zeros((some, 0), dtype=int)
     for i, chosen in enumerate(drawn, start=1):
         gauges = np.concatenate([bonded, free[chosen]])
         cost, std = strained.metric(gauges, metric), strained.claimed(gauges)
