@@ -26,6 +26,7 @@ class Run:
     time: np.ndarray = dataset("/time", "s", "/time", "time")
     strain: np.ndarray = dataset("/strain", "strain", "/time × channel", "readings")
     direction: np.ndarray = dataset("/direction", "1", "channel × 3", "directions")
+    noise: np.ndarray | None = dataset("/noise", "unit of the channel", "channel", "its noise", default=None)
     estimate: dict[str, np.ndarray] = dataset("/estimate/<name>", "unit of <name>", "/time", "estimate of <name>")
     bodies: dict[str, Body] = group("/bodies/<name>")
     first: Body = group("/first")
@@ -112,6 +113,11 @@ def test_units_names_and_labels_of_axes_are_those_of_the_fields():
     assert "/glued" not in datasets
 
 
+def test_the_unit_of_several_is_stated_when_they_are_written():
+    datasets = written(run_of(noise=np.ones(2)), UNITS | {"the channel": "strain or m"})
+    assert datasets["/noise"].unit == "strain or m"
+
+
 def test_records_by_name_take_unit_and_words_of_their_name():
     loads = {name: History(value=np.zeros(2)) for name in ("E", "tip")}
     datasets = written(Histories(loads=loads), UNITS)
@@ -168,7 +174,8 @@ def test_the_list_for_the_manual_has_every_dataset_once():
     assert rows["/strain"] == ("time × channel", "strain")
     assert rows["/bodies/<name>/mass"] == ("scalar", "kg")
     assert rows["/first/names"] == ("frame", "1")
-    assert len(rows) == len(listed(Run)) == 9
+    assert rows["/noise"] == ("channel", "unit of the channel")
+    assert len(rows) == len(listed(Run)) == 10
 
 
 def test_a_dataclass_of_a_kernel_stands_through_its_form(tmp_path):

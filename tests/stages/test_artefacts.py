@@ -42,7 +42,9 @@ are bonded already (test_sensors.py); where sweeps are asked for (test_estimate.
 
 UNITS_OF = {
     "unit of <name>": ("N", "N m", "m", "rad", "Pa", "kg/m^3"),
-    "unit of the unknown": ("N", "N m", "m", "rad", "Pa", "kg/m^3"),
+    "unit of the channel": ("strain", "m/s^2", "m", "strain or m/s^2", "strain or m", "strain or m/s^2 or m"),
+    "unit of the biased channel": ("strain",),
+    "unit of the candidate": ("strain", "strain or m"),
     "unit of input <name>": ("N", "N m"),
     "unit of parameter <name>": ("m", "Pa"),
     "unit of sensor <name>": ("strain", "m or rad", "m", "m/s", "1"),

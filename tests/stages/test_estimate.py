@@ -17,7 +17,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .conftest import ROOT
-from .test_artefacts import rows
+from .test_artefacts import UNITS_OF, rows
 
 CONFIG = """
 kind: placement
@@ -122,7 +122,9 @@ def plain(project):
     code, said = estimated(project, project / "results" / "test" / "measured.csv")
     assert code == 0, said
     found = result(project)
-    return dict(found.summary), {name: found[name].copy() for name in ("/smoothed/side", "/smoothed/E", "/virtual/strain")}
+    return dict(found.summary), {
+        name: found[name].copy() for name in ("/smoothed/side", "/smoothed/E", "/virtual/strain")
+    }
 
 
 def test_estimate_finds_what_validate_found(project, plain):
@@ -188,7 +190,9 @@ def test_millivolts_become_strain_by_the_exact_bridge(project, plain, tmp_path):
     values[:, at] = 1e3 * 2.05 * strain / (4 + 2 * 2.05 * strain)
     head[at] = "G3 [mV/V]"
     file = write(tmp_path / "bridge.csv", head, values)
-    change = "estimate.channels.2={channel: G3, gauge: G3, unit: mV/V, bridge: {arrangement: quarter, gauge_factor: 2.05}}"
+    change = (
+        "estimate.channels.2={channel: G3, gauge: G3, unit: mV/V, bridge: {arrangement: quarter, gauge_factor: 2.05}}"
+    )
     code, said = estimated(project, file, change)
     assert code == 0, said
     np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
@@ -222,12 +226,16 @@ def test_an_unknown_offset_is_found(project, plain, tmp_path):
     offset = 20 * np.nanstd(np.diff(values[:, at]))
     values[:, at] += offset
     file = write(tmp_path / "offset.csv", head, values)
-    code, said = estimated(project, file, f"estimate.channels.0={{channel: G1, gauge: G1, unit: m/m, bias: {2 * offset:.3e}}}")
+    code, said = estimated(
+        project, file, f"estimate.channels.0={{channel: G1, gauge: G1, unit: m/m, bias: {2 * offset:.3e}}}"
+    )
     assert code == 0, said
     found = result(project)
     assert found["/bias/mean"][0] == pytest.approx(offset, abs=4 * found["/bias/std"][0])
     assert found["/bias/std"][0] < 0.1 * offset
-    assert np.linalg.norm(found["/smoothed/side"] - plain[1]["/smoothed/side"]) < 0.1 * np.linalg.norm(found["/smoothed/side"])
+    assert np.linalg.norm(found["/smoothed/side"] - plain[1]["/smoothed/side"]) < 0.1 * np.linalg.norm(
+        found["/smoothed/side"]
+    )
 
 
 def test_a_clock_that_jumps_back_is_refused_with_its_line(project, tmp_path):
@@ -244,7 +252,9 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
     code, said = estimated(project, project / "results" / "test" / "measured.csv", "estimate.start=moving")
     assert code == 2
-    states, needed = re.search(r"600 steps of (\d+) states: (\S+) GiB of memory are needed, 9.31e-05 GiB", said).groups()
+    states, needed = re.search(
+        r"600 steps of (\d+) states: (\S+) GiB of memory are needed, 9.31e-05 GiB", said
+    ).groups()
     assert float(needed) == pytest.approx(3 * 8 * 600 * int(states) ** 2 / 2**30, rel=0.01)
     assert "give a part of the record at a time" in said
 
@@ -317,7 +327,7 @@ def test_every_dataset_of_estimate_is_listed(project, plain):
         matching = [(rank, unit) for pattern, rank, unit in listed if re.fullmatch(pattern, path)]
         assert len(matching) == 1, path
         assert found[path].ndim == matching[0][0], path
-        assert matching[0][1] in (found.attributes(path)["units"], "unit of the unknown"), path
+        assert found.attributes(path)["units"] in UNITS_OF.get(matching[0][1], (matching[0][1],)), path
 
 
 def test_the_field_of_the_surface_plays_in_time(project, plain):

@@ -151,6 +151,16 @@ def test_the_filter_takes_all_of_them(mixed):
     assert validate.summary["error.E"] < 0.1
 
 
+def test_an_array_over_channels_has_the_units_of_what_they_measure(mixed):
+    validate, chosen = mixed["validate"], mixed["place"]["/selected/final/channel"]
+    quantity = mixed["train"]["/gauges/quantity"][chosen[chosen >= 0]]
+    units = " or ".join(unit for kind, unit in enumerate(("strain", "m/s^2", "m")) if kind in quantity)
+    assert "m/s^2" in units
+    for name in ("measured", "true", "estimated", "std"):
+        assert validate.attributes(f"/gauge/{name}")["units"] == units
+    assert validate.attributes("/field/true")["units"] == "strain or m"
+
+
 def test_all_seven_cases_are_compared(mixed):
     observe = mixed["observe"]
     assert observe["/case"].tolist() == ["input", "E", "rho", "input+E", "input+rho", "E+rho", "input+E+rho"]

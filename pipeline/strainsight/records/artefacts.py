@@ -8,6 +8,7 @@ from strainsight.records.bearing import BearingsAlone
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBodies
+from strainsight.records.estimated import Estimated
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
@@ -27,6 +28,7 @@ PLACEMENT: dict[str, Any] = {
     "place": Placed,
     "spectrum": Modes,
     "validate": Validated,
+    "estimate": Estimated,
     "suite": SuiteNumbers,
 }
 """Stage of a placement → the record that its artefact is read as; `suite` is one of benches, too."""

@@ -15,10 +15,10 @@ class Channels:
     label: tuple[str, ...] = dataset("/label", "1", "/label", "gauge and grid of every channel")
     channel: np.ndarray = dataset("/channel", "1", "/label", "row of train.h5 of every channel")
     measured: np.ndarray = dataset(
-        "/measured", "strain", "/time × /label", "calibrated samples, of motion in m/s² or m"
+        "/measured", "unit of the channel", "/time × /label", "calibrated samples, NaN where one is missing"
     )
-    estimated: np.ndarray = dataset("/estimated", "strain", "/time × /label", "their estimate")
-    std: np.ndarray = dataset("/std", "strain", "/time × /label", "its claimed σ")
+    estimated: np.ndarray = dataset("/estimated", "unit of the channel", "/time × /label", "their estimate")
+    std: np.ndarray = dataset("/std", "unit of the channel", "/time × /label", "its claimed σ")
 
 
 @record
@@ -26,8 +26,8 @@ class Offsets:
     """Channels whose offset is unknown."""
 
     channel: np.ndarray = dataset("/channel", "1", "channel", "channels with an unknown offset")
-    mean: np.ndarray = dataset("/mean", "strain", "channel", "their offsets, of motion in m/s² or m")
-    std: np.ndarray = dataset("/std", "strain", "channel", "claimed σ of these")
+    mean: np.ndarray = dataset("/mean", "unit of the biased channel", "channel", "their offsets")
+    std: np.ndarray = dataset("/std", "unit of the biased channel", "channel", "claimed σ of these")
 
 
 @record
@@ -68,7 +68,10 @@ class Estimated:
     )
     gauge: Channels = group("/gauge")
     whitened: np.ndarray = dataset(
-        "/consistency/whitened", "1", "sample × channel", "innovations over their σ, white if the model is true"
+        "/consistency/whitened",
+        "1",
+        "/gauge/time × /gauge/label",
+        "innovations over their σ, white if the model is true",
     )
     bias: Offsets | None = group("/bias", default=None)
     resultant: dict[str, Resultant] = group("/resultant/<name>")

@@ -25,7 +25,7 @@ from strainsight.errors import ArtefactError
 from strainsight.workflow.output import Dataset
 
 Record = TypeVar("Record")
-NAME = "<name>"
+NAME, UNIT_OF = "<name>", "unit of "
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,8 @@ class Place:
     """Where a field stands.
 
     path   below the group of its record; `<name>` stands for the keys of a mapping
-    unit   "m", "1"; "unit of <name>", "unit of input <name>": looked up when it is written, by "E" or "input Fx"
+    unit   "m", "1"; "unit of <name>", "unit of input <name>", "unit of the channel": looked up when it is written,
+           by "E", "input Fx", "the channel"
     axes   what each axis counts: equal words are equal lengths ("step + 1": one more; "component of <name>": of each name
            its own), a path is the dataset that labels the axis, a number is the length itself
     what   one line for people
@@ -128,7 +129,7 @@ ROOT = Place("")
 def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) -> dict[str, Dataset]:
     """The datasets of a record, by path, their shapes checked against each other.
 
-    units: for fields whose unit is that of a name, by what their unit is of; at: the group that the record stands below. Raises
+    units: for fields whose unit is that of something, by what it is of; at: the group that the record stands below. Raises
     ValueError where two lengths contradict.
     """
     below = at.path
@@ -173,8 +174,8 @@ def _within(place: Place, at: Place) -> Place:
 def _named_as(key: str, place: Place, units: Mapping[str, str] | None) -> Place:
     """A place of one name: its unit is that of the name where it says so."""
     unit = place.unit
-    if NAME in unit:
-        unit = (units or {})[unit.removeprefix("unit of ").replace(NAME, key)]
+    if unit.startswith(UNIT_OF):
+        unit = (units or {})[unit.removeprefix(UNIT_OF).replace(NAME, key)]
     return replace(place, unit=unit, axes=_axes(place, key), what=place.what.replace(NAME, key))
 
 

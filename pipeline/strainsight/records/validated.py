@@ -13,19 +13,19 @@ class Channels:
 
     time: np.ndarray = dataset("/time", "s", "/time", "sampling times of the gauges")
     measured: np.ndarray = dataset(
-        "/measured", "strain", "/time × channel", "measured by every channel, with noise, of motion in m/s² or m"
+        "/measured", "unit of the channel", "/time × channel", "measured by every channel, with noise"
     )
-    true: np.ndarray = dataset("/true", "strain", "/time × channel", "the same without noise")
-    estimated: np.ndarray = dataset("/estimated", "strain", "/time × channel", "its estimate")
-    std: np.ndarray = dataset("/std", "strain", "/time × channel", "its claimed standard deviation")
+    true: np.ndarray = dataset("/true", "unit of the channel", "/time × channel", "the same without noise")
+    estimated: np.ndarray = dataset("/estimated", "unit of the channel", "/time × channel", "its estimate")
+    std: np.ndarray = dataset("/std", "unit of the channel", "/time × channel", "its claimed standard deviation")
 
 
 @record
 class Consistency:
     nees: np.ndarray = dataset(
-        "/nees", "1", "sample", "normalised estimation error squared of the unknowns over their number"
+        "/nees", "1", "/gauge/time", "normalised estimation error squared of the unknowns over their number"
     )
-    nis: np.ndarray = dataset("/nis", "1", "sample", "normalised innovation squared over the number of gauges")
+    nis: np.ndarray = dataset("/nis", "1", "/gauge/time", "normalised innovation squared over the number of gauges")
     band: np.ndarray = dataset(
         "/band", "1", "2 × 2", "95 % bands (one instant of NEES, mean NIS of the run × low, high)"
     )
@@ -37,10 +37,13 @@ class Field:
 
     instant: float = dataset("/instant", "s", "", "instant of the largest true strain")
     true: np.ndarray = dataset(
-        "/true", "strain", "candidate", "true strain at that instant, of displacement sensors in m, else NaN"
+        "/true",
+        "unit of the candidate",
+        "candidate",
+        "true strain, or displacement, at that instant; NaN of an accelerometer",
     )
-    strain: np.ndarray = dataset("/strain", "strain", "candidate", "the same as estimated")
-    std: np.ndarray = dataset("/std", "strain", "candidate", "its claimed standard deviation")
+    strain: np.ndarray = dataset("/strain", "unit of the candidate", "candidate", "the same as estimated")
+    std: np.ndarray = dataset("/std", "unit of the candidate", "candidate", "its claimed standard deviation")
 
 
 @record
@@ -75,7 +78,7 @@ class RandomSets:
         "/std/<name>", "1", "set", "claimed error of <name> for every random set of <what>"
     )
     estimate: dict[str, np.ndarray] = dataset(
-        "/estimate/<name>", "unit of <name>", "time × set", "estimate of <name> by every random set of <what>"
+        "/estimate/<name>", "unit of <name>", "/time × set", "estimate of <name> by every random set of <what>"
     )
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from strainsight.cases.structure.problem import Problem, problem_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.mesh import mesh_from
+from strainsight.records.placed import Placed
 from strainsight.records.record import read
-from strainsight.records.reduced import Reduced
+from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.workflow.stage import Context
 
@@ -34,3 +37,14 @@ def screened(context: Context) -> Screened:
 def problem(context: Context) -> Problem:
     """The estimation problem of the config, from rom, train and screen."""
     return problem_of(context.config, context.files, reduced(context), training(context), screened(context))
+
+
+def layout(context: Context) -> np.ndarray:
+    """Numbers of the gauges of place.h5, G1 first."""
+    return read(Placed, context.upstream["place"]).final.number
+
+
+def spectrum(context: Context) -> Modes | None:
+    """spectrum.h5, which only a truth that is made of modes has."""
+    found = context.upstream.get("spectrum")
+    return None if found is None else read(Modes, found)

@@ -36,6 +36,11 @@ class Channels:
         return channels_of_gauges(self.gauge, gauges)
 
 
+def units_in_words(quantity: np.ndarray) -> str:
+    """The unit of an array over channels of these quantities: "strain", or "strain or m/s^2" where they differ."""
+    return " or ".join(UNITS[kind] for kind in np.unique(quantity))
+
+
 def channels_of(training: Training, screened: Screened) -> Channels:
     """All channels of the training run, with their noise."""
     pool = training.candidates

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from strainsight.cases.structure.problem import Problem
+from strainsight.config.estimate import Channel, Estimate, GaugeChannel
 from strainsight.errors import ConfigError, UserError, blame, did_you_mean
 from strainsight.measurements.assemble import Signals, assemble
 from strainsight.measurements.bridges import Bridge
@@ -17,7 +17,6 @@ from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.reader import read_recording
 from strainsight.rom.oscillator import HOLD
-from strainsight.workflow.artefact import Artefact
 
 LONGEST_GAP = 10
 """Samples of a known load that may be missing in a row; they are put on a straight line."""
@@ -43,13 +42,15 @@ class Measured:
     notes: tuple[str, ...]
 
 
-def measured_of(settings: Any, path: Path, problem: Problem, place: Artefact, numbers: np.ndarray) -> Measured:
-    """Read and calibrate the channels that `estimate` of a config names; numbers (gauges,) of `gauge_numbers`.
+def measured_of(settings: Estimate, path: Path, problem: Problem, layout: np.ndarray, numbers: np.ndarray) -> Measured:
+    """Read and calibrate the channels that `estimate` of a config names.
+
+    layout: gauges that are called G1, G2, …; numbers (gauges,): what a config calls every gauge by, `Training.numbers`.
 
     Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
     a gap, and UserError for what the file contradicts.
     """
-    channels = np.array([_channel(i, entry, problem, place, numbers) for i, entry in enumerate(settings.channels)])
+    channels = np.array([_channel(i, entry, problem, layout, numbers) for i, entry in enumerate(settings.channels)])
     if len(np.unique(channels)) < len(channels):
         raise ConfigError(
             "two channels are one grid of a gauge", key="estimate.channels", remedy="check `gauge` and `grid` of each"
@@ -61,13 +62,13 @@ def measured_of(settings: Any, path: Path, problem: Problem, place: Artefact, nu
                 key="estimate.inputs",
                 remedy=f"give inputs: {{{name}: {{channel: …, unit: N}}}}, or set loads.{name}.known: false and estimate it",
             )
-    wanted = {f"estimate.channels.{i}": entry for i, entry in enumerate(settings.channels)}
+    wanted: dict[str, Channel] = {f"estimate.channels.{i}": entry for i, entry in enumerate(settings.channels)}
     wanted |= {f"estimate.inputs.{name}": settings.inputs[name] for name in problem.known}
     signals = _signals(settings, path, wanted)
     _check_quantities(wanted, signals, problem, channels)
     dt = float(signals.time[1] - signals.time[0])
-    every = 1 if settings.time_step is None else round(dt / float(settings.time_step))
-    if every < 1 or (settings.time_step is not None and abs(every * float(settings.time_step) / dt - 1) > 1e-6):
+    every = 1 if settings.time_step is None else round(dt / settings.time_step)
+    if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
         raise ConfigError(
             f"{settings.time_step:g} s is no whole part of the sampling interval, {dt:.9g} s",
             key="estimate.time_step",
@@ -83,20 +84,20 @@ def measured_of(settings: Any, path: Path, problem: Problem, place: Artefact, nu
         values=signals.values[1:, :m],
         channels=channels,
         labels=tuple(_label(entry) for entry in settings.channels),
-        std=np.array([np.nan if e.noise_std is None else float(e.noise_std) for e in settings.channels]),
-        bias=np.array([0.0 if e.bias is None else float(e.bias) for e in settings.channels]),
+        std=np.array([np.nan if e.noise_std is None else e.noise_std for e in settings.channels]),
+        bias=np.array([e.bias or 0.0 for e in settings.channels]),
         notes=(*signals.notes, *notes),
     )
 
 
-def _label(entry: Any) -> str:
+def _label(entry: GaugeChannel) -> str:
     grid = f".{entry.grid}" if entry.grid > 1 else ""
     return f"{entry.gauge if isinstance(entry.gauge, str) else f'gauge {entry.gauge}'}{grid}"
 
 
-def _channel(i: int, entry: Any, problem: Problem, place: Artefact, numbers: np.ndarray) -> int:
+def _channel(i: int, entry: GaugeChannel, problem: Problem, layout: np.ndarray, numbers: np.ndarray) -> int:
     """The row of train.h5 that a channel of the file measures."""
-    labels = {f"G{j + 1}": int(gauge) for j, gauge in enumerate(place["/selected/final/number"])}
+    labels = {f"G{j + 1}": int(gauge) for j, gauge in enumerate(layout)}
     key = f"estimate.channels.{i}"
     if isinstance(entry.gauge, str):
         if entry.gauge not in labels:
@@ -132,7 +133,7 @@ def _ranges(numbers: np.ndarray) -> str:
     return ", ".join(said) + " …" * (len(parts) > 8)
 
 
-def _signals(settings: Any, path: Path, wanted: Mapping[str, Any]) -> Signals:
+def _signals(settings: Estimate, path: Path, wanted: Mapping[str, Channel]) -> Signals:
     """The channels in the order of `wanted` (config key → settings)."""
     text = settings.text
     names = [entry.channel for entry in wanted.values()]
@@ -164,21 +165,21 @@ def _signals(settings: Any, path: Path, wanted: Mapping[str, Any]) -> Signals:
             raise
 
 
-def _calibration(entry: Any) -> ChannelSettings:
+def _calibration(entry: Channel) -> ChannelSettings:
     bridge = entry.bridge
     return ChannelSettings(
         unit=entry.unit,
         bridge=None if bridge is None else Bridge(bridge.arrangement, bridge.gauge_factor, bridge.poisson_ratio),
-        offset=float(entry.offset),
-        drift=float(entry.drift),
-        zero=None if entry.zero is None else (float(entry.zero[0]), float(entry.zero[1])),
-        scale=float(entry.scale),
-        sign=int(entry.sign),
-        override=bool(entry.override),
+        offset=entry.offset,
+        drift=entry.drift,
+        zero=entry.zero,
+        scale=entry.scale,
+        sign=entry.sign,
+        override=entry.override,
     )
 
 
-def _check_quantities(wanted: Mapping[str, Any], signals: Signals, problem: Problem, channels: np.ndarray) -> None:
+def _check_quantities(wanted: Mapping[str, Channel], signals: Signals, problem: Problem, channels: np.ndarray) -> None:
     expected = [QUANTITY[int(problem.channels.quantity[c])] for c in channels] + ["force"] * len(problem.known)
     for (key, entry), found, should in zip(wanted.items(), signals.quantities, expected, strict=True):
         if found != should:

@@ -10,11 +10,12 @@ UNITS = ("m/m", "m/s2", "m")
 """Of strain, acceleration and displacement, as a measurement file writes them."""
 
 
-def measured_csv(trial: Trial, measured: np.ndarray, channels: np.ndarray) -> bytes:
+def measured_csv(trial: Trial, measured: np.ndarray) -> bytes:
     """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
 
-    measured (T, m) in the order of channels (k, c), rows of train.h5, −1 where a gauge has fewer.
+    measured (T, m) by the channels of the layout.
     """
+    channels = trial.problem.channels.of(trial.gauges)
     which, grid = np.nonzero(channels >= 0)
     quantity = trial.problem.channels.quantity[channels[which, grid]]
     names = [f"G{i + 1}{f'.{j + 1}' if j else ''} [{UNITS[q]}]" for i, j, q in zip(which, grid, quantity, strict=True)]

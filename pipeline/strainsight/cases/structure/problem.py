@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -129,7 +128,9 @@ def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, sha
     return share**2 * np.mean(acceleration**2, axis=0) / np.sqrt(lam[0])
 
 
-def filter_model(problem: Problem, channels: np.ndarray, h: float, noise_factor: Any = 1.0) -> FilterModel:
+def filter_model(
+    problem: Problem, channels: np.ndarray, h: float, noise_factor: float | np.ndarray = 1.0
+) -> FilterModel:
     """The filter with these channels at step h [s]: channels (k,) or (B, k) rows of train.h5, −1 for none, which reads
     nothing; noise_factor scalar or (B,)."""
     own, there = problem.channels, channels >= 0
@@ -146,11 +147,6 @@ def filter_model(problem: Problem, channels: np.ndarray, h: float, noise_factor:
     )
 
 
-def filter_options(problem: Problem) -> dict[str, Any]:
-    """How the filter is to be run."""
-    return {"form": problem.form, "iterations": problem.iterations}
-
-
 def scheme_in_words(problem: Problem, h: float) -> str:
     """What the time step of the filter does to the lowest mode; empty where it is exact."""
     if problem.scheme == "exact":
@@ -163,7 +159,7 @@ def scheme_in_words(problem: Problem, h: float) -> str:
     )
 
 
-def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: Any = 1.0) -> np.ndarray:
+def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: float | np.ndarray = 1.0) -> np.ndarray:
     """σ of one sample every h [s] of channels (k,) or (B, k) [unit of the channel], 1 where there is none."""
     own = problem.channels.noise_std[channels] * np.sqrt(problem.h / h)
     return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * own, 1.0)

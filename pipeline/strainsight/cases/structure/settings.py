@@ -18,13 +18,7 @@ from strainsight.config.loads import MultiSine as StatedMultiSine
 from strainsight.config.loads import Sine as StatedSine
 from strainsight.config.loads import Sweep as StatedSweep
 from strainsight.config.mesh import Matrices, RegionKey
-from strainsight.config.placement import (
-    GuessFrom,
-    MaterialParameter,
-    ModalDamping,
-    PlacementConfig,
-    RayleighDamping,
-)
+from strainsight.config.placement import GuessFrom, MaterialParameter, ModalDamping, PlacementConfig, RayleighDamping
 from strainsight.errors import ArtefactError, ConfigError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
@@ -34,6 +28,7 @@ from strainsight.rom.model import Damping
 from strainsight.signals.histories import Constant, MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
+PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
 StatedSignal = StatedConstant | StatedSine | StatedSweep | StatedMultiSine | Recorded
 """A load history, as a config states it."""
 
@@ -111,6 +106,15 @@ def reference_value(name: str, guess: float | GuessFrom, files: Mapping[str, Pat
             remedy="name a run that has it under place.estimate",
         )
     return float(summary[f"estimate.{name}"])
+
+
+def unknown_units(config: PlacementConfig) -> dict[str, str]:
+    """The unit of every unknown, by its name."""
+    parameters = config.parameters
+    return {
+        name: "N" if name in config.loads else PARAMETER_UNITS[parameters[name].property]
+        for name in config.place.estimate
+    }
 
 
 def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.ndarray:

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.structure.problem import filter_model, filter_options, sample_std
-from strainsight.cases.structure.trial import Trial, real_and_claimed, without_truth
+from strainsight.cases.structure.problem import filter_model, sample_std
+from strainsight.cases.structure.trial import Trial, filtered, real_and_claimed, sample_noise, without_truth
 from strainsight.config.validation import Validate
 from strainsight.estimation.consistency import not_identified
-from strainsight.estimation.filter import all_lost, run_filter
+from strainsight.estimation.filter import all_lost
 from strainsight.estimation.model import physical
 from strainsight.estimation.reduced import Driven
+from strainsight.records.validated import NoiseStudy, RandomSets, Starts
 from strainsight.sweep.sweep import Sweep, serial
-from strainsight.workflow.output import Dataset
 
 
 @dataclass(frozen=True)
@@ -33,31 +33,38 @@ class Study:
     """What some runs found, by name: real and claimed error (B,), estimate and its σ (T + 1, B) [SI]."""
 
     runs: Runs
-    real: Mapping[str, np.ndarray]
-    claimed: Mapping[str, np.ndarray]
-    estimate: Mapping[str, np.ndarray]
-    std: Mapping[str, np.ndarray]
+    real: dict[str, np.ndarray]
+    claimed: dict[str, np.ndarray]
+    estimate: dict[str, np.ndarray]
+    std: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Studies:
+    """All studies of a validation.
+
+    noise      other noise levels
+    repeats    other noise and other starting values
+    starts     other starting values on one measurement, which must agree in the end
+    screened   random sets of the screened pool, on the layout's own noise
+    all        random sets of all candidates
+    """
+
+    noise: Study
+    repeats: Study
+    starts: Study
+    screened: Study
+    all: Study
 
 
 CHOICES = 1 << 31
 """Stream of the random numbers that choose starts and sets, apart from those of the noise."""
 
 
-def studies_of(
-    trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sweep: Sweep = serial
-) -> dict[str, Study]:
-    """All studies of a validation, filtered in batches of at most BATCH runs.
-
-        noise      other noise levels
-        repeats    other noise and other starting values
-        starts     other starting values on one measurement, which must agree in the end
-        screened   random sets of the screened pool `kept`, on the layout's own noise
-        all        random sets of all candidates
-
-    settings: the config's validate section.
-    """
+def studies_of(trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sweep: Sweep = serial) -> Studies:
+    """Filtered in batches of at most BATCH runs; settings: the config's validate section, kept: the screened pool."""
     rng = np.random.default_rng([seed, CHOICES])
-    spread = np.array([float(settings.initial_std[name]) for name in trial.names])
+    spread = np.array([settings.initial_std[name] for name in trial.names])
     repeats, count = settings.repeats, settings.random_sets
     factors = np.array(settings.noise_factors, dtype=float)
     starts = spread * rng.standard_normal((repeats, len(spread)))
@@ -74,7 +81,7 @@ def studies_of(
         sets = [rng.choice(pool, size, replace=False) for _ in range(count)]
         channels = every.of(np.array(sets, dtype=int).reshape(count, size))
         parts[key] = _runs(channels.reshape(count, size * channels.shape[-1]), 1.0, home, own[:count])
-    return _filtered(trial, parts, seed, sweep)
+    return Studies(**_studied(trial, parts, seed, sweep))
 
 
 def identified(trial: Trial, starts: Study) -> dict[str, bool]:
@@ -97,75 +104,46 @@ def identified(trial: Trial, starts: Study) -> dict[str, bool]:
     return found
 
 
-def ranks(
-    trial: Trial, random: Study, real: Mapping[str, np.ndarray], claimed: Mapping[str, np.ndarray]
-) -> dict[str, float | int]:
-    """The layout among the random sets of all candidates: its rank by real and by claimed error (1 is best), and Spearman's
-    correlation of the two over all of them (thesis 6.3, as statistics)."""
-    found: dict[str, float | int] = {}
-    for name in trial.names:
-        r, c = (
-            np.append(values[name], own[name][0]) for values, own in ((random.real, real), (random.claimed, claimed))
-        )
-        known = np.isfinite(r) & np.isfinite(c)
-        if known.sum() < FEWEST_SETS or not known[-1]:
-            continue
-        r, c = r[known], c[known]
-        found[f"rank_real.{name}"] = int(1 + np.sum(r[:-1] < r[-1]))
-        found[f"rank_claimed.{name}"] = int(1 + np.sum(c[:-1] < c[-1]))
-        order = np.argsort(np.argsort([r, c], axis=1), axis=1).astype(float)
-        found[f"rank_correlation.{name}"] = float(np.corrcoef(order)[0, 1])
-    return found
-
-
 FEWEST_SETS = 10
 """Sets below which a rank says nothing."""
 
 
-def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:
-    """Unit white noise (samples, gauges); realisation 0 is that of the layout's own measurement."""
-    return np.random.default_rng([seed, realisation]).standard_normal((samples, gauges))
+@dataclass(frozen=True)
+class Rank:
+    """Of the layout among random sets, by real and by claimed error (1 is best); Spearman's correlation of the two over all
+    of them (thesis 6.3, as statistics)."""
+
+    real: int
+    claimed: int
+    correlation: float
 
 
-def study_datasets(studies: Mapping[str, Study], trial: Trial) -> dict[str, Dataset]:
-    """Every study's errors by name; random sets with their gauges and histories."""
-    record = {"/noise/factor": Dataset(studies["noise"].runs.noise_factor, "1", "noise over the configured noise")}
-    for key, what in LABELS.items():
-        study = studies[key]
-        random = key in ("screened", "all")
-        group = f"/random_sets/{key}" if random else f"/{key}"
-        for i, name in enumerate(trial.names):
-            record[f"{group}/error/{name}"] = Dataset(study.real[name], "1", f"real error of {name} for every {what}")
-            record[f"{group}/std/{name}"] = Dataset(
-                study.claimed[name], "1", f"claimed error of {name} for every {what}"
-            )
-            if random:
-                record[f"{group}/estimate/{name}"] = Dataset(
-                    study.estimate[name],
-                    trial.units[name],
-                    f"estimate of {name} by every {what} (time × set)",
-                    ("/time", ""),
-                )
-            elif key != "noise":
-                record[f"{group}/start/{name}"] = Dataset(
-                    study.runs.start[:, i],
-                    "1",
-                    f"start of {name} for every {what}, relative to its scale (parameters: logarithm)",
-                )
-        if random:
-            record[f"{group}/candidate"] = Dataset(
-                study.runs.channels, "1", f"rows of train.h5 of every {what}, −1 for none (set × channel)"
-            )
-    return record
+def rank_of(random: Study, name: str, real: float, claimed: float) -> Rank | None:
+    """By the errors of one unknown; None among too few sets."""
+    errors = np.array([np.append(random.real[name], real), np.append(random.claimed[name], claimed)])
+    known = np.isfinite(errors).all(axis=0)
+    if known.sum() < FEWEST_SETS or not known[-1]:
+        return None
+    errors = errors[:, known]
+    order = np.argsort(np.argsort(errors, axis=1), axis=1).astype(float)
+    by_real, by_claimed = (int(1 + np.sum(own[:-1] < own[-1])) for own in errors)
+    return Rank(by_real, by_claimed, float(np.corrcoef(order)[0, 1]))
 
 
-LABELS = {
-    "noise": "noise level",
-    "repeats": "seed and start",
-    "starts": "start on one measurement",
-    "screened": "random set of the screened pool",
-    "all": "random set of all candidates",
-}
+def noise_levels(study: Study) -> NoiseStudy:
+    """As it is written."""
+    return NoiseStudy(factor=study.runs.noise_factor, error=study.real, std=study.claimed)
+
+
+def repeated(study: Study) -> Starts:
+    """As it is written."""
+    start = {name: study.runs.start[:, i] for i, name in enumerate(study.real)}
+    return Starts(error=study.real, std=study.claimed, start=start)
+
+
+def random_sets(study: Study) -> RandomSets:
+    """As it is written."""
+    return RandomSets(candidate=study.runs.channels, error=study.real, std=study.claimed, estimate=study.estimate)
 
 
 def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarray, seed: np.ndarray) -> Runs:
@@ -193,7 +171,7 @@ class _Batch:
     seed: int
 
 
-def _filtered(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, Study]:
+def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, Study]:
     width = max(part.channels.shape[1] for part in parts.values())
     channels = np.concatenate([_widened(part.channels, width) for part in parts.values()])
     factor, start, stream = (
@@ -234,8 +212,7 @@ def _batch(trial: Trial, batch: _Batch) -> Answer:
     measured = batch.true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
     mean = np.zeros((len(runs.seed), model.size))
     mean[:, model.position] = runs.start
-    options = filter_options(trial.problem)
-    found = run_filter(model, mean, trial.covariance, trial.known, measured, refuse=False, **options)
+    found = filtered(trial, model, measured, mean, refuse=False)
     real, claimed = real_and_claimed(trial, model, found.mean, found.std)
     values = physical(model, found.mean, found.std)
     estimate, std = ({name: values[name][i] for name in trial.names} for i in (0, 1))

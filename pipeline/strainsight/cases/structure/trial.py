@@ -7,25 +7,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of
-from strainsight.cases.structure.truth import Motion, ReadMotion, Truth, truth_of
+from strainsight.cases.structure.problem import Problem, initial_covariance, sample_std
+from strainsight.cases.structure.settings import unknown_units
+from strainsight.cases.structure.truth import Motion, ReadMotion, Truth
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
+from strainsight.estimation.filter import run_filter
 from strainsight.estimation.metrics import input_error, load_scale, parameter_error
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.records.mesh import mesh_from
-from strainsight.records.record import read
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Screened, Training
+from strainsight.estimation.run import FilterRun, Keep
 from strainsight.signals.histories import hold_coefficients, instant_values
-from strainsight.workflow.stage import Context
 
 
 @dataclass(frozen=True)
 class Trial:
-    """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N] what the filter is told;
-    truth and its motion; history: unknown's name → (T + 1,) [SI]; chosen (k,) channels of the layout, stopped: how many of
-    its gauges a sharp edge has kept from being misplaced as far as asked; covariance P₀ (n*, n*); units: unknown's name →
-    unit."""
+    """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N], loads that the filter is given;
+    truth and its motion; history: unknown's name → (T + 1,) [SI]; gauges: numbers of those of the layout, chosen (k,) their
+    channels, stopped: how many of them a sharp edge has kept from being misplaced as far as stated; covariance P₀ (n*, n*);
+    units: unknown's name → unit."""
 
     problem: Problem
     h: float
@@ -34,6 +33,7 @@ class Trial:
     truth: Truth
     motion: Motion
     history: Mapping[str, np.ndarray]
+    gauges: np.ndarray
     chosen: np.ndarray
     stopped: int
     covariance: np.ndarray
@@ -68,16 +68,9 @@ def _gone(_u: np.ndarray, _h: float) -> Motion:
     raise AssertionError("the truth stays in the process that simulated it")
 
 
-def trial_of(context: Context) -> Trial:
-    """Simulate the truth of the config at the time step of `validate`."""
-    config = context.config
-    reduced, training = read(Reduced, context.upstream["rom"]), read(Training, context.upstream["train"])
-    problem = problem_of(config, context.files, reduced, training, read(Screened, context.upstream["screen"]))
-    settings, names = config.validation, problem.unknowns.names
-    truth = truth_of(context, problem, mesh_from(context.upstream["import"]))
-    place = context.upstream["place"]
-    chosen = place["/selected/final/channel"]
-    own = np.zeros(0)
+def trial_of(config: PlacementConfig, problem: Problem, truth: Truth, gauges: np.ndarray) -> Trial:
+    """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
+    settings, chosen, own = config.validation, problem.channels.of(gauges), np.zeros(0)
     trial = Trial(
         problem=problem,
         h=0.0,
@@ -86,16 +79,14 @@ def trial_of(context: Context) -> Trial:
         truth=truth,
         motion=ReadMotion(own),
         history={},
+        gauges=gauges,
         chosen=chosen[chosen >= 0],
-        stopped=int(truth.held[place["/selected/final/number"]].sum()),
-        covariance=initial_covariance(problem, {name: float(settings.initial_std[name]) for name in names}),
-        units={
-            name: "N" if name in problem.unknowns.inputs else PARAMETER_UNITS[config.parameters[name].property]
-            for name in names
-        },
+        stopped=int(truth.held[gauges].sum()),
+        covariance=initial_covariance(problem, settings.initial_std),
+        units=unknown_units(config),
     )
     with blame("validate.duration"):
-        return at_step(trial, float(settings.time_step), float(settings.duration))
+        return at_step(trial, settings.time_step, settings.duration)
 
 
 def at_step(trial: Trial, h: float, duration: float) -> Trial:
@@ -116,7 +107,30 @@ def at_step(trial: Trial, h: float, duration: float) -> Trial:
     )
 
 
-PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
+def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:
+    """Unit white noise (samples, gauges); realisation 0 is that of the layout's own measurement."""
+    return np.random.default_rng([seed, realisation]).standard_normal((samples, gauges))
+
+
+def measured_by_layout(trial: Trial, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """What the layout reads with noise, and without (T, k)."""
+    true = trial.reading(trial.chosen)[1:]
+    return true + sample_noise(seed, 0, *true.shape) * sample_std(trial.problem, trial.chosen, trial.h), true
+
+
+def filtered(
+    trial: Trial,
+    model: FilterModel,
+    measured: np.ndarray,
+    start: np.ndarray | None = None,
+    keep: Keep = "mean",
+    refuse: bool = True,
+) -> FilterRun:
+    """The filter of the config on measurements (T, k) or (T, B, k); start (B, n*), None: zero."""
+    p, mean = trial.problem, np.zeros(model.size) if start is None else start
+    return run_filter(
+        model, mean, trial.covariance, trial.known, measured, keep, form=p.form, iterations=p.iterations, refuse=refuse
+    )
 
 
 def real_and_claimed(

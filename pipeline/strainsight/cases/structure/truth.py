@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy import sparse
 
+from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import accelerations
 from strainsight.cases.structure.full_model import FullModel, full_model
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import load_shapes, parameters_of
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.validation import Truth as StatedTruth
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import nodal
 from strainsight.gauges.candidates import ACCELERATION, Candidates
 from strainsight.gauges.misplaced import misplaced
 from strainsight.gauges.rows import channel_matrix, channel_rows
-from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.records.record import read
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Training
 from strainsight.rom.modal_step import simulate
@@ -29,7 +31,6 @@ from strainsight.rom.model import ReducedModel
 from strainsight.rom.reduction import modal_model
 from strainsight.rom.snapshots import Snapshots
 from strainsight.signals.histories import instant_values
-from strainsight.workflow.stage import Context
 
 
 class Motion(Protocol):
@@ -76,33 +77,44 @@ class Truth:
     motion: Callable[[np.ndarray, float], Motion]
 
 
-def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
+def truth_of(
+    config: PlacementConfig,
+    mesh: Mesh,
+    spectrum: Modes | None,
+    reduced: Reduced,
+    training: Training,
+    problem: Problem,
+    using: Resources,
+) -> Truth:
     """The truth that the config asks for:
 
     rom    the filter's own model at the true parameters: an inverse crime, and said so (the thesis's case)
     modes  `modes` modes with their static terms at the true parameters
     rich   that, with other damping and gauges off their places
     full   all degrees of freedom of the finite-element model in time, gauges in place
+
+    spectrum: modes that hold at any value of the parameters, in place of those found here.
     """
-    stated = context.config.validation.truth
-    theta = {**problem.model.reference, **{name: float(value) for name, value in stated.parameters.items()}}
+    stated = config.validation.truth
+    theta = {**problem.model.reference, **stated.parameters}
     values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "the same parameters"
-    training = read(Training, context.upstream["train"])
     pool = training.candidates
     if stated.model == "rom":
         rows = training.rows
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
-    parameters = _at(theta, parameters_of(context.config.parameters, mesh, context.files, context.config.mesh.matrices))
-    built = full_model(context.config.mesh, mesh, parameters, context.files)
+    parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh.matrices))
+    built = full_model(config.mesh, mesh, parameters, using.files)
     with blame("validate.truth"):
-        S = load_shapes(built.model, {name: context.config.loads[name] for name in problem.model.inputs})
+        S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
-        return _full(context, problem, mesh, built, S, theta, values, pool)
+        words = f"the whole finite-element model in time, {values}"
+        return _full(problem, mesh, training, built, S, theta, words, stated.modes, using)
     rich = stated.model == "rich"
     damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
+    shapes = None if spectrum is None else Snapshots(spectrum.frequency, spectrum.shape, reduced.static)
     with blame("validate.truth.modes"):
-        model, basis = modal_model(built.model, S, problem.model.inputs, theta, stated.modes, damping, _shapes(context))
+        model, basis = modal_model(built.model, S, problem.model.inputs, theta, stated.modes, damping, shapes)
     words = f"{stated.modes} modes of the full model with static terms, {values}"
     if rich:
         words += f", damping × {stated.damping_factor:g}"
@@ -115,18 +127,9 @@ def truth_of(context: Context, problem: Problem, mesh: Mesh) -> Truth:
     if rich:
         words += f", gauges off by {1e3 * stated.gauge_offset:g} mm and {stated.gauge_rotation:g}°"
         with blame("validate.truth.gauge_offset"):
-            pool, held = _glued_badly(mesh, facets, pool, stated, context.seed)
+            pool, held = _glued_badly(mesh, facets, pool, stated, config.seed)
     rows = channel_rows(mesh.position, pool, nodal(built.model, basis), facets=facets)
     return _modal(theta, words, held, model, rows, pool)
-
-
-def _shapes(context: Context) -> Snapshots | None:
-    """Modes and static responses that hold wherever one material is scaled as a whole."""
-    spectrum = context.upstream.get("spectrum")
-    if spectrum is None:
-        return None
-    modes = read(Modes, spectrum)
-    return Snapshots(modes.frequency, modes.shape, read(Reduced, context.upstream["rom"]).static)
 
 
 def _modal(
@@ -144,28 +147,30 @@ def _modal(
 
 
 def _full(
-    context: Context,
     problem: Problem,
     mesh: Mesh,
+    training: Training,
     built: FullModel,
     S: np.ndarray,
     theta: Mapping[str, float],
-    values: str,
-    pool: Candidates,
+    words: str,
+    modes: int,
+    using: Resources,
 ) -> Truth:
+    """modes: how many have the damping ratio of the filter's model."""
     # with solvers that no other truth needs
     from strainsight.fem.transient import free_rows, transient
     from strainsight.fem.viscous import ViscousDamping, modal_damping
 
     K, M, stated = built.model.stiffness.at(theta), built.model.mass.at(theta), problem.model.damping
     if stated.kind == "modal":
-        viscous = modal_damping(K, M, stated.ratio, int(context.config.validation.truth.modes))
+        viscous = modal_damping(K, M, stated.ratio, modes)
     else:
         viscous = ViscousDamping(stated.alpha, stated.beta)
-    given = read(Training, context.upstream["train"]).given
-    if given is not None:
+    pool = training.candidates
+    if training.given is not None:
         assert built.motion is not None
-        rows = sparse.csr_array(given @ built.motion)
+        rows = sparse.csr_array(training.given @ built.motion)
     else:
         rows = free_rows(built.model, channel_matrix(mesh.position, pool, exterior_facets(mesh)))
     moving = pool.quantity == ACCELERATION
@@ -181,17 +186,18 @@ def _full(
                 h,
                 rows[np.flatnonzero(~moving)],
                 rows[np.flatnonzero(moving)] if moving.any() else None,
-                progress=lambda share: context.progress("truth", 0.2 * share),
+                progress=lambda share: using.progress("truth", 0.2 * share),
             )
         readings = np.empty((len(u) + 1, len(moving)))
         readings[:, ~moving], readings[:, moving] = found.reading, found.acceleration
         return ReadMotion(readings)
 
-    words = f"the whole finite-element model in time, {values}"
     return Truth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
 
 
-def _glued_badly(mesh: Mesh, facets: Any, pool: Candidates, stated: Any, seed: int) -> tuple[Candidates, np.ndarray]:
+def _glued_badly(
+    mesh: Mesh, facets: Facets, pool: Candidates, stated: StatedTruth, seed: int
+) -> tuple[Candidates, np.ndarray]:
     """Every gauge off in a random direction and turned by ± its angle; those already glued are where they are."""
     rng = np.random.default_rng(seed)
     heading = rng.uniform(0, 2 * np.pi, pool.gauges)
@@ -201,5 +207,5 @@ def _glued_badly(mesh: Mesh, facets: Any, pool: Candidates, stated: Any, seed: i
     return misplaced(mesh.position, pool, facets, offset, rotation)
 
 
-def _at(theta: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+def _at(theta: Mapping[str, float], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
     return tuple(replace(p, reference=theta[p.name]) for p in parameters)

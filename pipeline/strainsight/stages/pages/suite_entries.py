@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from strainsight.cases.structure.trial import PARAMETER_UNITS
+from strainsight.cases.structure.settings import PARAMETER_UNITS
 from strainsight.config.load import LoadedConfig
 from strainsight.config.suite import SuiteConfig
 from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong

@@ -1,0 +1,191 @@
+"""The filter on the measurements of a test, and what no gauge measured (1.53-1.60)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.augmentation.unknowns import Unknowns
+from strainsight.cases.resources import Resources
+from strainsight.cases.structure.channels import units_in_words
+from strainsight.cases.structure.detectable import refuse_undetectable, undetectable
+from strainsight.cases.structure.measured import Measured, measured_of
+from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, scheme_in_words
+from strainsight.cases.structure.resultants import resultants_of
+from strainsight.cases.structure.settings import parameters_of, unknown_units
+from strainsight.cases.structure.surface import surface_in_time, virtual_labels, virtual_strain
+from strainsight.config.estimate import Estimate
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError, blame
+from strainsight.estimation.biased import Biased
+from strainsight.estimation.consistency import Verdict, verdict
+from strainsight.estimation.core import StepModel
+from strainsight.estimation.filter import filter_runs
+from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.reduced import Driven
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.estimation.tuning import Tuning, scale_noise, tune
+from strainsight.fem.memory import require_memory
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.vtkhdf import VtkHdf
+from strainsight.records.estimated import Channels, Estimated, Offsets, Resultant, VirtualStrain
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
+
+SHORTER = "give a part of the record at a time, or a larger machine"
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """What the measurements of a test say.
+
+    unknowns; estimated: histories, channels and strains; units: of what it holds; verdict on the innovations; tuning: factors
+    on the noises, None where they are as stated; undetectable: what the channels cannot tell, in words; places of the
+    resultants, labels of the virtual gauges; surface: its pictures in time, None where none are asked for.
+    """
+
+    unknowns: Unknowns
+    estimated: Estimated
+    units: Mapping[str, str]
+    verdict: Verdict
+    tuning: Tuning | None
+    undetectable: str
+    places: tuple[str, ...]
+    labels: tuple[str, ...]
+    surface: VtkHdf | None
+
+
+def estimation_of(
+    config: PlacementConfig,
+    mesh: Mesh,
+    reduced: Reduced,
+    training: Training,
+    screened: Screened,
+    gauges: np.ndarray,
+    using: Resources,
+) -> Estimation:
+    """Read the file, check that it can tell the unknowns, filter and smooth; then what no gauge measured.
+
+    gauges (k,): numbers of those that the config calls G1, G2, … Raises ConfigError where no file is named, and
+    InfeasibleError where the channels cannot tell the unknowns and that is not allowed.
+    """
+    settings = config.estimate
+    if settings is None or settings.file is None:
+        raise ConfigError("no measurements of a test", key="estimate.file", remedy="name a CSV, HDF5 or UFF58 file")
+    using.progress("reading", 0.0)
+    problem = problem_of(config, using.files, reduced, training, screened)
+    test = measured_of(settings, using.files["estimate.file"], problem, gauges, training.numbers)
+    hidden = undetectable(problem, test.channels, config.place.instants, config.seed)
+    if not settings.allow_unobservable:
+        refuse_undetectable(hidden, len(test.channels))
+    using.progress("filter", 0.2)
+    start = initial_covariance(
+        problem, {**config.validation.initial_std, **settings.initial_std}, moving=settings.start == "moving"
+    )
+    model, tuning = _model(problem, test, settings, start, using)
+    run, smoothed = _filtered(problem, model, test, start)
+    using.progress("field", 0.7)
+    with blame("estimate.virtual"):
+        virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
+    surface = None
+    if settings.field is not None:
+        parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
+        surface = surface_in_time(mesh, reduced.basis, parameters, model, smoothed, settings.field)
+    judged = verdict(run.whitened[:, 0])
+    resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
+    notes = (*test.notes, *filter(None, [scheme_in_words(problem, test.h)]), *_doubts(hidden, tuning))
+    kinds = problem.channels.quantity[test.channels]
+    units = unknown_units(config) | {"the channel": units_in_words(kinds)}
+    return Estimation(
+        problem.unknowns,
+        _estimated(model, test, run, smoothed, resultants, virtual, notes),
+        units | {"the biased channel": units_in_words(kinds[test.bias > 0])},
+        judged,
+        tuning,
+        hidden,
+        tuple(resultants),
+        virtual_labels(settings.virtual),
+        surface,
+    )
+
+
+def _model(
+    problem: Problem, test: Measured, settings: Estimate, start: np.ndarray, using: Resources
+) -> tuple[FilterModel, Tuning | None]:
+    """The filter's model at the channels of the test, its noises tuned where the config says so."""
+    model = replace(filter_model(problem, test.channels, test.h), every=test.every)
+    # A stated σ is that of a sample of the file.
+    stated = np.nan_to_num(test.std) ** 2 * test.h * test.every
+    model = replace(model, r=np.where(np.isnan(test.std), model.r, stated))
+    if not settings.tune.parts:
+        return model, None
+    using.progress("tuning", 0.3)
+    with blame("estimate.tune"):
+        tuning = tune(model, np.zeros(model.size), start, test.known, test.values, settings.tune.parts)
+    return scale_noise(model, tuning.factors), tuning
+
+
+def _filtered(problem: Problem, model: FilterModel, test: Measured, start: np.ndarray) -> tuple[FilterRun, Smoothed]:
+    """Filter and smoother, with the offsets of channels as unknowns behind x*."""
+    at = np.flatnonzero(test.bias > 0)
+    core: StepModel = Driven(model, test.known)
+    if len(at):
+        core = Biased(core, at)
+    steps, kept = len(test.values) * test.every, 2 if core.linear else 3
+    # covariances of filter and smoother, and the Jacobians between them
+    require_memory(8.0 * kept * steps * core.size**2, f"{steps} steps of {core.size} states", SHORTER)
+    covariance = np.diag(np.concatenate([np.diag(start), test.bias[at] ** 2]))
+    samples = np.full((steps, len(test.channels)), np.nan)
+    samples[test.every - 1 :: test.every] = test.values
+    form, iterations = problem.form, problem.iterations
+    run = filter_runs(core, np.zeros(core.size), covariance, samples, keep="all", form=form, iterations=iterations)
+    return run, smooth(core, run, covariance=True)
+
+
+def _estimated(
+    model: FilterModel,
+    test: Measured,
+    run: FilterRun,
+    smoothed: Smoothed,
+    resultants: Mapping[str, Resultant],
+    virtual: VirtualStrain | None,
+    notes: tuple[str, ...],
+) -> Estimated:
+    estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
+    sampled, biased = slice(test.every - 1, None, test.every), np.flatnonzero(test.bias > 0)
+    mean, std = (values[-1, 0, model.size :] for values in (smoothed.mean, smoothed.std))
+    return Estimated(
+        time=test.time[0] + run.time,
+        estimate={name: own[0] for name, own in estimate.items()},
+        std={name: own[1] for name, own in estimate.items()},
+        smoothed={name: own[0] for name, own in later.items()},
+        smoothed_std={name: own[1] for name, own in later.items()},
+        gauge=Channels(
+            time=test.time[1:],
+            label=test.labels,
+            channel=test.channels,
+            measured=test.values,
+            estimated=run.gauge_mean[sampled, 0],
+            std=run.gauge_std[sampled, 0],
+        ),
+        whitened=run.whitened[sampled, 0],
+        bias=Offsets(channel=biased, mean=mean, std=std) if len(biased) else None,
+        resultant={str(i): own for i, own in enumerate(resultants.values())},
+        virtual=virtual,
+        notes=notes,
+    )
+
+
+def _doubts(hidden: str, tuning: Tuning | None) -> list[str]:
+    words = []
+    if hidden:
+        words.append(f"the channels cannot tell {hidden}: what is estimated of it comes from the initial values")
+    if tuning:
+        factors = ", ".join(f"{part} {value:.3g}" for part, value in tuning.factors.items())
+        words.append(f"noises were scaled by the measurements: {factors}")
+        if tuning.undecided:
+            words.append(f"the measurements say nothing about the noise of {', '.join(tuning.undecided)}")
+    return words

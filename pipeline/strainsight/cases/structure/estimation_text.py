@@ -1,0 +1,86 @@
+"""What a test says, for people: numbers by name, one line, tables, all time signals as CSV."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.cases.structure.estimation import Estimation
+from strainsight.workflow.output import Scalar, Table
+
+
+def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
+    """Every number by its name."""
+    own, judged = found.estimated, found.verdict
+    numbers: dict[str, Scalar] = {
+        "samples": len(own.gauge.time),
+        "channels": len(own.gauge.label),
+        "verdict": judged.text,
+        "innovation_ratio": judged.ratio,
+        "consistent": judged.consistent,
+    }
+    for name, value in own.smoothed.items():
+        load = name in found.unknowns.inputs
+        numbers[f"estimate.{name}"] = _rms(value) if load else float(np.mean(value))
+        numbers[f"std.{name}"] = _rms(own.smoothed_std[name])
+    if found.tuning:
+        numbers |= {f"factor.{part}": float(value) for part, value in found.tuning.factors.items()}
+    if found.undetectable:
+        numbers["unobservable"] = found.undetectable
+    return numbers
+
+
+def estimation_message(found: Estimation) -> str:
+    """One line."""
+    numbers, units = estimation_numbers(found), found.units
+    parts = [f"{numbers['samples']} samples of {numbers['channels']} channels"]
+    for name in found.unknowns.names:
+        what = " RMS" if name in found.unknowns.inputs else ""
+        parts.append(f"{name} {numbers[f'estimate.{name}']:.4g} ± {numbers[f'std.{name}']:.2g} {units[name]}{what}")
+    if not found.verdict.consistent:
+        parts.append("the noise does not fit the innovations")
+    return ", ".join(parts)
+
+
+def estimation_tables(found: Estimation) -> tuple[Table, Table]:
+    """Every unknown as smoothed; what was done to the measurements, and the verdict on them."""
+    rows = []
+    for name, value in found.estimated.smoothed.items():
+        std, unit = found.estimated.smoothed_std[name], found.units[name]
+        if name in found.unknowns.inputs:
+            span = f"{value.min():.5g} to {value.max():.5g} {unit}"
+            rows.append((name, f"RMS {_rms(value):.5g}, {span}", f"± {_rms(std):.3g} {unit}"))
+        else:
+            share = f"{100 * std[-1] / value[-1]:.2g} %"
+            rows.append((name, f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({share})"))
+    notes = tuple((note,) for note in (*found.estimated.notes, found.verdict.text))
+    return (
+        Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),
+        Table("measurements", ("",), notes),
+    )
+
+
+def estimation_csv(found: Estimation) -> bytes:
+    """All time signals as a table, SI units in the header."""
+    own = found.estimated
+    columns = {"time [s]": own.time}
+    for name in own.estimate:
+        histories = {
+            "filtered": own.estimate,
+            "filtered std": own.std,
+            "smoothed": own.smoothed,
+            "smoothed std": own.smoothed_std,
+        }
+        columns |= {f"{name} {word} [{found.units[name]}]": values[name] for word, values in histories.items()}
+    for where, sum_there in zip(found.places, own.resultant.values(), strict=True):
+        columns |= {f"{where} {axis} [N]": sum_there.force[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"{where} size [N]": sum_there.magnitude, f"{where} size std [N]": sum_there.std}
+    if own.virtual is not None:
+        for i, label in enumerate(found.labels):
+            columns |= {f"{label} [strain]": own.virtual.strain[:, i], f"{label} std [strain]": own.virtual.std[:, i]}
+    rows = np.column_stack(list(columns.values()))
+    lines = [",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _rms(history: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(history**2)))

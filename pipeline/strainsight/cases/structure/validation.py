@@ -1,0 +1,223 @@
+"""The chosen gauges put to the test on a truth that is not the filter's model (thesis 6.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.cases.resources import Resources
+from strainsight.cases.structure.channels import units_in_words
+from strainsight.cases.structure.problem import filter_model, problem_of
+from strainsight.cases.structure.studies import (
+    Rank,
+    Studies,
+    identified,
+    noise_levels,
+    random_sets,
+    rank_of,
+    repeated,
+    studies_of,
+)
+from strainsight.cases.structure.sweeps import sweeps_of
+from strainsight.cases.structure.trial import (
+    Trial,
+    filtered,
+    measured_by_layout,
+    real_and_claimed,
+    scaled_error,
+    trial_of,
+)
+from strainsight.cases.structure.truth import truth_of
+from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.consistency import chi_square_band, nees, nis, verdict, whiteness
+from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.estimation.update import output_std
+from strainsight.gauges.candidates import ACCELERATION, STRAIN
+from strainsight.mesh.model import Mesh
+from strainsight.ordering import first_of_largest
+from strainsight.records.reduced import Modes, Reduced
+from strainsight.records.training import Screened, Training
+from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
+from strainsight.sweep.sweep import Sweep, watched
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How well an unknown is known by the layout.
+
+    estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
+    smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
+    scale is its amplitude; identified: whether other starts end alike, None for a single one; rank: among the random sets of
+    all candidates, None for few.
+    """
+
+    estimate: float
+    error: float
+    std: float
+    smoothed: float
+    smoothed_std: float
+    scale: float
+    zero: bool
+    identified: bool | None
+    rank: Rank | None
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What a validation has found.
+
+    trial: the truth, and what the filter is given of it; validated: histories, studies and the field; accuracy: by unknown;
+    whiteness: correlation of neighbouring innovations, verdict on them in words; diverged: runs of the studies that did.
+    """
+
+    trial: Trial
+    validated: Validated
+    accuracy: dict[str, Accuracy]
+    whiteness: float
+    verdict: str
+    diverged: int
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of what `validated` holds."""
+        kinds, own = self.trial.problem.channels.quantity, self.trial.chosen
+        still = np.where(kinds == ACCELERATION, STRAIN, kinds)
+        return {**self.trial.units, "the channel": units_in_words(kinds[own]), "the candidate": units_in_words(still)}
+
+
+def validation_of(
+    config: PlacementConfig,
+    mesh: Mesh,
+    spectrum: Modes | None,
+    reduced: Reduced,
+    training: Training,
+    screened: Screened,
+    gauges: np.ndarray,
+    using: Resources,
+) -> Validation:
+    """Simulate the truth, measure it with noise, filter and smooth; then noise levels, repeats, random sets and sweeps.
+
+    spectrum: that of `spectrum_of` where the truth is made of modes; gauges (k,): numbers of the layout's gauges.
+    """
+    seed, settings = config.seed, config.validation
+    using.progress("truth", 0.0)
+    problem = problem_of(config, using.files, reduced, training, screened)
+    truth = truth_of(config, mesh, spectrum, reduced, training, problem, using)
+    trial = trial_of(config, problem, truth, gauges)
+    using.progress("filter", 0.2)
+    model = filter_model(problem, trial.chosen, trial.h)
+    measured, true = measured_by_layout(trial, seed)
+    run = filtered(trial, model, measured, keep="all")
+    smoothed = smooth(model, run)
+    watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
+    studies = studies_of(trial, settings, screened.kept, seed, watch)
+    swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
+    last = trial.names[-1]
+    return Validation(
+        trial,
+        _validated(trial, model, run, smoothed, measured, true, studies, swept),
+        _accuracy(trial, model, run, smoothed, studies),
+        float(whiteness(run.whitened[:, 0])),
+        verdict(run.whitened[:, 0]).text,
+        int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
+    )
+
+
+def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
+    using.progress(doing, start)
+    return watched(using.sweep, lambda share: using.progress(doing, start + (end - start) * share))
+
+
+def _accuracy(
+    trial: Trial, model: FilterModel, run: FilterRun, smoothed: Smoothed, studies: Studies
+) -> dict[str, Accuracy]:
+    error, std = real_and_claimed(trial, model, run.mean, run.std)
+    later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
+    alike = identified(trial, studies.starts)
+    found = {}
+    for name, (value, _) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
+        constant = name in trial.problem.unknowns.parameters
+        scale, zero = trial.scale(name)
+        found[name] = Accuracy(
+            estimate=float(np.mean(value[len(value) // 2 :]) if constant else np.sqrt(np.mean(value**2))),
+            error=float(error[name][0]),
+            std=float(std[name][0]),
+            smoothed=float(later_error[name][0]),
+            smoothed_std=float(later_std[name][0]),
+            scale=scale,
+            zero=zero,
+            identified=alike.get(name),
+            rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
+        )
+    return found
+
+
+def _validated(
+    trial: Trial,
+    model: FilterModel,
+    run: FilterRun,
+    smoothed: Smoothed,
+    measured: np.ndarray,
+    true: np.ndarray,
+    studies: Studies,
+    swept: SweepTable | None,
+) -> Validated:
+    estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
+    innovations = nis(run.whitened[:, 0])
+    bands = chi_square_band(len(trial.names)), chi_square_band(len(trial.chosen), len(innovations))
+    return Validated(
+        time=trial.time,
+        truth={name: trial.history[name] for name in trial.names},
+        estimate={name: own[0] for name, own in estimate.items()},
+        std={name: own[1] for name, own in estimate.items()},
+        smoothed={name: own[0] for name, own in later.items()},
+        smoothed_std={name: own[1] for name, own in later.items()},
+        gauge=Channels(
+            time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
+        ),
+        consistency=Consistency(
+            nees=nees(scaled_error(trial, run.mean)[1:, 0], run.unknown_covariance[1:, 0]),
+            nis=innovations,
+            band=np.array(bands),
+        ),
+        field=_field(trial, run),
+        noise=noise_levels(studies.noise),
+        repeats=repeated(studies.repeats),
+        starts=repeated(studies.starts),
+        screened=random_sets(studies.screened),
+        all=random_sets(studies.all),
+        sweep=swept,
+    )
+
+
+def _field(trial: Trial, run: FilterRun) -> Field:
+    """Every candidate, bonded or not, at the instant of the largest true strain."""
+    n, own = trial.problem.model.size, trial.problem.channels
+    straining = np.flatnonzero(own.quantity == STRAIN)
+    instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(own.quantity)))
+    moving = own.quantity == ACCELERATION
+    assert run.covariance is not None
+    true = np.concatenate([trial.reading(part)[instant] for part in _parts(np.arange(len(moving)))])
+    return Field(
+        instant=float(trial.time[instant]),
+        true=np.where(moving, np.nan, true),
+        strain=np.where(moving, np.nan, own.rows @ run.mean[instant, 0, :n]),
+        std=np.where(moving, np.nan, output_std(own.rows, run.covariance[instant, 0, :n, :n])),
+    )
+
+
+def _instant_of_largest(trial: Trial, channels: np.ndarray) -> int:
+    """Index of the instant at which any of the channels reads most, after the start."""
+    largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in _parts(channels)], axis=0)
+    return first_of_largest(largest) + 1
+
+
+PART = 1000
+"""Channels that are read in time at once: pools are large."""
+
+
+def _parts(channels: np.ndarray) -> list[np.ndarray]:
+    return np.array_split(channels, max(1, len(channels) // PART))

@@ -1,0 +1,78 @@
+"""What a validation has found, for people: numbers by name, a table and one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from strainsight.cases.structure.problem import scheme_in_words
+from strainsight.cases.structure.validation import Validation
+from strainsight.workflow.output import Scalar, Table
+
+
+def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
+    """Every number by its name, model: that of the truth in the config."""
+    trial, scheme = found.trial, scheme_in_words(found.trial.problem, found.trial.h)
+    stopped = f"{trial.stopped} of the layout stopped at an edge" if trial.stopped else ""
+    consistency = found.validated.consistency
+    numbers: dict[str, Scalar] = {
+        "truth": model,
+        "description": "; ".join(filter(None, (trial.truth.description, scheme, stopped))),
+    }
+    for name, own in found.accuracy.items():
+        for key in ("estimate", "error", "std", "smoothed", "smoothed_std", "scale"):
+            numbers[f"{key}.{name}"] = getattr(own, key)
+        if name in trial.problem.unknowns.inputs:
+            numbers[f"zero.{name}"] = own.zero
+        if own.identified is not None:
+            numbers[f"identified.{name}"] = own.identified
+        if own.rank is not None:
+            numbers |= {f"rank_{key}.{name}": value for key, value in vars(own.rank).items()}
+    return numbers | {
+        "nees": float(np.mean(consistency.nees)),
+        "nis": float(np.mean(consistency.nis)),
+        "whiteness": found.whiteness,
+        "verdict": found.verdict,
+        "lost_runs": found.diverged,
+    }
+
+
+def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
+    """One line; doubts: where a claimed σ of an unknown does not hold, empty where it does."""
+    trial, words = found.trial, []
+    for name, own in found.accuracy.items():
+        if name in trial.problem.unknowns.parameters:
+            value = f"{name} {own.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
+            words.append(f"{value}, error {100 * own.error:.2f} %")
+        else:
+            over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
+            words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
+        if doubts[name]:
+            words.append(f"{name} is overconfident: {doubts[name]}")
+        if own.identified is False:
+            words.append(f"{name} is not identified: other starts end elsewhere")
+    return "; ".join(words)
+
+
+MEDIANS = ("random sets, screened: median", "all: median")
+
+
+def validation_table(found: Validation) -> Table:
+    """Every unknown by the layout, and the median error of random sets."""
+    trial, validated = found.trial, found.validated
+    columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
+    rows = []
+    for name, own in found.accuracy.items():
+        if name in trial.problem.unknowns.parameters:
+            rms, truth = "", f"{trial.truth.theta[name]:.5g}"
+        else:
+            rms, truth = " RMS", f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}"
+        truth += f", in % of its amplitude, {own.scale:.4g}" if own.zero else ""
+        medians = (
+            f"{100 * np.nanmedian(sets.error[name]):.3f} %" if len(sets.error[name]) else "-"
+            for sets in (validated.screened, validated.all)
+        )
+        errors = (f"{100 * value:.3f} %" for value in (own.error, own.std, own.smoothed))
+        rows.append((name, f"{own.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
+    return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))
