@@ -50,10 +50,9 @@ class VirtualStrain:
 
 
 @record
-class Estimated:
-    """estimate.h5 of a placement."""
+class Histories:
+    """Every unknown in time."""
 
-    time: np.ndarray = dataset("/time", "s", "/time", "time of the estimates, on the clock of the file")
     estimate: dict[str, np.ndarray] = dataset(
         "/estimate/<name>", "unit of <name>", "/time", "filtered estimate of <name>"
     )
@@ -66,6 +65,13 @@ class Estimated:
     smoothed_std: dict[str, np.ndarray] = dataset(
         "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
     )
+
+
+@record
+class Estimated(Histories):
+    """estimate.h5 of a placement."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "time of the estimates, on the clock of the file")
     gauge: Channels = group("/gauge")
     whitened: np.ndarray = dataset(
         "/consistency/whitened",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.estimated import Histories
 from strainsight.records.record import dataset, group, record
 
 
@@ -91,23 +92,11 @@ class SweepTable:
 
 
 @record
-class Validated:
+class Validated(Histories):
     """validate.h5."""
 
     time: np.ndarray = dataset("/time", "s", "/time", "time of the validation run")
     truth: dict[str, np.ndarray] = dataset("/truth/<name>", "unit of <name>", "/time", "true history of <name>")
-    estimate: dict[str, np.ndarray] = dataset(
-        "/estimate/<name>", "unit of <name>", "/time", "filtered estimate of <name>"
-    )
-    std: dict[str, np.ndarray] = dataset(
-        "/std/<name>", "unit of <name>", "/time", "claimed standard deviation of the filtered <name>"
-    )
-    smoothed: dict[str, np.ndarray] = dataset(
-        "/smoothed/<name>", "unit of <name>", "/time", "smoothed estimate of <name>"
-    )
-    smoothed_std: dict[str, np.ndarray] = dataset(
-        "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
-    )
     gauge: Channels = group("/gauge")
     consistency: Consistency = group("/consistency")
     field: Field = group("/field")

@@ -12,23 +12,23 @@ from strainsight.errors import InfeasibleError
 from strainsight.signals.histories import instant_values
 
 
-def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int) -> str:
-    """In words what these channels (k,) cannot tell at some of the instants of the training run; empty where nothing."""
+def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int, allowed: bool) -> str:
+    """In words what these channels (k,) cannot tell at some of the instants of the training run; empty where nothing.
+
+    Raises InfeasibleError where there is something and that is not allowed.
+    """
     p, u = problem, instant_values(problem.u)
     at = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
     rows, quantity = p.channels.rows[channels], p.channels.quantity[channels]
     for F in linearise(p.model, p.unknowns, p.model.reference, p.x[at], u[at]):
         hidden = undetectable_directions(F, measurement_rows(rows, quantity, F))
         if hidden.shape[1]:
-            return undetectable_in_words(hidden, p.unknowns.state_names)
+            words = undetectable_in_words(hidden, p.unknowns.state_names)
+            if allowed:
+                return words
+            raise InfeasibleError(
+                f"the {len(channels)} channels cannot tell {words}",
+                key="estimate.channels",
+                remedy="give more channels, or go on all the same with --allow-unobservable",
+            )
     return ""
-
-
-def refuse_undetectable(hidden: str, channels: int) -> None:
-    """Raises InfeasibleError where so many channels cannot tell all unknowns."""
-    if hidden:
-        raise InfeasibleError(
-            f"the {channels} channels cannot tell {hidden}",
-            key="estimate.channels",
-            remedy="give more channels, or go on all the same with --allow-unobservable",
-        )

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
-from strainsight.cases.structure.detectable import refuse_undetectable, undetectable
+from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.measured import Measured, measured_of
 from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, scheme_in_words
 from strainsight.cases.structure.resultants import resultants_of
@@ -78,9 +78,8 @@ def estimation_of(
     using.progress("reading", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
     test = measured_of(settings, using.files["estimate.file"], problem, gauges, training.numbers)
-    hidden = undetectable(problem, test.channels, config.place.instants, config.seed)
-    if not settings.allow_unobservable:
-        refuse_undetectable(hidden, len(test.channels))
+    allowed = settings.allow_unobservable
+    hidden = undetectable(problem, test.channels, config.place.instants, config.seed, allowed)
     using.progress("filter", 0.2)
     start = initial_covariance(
         problem, {**config.validation.initial_std, **settings.initial_std}, moving=settings.start == "moving"

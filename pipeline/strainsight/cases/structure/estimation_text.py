@@ -64,13 +64,9 @@ def estimation_csv(found: Estimation) -> bytes:
     own = found.estimated
     columns = {"time [s]": own.time}
     for name in own.estimate:
-        histories = {
-            "filtered": own.estimate,
-            "filtered std": own.std,
-            "smoothed": own.smoothed,
-            "smoothed std": own.smoothed_std,
-        }
-        columns |= {f"{name} {word} [{found.units[name]}]": values[name] for word, values in histories.items()}
+        words = ("filtered", "filtered std", "smoothed", "smoothed std")
+        values = (own.estimate[name], own.std[name], own.smoothed[name], own.smoothed_std[name])
+        columns |= {f"{name} {word} [{found.units[name]}]": value for word, value in zip(words, values, strict=True)}
     for where, sum_there in zip(found.places, own.resultant.values(), strict=True):
         columns |= {f"{where} {axis} [N]": sum_there.force[:, i] for i, axis in enumerate("xyz")}
         columns |= {f"{where} size [N]": sum_there.magnitude, f"{where} size std [N]": sum_there.std}

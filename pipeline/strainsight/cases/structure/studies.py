@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.structure.problem import filter_model, sample_std
-from strainsight.cases.structure.trial import Trial, filtered, real_and_claimed, sample_noise, without_truth
+from strainsight.cases.structure.trial import Trial, real_and_claimed, sample_noise, without_truth
 from strainsight.config.validation import Validate
 from strainsight.estimation.consistency import not_identified
 from strainsight.estimation.filter import all_lost
@@ -212,7 +212,7 @@ def _batch(trial: Trial, batch: _Batch) -> Answer:
     measured = batch.true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
     mean = np.zeros((len(runs.seed), model.size))
     mean[:, model.position] = runs.start
-    found = filtered(trial, model, measured, mean, refuse=False)
+    found = trial.filtered(model, measured, mean, refuse=False)
     real, claimed = real_and_claimed(trial, model, found.mean, found.std)
     values = physical(model, found.mean, found.std)
     estimate, std = ({name: values[name][i] for name in trial.names} for i in (0, 1))

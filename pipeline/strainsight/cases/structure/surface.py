@@ -58,6 +58,7 @@ def virtual_strain(
     )
 
 
+SHOWN = ("strain", "strain_std", "stress", "von_mises", "von_mises_std", "principal")
 FRAMES = 100
 """Pictures of the surface where no time between them is stated."""
 
@@ -95,17 +96,8 @@ def surface_in_time(
         scale = np.concatenate([np.ones(n), [theta[name] for name in free]])
         P = smoothed.covariance[k, 0][np.ix_(at, at)] * np.outer(scale, scale)
         state = surface_state(surface, theta, x[:n], P, free)
-        assert state.strain_std is not None
-        assert state.von_mises_std is not None
-        for name, values in (
-            ("strain", state.strain),
-            ("strain_std", state.strain_std),
-            ("stress", state.stress),
-            ("von_mises", state.von_mises),
-            ("von_mises_std", state.von_mises_std),
-            ("principal", state.principal),
-        ):
-            data.setdefault(name, []).append(values[order].astype(np.float32))
+        for name in SHOWN:
+            data.setdefault(name, []).append(getattr(state, name)[order].astype(np.float32))
     shapes = basis.reshape(len(mesh.position), 3, -1)[used]
     displacement = np.stack([(shapes @ smoothed.mean[k, 0, :n]).astype(np.float32) for k in frames])
     return unstructured_grid(

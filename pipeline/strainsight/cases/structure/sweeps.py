@@ -7,14 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.structure.problem import filter_model
-from strainsight.cases.structure.trial import (
-    Trial,
-    at_step,
-    filtered,
-    measured_by_layout,
-    real_and_claimed,
-    without_truth,
-)
+from strainsight.cases.structure.trial import Trial, at_step, real_and_claimed, without_truth
 from strainsight.config.validation import Sweeps, Validate
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.records.validated import SweepTable
@@ -41,11 +34,11 @@ def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial
         return None
     duration = settings.duration
     at = {p.value: at_step(trial, p.value, round(duration / p.value) * p.value) for p in points if p.key == "time_step"}
-    own = _Task(None, measured_by_layout(trial, seed)[0])
+    own = _Task(None, trial.measured(seed)[0])
     tasks = [
         (
             point,
-            _Task(without_truth(at[point.value]), measured_by_layout(at[point.value], seed)[0])
+            _Task(without_truth(at[point.value]), at[point.value].measured(seed)[0])
             if point.key == "time_step"
             else own,
         )
@@ -97,7 +90,7 @@ def _swept(own: Trial, changed: tuple[Point, _Task]) -> tuple[dict[str, float], 
         truth = trial.truth.theta[point.key]
         model = replace(model, fixed={**model.fixed, point.key: point.value * truth})
     try:
-        run = filtered(trial, model, measured)
+        run = trial.filtered(model, measured)
     except NumericalError:
         diverged = dict.fromkeys(trial.names, float("nan"))
         return diverged, diverged

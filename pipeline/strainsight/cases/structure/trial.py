@@ -57,6 +57,24 @@ class Trial:
         read = self.motion.reading(needed)[:, place.reshape(channels.shape)]
         return np.where(channels >= 0, read, np.nan)
 
+    def measured(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """What the layout reads with noise, and without (T, k)."""
+        true = self.reading(self.chosen)[1:]
+        return true + sample_noise(seed, 0, *true.shape) * sample_std(self.problem, self.chosen, self.h), true
+
+    def filtered(
+        self,
+        model: FilterModel,
+        measured: np.ndarray,
+        start: np.ndarray | None = None,
+        keep: Keep = "mean",
+        refuse: bool = True,
+    ) -> FilterRun:
+        """The filter of the config on measurements (T, k) or (T, B, k); start (B, n*), None: zero."""
+        mean, P, form = np.zeros(model.size) if start is None else start, self.covariance, self.problem.form
+        turns = self.problem.iterations
+        return run_filter(model, mean, P, self.known, measured, keep, form=form, iterations=turns, refuse=refuse)
+
 
 def without_truth(trial: Trial) -> Trial:
     """What a filter needs, and its errors: a truth may hold the whole model, which is not sent to other processes."""
@@ -70,67 +88,50 @@ def _gone(_u: np.ndarray, _h: float) -> Motion:
 
 def trial_of(config: PlacementConfig, problem: Problem, truth: Truth, gauges: np.ndarray) -> Trial:
     """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
-    settings, chosen, own = config.validation, problem.channels.of(gauges), np.zeros(0)
-    trial = Trial(
-        problem=problem,
-        h=0.0,
-        time=own,
-        known=own,
-        truth=truth,
-        motion=ReadMotion(own),
-        history={},
-        gauges=gauges,
-        chosen=chosen[chosen >= 0],
-        stopped=int(truth.held[gauges].sum()),
-        covariance=initial_covariance(problem, settings.initial_std),
-        units=unknown_units(config),
-    )
+    settings = config.validation
+    P = initial_covariance(problem, settings.initial_std)
     with blame("validate.duration"):
-        return at_step(trial, settings.time_step, settings.duration)
+        return _simulated(problem, truth, gauges, P, unknown_units(config), settings.time_step, settings.duration)
 
 
 def at_step(trial: Trial, h: float, duration: float) -> Trial:
     """The same trial with the truth simulated, and sampled, at another time step [s]."""
-    problem, unknowns = trial.problem, trial.problem.unknowns
-    steps = round(duration / h)
+    return _simulated(trial.problem, trial.truth, trial.gauges, trial.covariance, trial.units, h, duration)
+
+
+def _simulated(
+    problem: Problem,
+    truth: Truth,
+    gauges: np.ndarray,
+    P: np.ndarray,
+    units: Mapping[str, str],
+    h: float,
+    duration: float,
+) -> Trial:
+    unknowns, channels, steps = problem.unknowns, problem.channels.of(gauges), round(duration / h)
     held = hold_coefficients(list(problem.signals.values()), 0.0, h, steps)
     load = instant_values(held)
     history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
-    history |= {name: np.full(steps + 1, trial.truth.theta[name]) for name in unknowns.parameters}
-    return replace(
-        trial,
+    history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}
+    return Trial(
+        problem=problem,
         h=h,
         time=h * np.arange(steps + 1),
         known=held[:, :, problem.columns(problem.known)],
-        motion=trial.truth.motion(held, h),
+        truth=truth,
+        motion=truth.motion(held, h),
         history=history,
+        gauges=gauges,
+        chosen=channels[channels >= 0],
+        stopped=int(truth.held[gauges].sum()),
+        covariance=P,
+        units=units,
     )
 
 
 def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:
     """Unit white noise (samples, gauges); realisation 0 is that of the layout's own measurement."""
     return np.random.default_rng([seed, realisation]).standard_normal((samples, gauges))
-
-
-def measured_by_layout(trial: Trial, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """What the layout reads with noise, and without (T, k)."""
-    true = trial.reading(trial.chosen)[1:]
-    return true + sample_noise(seed, 0, *true.shape) * sample_std(trial.problem, trial.chosen, trial.h), true
-
-
-def filtered(
-    trial: Trial,
-    model: FilterModel,
-    measured: np.ndarray,
-    start: np.ndarray | None = None,
-    keep: Keep = "mean",
-    refuse: bool = True,
-) -> FilterRun:
-    """The filter of the config on measurements (T, k) or (T, B, k); start (B, n*), None: zero."""
-    p, mean = trial.problem, np.zeros(model.size) if start is None else start
-    return run_filter(
-        model, mean, trial.covariance, trial.known, measured, keep, form=p.form, iterations=p.iterations, refuse=refuse
-    )
 
 
 def real_and_claimed(

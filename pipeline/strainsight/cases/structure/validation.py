@@ -20,14 +20,7 @@ from strainsight.cases.structure.studies import (
     studies_of,
 )
 from strainsight.cases.structure.sweeps import sweeps_of
-from strainsight.cases.structure.trial import (
-    Trial,
-    filtered,
-    measured_by_layout,
-    real_and_claimed,
-    scaled_error,
-    trial_of,
-)
+from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.cases.structure.truth import truth_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import chi_square_band, nees, nis, verdict, whiteness
@@ -109,8 +102,8 @@ def validation_of(
     trial = trial_of(config, problem, truth, gauges)
     using.progress("filter", 0.2)
     model = filter_model(problem, trial.chosen, trial.h)
-    measured, true = measured_by_layout(trial, seed)
-    run = filtered(trial, model, measured, keep="all")
+    measured, true = trial.measured(seed)
+    run = trial.filtered(model, measured, keep="all")
     smoothed = smooth(model, run)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, seed, watch)

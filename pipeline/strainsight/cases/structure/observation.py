@@ -1,0 +1,101 @@
+"""Which unknowns the pool could tell, for all seven cases of tables 6.1 and 6.2, at any excitation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from strainsight.augmentation.cases import cases
+from strainsight.cases.resources import Resources
+from strainsight.cases.structure.channels import channels_of, largest_of_quantity, readings
+from strainsight.cases.structure.settings import characteristic, signal_of
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import blame
+from strainsight.records.placed import Observed
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
+from strainsight.rom.modal_step import simulate
+from strainsight.rom.model import ReducedModel
+from strainsight.signals.histories import Sine, hold_coefficients, instant_values
+
+STEPS_A_PERIOD = 40
+PART = 10**7
+"""Readings held at once."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A motion: label; x (s, 2n) = [q, q̇]; u (s, n_u) [N]."""
+
+    label: str
+    x: np.ndarray
+    u: np.ndarray
+
+
+def observed_of(
+    config: PlacementConfig, reduced: Reduced, training: Training, screened: Screened, using: Resources
+) -> Observed:
+    """Every combination of unknown loads, moduli and densities, at the training motion and at every stated frequency."""
+    model, every = reduced.model, channels_of(training, screened)
+    pool = np.flatnonzero(np.isin(every.gauge, screened.kept))
+    amplitude = {}
+    for name in model.inputs:
+        signal = signal_of(name, config.loads[name].signal, using.files)
+        amplitude[name] = characteristic(config.loads[name], signal, config.train.duration)[1]
+    kinds = {name: config.parameters[name].property for name in model.parameters}
+    rows, quantity = every.rows[pool], every.quantity[pool]
+    excitations, table = _excitations(config, model, training, amplitude), []
+    for motion in excitations:
+        with blame("observe"):
+            found = cases(
+                model,
+                model.reference,
+                motion.x,
+                motion.u,
+                inputs=tuple(name for name in model.inputs if not config.loads[name].known) or model.inputs,
+                moduli=[name for name, kind in kinds.items() if kind == "youngs_modulus"],
+                densities=[name for name, kind in kinds.items() if kind == "density"],
+                amplitude=amplitude,
+                guess=model.reference,
+                rows=rows,
+                quantity=quantity,
+                largest=_largest(model, rows, quantity, motion),
+                instants=config.place.instants,
+                seed=config.seed,
+            )
+        table.append(found)
+    return Observed(
+        excitation=tuple(motion.label for motion in excitations),
+        case=tuple(case.label for case in table[0]),
+        unknowns=tuple(", ".join(case.unknowns) for case in table[0]),
+        condition=np.array([[case.found.condition for case in row] for row in table]),
+        condition_raw=np.array([[case.found.condition_raw for case in row] for row in table]),
+        sigma_min=np.array([[case.found.sigma_min for case in row] for row in table]),
+        lost=np.array([[case.reason or case.found.null_direction for case in row] for row in table], dtype=np.str_),
+    )
+
+
+def _largest(model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, motion: Excitation) -> np.ndarray:
+    """For every channel the largest reading of any channel of its quantity (m,); in parts, as pools and motions are long."""
+    parts = np.array_split(np.arange(len(motion.x)), max(1, len(motion.x) * len(rows) // PART))
+    peaks = [
+        np.abs(readings(model, model.reference, rows, quantity, motion.x[part], motion.u[part])).max(axis=0)
+        for part in parts
+    ]
+    return largest_of_quantity(np.array(peaks), quantity)
+
+
+def _excitations(
+    config: PlacementConfig, model: ReducedModel, training: Training, amplitude: dict[str, float]
+) -> list[Excitation]:
+    found = [Excitation("training run", np.hstack([training.coordinate, training.velocity]), training.load)]
+    for frequency in config.observe.frequencies:
+        duration = max(config.train.duration, 5 / frequency)
+        steps = ceil(duration * STEPS_A_PERIOD * frequency)
+        signals = [Sine(frequency, amplitude[name], 0.0) for name in model.inputs]
+        held = hold_coefficients(signals, 0.0, duration / steps, steps)
+        motion = simulate(model, model.reference, held, duration / steps)
+        found.append(Excitation(f"{frequency:g} Hz", motion, instant_values(held)))
+    return found
