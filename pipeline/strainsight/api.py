@@ -8,6 +8,7 @@
     training = api.train(case, mesh, reduced)
     screened = api.screen(case, training)
     layout = api.place(case, mesh, reduced, training, screened)
+    validation = api.validate(case, mesh, reduced, training, screened, layout.gauges)
 
 Every function computes what the stage of the same name writes, from a config and what came before it; nothing is written.
 `open_run` reads what a run on the command line has written.
@@ -15,16 +16,20 @@ Every function computes what the stage of the same name writes, from a config an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from strainsight.cases.resources import silent
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, UserError
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
+from strainsight.records.estimated import Estimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.record import Record, read
@@ -37,9 +42,32 @@ from strainsight.workflow.artefact import Artefact
 if TYPE_CHECKING:
     import pyvista
 
+    from strainsight.cases.structure.estimation import Estimation
+    from strainsight.cases.structure.expectation import Expectation
     from strainsight.cases.structure.placement import Placement
+    from strainsight.cases.structure.validation import Validation
 
-__all__ = ["Case", "Run", "load", "mesh", "modes", "open_run", "place", "reduce", "screen", "train"]
+Gauges = Sequence[int] | np.ndarray
+"""Numbers of gauges, as train.h5 counts the candidates; `gauges` of a placement are those of its layout, G1 first."""
+
+__all__ = [
+    "Case",
+    "Gauges",
+    "Run",
+    "estimate",
+    "expect",
+    "load",
+    "mesh",
+    "modes",
+    "observe",
+    "open_run",
+    "place",
+    "reduce",
+    "screen",
+    "to_pyvista",
+    "train",
+    "validate",
+]
 
 
 @dataclass(frozen=True)
@@ -115,6 +143,13 @@ def screen(case: Case, training: Training) -> Screened:
     return screened_of(case.config, training)
 
 
+def observe(case: Case, reduced: Reduced, training: Training, screened: Screened) -> Observed:
+    """Which loads, moduli and densities the pool could tell, for all cases and excitations."""
+    from strainsight.cases.structure.observation import observed_of
+
+    return observed_of(case.config, reduced, training, screened, case)
+
+
 def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened) -> Placement:
     """The layout: elimination, exchanges, a bound on any other, and what it is expected to know.
 
@@ -126,6 +161,65 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
 
     problem = problem_of(case.config, case.files, reduced, training, screened)
     return placement_of(case.config, mesh, problem, training, screened, case)
+
+
+def expect(case: Case, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges) -> Expectation:
+    """What a filter on any gauges is expected to claim along the training run.
+
+    `.std` σ of every unknown relative to its scale, `.without` the same without each gauge in turn.
+    """
+    from strainsight.cases.structure.expectation import expectation
+    from strainsight.cases.structure.problem import problem_of
+
+    problem = problem_of(case.config, case.files, reduced, training, screened)
+    return expectation(problem, np.asarray(gauges, dtype=int))
+
+
+def validate(
+    case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges
+) -> Validation:
+    """The filter on simulated measurements of a truth that is not its own model.
+
+    `.accuracy` says of every unknown how far it is off and what is claimed, `.validated` has the histories and studies as
+    validate.h5 has them.
+    """
+    from strainsight.cases.structure.reduction import spectrum_of
+    from strainsight.cases.structure.validation import validation_of
+
+    modal = case.config.validation.truth.model in ("modes", "rich")
+    spectrum = spectrum_of(case.config, mesh, case) if modal else None
+    numbers = np.asarray(gauges, dtype=int)
+    return validation_of(case.config, mesh, spectrum, reduced, training, screened, numbers, case)
+
+
+def estimate(
+    case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges = ()
+) -> Estimation:
+    """The filter on the measurements of a test, `estimate.file` of the config.
+
+    gauges: those that the config calls G1, G2, …; none where it names them by number. `.estimated` has loads, parameters and
+    strains with their σ as estimate.h5 has them, `.surface` the pictures of the surface for `to_pyvista`. Raises UserError
+    for what the file contradicts, and InfeasibleError where its channels cannot tell the unknowns.
+    """
+    from strainsight.cases.structure.estimation import estimation_of
+
+    return estimation_of(case.config, mesh, reduced, training, screened, np.asarray(gauges, dtype=int), case)
+
+
+def to_pyvista(grid: VtkHdf | Mesh, step: int = 0) -> pyvista.UnstructuredGrid:
+    """A mesh, or a grid at one of its steps."""
+    from pyvista import UnstructuredGrid
+
+    own = unstructured_grid(grid.position, grid.blocks) if isinstance(grid, Mesh) else grid
+    offset, points = own.datasets["Offsets"], own.datasets["Points"]
+    cells = np.insert(own.datasets["Connectivity"], offset[:-1], np.diff(offset))
+    found = UnstructuredGrid(cells, own.datasets["Types"], points)
+    for path, values in own.datasets.items():
+        where, _, name = path.partition("/")
+        if where in ("PointData", "CellData"):
+            data, size = (found.point_data, len(points)) if where == "PointData" else (found.cell_data, len(offset) - 1)
+            data[name] = values[step * size :][:size] if len(values) > size else values
+    return found
 
 
 @dataclass(frozen=True)
@@ -176,16 +270,25 @@ class Run:
     def validated(self) -> Validated:
         return self._record(Validated, "validate")
 
-    def to_pyvista(self, stage: str = "import") -> pyvista.DataObject:
-        """The grid of a stage: "import" the mesh, "rom" the modes, "place" the pool, "validate" the strain of the candidates."""
-        from pyvista import HDFReader
+    @property
+    def estimated(self) -> Estimated:
+        return self._record(Estimated, "estimate")
 
+    def to_pyvista(self, stage: str = "import", step: int = 0) -> pyvista.UnstructuredGrid:
+        """The grid of a stage at one of its steps.
+
+        "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the candidates, "estimate"
+        with `estimate.field` the surface in time.
+        """
         artefact = self.artefact(stage)
         if "/VTKHDF" not in artefact:
             raise UserError(
-                f"the stage '{stage}' writes no grid", where=str(artefact.path), remedy="import, rom, place or validate"
+                f"the stage '{stage}' has written no grid",
+                where=str(artefact.path),
+                remedy="import, rom, place or validate; estimate with estimate.field",
             )
-        return HDFReader(str(artefact.path)).read()
+        paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
+        return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
 
 
 def open_run(folder: Path | str) -> Run:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 from dataclasses import fields, is_dataclass
 
 import numpy as np
 import pytest
 import pyvista
+from typer.testing import CliRunner
+from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight import api
 from strainsight.errors import ArtefactError, ConfigError, UserError
+from strainsight_cli.main import app
 
 from .conftest import ROOT, SHORT
 
@@ -49,6 +53,77 @@ def test_the_cantilever_takes_few_lines_and_has_the_layout_of_the_command_line(r
     np.testing.assert_array_equal(screened.noise_std, run_there.screened.noise_std)
 
 
+def same(record, there):
+    """Every array of a record is that of another, to the bit."""
+    ours, theirs = (list(everything(own)) for own in (record, there))
+    assert len(ours) == len(theirs) > 5
+    for own, other in zip(ours, theirs, strict=True):
+        if isinstance(own, np.ndarray):
+            np.testing.assert_array_equal(own, other)
+
+
+def test_a_validation_has_the_arrays_of_the_command_line(run_there):
+    case, mesh, reduced, training, screened = before_placing(SHORT)
+    found = api.validate(case, mesh, reduced, training, screened, run_there.placed.final.number)
+    same(found.validated, run_there.validated)
+    summary = run_there.artefact("validate").summary
+    assert found.accuracy["E"].error == summary["error.E"]
+    assert found.accuracy["E"].smoothed_std == summary["smoothed_std.E"]
+    same(api.observe(case, reduced, training, screened), run_there.observed)
+    own = api.expect(case, reduced, training, screened, run_there.placed.final.number)
+    # the placement has summed them up in another order
+    np.testing.assert_allclose(own.without["E"], run_there.placed.without["E"], rtol=1e-12)
+
+
+def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
+    folder = next(path for path in results.iterdir() if (path / "measured.csv").exists())
+    channels = [{"channel": f"G{i}", "gauge": f"G{i}", "unit": "m/m"} for i in range(1, 5)]
+    text = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text().replace("../meshes", str(ROOT / "meshes"))
+    stated = {
+        "file": str(folder / "measured.csv"),
+        "time": {"channel": "time"},
+        "channels": channels,
+        "inputs": {"tip": {"channel": "tip", "unit": "N"}},
+        "virtual": [{"position": [1.0, 0.02, 0.095], "direction": [1, 0, 0]}],
+        "field": {"every": 0.05},
+    }
+    config = tmp_path / "test.yaml"
+    config.write_text(f"{text}\nestimate: {json.dumps(stated)}\n")
+    options = [f"--set={words}" for words in SHORT]
+    done = CliRunner().invoke(app, ["estimate", str(config), "--results", str(tmp_path / "results"), *options])
+    assert done.exit_code == 0, done.output
+    run = api.open_run(tmp_path / "results" / "cantilever-youngs-modulus")
+    case, mesh, reduced, training, screened = before_placing(SHORT, config)
+    found = api.estimate(case, mesh, reduced, training, screened, run.placed.final.number)
+    same(found.estimated, run.estimated)
+    ours, theirs = api.to_pyvista(found.surface, 2), run.to_pyvista("estimate", 2)
+    np.testing.assert_array_equal(ours.cell_data["strain"], theirs.cell_data["strain"])
+    assert ours.n_cells == theirs.n_cells > 100
+    reader = vtkHDFReader()
+    reader.SetFileName(str(run.artefact("estimate").path))
+    reader.UpdateInformation()
+    reader.SetStep(2)
+    reader.Update()
+    by_vtk = pyvista.wrap(reader.GetOutput())
+    np.testing.assert_array_equal(theirs.cell_data["strain"], by_vtk.cell_data["strain"])
+    np.testing.assert_array_equal(theirs.point_data["displacement"], by_vtk.point_data["displacement"])
+    np.testing.assert_array_equal(theirs.cell_centers().points, by_vtk.cell_centers().points)
+
+
+def test_an_estimate_without_a_file_says_which_key(run_there):
+    case, mesh, reduced, training, screened = before_placing(SHORT)
+    with pytest.raises(ConfigError, match="no measurements of a test"):
+        api.estimate(case, mesh, reduced, training, screened, run_there.placed.final.number)
+
+
+def before_placing(overrides, config=ROOT / "configs" / "cantilever-youngs-modulus.yaml"):
+    case = api.load(config, overrides)
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    return case, mesh, reduced, training, api.screen(case, training)
+
+
 def everything(record):
     """Every field of a record, and of those below it."""
     for field in fields(record):
@@ -69,9 +144,10 @@ def test_all_that_a_run_has_written_is_read(run_there, stage):
 
 def test_grids_go_to_pyvista(run_there):
     assert isinstance(run_there.to_pyvista("import"), pyvista.UnstructuredGrid)
+    assert run_there.to_pyvista("import").volume == pytest.approx(api.to_pyvista(run_there.mesh).volume)
     assert run_there.to_pyvista("import").n_points == len(run_there.mesh.position)
     assert "rank" in run_there.to_pyvista("place").point_data
-    with pytest.raises(UserError, match="writes no grid"):
+    with pytest.raises(UserError, match="has written no grid"):
         run_there.to_pyvista("screen")
 
 
