@@ -12,6 +12,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 sys.path.insert(0, str(Path(__file__).parent))
 import benchmark_history
 import config_reference
+import example_pages
 
 project = "strainsight"
 extensions = ["myst_parser"]
@@ -59,4 +60,6 @@ def setup(app):
     app.add_html_math_renderer("mathml", (inline_math, None), (block_math, None))
     app.connect("source-read", only_within)
     app.connect("builder-inited", lambda app: config_reference.write(Path(app.srcdir) / "config"))
+    app.add_config_value("run_examples", True, "env")
+    app.connect("builder-inited", lambda app: example_pages.write(bool(int(app.config.run_examples))))
     app.connect("builder-inited", lambda app: benchmark_history.write(Path(app.srcdir) / "history"))

@@ -32,6 +32,8 @@ def site(tmp_path_factory):
         "-q",
         "-W",
         "--keep-going",
+        "-D",
+        "run_examples=0",
         "-d",
         folder / "doctrees",
         DOCS,
