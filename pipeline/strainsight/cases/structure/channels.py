@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.gauges.candidates import ACCELERATION, channels_of_gauges
+from strainsight.gauges.candidates import ACCELERATION, UNITS, channels_of_gauges
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, damping_matrix
 
