@@ -42,8 +42,8 @@ from strainsight.workflow.artefact import Artefact
 if TYPE_CHECKING:
     import pyvista
 
+    from strainsight.cases.layout.expectation import Expectation
     from strainsight.cases.structure.estimation import Estimation
-    from strainsight.cases.structure.expectation import Expectation
     from strainsight.cases.structure.placement import Placement
     from strainsight.cases.structure.validation import Validation
 

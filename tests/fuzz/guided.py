@@ -73,7 +73,7 @@ def _run(name: str, made: Path, seconds: int, seed: int, out: Path) -> None:
 
     warnings.simplefilter("ignore")
     with atheris.instrument_imports(include=["strainsight"]):
-        import strainsight.cases.structure.recorded
+        import strainsight.cases.recorded
         import strainsight.config.load
         import strainsight.config.suite_runs
         import strainsight.decks.abaqus.deck

@@ -58,7 +58,7 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
 
 def read_measurement(path: Path, choice: int, apart: bool = True) -> None:
     """The channels on the clock of a filter; a table now and then as a load's history."""
-    from strainsight.cases.structure.recorded import recorded
+    from strainsight.cases.recorded import recorded
     from strainsight.config.loads import Recorded
     from strainsight.measurements import hdf5_file
     from strainsight.measurements.assemble import assemble

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.recorded import recorded
+from strainsight.cases.recorded import recorded
 from strainsight.config.loads import Recorded
 from strainsight.errors import UserError
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+ROSETTE = (0.0, 45.0, 90.0)
+"""Angles from any tangent [deg] whose strains give those of every direction."""
 SAMPLES = 64
 ALIKE = 1e-6
 """Directions whose mean squares are this share of the largest apart are alike; rounding is 1e-10 of it. Degrees this near to

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
-from strainsight.cases.structure.settings import signal_of
+from strainsight.cases.histories import signal_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import PointForce, PointMoment
 from strainsight.errors import ConfigError, blame

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
+from strainsight.cases.material import damping_of, named_regions
 from strainsight.cases.resources import Resources
-from strainsight.cases.structure.settings import damping_of, named_regions
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FlexibleBody, Frame, Modulus
 from strainsight.errors import ConfigError, blame

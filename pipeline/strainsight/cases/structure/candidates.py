@@ -14,14 +14,12 @@ from strainsight.errors import ConfigError, blame
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
 from strainsight.gauges.glued import GluedEntry, glued
 from strainsight.gauges.motion import motion_candidates
-from strainsight.gauges.principal import principal_angles
+from strainsight.gauges.principal import ROSETTE, principal_angles
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.surface import facet_centres
 from strainsight.gauges.zones import inside
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
-
-BASE_ANGLES = (0.0, 45.0, 90.0)
 
 
 @dataclass(frozen=True)
@@ -104,9 +102,9 @@ def _strain_gauges(
     with blame("gauges.surface"):
         if axis is None:
             base = candidates(
-                mesh, facets, None, BASE_ANGLES, exclude, gauges.surface, include=include, rosette=True, length=0.0
+                mesh, facets, None, ROSETTE, exclude, gauges.surface, include=include, rosette=True, length=0.0
             )
-            rows = channel_rows(mesh.position, base, basis, facets=facets).reshape(-1, len(BASE_ANGLES), basis.shape[1])
+            rows = channel_rows(mesh.position, base, basis, facets=facets).reshape(-1, len(ROSETTE), basis.shape[1])
             turn = principal_angles(rows, q.T @ q / len(q))
         pool = candidates(
             mesh,

@@ -8,9 +8,10 @@ from math import ceil
 import numpy as np
 
 from strainsight.augmentation.cases import cases
+from strainsight.cases.histories import signal_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import channels_of, largest_of_quantity, readings
-from strainsight.cases.structure.settings import characteristic, signal_of
+from strainsight.cases.structure.settings import characteristic
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.records.placed import Observed

@@ -10,8 +10,9 @@ import numpy as np
 
 from strainsight.augmentation.noise import Rule, channel_intensity, process_intensity
 from strainsight.augmentation.unknowns import Unknowns
+from strainsight.cases.histories import signal_of
 from strainsight.cases.structure.channels import Channels, accelerations, channels_of
-from strainsight.cases.structure.settings import characteristic, signal_of, unknowns_of
+from strainsight.cases.structure.settings import characteristic, unknowns_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.cases.material import damping_of, named_regions
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.full_model import full_model
 from strainsight.cases.structure.scales import refuse_damping
-from strainsight.cases.structure.settings import damping_of, load_shapes, named_regions, parameters_of
+from strainsight.cases.structure.settings import load_shapes, parameters_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter

@@ -10,27 +10,20 @@ import numpy as np
 
 from strainsight.augmentation.input_models import InputModel, IntegratedRandomWalk, Matern, Oscillator, RandomWalk
 from strainsight.augmentation.unknowns import Unknowns
-from strainsight.cases.structure.recorded import recorded
-from strainsight.config.bench.connections import Constant as StatedConstant
+from strainsight.cases.material import named_regions
 from strainsight.config.gauges import Gauges, MotionSensors
-from strainsight.config.loads import InputNoise, Load, Recorded
-from strainsight.config.loads import MultiSine as StatedMultiSine
-from strainsight.config.loads import Sine as StatedSine
-from strainsight.config.loads import Sweep as StatedSweep
-from strainsight.config.mesh import Matrices, RegionKey
-from strainsight.config.placement import GuessFrom, MaterialParameter, ModalDamping, PlacementConfig, RayleighDamping
+from strainsight.config.loads import InputNoise, Load
+from strainsight.config.mesh import Matrices
+from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
-from strainsight.rom.model import Damping
-from strainsight.signals.histories import Constant, MultiSine, Signal, Sine, Sweep, evaluate
+from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
 PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
-StatedSignal = StatedConstant | StatedSine | StatedSweep | StatedMultiSine | Recorded
-"""A load history, as a config states it."""
 
 
 def parameters_of(
@@ -67,13 +60,6 @@ def parameters_of(
                 )
         found.append(Parameter(name, entry.property, regions, value))
     return tuple(found)
-
-
-def named_regions(region: RegionKey | tuple[RegionKey, ...] | None) -> tuple[RegionKey, ...]:
-    """The regions that a config names, which may be one."""
-    if region is None:
-        return ()
-    return region if isinstance(region, tuple) else (region,)
 
 
 def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:
@@ -134,27 +120,6 @@ def families(config: PlacementConfig) -> dict[str, Gauges | MotionSensors]:
     """
     others = {f"motion_sensors.{name}": config.motion_sensors[name] for name in sorted(config.motion_sensors)}
     return {"gauges": config.gauges, **others}
-
-
-def damping_of(config: ModalDamping | RayleighDamping) -> Damping:
-    """The damping law."""
-    if config.type == "modal":
-        return Damping("modal", ratio=config.ratio)
-    return Damping("rayleigh", alpha=config.alpha, beta=config.beta)
-
-
-def signal_of(name: str, config: StatedSignal, files: Mapping[str, Path], section: str = "loads") -> Signal:
-    """A load history, of the entry `name` of a section of the config."""
-    if config.type == "constant":
-        return Constant(config.value)
-    if config.type == "sine":
-        return Sine(config.frequency, config.amplitude, config.phase)
-    if config.type == "sweep":
-        return Sweep(config.start_frequency, config.end_frequency, config.duration, config.amplitude)
-    if config.type == "multisine":
-        return MultiSine(config.lowest, config.highest, config.count, config.amplitude, config.seed)
-    key = f"{section}.{name}.signal"
-    return recorded(key, config, files[f"{key}.file"])
 
 
 def characteristic(entry: Load, signal: Signal, duration: float) -> tuple[float, float]:

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from strainsight.cases.histories import signal_of
+from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.resources import Resources
-from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface, zone_of
+from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface
 from strainsight.cases.structure.channels import readings
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.scales import refuse_noise, refuse_readings, refuse_times
-from strainsight.cases.structure.settings import families, signal_of
+from strainsight.cases.structure.settings import families
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.decks.matrices.files import read_numbering

@@ -10,12 +10,11 @@ from itertools import zip_longest
 import numpy as np
 
 from strainsight.cases.layout.zones import zone_of
-from strainsight.cases.structure.candidates import BASE_ANGLES
 from strainsight.config.bench.place import BenchPlace
 from strainsight.errors import InfeasibleError, blame
 from strainsight.gauges.candidates import Candidates, candidates, concatenate
 from strainsight.gauges.glued import GluedEntry, glued
-from strainsight.gauges.principal import principal_angles
+from strainsight.gauges.principal import ROSETTE, principal_angles
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.screening import screen, strongest_first
 from strainsight.mesh.facets import Facets, exterior_facets
@@ -52,10 +51,10 @@ def gauge_pool(
     zoned = partial(candidates, exclude=exclude, surface=place.surface, include=include, key=key)
     with blame("place.surface"):
         if axis is None:
-            base = zoned(mesh, facets, None, BASE_ANGLES, rosette=True)
+            base = zoned(mesh, facets, None, ROSETTE, rosette=True)
             rows = channel_rows(mesh.position, base, basis, facets=facets)
             alike = static / _strength(rows @ static, inputs)
-            turn = principal_angles(rows.reshape(-1, len(BASE_ANGLES), basis.shape[1]), alike @ alike.T)
+            turn = principal_angles(rows.reshape(-1, len(ROSETTE), basis.shape[1]), alike @ alike.T)
         pool = concatenate([_bonded(mesh, facets, place), zoned(mesh, facets, axis, place.direction.angles, turn=turn)])
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     response = rows @ static
