@@ -16,7 +16,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=5,
+    version=6,
     reads=(
         "seed",
         "bodies",
