@@ -109,7 +109,8 @@ def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam,
     n, load = 3, np.array([1e4])
     q = np.linalg.solve(beam.model.stiffness.at(beam.model.reference), beam.model.input_shape @ load)
     differences = []
-    # at 2⁻²¹ s one unit in the last place of the process noise moves the rate by 0.2, in SciPy's discrete solver
+    # at 2⁻²¹ s one unit in the last place of the process noise moves the rate by 0.2, in SciPy's discrete solver; at 2⁻²⁰ s
+    # it differs by 0.006 between kernels of OpenBLAS
     for h in 2.0 ** np.array([-18, -19, -20]):
         model = make_filter(beam, inputs=inputs, parameters=parameters, known=() if inputs else ("tip",), h=h)
         scale = modal_scale(model)
@@ -133,7 +134,7 @@ def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam,
     rate = np.array(differences[:-1]) / differences[1:]
     assert differences[-1] < 1.2e-3
     np.testing.assert_allclose(rate[-1], 2.0, atol=0.1)
-    assert abs(rate[-1] - 2) < max(abs(rate[-2] - 2), 0.005)
+    assert abs(rate[-1] - 2) < max(abs(rate[-2] - 2), 0.02)
 
 
 def test_a_batch_is_its_runs_one_by_one(make_beam, make_filter, sine):

@@ -1,8 +1,8 @@
 """`python child.py PLAN`: every stage but the page of some configs, in a process of its own.
 
 PLAN is JSON: results, a folder; runs, pairs of a config and its overrides, those before others that take a guess from them;
-superlu, whether SuperLU solves instead of PARDISO. The environment says on which processor, linear algebra and threads.
-NumPy is loaded first, so that the product cannot hold it to one thread.
+superlu, whether SuperLU solves instead of PARDISO; compatible, whether MKL takes its code for any processor. The environment
+says on which processor, linear algebra and threads. NumPy is loaded first, so that the product cannot hold it to one thread.
 """
 
 from __future__ import annotations
@@ -17,10 +17,13 @@ import numpy as np  # noqa: F401
 import scipy.linalg  # noqa: F401
 
 from strainsight.config.load import load_config
+from strainsight.fem import pardiso
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
+
+MKL_CBWR_COMPATIBLE = 3
 
 
 def run_all(results: Path, runs: Iterable[tuple[str, Sequence[str]]]) -> None:
@@ -38,4 +41,6 @@ if __name__ == "__main__":
     if plan["superlu"]:
         sys.modules["pypardiso"] = None  # type: ignore[assignment]
         warnings.filterwarnings("ignore", message="PARDISO is not available")
+    if plan["compatible"]:  # the product sets the branch itself, over what MKL_CBWR says
+        pardiso._MKL_CBWR_AVX2 = pardiso._MKL_CBWR_AUTO = MKL_CBWR_COMPATIBLE
     run_all(Path(plan["results"]), plan["runs"])

@@ -58,7 +58,7 @@ def numbers_apart(one: Path, other: Path) -> dict[str, float]:
         stage = name.split("/")[1]
         x, y = _numbers(a), _numbers(b)
         for path in x.keys() & y.keys():
-            error = stage == "validate" and re.search(r"\b(error|smoothed)\b", path)
+            error = stage == "validate" and re.search(r"/error/|^(error|smoothed)\.", path)
             allowed = ERRORS if error else ITSELF.get((stage, path))
             found[f"{name}:{path}"] = apart(x[path], y[path], allowed) / (SAME if allowed is None else allowed)
     return found

@@ -41,6 +41,7 @@ class Setting:
     needs: tuple[str, ...] = ()
     intel: bool = False
     superlu: bool = False
+    compatible: bool = False
 
 
 def _plain() -> dict[str, str]:
@@ -60,7 +61,7 @@ SETTINGS = {
     "MKL SSE4_2": Setting({"MKL_ENABLE_INSTRUCTIONS": "SSE4_2"}, intel=True),
     "MKL AVX2": Setting({"MKL_ENABLE_INSTRUCTIONS": "AVX2"}, AVX2, intel=True),
     "MKL AVX512": Setting({"MKL_ENABLE_INSTRUCTIONS": "AVX512"}, AVX512, intel=True),
-    "MKL COMPATIBLE": Setting({"MKL_CBWR": "COMPATIBLE"}),
+    "MKL COMPATIBLE": Setting(compatible=True),
     "SuperLU": Setting(superlu=True),
     "two threads": Setting(dict.fromkeys(THREADS, "2")),
     "plain code": Setting(_plain()),
@@ -94,7 +95,7 @@ def run(results: Path, name: str, runs: list[tuple[str, tuple[str, ...]]]) -> Pa
         pytest.skip(f"this processor has no {', '.join(sorted(set(setting.needs) - features))}")
     if setting.intel and not intel:
         pytest.skip("MKL looks at MKL_ENABLE_INSTRUCTIONS on processors of Intel only")
-    plan = {"results": str(results / name), "runs": runs, "superlu": setting.superlu}
+    plan = {"results": str(results / name), "runs": runs, "superlu": setting.superlu, "compatible": setting.compatible}
     done = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("child.py")), json.dumps(plan)],
         env={**os.environ, **dict.fromkeys(THREADS, "1"), **setting.environment},
