@@ -74,8 +74,6 @@ def test_units_of_unknowns_change_nothing_beside_accelerometers(beam_of, scenari
         np.testing.assert_allclose(there.P, here.P, rtol=0, atol=1e-7)
 
 
-# poles 1e-16 of the fastest from the axis: whether LAPACK says so is rounding, and what it answers is compared all the same
-@pytest.mark.filterwarnings('ignore:Input "a" has an eigenvalue pair:RuntimeWarning')
 def test_an_elimination_beside_precise_accelerometers_is_brute_force_by_exact_covariances(
     oracle, beam_of, scenarios_of
 ):
