@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -225,6 +226,25 @@ def test_no_copy_of_the_last_frequency_is_cut_off(length, count):
         noise = sparse.random_array(K.shape, density=3 / len(first), rng=rng)
         shaken = sparse.csr_array(K + 1e-14 * (noise + noise.T))
         assert np.abs(modes(shaken, M, count)[1] - first).max() < 1e-8
+
+
+def test_a_copy_that_the_iterations_have_passed_over_is_found_beside_them(monkeypatch):
+    """Eight equal chains, of which the first pass is given three copies of the lowest frequency and one of the second."""
+    K, M, exact = chain(50)
+    K, M = sparse.csr_array(sparse.kron(sparse.eye_array(8), K)), sparse.csr_array(sparse.eye_array(400))
+    own = np.linalg.eigh(chain(50)[0].toarray())
+    module = sys.modules[modes.__module__]
+    beside = module._beside
+
+    def first(A, M, count, factor, shapes):
+        if shapes.shape[1]:
+            return beside(A, M, count, factor, shapes)
+        found = [np.kron(np.eye(8)[chain], own.eigenvectors[:, mode]) for mode, chain in ((0, 1), (0, 4), (0, 5), (1, 2))]
+        return 1.0 / own.eigenvalues[[0, 0, 0, 1]], np.array(found).T
+
+    monkeypatch.setattr(module, "_beside", first)
+    inverse, _ = module._lanczos(K, M, 4, 4, factorise(K))
+    np.testing.assert_allclose(np.sqrt(1 / inverse) / (2 * np.pi), np.repeat(exact[0], 4), rtol=1e-9)
 
 
 @pytest.mark.parametrize("n", [60, 400])

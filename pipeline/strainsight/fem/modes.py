@@ -13,6 +13,8 @@ from strainsight.fem.memory import require_memory
 
 DENSE_LIMIT = 300
 GUARD = 4
+BESIDE = 2
+"""Modes that are looked for beside those found."""
 REPEATED = 1e-7
 """Values ω² closer to the first of them than this share of it are one frequency."""
 NEARLY = 1e-6
@@ -22,7 +24,7 @@ NEARLY = 1e-6
 def modes(
     K: sparse.csr_array, M: sparse.csr_array, count: int, *, shift: float = 0.0, factor: Factor | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest modes, by Lanczos iterations on (K − σM)⁻¹M (ARPACK, shift-invert, start vector seeded):
+    """The lowest modes, by Lanczos iterations on (K − σM)⁻¹M (ARPACK, shift-invert, seeded), repeated beside those found:
 
         K φ = ω² M φ,     φᵀMφ = 1,     the largest component of φ positive
 
@@ -104,13 +106,33 @@ def _basis(wanted: int) -> int:
 def _lanczos(
     A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor
 ) -> tuple[np.ndarray, np.ndarray]:
+    """One start vector sees one copy of a repeated frequency, the others are rounding's to find: so the iterations are repeated
+    beside what is found, x ← (I − Φ ΦᵀM) x, until nothing that they find there is lower than the last."""
     n = A.shape[0]
+    require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of {n} unknowns")
+    inverse, shapes = _beside(A, M, wanted, factor, np.zeros((n, 0)))
+    while True:
+        more, others = _beside(A, M, BESIDE, factor, shapes)
+        if more[0] <= (1 + REPEATED) * inverse[-1]:
+            return inverse, shapes
+        order = np.argsort(-np.concatenate([inverse, more]), kind="stable")[:wanted]
+        inverse, shapes = np.concatenate([inverse, more])[order], np.hstack([shapes, others])[:, order]
+
+
+def _beside(
+    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor, shapes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """1/λ, falling, and φ of the lowest modes in the complement of shapes (n, k), which are orthonormal in M."""
+    n, weighted = A.shape[0], M @ shapes
+
+    def solve(x: np.ndarray) -> np.ndarray:
+        y = factor.solve(x)
+        return y - shapes @ (weighted.T @ y)
+
     start = M @ np.random.default_rng(0).standard_normal(n)
-    basis = _basis(wanted)
-    require_memory(8.0 * n * (basis + 3 * wanted), f"{count} modes of {n} unknowns")
-    solve = LinearOperator((n, n), matvec=factor.solve, matmat=factor.solve, dtype=float)
+    inverted = LinearOperator((n, n), matvec=solve, matmat=solve, dtype=float)
     try:
-        lam, V = eigsh(A, wanted, M=M, sigma=0.0, OPinv=solve, v0=factor.solve(start), ncv=basis)
+        lam, V = eigsh(A, count, M=M, sigma=0.0, OPinv=inverted, v0=solve(start), ncv=_basis(count))
     except ArpackError as error:
         raise NumericalError(
             f"the Lanczos iterations did not converge: {error}",
