@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 TIE = 1e-6
-"""Share of a number within which others are ties. Rises of an elimination differ by up to 6e-9 of themselves between
-processors, BLAS and solvers (of the whole metric, 2e-11), as those of mirrored gauges do on one machine."""
+"""Share of a number within which others are ties. Rises of an elimination differ by 4e-10 of themselves between the settings of
+tests/portability, and by 6e-9 at most where that was measured otherwise; the metric by 2e-11."""
 _LARGEST = 1e300
 
 
