@@ -48,38 +48,30 @@ class Field:
 
 
 @record
-class NoiseStudy:
-    factor: np.ndarray = dataset("/factor", "1", "level", "noise over the configured noise")
-    error: dict[str, np.ndarray] = dataset("/error/<name>", "1", "level", "real error of <name> for every noise level")
-    std: dict[str, np.ndarray] = dataset("/std/<name>", "1", "level", "claimed error of <name> for every noise level")
-
-
-@record
-class Starts:
-    """Repeated runs: `<what>`."""
+class Errors:
+    """Of many runs, one for every `<what>`."""
 
     error: dict[str, np.ndarray] = dataset("/error/<name>", "1", "run", "real error of <name> for every <what>")
     std: dict[str, np.ndarray] = dataset("/std/<name>", "1", "run", "claimed error of <name> for every <what>")
+
+
+@record
+class NoiseStudy(Errors):
+    factor: np.ndarray = dataset("/factor", "1", "run", "noise over the configured noise")
+
+
+@record
+class Starts(Errors):
     start: dict[str, np.ndarray] = dataset(
         "/start/<name>", "1", "run", "start of <name> for every <what>, relative to its scale (parameters: logarithm)"
     )
 
 
 @record
-class RandomSets:
-    """Random sets of `<what>`."""
-
-    candidate: np.ndarray = dataset(
-        "/candidate", "1", "set × channel", "rows of train.h5 of every random set of <what>, −1 for none"
-    )
-    error: dict[str, np.ndarray] = dataset(
-        "/error/<name>", "1", "set", "real error of <name> for every random set of <what>"
-    )
-    std: dict[str, np.ndarray] = dataset(
-        "/std/<name>", "1", "set", "claimed error of <name> for every random set of <what>"
-    )
+class RandomSets(Errors):
+    candidate: np.ndarray = dataset("/candidate", "1", "run × channel", "rows of train.h5 of every <what>, −1 for none")
     estimate: dict[str, np.ndarray] = dataset(
-        "/estimate/<name>", "unit of <name>", "/time × set", "estimate of <name> by every random set of <what>"
+        "/estimate/<name>", "unit of <name>", "/time × run", "estimate of <name> by every <what>"
     )
 
 
@@ -100,9 +92,9 @@ class Validated(Histories):
     gauge: Channels = group("/gauge")
     consistency: Consistency = group("/consistency")
     field: Field = group("/field")
-    noise: NoiseStudy = group("/noise")
+    noise: NoiseStudy = group("/noise", what="noise level")
     repeats: Starts = group("/repeats", what="seed and start")
     starts: Starts = group("/starts", what="start on one measurement")
-    screened: RandomSets = group("/random_sets/screened", what="the screened pool")
-    all: RandomSets = group("/random_sets/all", what="all candidates")
+    screened: RandomSets = group("/random_sets/screened", what="random set of the screened pool")
+    all: RandomSets = group("/random_sets/all", what="random set of all candidates")
     sweep: SweepTable | None = group("/sweep", default=None)
