@@ -31,7 +31,7 @@ for criterion in ("trace", "log_determinant", "worst_eigenvalue"):
 # The elimination passes every number of gauges on its way from the pool to three: its costs say what one more is worth.
 # Halving the cost divides σ by √2. Where the curve is flat, another gauge only averages noise.
 cost = layouts["trace"].elimination.cost
-count = len(layouts["trace"].pool.gauges) - np.arange(len(cost))
+count = case.config.place.keep + np.arange(len(cost))[::-1]
 for k in (3, 4, 6, 8, 16, 32):
     print(f"{k} gauges: tr(W P) = {cost[count == k][0]:.3g}")
 
