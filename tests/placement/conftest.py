@@ -124,10 +124,14 @@ def last(size: int, count: int) -> np.ndarray:
     return np.arange(size - count, size)
 
 
+LOST = 1e100
+
+
 def covariance_by_sign(scenario: Scenario, gauges: list[int]) -> np.ndarray:
     """P by the matrix sign function of the Hamiltonian, sharpened by two Kleinman steps with SciPy's Lyapunov solver.
 
-    Source: Roberts (1980), scaled as in Byers (1987). SciPy's own Riccati solver gives up on some of these systems.
+    Source: Roberts (1980), scaled as in Byers (1987). SciPy's own Riccati solver gives up on some of these systems. Of gauges
+    that detect an unknown next to not at all the sign is all rounding, and its filter not stable: they are worth `LOST`.
     """
     F, Q = scenario.F, scenario.Q
     H, r = scenario.H[gauges].reshape(-1, len(F)), scenario.r[gauges].ravel()
@@ -146,6 +150,8 @@ def covariance_by_sign(scenario: Scenario, gauges: list[int]) -> np.ndarray:
     P = np.linalg.lstsq(left, right, rcond=None)[0] / s
     for _ in range(2):
         gain = P @ (H.T / r)
+        if np.linalg.eigvals(F - gain @ H).real.max() >= 0:
+            return LOST * np.eye(n)
         P = solve_continuous_lyapunov(F - gain @ H, -Q - (gain * r) @ gain.T)
         P = 0.5 * (P + P.T)
     return P
