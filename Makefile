@@ -35,7 +35,7 @@ help:
 	@echo 'make test           set up, then the tests, but for the long ones'
 	@echo 'make test-all       all tests, as CI runs them; ARGS=--times says where the processor time went'
 	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
-	@echo 'make lint           ruff, mypy, import-linter; licences and known vulnerabilities of the packages'
+	@echo 'make lint           ruff, words, mypy, import-linter; licences and known vulnerabilities of the packages'
 	@echo 'make lowest         fast tests and the cantilever with the oldest packages that pyproject.toml allows'
 	@echo 'make coverage       branches of the kernels that their fast tests reach; takes long'
 	@echo 'make mutants        200 small faults in KERNEL=$(KERNEL), and which of them no test notices; takes long'
@@ -113,6 +113,8 @@ history: $(READY)
 
 lint: $(READY)
 	@$(VENV)/$(BIN)/ruff check .
+	@$(VENV)/$(BIN)/ruff format --check --quiet pipeline cli
+	@$(VENV)/$(BIN)/python .ci/words.py
 	@$(VENV)/$(BIN)/mypy
 	@$(VENV)/$(BIN)/lint-imports
 	@$(VENV)/$(BIN)/python .ci/licences.py

@@ -1,7 +1,7 @@
 """What the filter reaches on the cantilever: `python benchmarks/estimation.py [inputs|cases|sets]`, all three by default.
 
 inputs  every model of an unknown load, 20 Hz force, 1 % noise: filtered and smoothed error beside the claimed σ
-cases   single unknowns and joint ones that can be told apart, three truths, three noise levels: error beside σ
+cases   single unknowns and joint ones that can be distinguished, three truths, three noise levels: error beside σ
 sets    the chosen layout among 200 random ones: rank by real and by claimed error, and how the two go together
 
 Numbers are errors, not times: they do not depend on the machine. Each row is a run of the command line.

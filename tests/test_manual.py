@@ -18,7 +18,7 @@ from strainsight_cli.main import app
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 TOLERANCE = 0.05
-"""Of a quoted number, relative: quoted are few digits, and equal gauges are told apart by the last ones."""
+"""Of a quoted number, relative: quoted are few digits, and equal gauges are distinguished by the last ones."""
 
 
 @pytest.fixture(scope="module")

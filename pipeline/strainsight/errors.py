@@ -58,7 +58,7 @@ def at_most(limit: float) -> str:
 
 
 class UserError(StrainsightError):
-    """Something the user can mend: a config, a deck, an infeasible request."""
+    """Something the user can correct: a config, a deck, an infeasible request."""
 
     exit_code = 2
 
@@ -68,7 +68,7 @@ class ConfigError(UserError):
 
 
 class DeckError(UserError):
-    """A mesh file that cannot be taken over as it stands.
+    """A mesh file that cannot be imported as it stands.
 
     entity  ("node", id), ("element", id) or ("tie", id) that is at fault, for whoever knows the lines of the file
     """

@@ -108,7 +108,7 @@ def test_a_channel_of_an_unknown_load_is_refused(write):
     assert "would not be read" in error.what
 
 
-def test_all_problems_are_told_at_once(write):
+def test_all_problems_are_reported_at_once(write):
     text = EXAMPLE.replace("keep: 4", "kepe: 4").replace("modes: 10", "modes: -1").replace("seed: 1", "seed: no")
     keys = {error.key for error in refused(write(text))}
     assert {"place.kepe", "rom.modes", "seed"} <= keys

@@ -70,7 +70,7 @@ def test_all_that_a_mesh_may_need_beside_its_file_is_accepted(load):
         ("table: gauges.csv}", "table: gauges.csv}, direction: {type: axis, axis: [1, 0, 0]}", "gauges.direction"),
     ],
 )
-def test_a_contradiction_is_told_at_its_key(load, old, new, key):
+def test_a_contradiction_is_reported_at_its_key(load, old, new, key):
     assert CONFIG.count(old) == 1
     with pytest.raises(ConfigError) as caught:
         load(CONFIG.replace(old, new))

@@ -85,7 +85,7 @@ def test_overrides_of_the_command_line_reach_the_suite_and_its_set(write):
     assert error.where == "--set set.place.instants"
 
 
-def test_what_set_made_wrong_is_placed_in_the_suite_and_said_once(write):
+def test_what_set_made_wrong_is_placed_in_the_suite_and_reported_once(write):
     text = SUITE.replace("place.instants: 3", "place.instant: 3").replace("place.keep: 5", "place.keep: 0")
     found = {error.key: error for error in refused(write(text))}
     assert set(found) == {"place.instant", "place.keep"}
@@ -94,7 +94,7 @@ def test_what_set_made_wrong_is_placed_in_the_suite_and_said_once(write):
     assert place(text, "place.keep") in found["place.keep"].where
 
 
-def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_said_once(write):
+def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_reported_once(write):
     path = write()
     own = path.parent / "cantilever-youngs-modulus.yaml"
     text = own.read_text(encoding="utf-8").replace("seed: 1", "seed: -1")
@@ -179,7 +179,7 @@ def test_a_misspelt_name_in_a_set_of_the_command_line_is_placed_there(write):
         assert error.remedy == "did you mean tip?"
 
 
-def test_a_section_that_was_replaced_whole_is_said(write):
+def test_a_section_that_was_replaced_whole_is_reported(write):
     text = SUITE.replace("{place.instants: 3}", "{train: {duration: 0.2}}")
     errors = [error for error in refused(write(text)) if error.what == "missing"]
     assert errors

@@ -150,7 +150,7 @@ def gmsh_2(path, binary):
 
 
 def gmsh_4(path, binary):
-    """Numbers as (kind, values): int, size and double are told apart only in binary."""
+    """Numbers as (kind, values): int, size and double are distinguished only in binary."""
 
     def body(*parts: tuple[str, list]) -> bytes:
         if binary:

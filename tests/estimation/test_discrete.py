@@ -63,7 +63,7 @@ def test_walks_are_held_exactly_and_in_their_order():
 
 
 @pytest.mark.parametrize("h", [1e-4, 1e-2, 0.3])
-def test_what_a_load_moves_while_it_wanders_is_in_the_noise_of_a_step(h):
+def test_what_a_load_moves_while_it_drifts_is_in_the_noise_of_a_step(h):
     """Two modes under a random walk, the second turning up to 600 rad in a step: the integral over the whole state."""
     omega, zeta = np.array([60.0, 2000.0]), 0.01
     F, Q = np.zeros((5, 5)), np.diag([0.0, 0.0, 1e-3, 1e-2, 5.0])

@@ -194,7 +194,7 @@ def test_loads_that_end_before_the_samples_are_a_mistake_of_the_caller(make_beam
         run_filter(model, mean, P0, u[:-1], y)
 
 
-def test_a_covariance_at_rest_is_what_it_would_have_become(make_beam, make_filter, monkeypatch):
+def test_a_steady_covariance_is_what_it_would_have_become(make_beam, make_filter, monkeypatch):
     """The filter stops computing it; never stopping gives the same to rounding, also where a sample is missing later."""
     model = make_filter(make_beam(modes=4, ratio=0.05), ("tip",), q_velocity=1.0)
     P0, nothing = prior(model), np.zeros((1500, 3, 0))
@@ -211,7 +211,7 @@ def test_a_covariance_at_rest_is_what_it_would_have_become(make_beam, make_filte
     np.testing.assert_allclose(rested.mean / d, restless.mean / d, atol=1e-9)
 
 
-def test_a_lost_run_is_said_and_leaves_the_others_alone(make_beam, make_filter, sine):
+def test_a_diverged_run_is_reported_and_leaves_the_others_alone(make_beam, make_filter, sine):
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, (), ("E",), runs=2)
     wild = y.copy()
     wild[30:, 1] = 1e3

@@ -33,6 +33,6 @@ def test_the_error_of_a_load_that_is_zero_is_over_its_amplitude(left):
     assert load_scale(truth, 50.0) == (50.0, True)
 
 
-def test_honesty_is_real_over_claimed():
+def test_consistency_is_real_over_claimed():
     error = np.random.default_rng(0).standard_normal((100, 400, 2)) * [1.0, 2.0]
     np.testing.assert_allclose(honesty(error, np.ones_like(error)), [1.0, 2.0], rtol=0.02)

@@ -141,7 +141,7 @@ def test_the_step_follows_the_load_of_its_input_model(make_beam, make_filter, mo
     assert np.abs((found - exact) / scale)[2 * n :].max() < 1e-10
 
 
-def test_an_accelerometer_reads_the_motion_it_is_told(make_beam, make_filter, sine):
+def test_an_accelerometer_reads_the_motion_it_is_given(make_beam, make_filter, sine):
     """Second differences of the simulated displacement where the sensor sits, in the middle of a smooth motion."""
     beam, h = make_beam(modes=5), 1e-5
     model = make_filter(beam, known=("tip",), accelerometers=1, gauges=(0.3,), h=h)

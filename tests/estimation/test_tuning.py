@@ -49,7 +49,7 @@ def test_no_other_factors_are_more_likely(make_beam, make_filter):
         assert likelihood(a, b) < best
 
 
-def test_parts_of_the_process_noise_are_told_apart(make_beam, make_filter):
+def test_parts_of_the_process_noise_are_distinguished(make_beam, make_filter):
     model, *rest = drawn(make_beam, make_filter, q_velocity=3.0)
     off = scale_noise(model, {"inputs": 10.0, "model_error": 0.1})
     assert np.allclose(np.diag(off.Q)[3:], np.diag(model.Q)[3:] * np.array([0.1, 0.1, 0.1, 10.0]))
@@ -80,7 +80,7 @@ def test_noise_that_is_not_there_runs_to_its_limit(make_beam, make_filter):
     assert found.factors["process"] == pytest.approx(1e-3)
 
 
-def test_where_every_run_is_lost_the_search_turns_back(make_beam, make_filter, monkeypatch):
+def test_where_every_run_diverges_the_search_turns_back(make_beam, make_filter, monkeypatch):
     """The stated noise is 100 times the real one, and a filter told half of the real one or less is lost. The search steps
     there on its way, and finds the same factor all the same."""
     model, *rest = drawn(make_beam, make_filter)

@@ -156,7 +156,7 @@ def test_rollers_on_inclined_planes_hold_what_their_normals_span(box, turn):
     assert word.startswith(f"rotation about {axis}")
 
 
-def test_a_clamp_on_a_tied_component_is_told_in_the_nodes_own_components(supported_part):
+def test_a_clamp_on_a_tied_component_is_reported_in_the_nodes_own_components(supported_part):
     mesh = supported_part
     node = int(mesh.rigid[0].nodes[0])
     turned = replace(mesh, axes={node: TURN})

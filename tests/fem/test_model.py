@@ -116,7 +116,7 @@ def test_a_mesh_with_nothing_to_move_is_refused(box):
         build_model(replace(mesh, fixed=np.array([(i, c) for i in range(8) for c in range(3)])))
 
 
-def test_forces_of_a_deck_on_clamped_nodes_are_said_and_push_only_the_support(bar):
+def test_forces_of_a_deck_on_clamped_nodes_are_reported_and_push_only_the_support(bar):
     root, tip = int(np.flatnonzero(bar.position[:, 0] == 0)[0]), len(bar.position) - 1
     both = NodalForces(np.array([root, tip]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]))
     model = build_model(replace(bar, loads={"FORCE-4": both}))

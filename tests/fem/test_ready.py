@@ -260,7 +260,7 @@ def test_nodes_and_free_motions_are_named():
         build_ready_model(beam_mesh(4, False), ready_matrices(node, component, [Term(K)], [Term(M)]))
 
 
-def test_a_support_that_leaves_a_motion_is_told_from_one_that_does_not():
+def test_a_support_that_leaves_a_motion_is_distinguished_from_one_that_does_not():
     """A hinge at the root lets the beam turn about y; a single free motion is no rigid body at all."""
     mesh = beam_mesh(4)
     K, M = beam_matrices(4)

@@ -40,8 +40,8 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
     else:
         from strainsight.cases.structure.mesh import checked, mesh_of
         from strainsight.config.mesh import Material, MeshFile
-        from strainsight.decks.other.apart import load_apart
         from strainsight.decks.other.load import load
+        from strainsight.decks.other.sandbox import load_sandboxed
 
         if path.suffix == ".h5":
             path = path.with_name("case-of-h5.xdmf")
@@ -52,7 +52,7 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
             region_data="region" if choice % 8 == 0 else None,
             materials={} if ending in (".bdf", ".inp") else {"steel": steel},
         )
-        with patch.object(other, "load_apart", load_apart if apart else load):
+        with patch.object(other, "load_sandboxed", load_sandboxed if apart else load):
             checked(mesh_of(config, path), config)
 
 

@@ -33,7 +33,7 @@ def test_what_is_left_out_is_a_point_gauge_of_strain_at_the_centre(plate, bare):
         np.testing.assert_array_equal(getattr(short, entry.name), getattr(full, entry.name))
     np.testing.assert_allclose(full.local, 1 / 3)
     assert full.gauges == 4
-    assert not full.glued.any()
+    assert not full.bonded.any()
     assert set(full.quantity) == {STRAIN}
 
 

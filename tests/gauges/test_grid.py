@@ -99,7 +99,7 @@ def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_linear_field_reads_alike_with_and_without_a_grid(kind, plate, bare):
+def test_a_linear_field_reads_the_same_with_and_without_a_grid(kind, plate, bare):
     position, facets = plate(kind, 5, 5, 0.2)
     G = np.random.default_rng(2).standard_normal((3, 3))
     gauges = candidates(bare(position), facets, (1, 0.3, 0), (0.0, 60.0))

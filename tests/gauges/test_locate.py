@@ -1,4 +1,4 @@
-"""The nearest point of a surface, and gauges that are glued there."""
+"""The nearest point of a surface, and gauges that are bonded there."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import candidates
-from strainsight.gauges.glued import GluedEntry, glued
 from strainsight.gauges.locate import locate, project
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.walk import skin_of
@@ -106,19 +106,19 @@ def test_of_two_facets_equally_near_the_first_counts(plate):
     np.testing.assert_allclose(found.local, [[1, 1], [1, 0]], atol=1e-12)
 
 
-def test_a_glued_gauge_lies_on_the_surface_along_its_direction(tube, bare):
+def test_a_bonded_gauge_lies_on_the_surface_along_its_direction(tube, bare):
     R = 1.0
     position, facets = tube("quad8", 40, 4, R)
     entries = [
-        GluedEntry((1.001, 0.0, 2.1), (0.2, 0.0, 3.0), 0.05),
-        GluedEntry((0.0, 0.999, 1.3), (1.0, 0.3, 0.0), 0.0, (0.0, 45.0, 90.0)),
+        BondedEntry((1.001, 0.0, 2.1), (0.2, 0.0, 3.0), 0.05),
+        BondedEntry((0.0, 0.999, 1.3), (1.0, 0.3, 0.0), 0.0, (0.0, 45.0, 90.0)),
     ]
-    pool, distance = glued(bare(position), facets, entries, 0.005)
+    pool, distance = bonded(bare(position), facets, entries, 0.005)
     np.testing.assert_allclose(distance, 0.001, atol=1e-5)
     np.testing.assert_array_equal(pool.gauge, [0, 1, 1, 1])
     np.testing.assert_array_equal(pool.angle, [0, 0, 45, 90])
     np.testing.assert_array_equal(pool.length, [0.05, 0, 0, 0])
-    assert pool.glued.all()
+    assert pool.bonded.all()
     np.testing.assert_allclose(pool.position[:2], [[R, 0, 2.1], [0, R, 1.3]], atol=1e-4)
     expected = [[0, 0, 1], [1, 0, 0], np.array([1, 0, -1]) / np.sqrt(2), [0, 0, -1]]
     np.testing.assert_allclose(pool.direction, expected, atol=2e-3)
@@ -130,11 +130,11 @@ def test_a_glued_gauge_lies_on_the_surface_along_its_direction(tube, bare):
     np.testing.assert_allclose(rows[:, 0], np.einsum("mi,ij,mj->m", d, G, d), atol=2e-3)
 
 
-def test_glued_where_a_candidate_sits_it_is_that_candidate(box_mesh):
+def test_bonded_where_a_candidate_sits_it_is_that_candidate(box_mesh):
     facets = exterior_facets(box_mesh)
     pool = candidates(box_mesh, facets, (1, 0.2, 0.4), (30.0,))
-    entries = [GluedEntry(x + 1e-4 * n, d) for x, n, d in zip(pool.position, pool.normal, pool.direction, strict=True)]
-    found, distance = glued(box_mesh, facets, entries, 1e-3)
+    entries = [BondedEntry(x + 1e-4 * n, d) for x, n, d in zip(pool.position, pool.normal, pool.direction, strict=True)]
+    found, distance = bonded(box_mesh, facets, entries, 1e-3)
     np.testing.assert_allclose(distance, 1e-4, rtol=1e-6)
     for name in ("element", "facet", "nodes"):
         np.testing.assert_array_equal(getattr(found, name), getattr(pool, name))
@@ -142,19 +142,19 @@ def test_glued_where_a_candidate_sits_it_is_that_candidate(box_mesh):
         np.testing.assert_allclose(getattr(found, name), getattr(pool, name), atol=1e-12)
 
 
-GOOD = GluedEntry((0.45, 0.12, 0.2), (1, 0, 0))
+GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
 
 
 @pytest.mark.parametrize(
     ("entry", "says"),
     [
-        (replace(GOOD, position=(0.45, 0.12, 0.206)), "glued gauge 2 is 0.006 m from the surface .*, beyond 0.005 m"),
-        (replace(GOOD, direction=(0.1, 0, 1)), "glued gauge 2 has a direction at 5.71° to the normal"),
-        (replace(GOOD, direction=(0, 0, 0)), "glued gauge 2 has the direction"),
-        (replace(GOOD, position=(0.45, np.nan, 0.2)), "glued gauge 2 has the position"),
+        (replace(GOOD, position=(0.45, 0.12, 0.206)), "bonded gauge 2 is 0.006 m from the surface .*, beyond 0.005 m"),
+        (replace(GOOD, direction=(0.1, 0, 1)), "bonded gauge 2 has a direction at 5.71° to the normal"),
+        (replace(GOOD, direction=(0, 0, 0)), "bonded gauge 2 has the direction"),
+        (replace(GOOD, position=(0.45, np.nan, 0.2)), "bonded gauge 2 has the position"),
         (
             replace(GOOD, position=(0.45, 0.297, 0.2), direction=(0, 1, 0), length=0.01),
-            "glued gauge 2 has a grid of 0.01 m",
+            "bonded gauge 2 has a grid of 0.01 m",
         ),
         (
             replace(GOOD, position=(0.45, 0.12, 0.201), direction=(-2, 0, 0)),
@@ -162,16 +162,16 @@ GOOD = GluedEntry((0.45, 0.12, 0.2), (1, 0, 0))
         ),
     ],
 )
-def test_what_cannot_be_glued_is_refused_by_its_number(entry, says, box_mesh):
+def test_what_cannot_be_bonded_is_refused_by_its_number(entry, says, box_mesh):
     with pytest.raises(UserError, match=says) as caught:
-        glued(box_mesh, exterior_facets(box_mesh), [GOOD, entry], 0.005)
+        bonded(box_mesh, exterior_facets(box_mesh), [GOOD, entry], 0.005)
     assert caught.value.key == "gauges.fixed.1"
 
 
 def test_two_gauges_in_one_place_across_one_another_are_two(box_mesh):
-    pool, _ = glued(box_mesh, exterior_facets(box_mesh), [GOOD, replace(GOOD, direction=(0, 1, 0))], 0.005)
+    pool, _ = bonded(box_mesh, exterior_facets(box_mesh), [GOOD, replace(GOOD, direction=(0, 1, 0))], 0.005)
     assert pool.gauges == 2
-    none, distance = glued(box_mesh, exterior_facets(box_mesh), [], 0.005)
+    none, distance = bonded(box_mesh, exterior_facets(box_mesh), [], 0.005)
     assert len(none) == len(distance) == 0
 
 

@@ -1,4 +1,4 @@
-"""A gauge glued beside its place moves on over the surface, up to a sharp edge."""
+"""A gauge bonded beside its place moves on over the surface, up to a sharp edge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A gauge reads the strain of the field it is glued to, on every kind of facet, however it is bent or misplaced."""
+"""A gauge reads the strain of the field it is bonded to, on every kind of facet, however it is bent or misplaced."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def patch(kind: str, bend: float, seed: int = 0, scale: float = 1.0) -> tuple[np
     )
 
 
-def glued(position: np.ndarray, facets: Facets, axis=(1.0, 0.2, 0.0), angles=(0.0,)) -> Candidates:
+def bonded(position: np.ndarray, facets: Facets, axis=(1.0, 0.2, 0.0), angles=(0.0,)) -> Candidates:
     return candidates(bare_mesh(position), facets, axis, angles)
 
 
@@ -52,7 +52,7 @@ def surface_strain(G: np.ndarray, d: np.ndarray) -> np.ndarray:
 def test_a_linear_field_is_read_exactly_on_distorted_and_curved_facets(kind, bend, seed):
     position, facets = patch(kind, bend, seed)
     G = np.random.default_rng(seed).standard_normal((3, 3))
-    gauges = glued(position, facets, angles=(0.0, 37.0, 90.0))
+    gauges = bonded(position, facets, angles=(0.0, 37.0, 90.0))
     rows = channel_rows(position, gauges, column(position @ G.T + 3.0))
     np.testing.assert_allclose(rows[:, 0], surface_strain(G, gauges.direction), atol=1e-13)
 
@@ -62,7 +62,7 @@ def test_a_misplaced_gauge_reads_a_linear_field_in_its_own_direction(kind):
     """On a flat facet the tensor does not change from place to place: only the rotation counts."""
     position, facets = patch(kind, 0.0)
     position = position @ Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix().T
-    gauges = glued(position, facets, axis=(1.0, 0.0, 0.3))
+    gauges = bonded(position, facets, axis=(1.0, 0.0, 0.3))
     G = np.random.default_rng(3).standard_normal((3, 3))
     rows = channel_rows(
         position, gauges, column(position @ G.T), offset=np.array([[0.05, -0.08]]), rotation=np.array([12.0])
@@ -75,7 +75,7 @@ def test_a_misplaced_gauge_reads_a_linear_field_in_its_own_direction(kind):
 @pytest.mark.parametrize("seed", range(3))
 def test_a_rigid_motion_strains_nothing(kind, seed):
     position, facets = patch(kind, 0.2, seed)
-    gauges = glued(position, facets, angles=(0.0, 45.0, 90.0))
+    gauges = bonded(position, facets, angles=(0.0, 45.0, 90.0))
     shift, spin = np.random.default_rng(seed).standard_normal((2, 3))
     z = np.stack([np.tile(shift, (len(position), 1)), np.cross(spin, position)], axis=-1)
     offset, rotation = np.tile([0.04, 0.03], (3, 1)), np.array([2.0, -3.0, 5.0])
@@ -92,7 +92,7 @@ def test_a_quadratic_field_is_read_exactly_on_a_quadratic_facet_also_beside_its_
     position, facets = patch(kind, 0.0)
     shear = np.array([[1.3, 0.4, 0.0], [-0.2, 0.8, 0.0], [0.0, 0.0, 1.0]])
     position = position @ shear.T + np.array([0.3, -0.2, 0.0])
-    gauges = glued(position, facets)
+    gauges = bonded(position, facets)
     d, n = gauges.direction[0], gauges.normal[0]
     Q = np.random.default_rng(5).standard_normal((3, 3, 3))
     z = np.einsum("ki,cij,kj->kc", position, Q, position)
@@ -107,7 +107,7 @@ def test_three_directions_lie_on_mohrs_circle():
     """Principal strains from 0°, 45° and 90° (rosette formula) are the eigenvalues of the tensor on the facet."""
     for seed in range(5):
         position, facets = patch("quad8", 0.1, seed)
-        gauges = glued(position, facets, angles=(0.0, 45.0, 90.0, 135.0))
+        gauges = bonded(position, facets, angles=(0.0, 45.0, 90.0, 135.0))
         G = np.random.default_rng(seed).standard_normal((3, 3))
         a, b, c, e = channel_rows(position, gauges, column(position @ G.T))[:, 0]
         assert a + c == pytest.approx(b + e, abs=1e-13)
@@ -122,7 +122,7 @@ def test_three_directions_lie_on_mohrs_circle():
 
 def test_half_a_turn_changes_nothing_and_the_sense_is_right_handed():
     position, facets = patch("quad4", 0.0)
-    gauges = glued(position, facets, axis=(1, 0, 0), angles=(0.0, 30.0, 180.0))
+    gauges = bonded(position, facets, axis=(1, 0, 0), angles=(0.0, 30.0, 180.0))
     np.testing.assert_allclose(gauges.direction[1], [np.cos(np.pi / 6), 0.5, 0.0], atol=1e-15)
     G = np.array([[1.0, 0.6, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.0]])
     rows = channel_rows(position, gauges, column(position @ G.T))[:, 0]
@@ -147,8 +147,8 @@ def test_a_mirror_image_reads_the_same(kind):
         element_id=facets.element_id, facet=facets.facet, kind=facets.kind, nodes=nodes, region=facets.region
     )
     z = np.random.default_rng(1).standard_normal(position.shape)
-    here = glued(position, facets, axis=(1.0, 0.2, 0.1), angles=(25.0,))
-    there = glued(position * mirror, image, axis=(-1.0, 0.2, 0.1), angles=(-25.0,))
+    here = bonded(position, facets, axis=(1.0, 0.2, 0.1), angles=(25.0,))
+    there = bonded(position * mirror, image, axis=(-1.0, 0.2, 0.1), angles=(-25.0,))
     np.testing.assert_allclose(there.direction, here.direction * mirror, atol=1e-14)
     np.testing.assert_allclose(there.normal, here.normal * mirror, atol=1e-14)
     a = channel_rows(position, here, column(z), offset=np.array([[0.03, 0.05]]), rotation=np.array([4.0]))
@@ -165,8 +165,8 @@ def test_strain_is_displacement_over_length(kind, scale):
     plain, facets = patch(kind, 0.1, 1)
     large, _ = patch(kind, 0.1, 1, scale)
     offset, rotation = np.array([[0.05, 0.02]]), np.array([3.0])
-    a = channel_rows(plain, glued(plain, facets), column(z), offset=offset, rotation=rotation)
-    b = channel_rows(large, glued(large, facets), column(z), offset=scale * offset, rotation=rotation)
+    a = channel_rows(plain, bonded(plain, facets), column(z), offset=offset, rotation=rotation)
+    b = channel_rows(large, bonded(large, facets), column(z), offset=scale * offset, rotation=rotation)
     np.testing.assert_allclose(b * scale, a, rtol=1e-10)
 
 
@@ -193,7 +193,7 @@ def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
 
 def test_fields_side_by_side_are_read_one_by_one_and_candidates_in_any_order():
     position, facets = patch("quad8", 0.1)
-    gauges = glued(position, facets, angles=(0.0, 30.0, 60.0, 90.0))
+    gauges = bonded(position, facets, angles=(0.0, 30.0, 60.0, 90.0))
     fields = np.random.default_rng(2).standard_normal((3 * len(position), 5))
     rows = channel_rows(position, gauges, fields)
     assert rows.shape == (4, 5)
@@ -205,7 +205,7 @@ def test_fields_side_by_side_are_read_one_by_one_and_candidates_in_any_order():
 
 def test_no_misplacement_is_a_misplacement_of_zero():
     position, facets = patch("tri6", 0.1)
-    gauges = glued(position, facets)
+    gauges = bonded(position, facets)
     fields = np.random.default_rng(2).standard_normal((3 * len(position), 2))
     moved = channel_rows(position, gauges, fields, offset=np.zeros((1, 2)), rotation=np.zeros(1))
     np.testing.assert_allclose(moved, channel_rows(position, gauges, fields), atol=1e-14)
@@ -218,7 +218,7 @@ def test_on_a_cylinder_the_direction_of_a_misplaced_gauge_follows_the_surface():
     phi = half * plane[:, 0]
     position = np.column_stack([R * np.sin(phi), 0.3 * plane[:, 1], R * np.cos(phi)])
     _, facets = patch("quad8", 0.0)
-    gauges = glued(position, facets, axis=(1.0, 0.0, 0.0))
+    gauges = bonded(position, facets, axis=(1.0, 0.0, 0.0))
     radial = np.column_stack([np.sin(phi), np.zeros(8), np.cos(phi)])
     for offset in (0.0, 0.1, 0.25):
         rows = channel_rows(position, gauges, column(radial), offset=np.array([[offset, 0.05]]))
@@ -231,5 +231,5 @@ def test_far_from_the_origin_a_misplaced_gauge_is_still_found():
     far = position + np.array([1e3, -2e3, 5e2])
     fields = np.random.default_rng(0).standard_normal((24, 2))
     offset = np.array([[1e-4, 2e-4]])
-    near = channel_rows(position, glued(position, facets), fields, offset=offset)
-    np.testing.assert_allclose(channel_rows(far, glued(far, facets), fields, offset=offset), near, rtol=1e-6)
+    near = channel_rows(position, bonded(position, facets), fields, offset=offset)
+    np.testing.assert_allclose(channel_rows(far, bonded(far, facets), fields, offset=offset), near, rtol=1e-6)

@@ -131,26 +131,26 @@ def test_the_signal_of_a_gauge_is_that_of_its_channels_together():
     np.testing.assert_array_equal(result.reason, ["", "snr"])
 
 
-def test_glued_gauges_are_kept_first_and_crowd_out_the_others_but_not_one_another():
+def test_bonded_gauges_are_kept_first_and_crowd_out_the_others_but_not_one_another():
     result = screen(
         np.array([9.0, 1.0, 1.0, 5.0, 4.0]),
         1.0,
         on_a_line([0.0, 0.1, 0.15, 1.0, 2.0]),
         3,
         0.2,
-        glued=np.array([False, True, True, False, False]),
+        bonded=np.array([False, True, True, False, False]),
     )
     np.testing.assert_array_equal(result.kept, [1, 2, 3])
     np.testing.assert_array_equal(result.reason, ["spacing", "", "", "", "snr"])
 
 
-def test_more_glued_than_kept_is_refused_with_the_number():
-    with pytest.raises(InfeasibleError, match="1 of 3 candidates to keep, 2 are already glued") as caught:
-        screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, glued=np.array([True, True, False]))
+def test_more_bonded_than_kept_is_refused_with_the_number():
+    with pytest.raises(InfeasibleError, match="1 of 3 candidates to keep, 2 are already bonded") as caught:
+        screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, bonded=np.array([True, True, False]))
     assert "at least 2" in caught.value.remedy
 
 
-def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_glued():
+def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded():
     gauge = np.array([0, 0, 1, 1, 2, 3])
     result = screen(
         np.array([5.0, 5.0, 4.0, 4.0, 3.0, 9.0]),
@@ -159,7 +159,7 @@ def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_glued()
         None,
         0.15,
         gauge=gauge,
-        glued=gauge == 3,
+        bonded=gauge == 3,
         largest=np.array([7.0, 10.1, 10.0, 2.0, 99.0, 99.0]),
         limit=np.array([10.0, 10.0, 10.0, 10.0, np.inf, 10.0]),
     )
@@ -176,12 +176,12 @@ def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
     gauge = np.repeat(np.arange(150), sizes)
     place = rng.uniform(0, 1, (150, 3))
     rms, noise = rng.uniform(0, 1, len(gauge)), rng.uniform(0.5, 2, len(gauge))
-    largest, glued = 3 * rms, np.isin(np.arange(150), [7, 80, 81])
+    largest, bonded = 3 * rms, np.isin(np.arange(150), [7, 80, 81])
     snr = [sum((rms[gauge == g] / noise[gauge == g]) ** 2) ** 0.5 for g in range(150)]
-    over = [bool(np.any(largest[gauge == g] > 2.7)) and not glued[g] for g in range(150)]
+    over = [bool(np.any(largest[gauge == g] > 2.7)) and not bonded[g] for g in range(150)]
     kept: list[int] = []
-    for g in sorted(range(150), key=lambda g: (not glued[g], -snr[g])):
-        apart = glued[g] or all(np.linalg.norm(place[g] - place[j]) >= 0.15 for j in kept)
+    for g in sorted(range(150), key=lambda g: (not bonded[g], -snr[g])):
+        apart = bonded[g] or all(np.linalg.norm(place[g] - place[j]) >= 0.15 for j in kept)
         if apart and not over[g] and (keep is None or len(kept) < keep):
             kept.append(g)
     result = screen(
@@ -191,7 +191,7 @@ def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
         keep,
         0.15,
         gauge=gauge,
-        glued=glued[gauge],
+        bonded=bonded[gauge],
         largest=largest,
         limit=np.full(len(gauge), 2.7),
     )

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import DISPLACEMENT, candidates, concatenate
 from strainsight.gauges.given import given_pool
-from strainsight.gauges.glued import GluedEntry, glued
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.symmetry import mirror_partners
 from strainsight.mesh.facets import exterior_facets
@@ -61,13 +61,13 @@ def test_only_the_like_are_images_of_one_another(box_mesh):
     facets = exterior_facets(box_mesh)
     strain = candidates(box_mesh, facets, (1, 0, 0))
     motion = motion_candidates(box_mesh, facets, DISPLACEMENT, ((1, 0, 0),))
-    fixed, _ = glued(box_mesh, facets, [GluedEntry(strain.position[0], (1, 0, 0))], 1e-3)
+    fixed, _ = bonded(box_mesh, facets, [BondedEntry(strain.position[0], (1, 0, 0))], 1e-3)
     pool = concatenate([fixed, strain, motion])
     partner = mirror_partners(pool, MIDDLE, (0, 1, 0))
     assert partner[0] == -1
     first = pool.first
     there = partner >= 0
-    for name in ("quantity", "array", "glued"):
+    for name in ("quantity", "array", "bonded"):
         value = getattr(pool, name)[first]
         np.testing.assert_array_equal(value[partner[there]], value[there])
     assert there[1:].all()

@@ -37,7 +37,7 @@ def test_a_cone_takes_the_facets_that_face_along_its_axis_either_way(beam):
     assert len(kept(beam, (1, 0, 0), NormalCone((0, 1, 1), 44.0))) == len(every)
 
 
-def test_a_cone_around_the_gauge_axis_mends_an_axis_along_a_normal(beam):
+def test_a_cone_around_the_gauge_axis_corrects_an_axis_along_a_normal(beam):
     with pytest.raises(InfeasibleError, match="within 10° of the normal") as caught:
         kept(beam, (0, 0, 1))
     assert "normal_cone: {axis: [0, 0, 1], angle: 10}" in caught.value.remedy

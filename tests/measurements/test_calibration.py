@@ -99,7 +99,7 @@ def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
     assert "a: no sample at all, so nothing was zeroed" in notes
 
 
-def test_what_cannot_be_is_refused_and_what_is_unlikely_is_said():
+def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
     ones = np.ones(1000)
     with pytest.raises(UserError, match=r"no sample from 2 to 3 s, the record runs from 0 to 0.999 s"):
         calibrated(ones, ChannelSettings("um/m", zero=(2, 3)))

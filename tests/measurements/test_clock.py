@@ -32,7 +32,7 @@ def test_printed_times_give_the_true_step():
     assert abs(clock.time - time).max() < 0.6e-6
 
 
-def test_gaps_of_whole_steps_are_filled_and_said():
+def test_gaps_of_whole_steps_are_filled_and_reported():
     kept = np.r_[0:100, 112:300, 301:1000]
     rng = np.random.default_rng(0)
     clock = uniform_clock(recording(kept * 1e-3 + rng.uniform(-2e-5, 2e-5, kept.size)))
@@ -51,7 +51,7 @@ def test_gaps_of_whole_steps_are_filled_and_said():
         uniform_clock(recording(kept * 1e-3), fill=False)
 
 
-def test_many_gaps_are_told_shortly():
+def test_many_gaps_are_reported_briefly():
     kept = np.flatnonzero(np.random.default_rng(3).random(100_000) > 0.1)
     kept = kept - kept[0]
     clock = uniform_clock(recording(kept * 1e-3))

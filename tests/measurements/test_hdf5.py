@@ -1,4 +1,4 @@
-"""Datasets come back as they were written; links, shapes, types and holes that cannot be taken over are refused."""
+"""Datasets come back as they were written; links, shapes, types and holes that cannot be imported are refused."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_cannot_be_taken_over_is_refused(make, fault):
+def test_what_cannot_be_imported_is_refused(make, fault):
     fill, said = FAULTS[fault]
     name = "g/a" if said is None else "a"
     with pytest.raises(UserError, match=said or "link to another file") as caught:

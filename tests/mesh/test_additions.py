@@ -81,6 +81,6 @@ def test_a_tie_takes_the_nodes_of_a_set_but_its_reference(mesh):
         (lambda mesh: with_node(mesh, 33, (0, 0, 0)), "already"),
     ],
 )
-def test_what_is_not_there_is_said(mesh, wrong, says):
+def test_what_is_not_there_is_reported(mesh, wrong, says):
     with pytest.raises(UserError, match=says):
         wrong(mesh)

@@ -144,10 +144,10 @@ def test_fixed_gauges_stay_and_the_rest_is_optimal(every_set, beam_of, scenarios
     pools = [solve_pool(s) for s in scenarios_of(beam_of(12, 2, seed=2), ("Fz",), ("E",))]
     costs = every_set(pools, 4, "mean")
     bad = int(eliminate([p.scenario for p in pools], 4).removed[0])
-    for glued in ([bad], [bad, 3], [bad, 3, 5, 7]):
+    for bonded in ([bad], [bad, 3], [bad, 3, 5, 7]):
         agrees(
-            branch_and_bound(pools, 4, fixed=glued),
-            {gauges: cost for gauges, cost in costs.items() if set(glued) <= set(gauges)},
+            branch_and_bound(pools, 4, fixed=bonded),
+            {gauges: cost for gauges, cost in costs.items() if set(bonded) <= set(gauges)},
         )
 
 

@@ -81,7 +81,7 @@ def test_a_stopped_search_still_gives_a_bound(beam_of, scenarios_of):
     assert bounds[-1] > 0.9 * greedy.cost[-1]
 
 
-def test_glued_gauges_keep_their_weight(beam_of, scenarios_of):
+def test_bonded_gauges_keep_their_weight(beam_of, scenarios_of):
     scenarios = scenarios_of(beam_of(20), (), ("E",))
     free = eliminate(scenarios, 4)
     bad = int(free.removed[0])
@@ -108,7 +108,7 @@ def cost_of_walks(q, w):
 
 BOUNDED = {
     "count": {},
-    "glued": {"fixed": (3, 7)},
+    "bonded": {"fixed": (3, 7)},
     "pairs": {"size": np.array([2, 1] * 5)},
     "budget": {"price": PRECISION, "budget": 9.0},
     "spacing": {"near": np.array([(0, 3), (1, 2), (4, 5), (6, 8), (8, 9)])},

@@ -194,7 +194,7 @@ def test_the_determinant_does_not_know_the_units_of_the_unknowns_and_the_others_
             np.testing.assert_allclose(there.cost / here.cost, units.prod() ** (1 / 3), rtol=1e-9)
 
 
-def test_what_has_no_weight_is_still_told(case_of):
+def test_what_has_no_weight_is_still_reported(case_of):
     """Over E alone the layout still detects both loads, which it has to know of, and knows E better than by all three."""
     for name in NAMES:
         scenarios, pools, cost = case_of(name, ("E",))

@@ -86,7 +86,7 @@ def test_a_state_of_rounding_size_changes_nothing():
     assert P[0, 0] < 1e-30
 
 
-def test_what_is_not_detected_or_not_reached_is_told_by_a_test_and_not_by_divergence():
+def test_what_is_not_detected_or_not_reached_is_found_by_a_test_and_not_by_divergence():
     walk = np.eye(2)
     assert steady_factor(walk, np.array([[1.0, 1.0]]), np.eye(2)) is None  # the sum of two walks
     assert steady_factor(np.diag([1.02, 0.5]), np.array([[0.0, 1.0]]), np.eye(2)) is None  # grows, unseen
@@ -96,7 +96,7 @@ def test_what_is_not_detected_or_not_reached_is_told_by_a_test_and_not_by_diverg
         steady_factor(walk, np.eye(2), np.array([[1.0], [0.0]]))
 
 
-def test_accuracy_that_is_not_reached_is_said_with_its_size_and_is_no_advice(monkeypatch):
+def test_accuracy_that_is_not_reached_is_reported_with_its_size_and_is_no_advice(monkeypatch):
     A, H, N = system(3, 0.3, 1.0)
     monkeypatch.setattr(doubling, "MOST_DOUBLINGS", 3)
     with pytest.raises(NumericalError, match=r"solved to \d\.\de-\d\d only") as refused:

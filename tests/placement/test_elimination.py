@@ -122,12 +122,12 @@ def test_the_only_gauge_that_sees_an_unknown_stays(beam_of, scenarios_of):
     assert 7 in found.kept
 
 
-def test_glued_gauges_stay(beam_of, scenarios_of):
+def test_bonded_gauges_stay(beam_of, scenarios_of):
     scenarios = scenarios_of(beam_of(25), (), ("E",))
     free = eliminate(scenarios, 4)
-    glued = [int(free.removed[0]), int(free.removed[1])]
-    found = eliminate(scenarios, 4, fixed=glued)
-    assert set(glued) <= set(found.kept.tolist())
+    bonded = [int(free.removed[0]), int(free.removed[1])]
+    found = eliminate(scenarios, 4, fixed=bonded)
+    assert set(bonded) <= set(found.kept.tolist())
     assert found.cost[-1] >= free.cost[-1]
 
 

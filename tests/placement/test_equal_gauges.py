@@ -38,7 +38,7 @@ def found_by_all(scenario, rows, prior) -> dict[str, tuple[int, ...]]:
     start = random_sets(pool, KEEP, 1, seed=2)[0]
     swapped = exchange(pools, start)
     proof = branch_and_bound(pools, KEEP, start=start, time_limit=60.0)
-    # what the search starts from is not what it ends with, so that its nodes are told apart, too
+    # what the search starts from is not what it ends with, so that its nodes are distinguished, too
     assert proof.proven
     assert proof.cost < 0.99 * score(pools, swapped.gauges)
     found = {

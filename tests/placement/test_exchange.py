@@ -31,11 +31,11 @@ def test_no_single_swap_helps_any_more(beam_of, scenarios_of, aggregate, instant
             assert score(pools, other, aggregate) >= present * (1 - 2e-9)
 
 
-def test_glued_gauges_are_not_swapped_and_a_limit_is_kept(beam_of, scenarios_of):
+def test_bonded_gauges_are_not_swapped_and_a_limit_is_kept(beam_of, scenarios_of):
     pools = eliminate(scenarios_of(beam_of(30), ("Fz",), ("E",)), 4).pools
     start = random_sets(30, 4, 1, seed=3)[0]
-    glued = [int(start[0]), int(start[2])]
-    assert set(glued) <= set(exchange(pools, start, fixed=glued).gauges.tolist())
+    bonded = [int(start[0]), int(start[2])]
+    assert set(bonded) <= set(exchange(pools, start, fixed=bonded).gauges.tolist())
     stopped = exchange(pools, start, limit=1)
     assert not stopped.complete
     assert stopped.cost[-1] <= stopped.cost[0]
@@ -65,14 +65,14 @@ def test_an_undetectable_start_is_a_mistake_of_the_caller(beam_of, scenarios_of)
 
 
 def test_beside_gauges_that_may_not_leave_room_is_filled(beam_of, scenarios_of):
-    """Every gauge is glued and the budget has room for two: two are added, each lowers the cost, and no more is tried."""
+    """Every gauge is bonded and the budget has room for two: two are added, each lowers the cost, and no more is tried."""
     pools = eliminate(scenarios_of(beam_of(12), ("Fz",), ("E",)), 4).pools
-    glued = [1, 5, 7]
-    limits = limits_of(12, 6, fixed=glued, price=np.ones(12), budget=5.0)
-    found = exchange(pools, glued, limits=limits)
+    bonded = [1, 5, 7]
+    limits = limits_of(12, 6, fixed=bonded, price=np.ones(12), budget=5.0)
+    found = exchange(pools, bonded, limits=limits)
     assert [out for out, _ in found.swaps] == [-1, -1]
     assert len(found.gauges) == 5
-    assert set(glued) <= set(found.gauges.tolist())
+    assert set(bonded) <= set(found.gauges.tolist())
     assert found.cost[0] > found.cost[1] > found.cost[2]
     assert found.complete
     full = exchange(pools, found.gauges, limits=limits, fixed=found.gauges.tolist())
@@ -171,7 +171,7 @@ def test_gauges_that_are_equal_are_not_swapped_for_each_other(beam_of, scenarios
 
 
 def test_a_swap_that_loses_an_unknown_is_no_swap_and_counts_up_to_the_scenario_that_loses_it():
-    """Two walks; 1 and 2 see the second one, 2 far better, and 1 is glued: 2 for 0 promises much, but 0 alone sees the
+    """Two walks; 1 and 2 see the second one, 2 far better, and 1 is bonded: 2 for 0 promises much, but 0 alone sees the
     first walk. Where 2 sees that, too, in the first of two scenarios, it is lost in the second one only."""
     H = np.array([[[1.0, 0]], [[0, 1.0]], [[0, 1.0]]])
     sees_both = np.concatenate([H, [[[0, 0.0]]] * 3], axis=1)

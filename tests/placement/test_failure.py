@@ -122,14 +122,14 @@ def test_it_is_worth_it(beam_of, scenarios_of):
     assert robust.cost < 1.2 * plain.cost
 
 
-def test_glued_gauges_stay_and_may_fail(worst_losses, beam_of, scenarios_of):
+def test_bonded_gauges_stay_and_may_fail(worst_losses, beam_of, scenarios_of):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 2, seed=4), ("Fz",), ("E",))]
     worst = worst_losses(pools, 4, "mean")
-    glued = [3, 8]
-    found = robust_set(pools, 4, fixed=glued)
-    assert set(glued) <= set(found.gauges.tolist())
+    bonded = [3, 8]
+    found = robust_set(pools, 4, fixed=bonded)
+    assert set(bonded) <= set(found.gauges.tolist())
     mine = worst[tuple(found.gauges.tolist())]
-    assert min(worst[other] for other in one_swap_away(found.gauges.tolist(), 10, glued)) >= mine * (1 - 1e-7)
+    assert min(worst[other] for other in one_swap_away(found.gauges.tolist(), 10, bonded)) >= mine * (1 - 1e-7)
 
 
 def test_where_one_gauge_alone_sees_an_unknown_the_others_are_made_robust(oracle, one_sees_sideways):
@@ -148,7 +148,7 @@ def test_where_one_gauge_alone_sees_an_unknown_the_others_are_made_robust(oracle
         assert largest(other) >= mine * (1 - 1e-7)
 
 
-def test_a_start_with_a_fatal_gauge_is_mended(beam_of, scenarios_of):
+def test_a_start_with_a_fatal_gauge_is_replaced(beam_of, scenarios_of):
     beam = beam_of(12, 3)
     (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
     H = scenario.H.copy()

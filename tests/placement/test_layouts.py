@@ -152,10 +152,10 @@ def test_the_best_layout_that_tells_all(seed):
 
 ALL = np.arange(POOL)
 REFUSED = {
-    "glued dearly": (
+    "bonded dearly": (
         {"keep": 3, "fixed": (4, 7), "price": PRICE, "budget": 4.0},
         "place.budget",
-        "what is glued already (gauges.fixed) takes 4.5 of the 4 that place.budget allows",
+        "what is bonded already (gauges.fixed) takes 4.5 of the 4 that place.budget allows",
     ),
     "no room in two zones": (
         {"keep": 4, "zones": [("place.at_most.0", ALL < 4, 1), ("place.at_most.1", ALL > 3, 2)]},

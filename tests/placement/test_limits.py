@@ -223,11 +223,11 @@ def test_a_plain_count_and_its_limits_are_one_thing(beam_of, scenarios_of):
     assert limits_of(30, 4).plain
     assert not limits_of(30, 4, near=np.array([[1, 2]])).plain
     assert limits_of(30, 4, near=np.array([[1, 2]]), fixed=(1, 2)).plain
-    # any two more beside the pair that is glued; but those are three rows of four gauges
+    # any two more beside the pair that is bonded; but those are three rows of four gauges
     assert not limits_of(30, 4, size=np.where(np.arange(30) == 3, 2, 1), fixed=(3,)).plain
 
 
-def test_what_is_glued_later_is_no_conflict_but_closes_its_surroundings():
+def test_what_is_bonded_later_is_no_conflict_but_closes_its_surroundings():
     limits = Rules(5, near=[*NEAR, (4, 4)]).limits
     later, before = as_limits(POOL, limits, (0, 1, 8)), Rules(5, near=[*NEAR, (4, 4)], fixed=(0, 1, 8)).limits
     for k in (3, 4, 5):

@@ -121,7 +121,7 @@ def test_every_solve_after_a_failure_is_counted_and_none_begins_beyond_the_limit
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 def test_of_gauges_that_are_too_many_the_one_missed_least_goes_first(aggregate):
-    """The lower index of those that are equal; glued gauges and those that break no limit stay."""
+    """The lower index of those that are equal; bonded gauges and those that break no limit stay."""
     H = np.random.default_rng(4).normal(size=(2, 8, 3))
     H[:, 6] = -H[:, 1]
     case = Wander(H, aggregate)

@@ -133,7 +133,7 @@ def test_the_most_fractional_gauge_is_branched_on_and_of_twins_the_lowest():
         assert np.flatnonzero(without[1].outside).tolist() == sorted([*outside, *same])
 
 
-def test_gauges_that_the_limits_tell_apart_are_no_twins():
+def test_gauges_that_the_limits_distinguish_are_no_twins():
     H = drawn(2)
     H[:, 5], H[:, 8] = -H[:, 3], H[:, 3]
     price = np.array([1.0] * 5 + [2.0] + [1.0] * 3)

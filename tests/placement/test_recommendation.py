@@ -1,4 +1,4 @@
-"""The elbow of a trend and gauges that read alike."""
+"""The elbow of a trend and gauges that are redundant."""
 
 from __future__ import annotations
 

@@ -17,12 +17,12 @@ REFUSED = {
     "fixed in one zone": (
         {"keep": 4, "fixed": (0, 1), "zones": [zone("place.at_most.0", [0, 1, 2], 1)]},
         "place.at_most.0",
-        r"what is glued already \(gauges.fixed\) takes 2 gauges of the 1 that place.at_most.0 allows",
+        r"what is bonded already \(gauges.fixed\) takes 2 gauges of the 1 that place.at_most.0 allows",
     ),
     "fixed too near to its own mirror image": (
         {"keep": 5, "fixed": (3, 4), "near": [(3, 4), (4, 4), (6, 6)]},
         "place.minimum_spacing",
-        "the gauges of row 4 of the pool are glued already",
+        "the gauges of row 4 of the pool are bonded already",
     ),
     "too near to their own mirror images": (
         {"keep": 4, "near": [(g, g) for g in range(8)]},
@@ -95,7 +95,7 @@ def test_a_zone_around_all_that_see_an_unknown_is_named_with_it(beam_of, scenari
     assert rules.hold(kept)
     with pytest.raises(InfeasibleError, match=r"cost 10, place.budget is 9"):
         eliminate([scenario], Rules(4, price=price, budget=9.0).limits)
-    # what is glued blinds the layout: three gauges of which none sees Fy
+    # what is bonded blinds the layout: three gauges of which none sees Fy
     blind = Rules(3, fixed=(0, 1, 2), zones=[zone("place.at_most.0", range(POOL), 9)]).limits
     with pytest.raises(InfeasibleError, match=r"the fewest of the pool .* within place.at_most.0 are 4") as refused:
         eliminate([scenario], blind)

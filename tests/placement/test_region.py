@@ -54,11 +54,11 @@ def test_the_projection_is_the_nearest_point_and_the_least_that_of_a_program(see
         np.testing.assert_allclose(region.least(slope), least, rtol=1e-9)
 
 
-@pytest.mark.parametrize("case", ["plain", "plain, glued", "pairs", "pairs, glued", "budget", "budget in cents"])
+@pytest.mark.parametrize("case", ["plain", "plain, bonded", "pairs", "pairs, bonded", "budget", "budget in cents"])
 def test_weights_far_too_low_or_high_move_to_the_nearest_that_the_limits_allow(case):
-    """In words: 0 ≤ w ≤ 1, glued at 1, least ≤ Σ size·w ≤ keep, price·w ≤ budget."""
+    """In words: 0 ≤ w ≤ 1, bonded at 1, least ≤ Σ size·w ≤ keep, price·w ≤ budget."""
     rng = np.random.default_rng(3)
-    fixed = (2, 7) if "glued" in case else ()
+    fixed = (2, 7) if "bonded" in case else ()
     size = np.where(np.arange(10) % 2, 1, 2) if "pairs" in case else np.ones(10)
     price, budget, unit = rng.uniform(0, 1, 10), 1.2, 1e-9 if "cents" in case else 1e9
     asked = {"price": unit * price, "budget": unit * budget} if "budget" in case else {"size": size}

@@ -59,7 +59,7 @@ def test_twins_do_not_depend_on_the_unit(unit):
     np.testing.assert_array_equal(found[:, None] == found, np.all(rows[:, None] == rows, axis=(2, 3)))
 
 
-def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_told_apart(beam_of, scenarios_of):
+def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_distinguished(beam_of, scenarios_of):
     (scenario,) = scenarios_of(beam_of(6, 2), ("Fz",), ("E",))
     same = np.array([0, 1, 0, 2, 0, 1, 3, 0])
     r = scenario.r[same]

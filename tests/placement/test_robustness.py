@@ -117,7 +117,7 @@ def test_a_pool_of_duplicates_is_brute_force_and_evaluates_one_of_each(oracle, b
     (scenario,) = scenarios_of(beam_of(8, 5), ("Fz",), ("E",))
     rng = np.random.default_rng(5)
     copy = rng.permutation(np.repeat(np.arange(8), 4))
-    # a gauge glued the other way round, or read in another unit, says the same
+    # a gauge bonded the other way round, or read in another unit, says the same
     factor = rng.choice([-4.0, -1.0, 1.0, 2.0], 32)
     H, r = scenario.H[copy] * factor[:, None], scenario.r[copy] * factor**2
     found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 4)

@@ -30,7 +30,7 @@ class Run:
     estimate: dict[str, np.ndarray] = dataset("/estimate/<name>", "unit of <name>", "/time", "estimate of <name>")
     bodies: dict[str, Body] = group("/bodies/<name>")
     first: Body = group("/first")
-    glued: np.ndarray | None = dataset("/glued", "m", "glued", "distance", default=None)
+    bonded: np.ndarray | None = dataset("/glued", "m", "bonded", "distance", default=None)
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def test_what_is_written_is_read_again(tmp_path):
         "blade": (1.0, ()),
     }
     assert found.first.mass == 2.0
-    assert found.glued is None
+    assert found.bonded is None
 
 
 def test_units_names_and_labels_of_axes_are_those_of_the_fields():

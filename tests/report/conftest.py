@@ -209,7 +209,7 @@ def report(**changes):
                 (("tip", "E", "rho"), 9e11, "tip, E and rho scaled by one factor"),
             )
         ),
-        advice=("2 gauges more would lower σ by 7 %.", "G1 and G3 read alike: either stands in for the other."),
+        advice=("2 gauges more would lower σ by 7 %.", "G1 and G3 are redundant: either can replace the other."),
         observability={"condition (scaled)": 91.0, "condition (raw)": 3.1e23},
         truth_description="60 modes with static terms, damping 1.5 times the filter's",
         consistency=Consistency(1.04, (0.9, 1.1), 1.31, (0.96, 1.04)),

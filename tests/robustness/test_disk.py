@@ -63,7 +63,7 @@ def ran(words: list[str], **more) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(("room", "stage"), [(0, "import"), (60, "place"), (380, "report")])
-def test_a_full_disk_is_said_and_what_was_there_stays(mounts, project, undisturbed, results, tmp_path, room, stage):
+def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, undisturbed, results, tmp_path, room, stage):
     """room [KiB]: for the log alone, not for what the stage writes, for report.h5 but not for the page beside it."""
     disk, after = tmp_path / "disk", tmp_path / "after"
     disk.mkdir(), after.mkdir()
@@ -85,7 +85,7 @@ def test_a_limit_on_the_size_of_files_is_as_a_full_disk(project, undisturbed, re
     assert ran(command(project / "beam.yaml", results)).returncode == 0
 
 
-def test_a_read_only_folder_is_said_and_can_be_looked_at(mounts, project, results):
+def test_a_read_only_folder_is_reported_and_can_be_looked_at(mounts, project, results):
     def apart(*more: str) -> subprocess.CompletedProcess[str]:
         return ran([*APART, READ_ONLY, "sh", str(results), *command(project / "beam.yaml", results, *more)])
 
@@ -99,7 +99,7 @@ def test_a_read_only_folder_is_said_and_can_be_looked_at(mounts, project, result
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_of_somebody_else_is_said(project, results):
+def test_a_folder_of_somebody_else_is_reported(project, results):
     (results / "beam").chmod(0o555)
     done = ran(command(project / "beam.yaml", results, "--force"))
     (results / "beam").chmod(0o755)

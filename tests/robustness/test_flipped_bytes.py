@@ -37,7 +37,7 @@ def flipped(path: Path, place: int, bits: int) -> None:
         stream.write(bytes([byte ^ bits]))
 
 
-def test_whoever_reads_it_is_told(undisturbed, tmp_path):
+def test_whoever_reads_it_is_given(undisturbed, tmp_path):
     """None of the tries reads other numbers than were written, or any at all."""
     artefacts = sorted(undisturbed.glob("*/*.h5"))
     assert len(artefacts) == 18

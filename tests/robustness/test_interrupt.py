@@ -153,7 +153,7 @@ def test_whoever_works_for_a_killed_process_ends_with_it(tmp_path):
 
 
 @pytest.mark.parametrize("code", [LONG, LOCKED])
-def test_amid_a_library(code):
+def test_inside_a_library(code):
     """A factorisation, in C, where Python has no turn for seconds; a lock that whoever collects garbage waits for."""
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "starts\n"

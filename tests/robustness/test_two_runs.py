@@ -58,7 +58,7 @@ def screen(config: Path, results: Path, *more: str) -> subprocess.CompletedProce
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
-def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_told_of(project, undisturbed, results, launcher):
+def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(project, undisturbed, results, launcher):
     with held(launcher, project, results, "rom") as pid:
         before = {path: path.read_bytes() for path in (results / "beam").glob("*.h5")}
         second = screen(project / "beam.yaml", results)

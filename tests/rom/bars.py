@@ -79,5 +79,5 @@ def inertia_of(model, motion):
 
 
 def gauge_rows(model, shapes):
-    glued = candidates(model.mesh, exterior_facets(model.mesh), (1.0, 0.0, 0.0), (0.0, 45.0))
-    return channel_rows(model.mesh.position, glued, nodal(model, shapes))
+    bonded = candidates(model.mesh, exterior_facets(model.mesh), (1.0, 0.0, 0.0), (0.0, 45.0))
+    return channel_rows(model.mesh.position, bonded, nodal(model, shapes))

@@ -37,7 +37,7 @@ def everything(inputs, parameters, seed):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_with_one_unknown_no_layout_has_a_lower_sigma_than_is_said(seed):
+def test_with_one_unknown_no_layout_has_a_lower_sigma_than_is_reported(seed):
     sentence, ours, every = everything((), ("E",), seed)
     said = float(re.fullmatch(r"With no other layout .* σ of E lower by more than (\S+) %\.", sentence)[1])
     assert 100 * (1 - np.sqrt(every.min() / ours[0])) <= said * (1 + 1e-6)
@@ -74,5 +74,5 @@ def test_shares_are_rounded_up(gap, names, said):
     assert said in next(best_possible(certificate, TRACE, names))
 
 
-def test_without_a_bound_nothing_is_said():
+def test_without_a_bound_nothing_is_reported():
     assert list(best_possible(None, TRACE, ("E",))) == []

@@ -151,7 +151,7 @@ def test_grids_go_to_pyvista(run_there):
         run_there.to_pyvista("screen")
 
 
-def test_what_is_not_there_is_said(tmp_path):
+def test_what_is_not_there_is_reported(tmp_path):
     with pytest.raises(UserError, match="no results of a run"):
         api.open_run(tmp_path)
     with pytest.raises(ConfigError, match="config of kind bench"):

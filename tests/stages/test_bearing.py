@@ -79,7 +79,7 @@ def test_page_and_terminal_show_the_same_table(tmp_path):
 
 
 @pytest.mark.parametrize("force", ["1.0e+9", "1.0e+15"])
-def test_a_load_that_the_bearing_cannot_carry_is_the_users_to_mend(tmp_path, force):
+def test_a_load_that_the_bearing_cannot_carry_is_the_users_to_correct(tmp_path, force):
     done = run(tmp_path, TWO, "--set", f"cases.own.force=[{force}, 0, 0]")
     assert done.exit_code == 2, done.output
     assert "cases.own" in done.stderr

@@ -167,7 +167,7 @@ def test_loads_are_written_as_a_command_history(estimate):
     np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/estimate"], rtol=1e-8)
 
 
-def test_noise_of_zero_is_raised_and_said(estimate):
+def test_noise_of_zero_is_raised_and_reported(estimate):
     found = estimate(LOADS, "estimate.duration=0.2", "estimate.sensors.gauges.noise=0.0")
     assert "the noise of gauges is raised from 0" in str(found.tables)
 
@@ -300,7 +300,7 @@ def test_zeroed_gauges_are_expected_to_read_what_they_read_whatever_the_modulus(
         ("estimate.time_step=0.025", "does not divide the filter's step"),
     ],
 )
-def test_another_bench_that_cannot_be_taken_over_is_refused(estimate, bench, change, what):
+def test_another_bench_that_cannot_be_imported_is_refused(estimate, bench, change, what):
     with pytest.raises(ConfigError, match=re.escape(what)) as refused:
         estimate(SMALL, f"estimate.measured.from={bench['simulate'].path}", "estimate.duration=1.0", change)
     assert refused.value.key.startswith("estimate.measured")

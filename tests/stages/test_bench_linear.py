@@ -117,7 +117,7 @@ def test_units_are_in_no_std(chain, length, mass):
 
 
 def test_a_load_that_does_not_show_has_no_std(chain):
-    """One gauge for two loads; two gauges that read alike."""
+    """One gauge for two loads; two gauges that are redundant."""
     rows = np.random.default_rng(0).standard_normal((1, 6))
     assert np.all(np.isinf(expected_std(chain.bench, rows, 1e-4, 0.0)))
     assert np.all(np.isinf(expected_std(chain.bench, np.vstack([rows, 2 * rows]), 1e-4, 0.0)))

@@ -259,7 +259,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     assert "give a part of the record at a time" in said
 
 
-def test_whole_samples_that_are_missing_are_filled_and_said(project, plain, tmp_path):
+def test_whole_samples_that_are_missing_are_filled_and_reported(project, plain, tmp_path):
     head, values = table(project)
     gone = np.r_[0:100, 105 : len(values)]
     code, said = estimated(project, write(tmp_path / "gap.csv", head, values[gone]))
@@ -291,7 +291,7 @@ def test_what_does_not_fit_is_refused_with_its_key(project, settings, key, says)
     assert says in said
 
 
-def test_an_unobservable_case_is_estimated_on_request_and_said(project):
+def test_an_unobservable_case_is_estimated_on_request_and_reported(project):
     file = project / "results" / "test" / "measured.csv"
     one = "estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"
     code, said = estimated(project, file, one, "--allow-unobservable")

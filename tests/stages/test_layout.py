@@ -75,12 +75,12 @@ def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what(pools
         ([np.nan, np.inf], "What is left if G1 fails was not solved to accuracy. An unknown is lost if G2 fails."),
     ],
 )
-def test_what_a_failure_leaves_is_said_and_what_was_not_solved_is_no_loss(loss, said):
+def test_what_a_failure_leaves_is_reported_and_what_was_not_solved_is_no_loss(loss, said):
     task = SimpleNamespace(
         metric=SimpleNamespace(criterion=Trace()), over=("E",), limits=limits_of(3, 2), settings=SimpleNamespace(keep=2),
         pool=SimpleNamespace(alone=0), relative=True, cost_of=lambda rows: None,
     )  # fmt: skip
-    listed = SimpleNamespace(labels=("G1", "G2"), glued=np.zeros(2, dtype=bool), peak=np.zeros(2), range=np.ones(2))
+    listed = SimpleNamespace(labels=("G1", "G2"), bonded=np.zeros(2, dtype=bool), peak=np.zeros(2), range=np.ones(2))
     removals = SimpleNamespace(cost=np.array([1.0, 1.1]), ties=((),))
     own = SimpleNamespace(gauges=np.arange(2), certificate=None)
     expected = Expectation({"E": 0.02}, {"E": np.array([0.025, 0.03])})

@@ -54,7 +54,7 @@ def test_the_same_history_however_it_is_written(table, text):
         ("time;F [um/m]\n0;1\n1;2\n", "", "'F' is in um/m", "the column of the load"),
     ],
 )
-def test_what_is_wrong_is_told_of_the_file(table, text, line, what, remedy):
+def test_what_is_wrong_is_reported_with_the_file(table, text, line, what, remedy):
     path = table(text)
     with pytest.raises(UserError) as caught:
         recorded(KEY, COLUMNS, path)

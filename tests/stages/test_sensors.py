@@ -69,12 +69,12 @@ def test_a_layout_keeps_every_limit(mixed):
     train, place = mixed["train"], mixed["place"]
     chosen = place["/selected/final/channel"]
     first = chosen[:, 0]
-    position, array, glued = (train[f"/gauges/{key}"][first] for key in ("position", "array", "glued"))
+    position, array, bonded = (train[f"/gauges/{key}"][first] for key in ("position", "array", "glued"))
     assert 2 <= len(chosen) <= 5
     assert all(np.linalg.norm(a - b) >= 0.3 * (1 - 1e-9) for a, b in combinations(position, 2))
     assert np.sum(position[:, 0] <= 0.35) == 1
-    assert np.where(glued, 0.0, np.array([1.0, 3.0, 10.0])[array]).sum() <= 9
-    assert glued.sum() == 1
+    assert np.where(bonded, 0.0, np.array([1.0, 3.0, 10.0])[array]).sum() <= 9
+    assert bonded.sum() == 1
 
 
 def test_a_rosette_is_one_gauge_of_three_channels(mixed):
@@ -87,7 +87,7 @@ def test_a_rosette_is_one_gauge_of_three_channels(mixed):
         assert train["/gauges/angle"][own].tolist() == [0, 45, 90]
 
 
-def test_a_glued_gauge_is_snapped_and_stays(mixed):
+def test_a_bonded_gauge_is_snapped_and_stays(mixed):
     train = mixed["train"]
     assert train["/glued/distance"] == pytest.approx([0.001], rel=1e-9)
     np.testing.assert_allclose(train["/gauges/position"][0], [0.3, 0.02, 0.095], atol=1e-12)
@@ -274,11 +274,11 @@ def test_mirrored_gauges_keep_their_spacing_too(youngs):
     assert min(np.linalg.norm(a - b) for a, b in combinations(position, 2)) >= 0.15 * (1 - 1e-9)
 
 
-def test_a_glued_gauge_in_a_loud_place_leaves_the_noise_of_others(youngs, artefacts):
-    """The root strains most; a gauge glued there is no candidate, of whose strongest the noise is a share."""
+def test_a_bonded_gauge_in_a_loud_place_leaves_the_noise_of_others(youngs, artefacts):
+    """The root strains most; a gauge bonded there is no candidate, of whose strongest the noise is a share."""
     zone = "gauges.exclude=[{box: [[-1, -1, -1], [1.0, 1, 1]]}]"
-    glued = "gauges.fixed=[{position: [0.1, 0.0, 0.095], direction: [1, 0, 0]}]"
-    quiet, loud = (found["screen"].summary["noise_std"] for found in (youngs(zone), youngs(zone, glued)))
+    bonded = "gauges.fixed=[{position: [0.1, 0.0, 0.095], direction: [1, 0, 0]}]"
+    quiet, loud = (found["screen"].summary["noise_std"] for found in (youngs(zone), youngs(zone, bonded)))
     assert loud == pytest.approx(quiet, rel=1e-12)
 
 

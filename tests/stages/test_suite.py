@@ -74,7 +74,7 @@ def test_a_claim_is_measured_where_a_placement_is_validated(suite, artefacts):
     assert page.index("E is known.") < page.index("✓ confirmed") < page.index('data-table="runs"')
 
 
-def test_the_page_and_the_table_say_the_same_of_a_lost_repeat():
+def test_the_page_and_the_table_say_the_same_of_a_diverged_repeat():
     run = PlacementRun(
         "a", "a", reached="validate", unknowns=(Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001),),
         repeats=(Repeats("E", np.array([0.001, np.nan, -0.002]), np.full(3, 0.001), "identified"),),

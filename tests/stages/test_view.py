@@ -123,7 +123,7 @@ def test_candidates_of_a_bench_are_coloured_by_the_step_of_their_removal(beam):
     assert np.sum(shown.panels[0].values == len(removed) + 1) == len(pool) - len(removed)
 
 
-def test_what_is_not_there_is_said_with_what_to_run(tmp_path, config, results):
+def test_what_is_not_there_is_reported_with_what_to_run(tmp_path, config, results):
     job = job_of(config, results, *SHORT)
     with pytest.raises(UserError, match="nothing to show yet") as caught:
         view_of(job.model, NAMES, tmp_path, "own.yaml")

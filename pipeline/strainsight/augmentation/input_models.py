@@ -55,7 +55,7 @@ class Matern:
 class Oscillator:
     """Stationary, of variance amplitude², about one frequency: ũ̇ = ωr,  ṙ = −ωũ − 2ζωr + w of intensity 4ζω.
 
-    frequency [Hz]; damping ζ [-]: half the power lies within about 2ζ·frequency, and phase and amplitude wander in
+    frequency [Hz]; damping ζ [-]: half the power lies within about 2ζ·frequency, and phase and amplitude drift in
     1/(ζω). It holds a load of known frequency best, and one of another frequency badly.
     """
 

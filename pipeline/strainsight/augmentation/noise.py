@@ -79,8 +79,8 @@ def channel_intensity(
     or (B, m); Q (n*, n*) of x*. Returns r of the shape of std.
     """
     n = rows.shape[-1]
-    heard = np.einsum("...i,ij,...j->...", rows, Q[n : 2 * n, n : 2 * n], rows)
-    return gauge_intensity(std, h, rule) + np.where(np.asarray(quantity) == ACCELERATION, heard, 0.0)
+    process = np.einsum("...i,ij,...j->...", rows, Q[n : 2 * n, n : 2 * n], rows)
+    return gauge_intensity(std, h, rule) + np.where(np.asarray(quantity) == ACCELERATION, process, 0.0)
 
 
 def _positive(values: Mapping[str, float], name: str, word: str) -> float:

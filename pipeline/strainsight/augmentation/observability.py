@@ -22,7 +22,7 @@ RANK = 1e-10
 
 @dataclass(frozen=True)
 class Observability:
-    """Conditioning of the PBH matrix at λ = 0; null_direction in words, empty where no direction is nearly lost."""
+    """Conditioning of the PBH matrix at λ = 0; null_direction in words, empty where every direction is observable."""
 
     condition: float
     sigma_min: float
@@ -59,8 +59,8 @@ def observability(
 
     F (n*, n*) and H (m, n*) in x* = [q, q̇, ũ, p]; names of the unknowns ũ, p; frequency ω (n,) [rad/s] of the model's
     coordinates at the reference; state_amplitude a: largest ‖(ωq, q̇)‖ of the training run [√J]; largest_strain ε: of
-    the pool in that run; raw_scale (len(names),): amplitudes and guesses, which give `condition_raw`, the thesis's
-    number, in the units of [q, q̇, u, θ]: it orders cases by their units; raw_rows (m, n*): H* of that number, where the
+    the pool in that run; raw_scale (len(names),): amplitudes and guesses, which give `condition_raw` as the thesis
+    defines it, in the units of [q, q̇, u, θ]: it orders cases by their units; raw_rows (m, n*): H* of that number, where the
     rows of H are scaled one by one. Source: Hautus (1969); thesis (6.1).
     """
     n, n_star = len(frequency), len(F)
@@ -100,7 +100,7 @@ def marginal_modes(F: np.ndarray) -> MarginalModes:
     T, Z, k = schur(balanced, output="real", sort=lambda real, imag: real >= -MARGINAL * size)
     basis, T = Z[:, :k], T[:k, :k]
     if np.linalg.norm(balanced @ basis - basis @ T) > 1e-8 * size:
-        raise NumericalError("the states that do not decay cannot be told from those that do")
+        raise NumericalError("the states that do not decay cannot be separated from those that do")
     found: list[complex] = []
     vectors: list[np.ndarray] = []
     for group in _groups(np.linalg.eigvals(T) if k else np.zeros(0), SAME * size):

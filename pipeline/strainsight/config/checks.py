@@ -29,7 +29,7 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _optimum(config)
     yield from _input_models(config)
     yield from _fast(config)
-    yield from _wandering(config)
+    yield from _drifting(config)
     yield from _validation(config)
     yield from _measurements(config)
 
@@ -138,18 +138,18 @@ def _fast(config: PlacementConfig) -> Iterator[Problem]:
             )
 
 
-def _wandering(config: PlacementConfig) -> Iterator[Problem]:
-    """Parameters that the filter would let wander, in their logarithm, by more than 1 in a step."""
+def _drifting(config: PlacementConfig) -> Iterator[Problem]:
+    """Parameters that the filter would let drift, in their logarithm, by more than 1 in a step."""
     step, h = max(config.train.time_step, config.validation.time_step), config.train.time_step
     # √(q h) of δ = 1, with the q of `augmentation.noise.process_intensity`
-    wander = (step * {"continuous": 1.0, "thesis": h, "as_printed": h * h}[config.process_noise.rule]) ** 0.5
+    drift = (step * {"continuous": 1.0, "thesis": h, "as_printed": h * h}[config.process_noise.rule]) ** 0.5
     for name, parameter in config.parameters.items():
-        if parameter.process_noise_scale * wander > 1:
+        if parameter.process_noise_scale * drift > 1:
             yield Problem(
                 f"parameters.{name}.process_noise_scale",
-                f"{parameter.process_noise_scale:g} lets it wander by {100 * parameter.process_noise_scale * wander:.3g} % "
+                f"{parameter.process_noise_scale:g} lets it drift by {100 * parameter.process_noise_scale * drift:.3g} % "
                 f"in a step of {step:g} s",
-                f"take at most {at_most(1 / wander)}, a hundredth of it where nothing is known",
+                f"take at most {at_most(1 / drift)}, a hundredth of it where nothing is known",
             )
 
 

@@ -1,4 +1,4 @@
-"""What one field of a config demands of another: candidates, glued gauges, other sensors, limits of a layout."""
+"""What one field of a config demands of another: candidates, bonded gauges, other sensors, limits of a layout."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def channels_of_a_gauge(config: PlacementConfig) -> int:
     """The most signals that one gauge can give: a rosette, a triaxial accelerometer."""
     direction = config.gauges.direction
     counts = [len(sensors.axes) for sensors in config.motion_sensors.values()]
-    counts += [len(glued.angles) for glued in config.gauges.fixed]
+    counts += [len(bonded.angles) for bonded in config.gauges.fixed]
     return max([len(direction.angles) if direction is not None and config.gauges.rosette else 1, *counts])
 
 
@@ -80,10 +80,10 @@ def _directions(gauges: Gauges) -> Iterator[Problem]:
             )
     if direction is not None and len(direction.angles) > 3 and gauges.rosette:
         yield Problem("gauges.direction.angles", f"a rosette of {len(direction.angles)} grids", "give at most three")
-    for i, glued in enumerate(gauges.fixed):
-        if not any(glued.direction):
+    for i, bonded in enumerate(gauges.fixed):
+        if not any(bonded.direction):
             yield Problem(f"gauges.fixed.{i}.direction", NO_LENGTH, FOR_EXAMPLE)
-        yield from _angles(f"gauges.fixed.{i}.angles", glued.angles)
+        yield from _angles(f"gauges.fixed.{i}.angles", bonded.angles)
 
 
 def _unit(axis: Sequence[float]) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from strainsight.config.base import Name, Positive, Section, Text, with_defaults
-from strainsight.config.gauges import GluedGauge
+from strainsight.config.gauges import BondedGauge
 
 BridgeKind = Literal["quarter", "half", "half-opposite", "half-poisson", "full", "full-bending-poisson", "full-poisson"]
 
@@ -113,7 +113,7 @@ class Estimate(Section):
     initial_std: dict[Name, Positive] = Field(
         {}, description="Initial σ of unknowns, relative to guess or amplitude [-]; default: those of validate."
     )
-    virtual: tuple[GluedGauge, ...] = Field((), description="Gauges that were never glued, whose strain is wanted.")
+    virtual: tuple[BondedGauge, ...] = Field((), description="Gauges that were never bonded, whose strain is wanted.")
     field: Field3D | None = Field(None, description="Strain and stress of the surface in time; null: none.")
     tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
     allow_unobservable: bool = Field(False, description="true: go on where the channels cannot tell all unknowns.")

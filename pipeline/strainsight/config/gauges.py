@@ -1,4 +1,4 @@
-"""Where gauges may go, along what, how noisy they are; those already glued; accelerometers and displacement sensors."""
+"""Where gauges may go, along what, how noisy they are; those already bonded; accelerometers and displacement sensors."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ class GivenGauges(Section):
     )
 
 
-class GluedGauge(Section):
-    """A gauge that is already glued, and so in every layout."""
+class BondedGauge(Section):
+    """A gauge that is already bonded, and so in every layout."""
 
     position: Vector = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
     direction: Vector = Field(description="Measuring direction [-]; it is laid on the surface there.")
@@ -90,7 +90,7 @@ class SensorSites(Section):
 class GaugeSites(SensorSites):
     """Where strain gauges may go, and which are there already."""
 
-    fixed: tuple[GluedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
+    fixed: tuple[BondedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
     snap_tolerance: Positive = Field(
         0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
     )

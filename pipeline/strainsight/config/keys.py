@@ -85,13 +85,13 @@ def _whole(field: Any) -> Any:
 
 def _tagged(annotation: Any) -> Iterator[tuple[str, Any]]:
     """Name and type of the members that a discriminator distinguishes: their Tag, or what their `type` may be."""
-    told_apart = get_origin(annotation) is Annotated and any(
+    tagged = get_origin(annotation) is Annotated and any(
         isinstance(item, str | Discriminator) or getattr(item, "discriminator", None)
         for item in annotation.__metadata__
     )
     inside = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
     for part in get_args(inside) if get_origin(inside) in (Union, UnionType) else ():
-        if not told_apart:
+        if not tagged:
             yield from _tagged(part)
             continue
         tags = [item.tag for item in getattr(part, "__metadata__", ()) if isinstance(item, Tag)]

@@ -45,7 +45,7 @@ class MaterialParameter(Section):
     )
     process_noise_scale: Positive = Field(
         0.05,
-        description="δ: how fast the filter lets the parameter wander, relative to its guess [1/√s; 1/s under the thesis's "
+        description="δ: how fast the parameter may drift in the filter, relative to its guess [1/√s; 1/s under the thesis's "
         "rules of process_noise].",
     )
 
@@ -138,7 +138,7 @@ class Place(LayoutSettings):
 
 
 class Cases(Section):
-    """Which unknowns could be told apart (tables 6.1, 6.2): the unknown loads, or all where all are known, the moduli and the
+    """Which unknowns could be distinguished (tables 6.1, 6.2): the unknown loads, or all where all are known, the moduli and the
     densities, in every combination."""
 
     frequencies: tuple[Positive, ...] = Field(
@@ -190,7 +190,7 @@ class PlacementConfig(Section):
     )
     screen: Screen = with_defaults(Screen, "Which candidates enter the elimination.")
     process_noise: ProcessNoise = with_defaults(ProcessNoise, "Process noise of the filter.")
-    observe: Cases = with_defaults(Cases, "Which unknowns could be told apart.")
+    observe: Cases = with_defaults(Cases, "Which unknowns could be distinguished.")
     place: Place = Field(description="The elimination.")
     filter: Filter = with_defaults(Filter, "The filter itself.")
     validation: Validate = Field(alias="validate", description="The filter on simulated measurements.")

@@ -22,7 +22,7 @@ class Truth(Section):
         {}, description="True values [Pa or kg/m³]; a parameter left out is at its guess."
     )
     damping_factor: NotNegative = Field(1.5, description="rich: true damping over the filter's [-].")
-    gauge_offset: NotNegative = Field(0.002, description="rich: how far every gauge is off its place [m].")
+    gauge_offset: NotNegative = Field(0.002, description="rich: how far every gauge is misplaced [m].")
     gauge_rotation: NotNegative = Field(2.0, description="rich: how far every gauge is turned [deg].")
 
 

@@ -15,7 +15,7 @@ FOR_EXAMPLE = "give a vector such as [1, 0, 0]"
 
 
 def key_of(*keys: str) -> Any:
-    """Tell the members of a union apart by the one key each of them has."""
+    """Distinguish the members of a union by the one key each of them has."""
 
     def which(value: Any) -> str | None:
         if isinstance(value, Section):

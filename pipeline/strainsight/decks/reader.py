@@ -30,7 +30,7 @@ def read_mesh(
 
     format: nastran, abaqus, gmsh, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
     the cell data that holds region ids, for meshio. solids: there has to be one.
-    Raises DeckError for a file that cannot be taken over, UserError for an unknown unit.
+    Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
     length_factor(length_unit)
     mass_factor(mass_unit)

@@ -13,7 +13,7 @@ from strainsight.estimation.core import StepModel
 class Biased:
     """y = h(x) + E b with a constant b for some channels: the `StepModel` of [x, b].
 
-    base: the model without; at (k,): the channels that have an offset. A drift is none: an offset that wandered would
+    base: the model without; at (k,): the channels that have an offset. A drift is none: an offset that drifted would
     take the slow part of the signal for itself.
     """
 

@@ -41,7 +41,7 @@ class Verdict:
 
 
 def nees(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Normalised estimation error squared over its dimension, ε = eᵀP⁻¹e / d: 1 on average if P is honest.
+    """Normalised estimation error squared over its dimension, ε = eᵀP⁻¹e / d: 1 on average if P is consistent.
 
     error e (..., d), estimate less truth; covariance P (..., d, d) of a block without exact zeros, such as
     `FilterRun.unknown_covariance`, scaled to diag P = 1 before it is solved. Returns (...).
@@ -128,7 +128,7 @@ def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float = 3.0) -
 def verdict(whitened: np.ndarray) -> Verdict:
     """What NIS and whiteness of one run or many say about the stated noise, in words.
 
-    whitened (T, m) or (T, B, m) from `FilterRun.whitened`, NaN where nothing was measured or the run was lost. Ratio
+    whitened (T, m) or (T, B, m) from `FilterRun.whitened`, NaN where nothing was measured or the run diverged. Ratio
     √(mean NIS). Too small a Q makes the gain too small and leaves neighbours alike; too small an R makes it too large, and
     neighbours differ in sign. Source: Mehra, IEEE Trans. Automatic Control 15 (1970).
     """

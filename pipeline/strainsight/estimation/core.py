@@ -16,7 +16,7 @@ class StepModel(Protocol):
 
     size n; channels m; h [s]; sets: how many covariances the model asks for by itself (1, or B where channels or noise
     differ from run to run); linear: A and J are the same at every x and in every step, so that runs share one covariance;
-    position: indices of the states whose joint covariance is recorded; loss: what it means that a run is lost, in words.
+    position: indices of the states whose joint covariance is recorded; loss: what it means that a run has diverged, in words.
     """
 
     @property

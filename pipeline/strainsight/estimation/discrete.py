@@ -35,9 +35,9 @@ def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:
 
         Q_h = ∫₀ʰ exp(F s) Q exp(F s)ᵀ ds,     by Q_2s = Q_s + Φ_s Q_s Φ_sᵀ from a part of the step in which little turns
 
-    Q h alone would leave the motion that an unknown load causes while it wanders within the step: next to nothing for a
+    Q h alone would leave the motion that an unknown load causes while it drifts within the step: next to nothing for a
     strain, but an accelerometer reads the load at the end of the step, which has not moved the structure yet, and a filter
-    that does not know of it is sure and wrong. For h → 0 it is Q h.
+    that does not know of it is overconfident. For h → 0 it is Q h.
     F (n, n) [1/s]; Q (..., n, n) intensity; h [s]. Source: Van Loan, IEEE Trans. Automatic Control 23 (1978).
     """
     n = len(F)

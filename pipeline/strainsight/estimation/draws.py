@@ -1,4 +1,4 @@
-"""Truths and measurements drawn from the filter's own model, to test whether its σ is honest."""
+"""Truths and measurements drawn from the filter's own model, to test whether its σ is consistent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def draw_truth(
 
         x*₀ ~ N(mean, P₀),   x*ₖ₊₁ = f(x*ₖ, u) + wₖ,   yₖ = h(x*ₖ) + vₖ,   wₖ ~ N(0, Q_h),   vₖ ~ N(0, R)
 
-    mean (n*,) and covariance P₀ (n*, n*) as the filter will be told (P₀, Q may be singular); known (T, HOLD, n_known)
+    mean (n*,) and covariance P₀ (n*, n*) as the filter is given them (P₀, Q may be singular); known (T, HOLD, n_known)
     hold coefficients [N]; the H and r of the model may be one set a run, its Q may not.
     A run depends on its own seed alone. Returns truth x* (T + 1, B, n*) and measurement (T/every, B, m).
     """

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 UNMOVED, CALM = 2e-15, 20
-"""A shared covariance is at rest after CALM steps in which no entry moved by more than UNMOVED of its standard deviations."""
+"""A shared covariance is steady after CALM steps in which no entry moved by more than UNMOVED of its standard deviations."""
 
 
 def run_filter(
@@ -83,7 +83,7 @@ def filter_runs(
     through_step: bool = False,
     damped: bool = True,
     project: Callable[[np.ndarray], np.ndarray] | None = None,
-    told: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] | None = None,
     refuse: bool = True,
 ) -> FilterRun:
     """Predict with the step, update with the measurement, T times, for B runs at once:
@@ -97,11 +97,12 @@ def filter_runs(
     a number has. iterations: 1 is the extended Kalman filter, more make the update a damped Gauss-Newton iteration,
     through_step with the step inside (`refine`); a linear model has nothing to iterate. damped: whether an increment that
     raises the cost or fails is halved. project: puts x (B, n) back on constraints after every update, its covariance is
-    left as it is; a step with the constraints inside and an update through it need none. told: is told every step that begins.
+    left as it is; a step with the constraints inside and an update through it need none. progress: called with every step
+    that begins.
     No scaling of the states: products and factors commute with a diagonal scaling, and P is never inverted. A covariance
     that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs, and
-    not again once it has come to rest, as long as no sample is missing and the noise is the same.
-    Raises NumericalError where every run is lost and `refuse`, or where HPHᵀ + R is not positive definite.
+    not again once it is steady, as long as no sample is missing and the noise is the same.
+    Raises NumericalError where every run diverges and `refuse`, or where HPHᵀ + R is not positive definite.
     """
     y = measurement if measurement.ndim == 3 else measurement[:, None, :]
     there = np.isfinite(y)
@@ -120,8 +121,8 @@ def filter_runs(
     G, L, calm = P, P, 0
     same: tuple[np.ndarray | None, ...] = (None, None, None)
     for k in range(len(y)):
-        if told is not None:
-            told(k)
+        if progress is not None:
+            progress(k)
         instant, noise = (k + 1) * model.h, (model.before(k), model.process(k), model.noise(k))
         before, process, R = noise
         calm = calm if all(new is old for new, old in zip(noise, same, strict=True)) and there[k].all() else 0
@@ -190,7 +191,7 @@ def _unmoved(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
 
 
 def all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
-    """What to say where every run is lost; lost (B,): the steps that lost them."""
+    """What to say where every run diverges; lost (B,): the steps that lost them."""
     return NumericalError(
         f"the filter diverged: {model.loss} in all of {len(lost)} runs, first at {lost.min() * model.h:g} s",
         remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",

@@ -36,7 +36,7 @@ def _late(history: np.ndarray, burn_in: float) -> np.ndarray:
 
 
 def honesty(error: np.ndarray, std: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
-    """Real error over claimed one, √(mean e²) / √(mean σ²) over time and runs, after the first tenth: 1 is honest.
+    """Real error over claimed one, √(mean e²) / √(mean σ²) over time and runs, after the first tenth: 1 is consistent.
 
     error, std (T + 1, B, k), estimate less truth. Returns (k,).
     """

@@ -25,7 +25,7 @@ class FilterModel:
 
     for x* = [q, q̇, ζ, p] (n* = 2n + Σk + n_p) with u = amplitude·ũ, ũ = ζ₁ of every unknown input, and θ = guess·exp(p).
     Within a step the mean of ζ follows its own dynamics, that of a random walk is constant, and so is p; what all of them
-    wander within it, and the motion that causes, is in Q_h. ũ at kh is the load at that instant.
+    drift within it, and the motion that causes, is in Q_h. ũ at kh is the load at that instant.
     h(x*, u) is H x* for strain and displacement, φ q̈ for an accelerometer, linear in x* unless a parameter is estimated.
 
     model: the reduced model (n modes); unknowns: what is estimated; known_inputs: the inputs that are given (an input
@@ -115,7 +115,7 @@ class FilterModel:
     def process(self) -> np.ndarray:
         """Q_h (n*, n*) or (B, n*, n*): the covariance that x* gathers in a step, at the fixed values and the guess.
 
-        What the wandering of a parameter does to the motion within one step is left out: it depends on the motion.
+        What the drift of a parameter does to the motion within one step is left out: it depends on the motion.
         """
         rest, loads = np.zeros((1, 2 * self.model.size)), np.zeros((1, len(self.model.inputs)))
         F = linearise(self.model, self.unknowns, {**self.unknowns.guess, **self.fixed}, rest, loads)[0]

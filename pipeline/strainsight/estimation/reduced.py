@@ -12,7 +12,7 @@ from strainsight.estimation.motion import constant_acceleration, constant_step, 
 from strainsight.estimation.update import apply
 
 LOST = 10.0
-"""A run is lost when a parameter has left its guess by a factor of exp(LOST)."""
+"""A run diverges when a parameter has left its guess by a factor of exp(LOST)."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ class FilterRun:
     unknown_covariance (T + 1, b, k, k) of the unknowns, ũ of every input and p;
     gauge_mean, gauge_std (T, B, m) of the readings h(x*) after the update [unit of the channel];
     innovation (T, B, m) y − h(x̂⁻); whitened (T, B, m) L⁻¹(y − h(x̂⁻)), unit white noise if the model is true;
-    nis (T, B) its square sum; log_likelihood (B,) of all measurements, −∞ for a lost run;
+    nis (T, B) its square sum; log_likelihood (B,) of all measurements, −∞ for a diverged run;
     lost (B,) index of the step that lost the run (NaN from there on), −1 for none;
     last (b, n*, n*) covariance at the end, from which a next run may go on;
     only where kept: covariance (T + 1, b, n*, n*), jacobian (T, b, n*, n*) of the step, rows (T, b, m, n*) of the
@@ -95,7 +95,7 @@ class Record:
             self.adjusted[k] = adjusted
 
     def finished(self, P: np.ndarray, there: np.ndarray) -> FilterRun:
-        """The run, P its last covariance and there (T, b, m) what was measured; a lost run is NaN from its loss on."""
+        """The run, P its last covariance and there (T, b, m) what was measured; a diverged run is NaN from its divergence on."""
         steps, missing = self.steps, np.isnan(self.innovation)
         self.whitened[missing] = self.adjusted[missing] = np.nan
         nis = np.nansum(self.whitened**2, axis=2)

@@ -44,7 +44,7 @@ def tune(
     parts: "process" all of Q; "inputs", "model_error", "parameters" its blocks on ζ, q̇, p; "noise" r. Model with one set
     of sensors; mean (n*,), covariance (n*, n*); known (T, HOLD, n_known); measurement (T/every, m) or (T/every, B, m):
     runs add up. limit: factors stay within 1/limit and limit. All differences of a gradient run as one batch.
-    Raises ConfigError for a part that is zero, and NumericalError where the filter is lost at the start.
+    Raises ConfigError for a part that is zero, and NumericalError where the filter diverges at the start.
     Source: Schweppe, IEEE Trans. Information Theory 11 (1965).
     """
     from scipy.optimize import minimize  # a third of a second to import, which an up-to-date run need not spend
@@ -79,7 +79,7 @@ def tune(
     first = around[0]
     if _lost(around, count):
         raise NumericalError(
-            "the filter is lost with the noise as stated: there is nothing to tune from",
+            "the filter diverges with the noise as stated: there is nothing to tune from",
             remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
         )
     # worse than anywhere on the way, and no more: the search interpolates, and next to infinity would leave it no step

@@ -29,7 +29,7 @@ from strainsight.fem.pardiso import (
 COMPLEX_SYMMETRIC = 6
 PERTURBATION, PERTURBED, PIVOTING = 10, 14, 21
 _TINY = 13
-"""A pivot below 1e-13 of the matrix is a failure, not something to be mended."""
+"""A pivot below 1e-13 of the matrix is a failure, not something to be corrected."""
 LEAST_BYTES = 64
 """PARDISO's analysis, the upper triangle and a factor without fill, per entry of the matrix."""
 

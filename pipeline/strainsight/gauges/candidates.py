@@ -29,13 +29,13 @@ def _unset() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Channels that could be glued, m of them, those of one gauge one behind the other.
+    """Channels that could be bonded, m of them, those of one gauge one behind the other.
 
     element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACETS, −1 where there is no
     facet; nodes (m, 8) indices padded with −1; position (m, 3) [m]; normal (m, 3) outward; direction (m, 3) unit, tangent
     where strain is measured; angle (m,) [deg]; local (m, 2) ξ on the facet; length (m,) [m] of the grid over which strain
     is averaged, 0 at the point; quantity (m,) STRAIN, ACCELERATION or DISPLACEMENT; gauge (m,) number of the gauge,
-    0, 1, 2 … without holes; array (m,) number of the family in the config; glued (m,) already in place.
+    0, 1, 2 … without holes; array (m,) number of the family in the config; bonded (m,) already in place.
     What is left out after angle is a point gauge of strain at the facet's centre, each channel a gauge, of family 0, free.
     """
 
@@ -52,7 +52,7 @@ class Candidates:
     quantity: np.ndarray = field(default_factory=_unset)
     gauge: np.ndarray = field(default_factory=_unset)
     array: np.ndarray = field(default_factory=_unset)
-    glued: np.ndarray = field(default_factory=_unset)
+    bonded: np.ndarray = field(default_factory=_unset)
 
     def __post_init__(self) -> None:
         m = len(self.element)
@@ -62,7 +62,7 @@ class Candidates:
             "quantity": np.full(m, STRAIN),
             "gauge": np.arange(m),
             "array": np.zeros(m, dtype=np.int64),
-            "glued": np.zeros(m, dtype=bool),
+            "bonded": np.zeros(m, dtype=bool),
         }
         for name, value in plain.items():
             if len(getattr(self, name)) == 0:

@@ -23,7 +23,7 @@ def uff_text(
     date: str = "01-JAN-70",
     time: str = "00:00:00",
 ) -> str:
-    """A node for each gauge, numbered 1 to k, whose displacement system of the same number shows how it is glued:
+    """A node for each gauge, numbered 1 to k, whose displacement system of the same number shows how it is bonded:
 
         x along the measuring direction, laid on the surface;  z along the outward normal;  y = z × x
 

@@ -1,4 +1,4 @@
-"""Gauges that are glued beside the place and direction that were meant."""
+"""Gauges that are bonded off the place and direction that were meant."""
 
 from __future__ import annotations
 

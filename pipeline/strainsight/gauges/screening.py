@@ -34,21 +34,21 @@ def screen(
     minimum_spacing: float,
     *,
     gauge: np.ndarray | None = None,
-    glued: np.ndarray | None = None,
+    bonded: np.ndarray | None = None,
     largest: np.ndarray | None = None,
     limit: np.ndarray | None = None,
 ) -> Screening:
-    """Glued gauges, then best first by signal-to-noise, nothing within the spacing of one already kept, until `keep` are found:
+    """Bonded gauges, then best first by signal-to-noise, nothing within the spacing of one already kept, until `keep` are found:
 
         snr² = Σ (rms / σ)² over the channels of a gauge
 
     Of every channel (m,): rms of the training response and noise_std σ in its unit (σ may be one number for all);
-    position (m, 3) [m]; gauge number of its gauge, ascending without holes (None: each channel its own); glued, whether it is
+    position (m, 3) [m]; gauge number of its gauge, ascending without holes (None: each channel its own); bonded, whether it is
     already in place: kept whatever it reads; largest, the peak of the training response, and limit, what it can measure at
     most (inf: anything): a gauge with a channel beyond is dropped.
-    keep: the number of gauges wanted, glued ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
+    keep: the number of gauges wanted, bonded ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
     gauges of one facet have no distance). Of ties the lower number wins.
-    Raises InfeasibleError where fewer than `keep` are left or more are glued, for noise that is not positive and responses
+    Raises InfeasibleError where fewer than `keep` are left or more are bonded, for noise that is not positive and responses
     that are not finite.
     """
     rms, position = np.asarray(rms, dtype=float), np.asarray(position, dtype=float)
@@ -58,7 +58,7 @@ def screen(
     first = np.flatnonzero(np.diff(number, prepend=-1) != 0)
     count, place = len(first), position[first]
     snr = _root_of_squares(rms / std, first)
-    fixed = np.zeros(count, dtype=bool) if glued is None else np.asarray(glued, dtype=bool)[first]
+    fixed = np.zeros(count, dtype=bool) if bonded is None else np.asarray(bonded, dtype=bool)[first]
     reason = np.full(count, WEAK, dtype="<U7")
     if largest is not None and limit is not None:
         over = np.asarray(largest) > np.asarray(limit)
@@ -68,7 +68,7 @@ def screen(
     there = int(np.count_nonzero(fixed))
     if wanted < max(1, there):
         raise InfeasibleError(
-            f"{wanted} of {count} candidates to keep" + (f", {there} are already glued" if there else ""),
+            f"{wanted} of {count} candidates to keep" + (f", {there} are already bonded" if there else ""),
             remedy=f"keep at least {max(1, there)}",
         )
     falling = strongest_first(snr)

@@ -65,7 +65,7 @@ def turned(direction: np.ndarray, n: np.ndarray, angle: np.ndarray) -> np.ndarra
 
 
 def carried(direction: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """v after the least turn that takes one unit normal to the other: what is glued on follows a bent surface.
+    """v after the least turn that takes one unit normal to the other: what is bonded on follows a bent surface.
 
         w = n₀ × n₁,     v + w × v + w × (w × v) / (1 + n₀·n₁)
 

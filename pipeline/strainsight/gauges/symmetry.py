@@ -27,7 +27,7 @@ def mirror_partners(
         x′ = x − 2 ((x − p)·n) n,     d′ = ± (d − 2 (d·n) n)
 
     Gauges mirror one another if their places do, to tolerance × size [m] (None: the extent of the candidates), the directions
-    of their channels do up to sign and 0.1°, in whatever order, and quantity, family, length of the grid and being glued are
+    of their channels do up to sign and 0.1°, in whatever order, and quantity, family, length of the grid and being bonded are
     the same. A gauge on the plane can be its own. Raises UserError for a normal of no length.
     """
     n = np.asarray(normal, dtype=float)
@@ -47,7 +47,7 @@ def mirror_partners(
     i = np.repeat(np.arange(len(first)), [len(found) for found in near])
     j = np.array([gauge for found in near for gauge in found], dtype=np.int64)
     alike = _directions_mirror(candidates, n, i, j)
-    for name in ("quantity", "array", "length", "glued"):
+    for name in ("quantity", "array", "length", "bonded"):
         value = getattr(candidates, name)[first]
         alike &= value[i] == value[j]
     i, j = i[alike], j[alike]

@@ -80,7 +80,7 @@ def uniform_clock(recording: Recording, *, jitter: float = JITTER, fill: bool = 
             f"{int(whole[gaps[0]]) - 1} samples are missing after {t[gaps[0]]:.9g} s"
             + (f", and more in {gaps.size - 1} other places" if gaps.size > 1 else ""),
             where=recording.place(int(gaps[0]) + 1),
-            remedy="mend the record, or let gaps be filled by rows without samples",
+            remedy="correct the record, or let gaps be filled by rows without samples",
         )
     if gaps.size > 10:
         notes += (f"{int(np.sum(whole[gaps[10:]] - 1))} more in {gaps.size - 10} other gaps",)
@@ -159,7 +159,7 @@ def _refuse_interval(recording: Recording, i: int, steps: float, step: float, ma
         f"the clock jumps by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s: {steps:.4g} steps of {step:.6g} s"
         + (", and so in many places" if many else ""),
         where=recording.place(i + 1),
-        remedy="resample the record on a uniform clock" if many else "cut the record there, or mend its clock",
+        remedy="resample the record on a uniform clock" if many else "cut the record there, or correct its clock",
     )
 
 

@@ -29,7 +29,7 @@ INSTEAD = "write the samples into the file itself, one plain dataset a channel"
 def signals(path: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str | None]]:
     """Values (T,) [unit of the file] of every name, NaN where missing, all as long as the first one, and their units.
 
-    Raises UserError for links to other files, shapes, types and packed values that cannot be taken over, and for damage,
+    Raises UserError for links to other files, shapes, types and packed values that cannot be imported, and for damage,
     as far as the library survives it.
     """
     import h5py

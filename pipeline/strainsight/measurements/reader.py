@@ -31,7 +31,7 @@ def read_recording(
     channels: columns of a table, datasets, or "node:direction" or id line of a function; time: column or dataset of the
     clock, not for UFF58; time_unit: that of the file has to agree; format: csv, hdf5, uff58, or auto by the ending of the
     name; form: how a text table is written.
-    Raises UserError for a file that cannot be taken over, with its line.
+    Raises UserError for a file that cannot be imported, with its line.
     """
     path = Path(path)
     match format_of(path) if format == "auto" else format:

@@ -186,9 +186,9 @@ def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> 
     """What to say of columns beyond the rank: which they are, and on which others each depends."""
     names = system.constraints
     shares = np.linalg.solve(T[:rank, :rank], T[:rank, rank:])
-    told = []
+    found = []
     for k, share in zip(order[rank:], shares.T, strict=True):
         others = [names[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > 1e-6][:4]
-        told.append(f"{names[k]} follows from {', '.join(others) or 'the rigidity of the bodies'}")
-    listed = "; ".join(told[:6])
-    return f"{len(told)} of {len(names)} constraints are redundant in this configuration: {listed}"
+        found.append(f"{names[k]} follows from {', '.join(others) or 'the rigidity of the bodies'}")
+    listed = "; ".join(found[:6])
+    return f"{len(found)} of {len(names)} constraints are redundant in this configuration: {listed}"

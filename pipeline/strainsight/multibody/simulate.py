@@ -33,7 +33,7 @@ def simulate(
     theta: np.ndarray,
     progress: Callable[[int], None] | None = None,
 ) -> Trajectory:
-    """`step` for every row of u (T, nu); progress is told the number of steps done.
+    """`step` for every row of u (T, nu); progress is called with the number of steps done.
 
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
     """

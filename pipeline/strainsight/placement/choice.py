@@ -132,7 +132,7 @@ def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice |
 
 
 def known_to_go(step: Step, gauge: int) -> Choice:
-    """The removal of a gauge without which every unknown is known to be told, whatever the test of what is left says.
+    """The removal of a gauge without which every unknown is known to be observable, whatever the test of what is left says.
 
     The test compares with the strongest row there: beside one of 1e10 times the weight, all others are rounding.
     """

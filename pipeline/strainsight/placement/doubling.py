@@ -45,10 +45,10 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     for _ in range(MOST_DOUBLINGS):
         U, s, Vt = np.linalg.svd(C @ L)
         m = len(s)
-        rise, told = (F.T @ L @ Vt.T) * _kept(s, len(Vt)), _kept(s, len(U))[:, None] * (U.T @ C @ F.T)
+        rise, seen = (F.T @ L @ Vt.T) * _kept(s, len(Vt)), _kept(s, len(U))[:, None] * (U.T @ C @ F.T)
         F = F @ F - (F @ C.T @ U[:, :m]) * (s / (1 + s**2)) @ (Vt[:m] @ L.T @ F)
         grown, variance = np.sum(rise**2, axis=1), np.sum(L**2, axis=1)
-        L, C = _triangle(np.hstack([L, rise]).T).T, _triangle(np.vstack([C, told]))
+        L, C = _triangle(np.hstack([L, rise]).T).T, _triangle(np.vstack([C, seen]))
         # P⁻ grows, so each variance beside itself: a state that nothing but one noise reaches may dwarf the others
         if np.all(grown <= SETTLED * np.maximum(variance, NOT_REACHED**2 * variance.max())):
             break

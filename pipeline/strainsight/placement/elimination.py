@@ -78,7 +78,7 @@ def eliminate_from(
         least of Δ_g / Σ_k a_kg e_k / b_k²,     e_k = max(0, Σ a_kg over the gauges still there − b_k),     limits a·v ≤ b
 
     over the gauges that a broken limit counts: the least rise, where the count alone is broken; per price, where the
-    budget is; else per what is mended by it. `keep`: a number, or `Limits`: under a budget what is left may be fewer,
+    budget is; else per unit of violation removed. `keep`: a number, or `Limits`: under a budget what is left may be fewer,
     without one they are as many as the limits allow. A layout inside the set still there is known all the time
     (`Witness`); a gauge of it without which no other is found stays while it has the gauge. With a plain count that is
     done only where the removals without it end in a set that can lose no further gauge: then all over again with it.

@@ -66,7 +66,7 @@ def robust_set(
     elimination and the exchange keep, and twice as many gauges from which those that L misses least are removed. Swaps
     are tried in the order of that bound, the first that helps is made, and the failures of a tried set are solved, the
     likely worst first, until one costs too much. Where a failure loses an unknown, fewer such gauges come first, the
-    largest loss of the others second; so does one after which the covariance cannot be solved to accuracy. A glued
+    largest loss of the others second; so does one after which the covariance cannot be solved to accuracy. A bonded
     gauge (fixed) stays but fails like any other, a pool row of several channels or gauges as a whole. Where the limits
     leave room, a gauge that lowers L is added.
     Raises InfeasibleError where so few gauges are kept that each is needed to detect the unknowns; as `eliminate`.

@@ -10,7 +10,7 @@ import numpy as np
 
 CANCELLED = 10.0
 """Where Σ PᵢᵢGᵢᵢ > CANCELLED tr(P G), the sum G has lost digits that P G P needs: the ratio is 1 to 3 with strain gauges,
-6e3 where an accelerometer reads a load and a modulus at once, each far better than anything tells them apart."""
+6e3 where an accelerometer reads a load and a modulus at once, each far better than anything distinguishes them."""
 
 
 @dataclass(frozen=True)

@@ -182,13 +182,13 @@ def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> Infea
 
 def _conflict(limits: Limits, at: int) -> InfeasibleError:
     name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
-    glued = [g for g in sorted(limits.fixed) if row[g] > 0]
+    bonded = [g for g in sorted(limits.fixed) if row[g] > 0]
     if name == SPACING:
-        what = f"the gauges of row {glued[0]} of the pool are glued already ({limits.key}), nearer to each other than {name}"
+        what = f"the gauges of row {bonded[0]} of the pool are bonded already ({limits.key}), nearer to each other than {name}"
     else:
         unit = "" if name == BUDGET else " gauges"
-        taken = f"{row[glued].sum():g}{unit} of the {limits.most[at]:g}"
-        what = f"what is glued already ({limits.key}) takes {taken} that {name} allows"
+        taken = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
+        what = f"what is bonded already ({limits.key}) takes {taken} that {name} allows"
     return InfeasibleError(what, key=name, remedy=f"widen {name}, or take a gauge out of {limits.key}")
 
 

@@ -48,7 +48,7 @@ class Limits:
 
     @cached_property
     def alike(self) -> np.ndarray:
-        """A label for every pool row (pool,), the same where the limits do not tell two apart."""
+        """A label for every pool row (pool,), the same where the limits do not distinguish two."""
         c = self.columns
         labels: dict[tuple[bytes, bytes], int] = {}
         keys = [(c.indices[a:b].tobytes(), c.data[a:b].tobytes()) for a, b in zip(c.indptr, c.indptr[1:], strict=False)]
@@ -121,11 +121,11 @@ def limits_of(
     """
     sizes = np.ones(pool, dtype=int) if size is None else np.asarray(size, dtype=int)
     held = frozenset(int(g) for g in fixed)
-    glued, total = int(sizes[list(held)].sum()), int(sizes.sum())
-    if not max(1, glued) <= keep <= total:
+    bonded, total = int(sizes[list(held)].sum()), int(sizes.sum())
+    if not max(1, bonded) <= keep <= total:
         raise ConfigError(
-            f"{keep} gauges are to be kept of a pool of {total} with {glued} fixed",
-            remedy=f"keep between {max(1, glued)} and {total}",
+            f"{keep} gauges are to be kept of a pool of {total} with {bonded} fixed",
+            remedy=f"keep between {max(1, bonded)} and {total}",
         )
     rows, most, names = [sizes.astype(float)], [float(keep)], [KEEP]
     for name, members, at_most in zones:
@@ -146,7 +146,7 @@ def limits_of(
     matrix = csr_array(vstack(parts))
     matrix.sort_indices()
     loose = np.delete(sizes, list(held))
-    least = 0 if budget is not None else max(glued, keep + 1 - int(loose.max(initial=1)))
+    least = 0 if budget is not None else max(bonded, keep + 1 - int(loose.max(initial=1)))
     return Limits(
         rows=matrix,
         most=np.concatenate([most, np.ones(len(groups) - len(alone)), np.zeros(len(alone))]),
@@ -186,11 +186,11 @@ def as_limits(pool: int, keep: int | Limits, fixed: Collection[int]) -> Limits:
     if isinstance(keep, Limits):
         if len(keep.size) != pool:
             raise ValueError(f"limits of a pool of {len(keep.size)}, and the pool has {pool}")
-        return _glued(keep, keep.fixed | {int(g) for g in fixed}) if fixed else keep
+        return _bonded(keep, keep.fixed | {int(g) for g in fixed}) if fixed else keep
     return limits_of(pool, keep, fixed=fixed)
 
 
-def _glued(limits: Limits, fixed: frozenset[int]) -> Limits:
+def _bonded(limits: Limits, fixed: frozenset[int]) -> Limits:
     """With these gauges fixed: where several are too near to one another, that only closes their surroundings."""
     rows, most = limits.rows.copy(), limits.most.copy()
     held = np.isin(np.arange(len(limits.size)), list(fixed))

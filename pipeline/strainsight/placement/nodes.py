@@ -51,7 +51,7 @@ class Search:
         self.pools, self.limits, self.aggregate = pools, limits, aggregate
         # a set that is better by no more than a tie is not taken, so that nothing closer can be claimed
         self.gap = max(gap, TIE)
-        # gauges that the limits tell apart cannot stand for each other
+        # gauges that the limits distinguish cannot stand for each other
         self.twins = np.unique(_twins(pools) * len(limits.size) + limits.alike, return_inverse=True)[1]
         self.tried: set[tuple[int, ...]] = set()
         self.best: np.ndarray | None = None

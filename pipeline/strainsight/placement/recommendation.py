@@ -1,4 +1,4 @@
-"""What an engineer can act on: how many gauges are worth it, and which ones read alike."""
+"""What an engineer can act on: how many gauges are worth it, and which ones are redundant."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 WORTH = 0.05
 """A gauge more is worth it where it lowers σ by this share."""
 ALIKE = 0.99
-"""Two gauges read alike where the cosine between their rows is above this."""
+"""Two gauges are redundant where the cosine between their rows is above this."""
 NOTHING = 1e-6
 """A gauge of several channels does not read a motion to which it answers with less than this share of its most."""
 
@@ -36,7 +36,7 @@ def alike(rows: np.ndarray) -> list[tuple[int, ...]]:
     another of its group by the smallest cosine of the principal angles between the two, for one channel |cos| of the rows.
 
     Rows in coordinates of unit training amplitude, so that the cosine is the correlation of what they read: such gauges
-    average noise and stand in for each other. Spaces of unlike dimension, as of a rosette and a single gauge, never agree.
+    are redundant and only average noise. Spaces of unlike dimension, as of a rosette and a single gauge, never agree.
     """
     blocks = np.reshape(rows, (len(rows), -1, rows.shape[-1]))
     _, sigma, basis = np.linalg.svd(blocks, full_matrices=False)

@@ -64,7 +64,7 @@ class Region:
         """
         free = slope[~self.fixed]
         fixed = float(slope[self.fixed].sum())
-        size, glued = self.limits.size[~self.fixed], int(self.limits.size[self.fixed].sum())
+        size, bonded = self.limits.size[~self.fixed], int(self.limits.size[self.fixed].sum())
         price, offset = free, 0.0
         if not self.limits.plain:
             scale = max(float(np.abs(free).max(initial=0.0)), np.finfo(float).tiny)
@@ -75,7 +75,7 @@ class Region:
                 # count and floor are left to the sorting
                 multiplier[[0, -1]] = 0.0
                 price, offset = free + self._across @ multiplier, -float(multiplier @ self._most)
-        value, _ = cheapest(price, size, self.limits.least - glued, self.limits.keep - glued)
+        value, _ = cheapest(price, size, self.limits.least - bonded, self.limits.keep - bonded)
         return fixed + offset + value
 
     def _clipped(self, free: np.ndarray) -> np.ndarray:

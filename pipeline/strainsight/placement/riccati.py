@@ -135,7 +135,7 @@ def balance(F: np.ndarray, Q: np.ndarray, G: Information | np.ndarray) -> tuple[
         P = solve_care(F / d[:, None] * d, Q / d[:, None] / d, known.scaled(d))
         std = d * np.sqrt(np.maximum(np.diag(P), 0.0)) / first
         new = np.maximum(std, NOISE_FREE * std.max()) * first
-        # a state on the floor wanders by rounding; the others have converged once their variance is 1
+        # a state on the floor drifts by rounding; the others have converged once their variance is 1
         if np.all(np.abs(np.log(new / d)) < 1e-6):
             return d, P
         P = P * np.outer(d / new, d / new)

@@ -1,4 +1,4 @@
-"""A frozen linearisation with its pool of gauges, its steady covariance, and what a set of gauges costs."""
+"""A fixed linearisation with its pool of gauges, its steady covariance, and what a set of gauges costs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Aggregate = Literal["mean", "worst"]
 class Scenario:
     """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the metric of its layouts: weight of each state, criterion.
 
-    A pool row is what is glued and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to
+    A pool row is what is bonded and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to
     c, with rows of zeros where fewer; r (pool,) or (pool, c), positive there too, in [y² s].
     F, Q (n*, n*) [1/s], [x*²/s]; weight (n*,) diagonal of W.
     """
@@ -202,7 +202,7 @@ def refined(pool: Pool, G: Information | np.ndarray, P: np.ndarray | None) -> np
 
 
 def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
-    """How many unknowns have to be told apart at once, and the fewest gauges with as many channels."""
+    """How many unknowns have to be distinguished at once, and the fewest gauges with as many channels."""
     unknowns, fewest = 0, 0
     for pool in pools:
         least = least_gauges(pool.modes)

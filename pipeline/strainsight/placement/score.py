@@ -20,7 +20,7 @@ class Scores:
     there is none or P is not solved to accuracy.
 
     cost: name of the metric → its aggregate; std (count,) [N, SI]: √Pᵢᵢ · scale of each unknown, root mean square over
-    scenarios. All of a frozen linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
+    scenarios. All of a fixed linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
     """
 
     cost: Mapping[str, float]

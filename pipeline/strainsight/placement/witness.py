@@ -135,7 +135,7 @@ class Guard:
     """
 
     def __init__(self, limits: Limits, detection: Detection, names: Sequence[str]):
-        """Raises InfeasibleError where the glued gauges break a limit by themselves."""
+        """Raises InfeasibleError where the bonded gauges break a limit by themselves."""
         self.limits, self.names, self.detection = limits, names, detection
         self.there = np.ones(len(limits.size), dtype=bool)
         self.held = np.zeros(len(limits.size), dtype=bool)

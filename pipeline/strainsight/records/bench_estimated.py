@@ -64,7 +64,7 @@ class BenchEstimated:
         "/violation", "1", "/time", "largest constraint violation of the estimate, relative"
     )
     nis: np.ndarray = dataset("/nis", "1", "instant", "normalised innovation squared over the number of channels")
-    lost: np.ndarray = dataset("/lost", "1", "run", "step in which each run was lost, -1: none")
+    lost: np.ndarray = dataset("/lost", "1", "run", "step in which each run diverged, -1: none")
     inputs: dict[str, LoadHistory] = group("/inputs/<name>", unit="unit of input <name>", what="<name>")
     parameters: dict[str, ParameterHistory] = group(
         "/parameters/<name>", unit="unit of parameter <name>", what="<name>"

@@ -38,7 +38,7 @@ class CandidateColumns:
     array: np.ndarray = dataset(
         "/array", "1", "channel", "0 gauges, then the motion_sensors of the config in their order"
     )
-    glued: np.ndarray = dataset("/glued", "1", "channel", "1 where the gauge is bonded already")
+    bonded: np.ndarray = dataset("/glued", "1", "channel", "1 where the gauge is bonded already")
 
     @classmethod
     def of(cls, pool: Candidates) -> CandidateColumns:

@@ -21,7 +21,10 @@ class Observed:
         "/condition", "1", "/excitation × /case", "condition of the scaled PBH matrix at λ = 0, median over instants"
     )
     condition_raw: np.ndarray = dataset(
-        "/condition_raw", "1", "/excitation × /case", "the thesis's number there, which orders cases by their units"
+        "/condition_raw",
+        "1",
+        "/excitation × /case",
+        "the value as defined in the thesis, which orders cases by their units",
     )
     sigma_min: np.ndarray = dataset(
         "/sigma_min", "1", "/excitation × /case", "smallest singular value of the scaled matrix there"

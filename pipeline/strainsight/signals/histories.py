@@ -85,7 +85,9 @@ class FromSamples:
             )
         bad = np.flatnonzero(~(np.isfinite(time) & np.isfinite(value)))
         if bad.size:
-            raise InfeasibleError(f"sample {bad[0] + 1} of the record is not a finite number", remedy="mend the record")
+            raise InfeasibleError(
+                f"sample {bad[0] + 1} of the record is not a finite number", remedy="correct the record"
+            )
         back = np.flatnonzero(np.diff(time) <= 0)
         if back.size:
             raise InfeasibleError(
@@ -137,7 +139,7 @@ def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: 
         u₀ = u(0),   u₁ = −3u(0) + 4u(½) − u(1),   u₂ = 2u(0) − 4u(½) + 2u(1)
 
     start [s] of the first step; h [s]; steps their number. Returns (steps, 3, n_u) [unit of the input]. The forced
-    motion of a mode ω₀ under a sine ω then errs by about (ωh)³ω₀h/720 of itself: the interpolation error is odd about
+    motion of a mode ω₀ under a sine ω then errs by about (ωh)³ω₀h/720 of itself: the interpolation error is an odd function about
     the middle of the step. A line from sample to sample is held exactly where the samples fall on multiples of h.
     """
     # Products, not running sums: step k meets step k + 1 to the last bit.

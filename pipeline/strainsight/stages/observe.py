@@ -41,7 +41,7 @@ def _table(found: Observed) -> Table:
     )
     columns = (*(f"condition, {e}" for e in found.excitation), *(f"raw, {e}" for e in found.excitation))
     title = "observability: condition of the scaled PBH matrix, and the thesis's raw number"
-    return Table(title, ("unknown", *columns, "nearly lost"), rows)
+    return Table(title, ("unknown", *columns, "weakly observable"), rows)
 
 
 OBSERVE = Stage(

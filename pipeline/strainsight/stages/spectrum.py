@@ -12,13 +12,13 @@ from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context) -> Output:
-    """The modes amid the parameters' ranges, shared by all runs on one mesh."""
+    """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
     found = spectrum_of(context.config, inputs.mesh(context), context)
     frequency, size = found.frequency, len(found.shape)
     message = "two materials vary apart: the modes of the truth are found with it"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
-        message = f"{len(frequency)} modes of {size} unknowns, {band} amid the ranges"
+        message = f"{len(frequency)} modes of {size} unknowns, {band} in the middle of the ranges"
     return Output(written(found), {"unknowns": size, "modes": len(frequency)}, message)
 
 

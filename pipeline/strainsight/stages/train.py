@@ -32,25 +32,25 @@ def run(context: Context) -> Output:
             "strongest_rms": strongest,
         },
         message=_message(pool, steps, strongest, surface),
-        tables=() if moved is None else (_glued_table(pool, moved),),
+        tables=() if moved is None else (_bonded_table(pool, moved),),
     )
 
 
 def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface | None) -> str:
     first = pool.first
     kinds = (
-        (pool.array[first] == 0) & ~pool.glued[first],
-        pool.glued[first],
+        (pool.array[first] == 0) & ~pool.bonded[first],
+        pool.bonded[first],
         pool.quantity[first] == 1,
         pool.quantity[first] == 2,
     )
-    words = ("candidates", "glued", "accelerometers", "displacement sensors")
+    words = ("candidates", "bonded", "accelerometers", "displacement sensors")
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
     said = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
     if strongest > LARGE_STRAIN:
         said.append("far from small: are load and modulus in the right unit?")
     if surface is not None and len(surface.moved):
-        said.append(f"glued ones moved by up to {1e3 * surface.moved.max():.2g} mm")
+        said.append(f"bonded ones moved by up to {1e3 * surface.moved.max():.2g} mm")
     if surface is not None and surface.left_out:
         said.append(f"{surface.left_out} places left out: a grid over a sharp edge")
     if surface is not None and surface.empty:
@@ -58,8 +58,8 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     return ", ".join(said)
 
 
-def _glued_table(own: Candidates, moved: np.ndarray) -> Table:
-    """Where the glued gauges are; they are the first candidates."""
+def _bonded_table(own: Candidates, moved: np.ndarray) -> Table:
+    """Where the bonded gauges are; they are the first candidates."""
     rows = tuple(
         (
             f"fixed {i + 1}",
@@ -72,7 +72,7 @@ def _glued_table(own: Candidates, moved: np.ndarray) -> Table:
         for i, c in enumerate(own.first[: len(moved)])
     )
     return Table(
-        "glued gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows
+        "bonded gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows
     )
 
 

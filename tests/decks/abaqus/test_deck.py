@@ -171,7 +171,7 @@ def test_nodes_in_cylindrical_coordinates(read):
     np.testing.assert_allclose(mesh.position[3], [1.0, np.sqrt(3), 1.0])
 
 
-def test_every_reinterpretation_is_said_with_its_count(read):
+def test_every_reinterpretation_is_reported_with_its_count(read):
     assert "1 C3D20R taken as hex20 integrated fully" in read(one_element("hex20").replace("C3D20", "C3D20R")).notes
     assert any("no hourglass control" in n for n in read(one_element("hex8").replace("C3D8", "C3D8R")).notes)
     assert read(one_element("hex8").replace("C3D8", "C3D8I")).notes == ()
@@ -184,7 +184,7 @@ def test_a_temperature_table_counts_with_its_first_line(read):
     assert any("first of 2 lines" in note for note in mesh.notes)
 
 
-def test_a_material_without_density_is_said(read):
+def test_a_material_without_density_is_reported(read):
     mesh = read(TETRAHEDRON.replace("*DENSITY\n7850.,\n", ""))
     assert mesh.materials[1].density == 0
     assert any("no *DENSITY" in note for note in mesh.notes)
@@ -276,7 +276,7 @@ ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
         ("** a comment", "*INCLUDE, INPUT=../deck.inp", "leaves the folder", 3),
         ("** a comment", "*INCLUDE, INPUT=none.inp", "no such file", 3),
         ("** a comment", "*INCLUDE", "has no INPUT", 3),
-        ("** a comment", "*PARAMETER\na=1", "parameters are not taken over", 3),
+        ("** a comment", "*PARAMETER\na=1", "parameters are not supported", 3),
         ("** a comment", "*PART, NAME=P", "no \\*END PART follows", 3),
         ("** a comment", "*END PART", "no \\*PART to end", 3),
         ("** a comment", "*STEP\n*NODE\n1,2,3,4", "inside a \\*STEP", 4),

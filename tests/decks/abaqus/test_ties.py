@@ -219,7 +219,7 @@ def test_distributing_couplings_weigh_by_area(read, surface, weight):
     np.testing.assert_allclose(averaging.weight, weight)
 
 
-def test_other_weights_of_a_coupling_are_said(read):
+def test_other_weights_of_a_coupling_are_reported(read):
     tie = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S\n*DISTRIBUTING, WEIGHTING METHOD=CUBIC\n1,4\n"
     mesh = read(BRICK + tie)
     assert mesh.averaging[0].components == (0, 1, 2, 3)
@@ -243,7 +243,7 @@ def test_other_constraints_are_counted(read):
     assert mesh.rigid == ()
 
 
-def test_a_pin_of_coincident_nodes_is_taken_over(read):
+def test_a_pin_of_coincident_nodes_is_imported(read):
     (rigid,) = read(BRICK + "*NODE\n105, 0., 0., 5.\n*MPC\nPIN, 105, 5\n").rigid
     assert (rigid.reference, list(rigid.nodes), rigid.components) == (4, [9], (0, 1, 2))
 

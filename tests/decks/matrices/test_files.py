@@ -145,7 +145,7 @@ def test_a_name_in_a_file_without_names_is_a_mistake(tmp_path, K):
 
 
 @pytest.mark.parametrize(("part", "which"), [(sparse.tril, "lower"), (sparse.triu, "upper")])
-def test_one_triangle_is_said_to_be_one(tmp_path, K, part, which):
+def test_one_triangle_is_reported_to_be_one(tmp_path, K, part, which):
     with pytest.raises(DeckError, match=f"only the {which} triangle"):
         symmetric(sparse.csr_array(part(K)), tmp_path)
 

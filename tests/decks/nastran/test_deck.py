@@ -73,7 +73,7 @@ def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
     assert mesh.ignored == {"PARAM": 1}
 
 
-def test_every_card_not_taken_over_is_counted(read, tetrahedron):
+def test_every_card_not_imported_is_counted(read, tetrahedron):
     mesh = read(
         tetrahedron
         + "MOMENT,1,4,,1.,0.,0.,1.\nLOAD,9,1.,1.,1\nPLOAD4,1,10,1.\nCQUAD4,70,2,1,2,3,4\nCQUAD4,71,2,1,2,3,4\n"
@@ -148,7 +148,7 @@ def test_a_deck_without_grids_is_refused(read):
 def test_structural_damping_of_a_material_is_noted(read, tetrahedron):
     damped = tetrahedron.replace(".3,7850.", ".3,7850.,,,.02") + "MAT1,9,1.,,.3,1.,,,.5\nENDDATA\n"
     assert read(damped).notes == (
-        "MAT1 1 (GE .02): structural damping GE is not taken over: damping comes from the config",
+        "MAT1 1 (GE .02): structural damping GE is not imported: damping comes from the config",
     )
     assert read(tetrahedron.replace(".3,7850.", ".3,7850.,,,0.") + "ENDDATA\n").notes == ()
 
@@ -157,7 +157,7 @@ def test_another_integration_scheme_of_a_property_is_noted(read, tetrahedron):
     text = tetrahedron.replace("PSOLID,1,1", "PSOLID,1,1,,2,,1\nPSOLID,2,1,,,GRID\nPSOLID,3,1,,,,FULL\nPSOLID,4,1,,3")
     (note,) = read(text + "ENDDATA\n").notes
     assert note.startswith(
-        "PSOLID 1 (IN 2, ISOP 1), 3 (IN blank, ISOP FULL), 4 (IN 3, ISOP blank): the integration scheme is not taken over"
+        "PSOLID 1 (IN 2, ISOP 1), 3 (IN blank, ISOP FULL), 4 (IN 3, ISOP blank): the integration scheme is not supported"
     )
 
 

@@ -186,8 +186,8 @@ def test_a_set_of_solids_and_shells_keeps_its_solids(read, tetrahedron):
 
 @pytest.mark.parametrize("card", ["SPC1,1,0,4,9", "SPC1,1,123,9", "SPC,1,9,0", "SPC,1,10,,0.", "CONM2,90,9,,1."])
 @pytest.mark.parametrize("points", ["SPOINT,9,10", "SPOINT,8,THRU,20"])
-def test_a_scalar_point_is_said_to_be_one(read, tetrahedron, card, points):
-    with pytest.raises(DeckError, match=r"node (9|10) is a scalar point: scalar points are not taken over") as caught:
+def test_a_scalar_point_is_reported_to_be_one(read, tetrahedron, card, points):
+    with pytest.raises(DeckError, match=r"node (9|10) is a scalar point: scalar points are not supported") as caught:
         read(f"{tetrahedron}{points}\n{card}\n")
     assert caught.value.where.endswith(":10")
 
@@ -232,6 +232,6 @@ def test_ties_are_named_by_card_and_id(read, tetrahedron):
         "CONM2,90,1000000000000,,1.",
     ],
 )
-def test_an_id_beyond_the_limit_is_said_to_be_too_large(read, tetrahedron, card):
+def test_an_id_beyond_the_limit_is_reported_to_be_too_large(read, tetrahedron, card):
     with pytest.raises(DeckError, match="is 1000000000000, too large"):
         read(f"{tetrahedron}GRID,50,,5.,5.,5.\n{card}\n")

@@ -11,4 +11,4 @@ from strainsight.decks.other.load import load
 @pytest.fixture(autouse=True)
 def here(request, monkeypatch):
     if request.path.name != "test_apart.py":
-        monkeypatch.setattr(mesh, "load_apart", load)
+        monkeypatch.setattr(mesh, "load_sandboxed", load)

@@ -63,7 +63,7 @@ def test_vtk_wedges_point_away_from_their_far_triangle_and_others_do_not(tmp_pat
 
 
 @pytest.mark.parametrize("kind", ["wedge6", "wedge15"])
-def test_wedges_of_the_other_convention_are_turned_round_and_said(tmp_path, kind):
+def test_wedges_of_the_other_convention_are_turned_round_and_reported(tmp_path, kind):
     grid(kind, nodes_of(kind)).save(tmp_path / "part.vtu")
     mesh = read_meshio(tmp_path / "part.vtu")
     check_element(mesh, kind)
@@ -162,7 +162,7 @@ def test_families_of_med_are_regions_and_sets_by_name(tmp_path):
     assert mesh.ignored == {}
 
 
-def test_single_precision_is_said(write):
+def test_single_precision_is_reported(write):
     assert any(
         "single precision" in note for note in read_meshio(write("part.vtu", points=TETRAHEDRON.astype("f4"))).notes
     )
@@ -208,7 +208,7 @@ PYRAMID13 = np.random.default_rng(0).random((13, 3))
         ("part.xdmf", [("tetra", [[0, 1, 2, 3]])], TETRAHEDRON[:, :2], "the points have 2 coordinates"),
     ],
 )
-def test_what_cannot_be_taken_over_is_refused(write, name, cells, points, message):
+def test_what_cannot_be_imported_is_refused(write, name, cells, points, message):
     path = write(name, cells, points)
     with pytest.raises(DeckError, match=message) as error:
         read_meshio(path)

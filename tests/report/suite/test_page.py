@@ -104,7 +104,7 @@ def test_a_load_that_is_zero_is_reported_to_be_judged_by_its_amplitude(suite):
     assert "of its amplitude" not in words(first_screen(page(suite())))
 
 
-def test_a_lost_repeat_is_reported_in_words(suite):
+def test_a_diverged_repeat_is_reported_in_words(suite):
     run = suite().runs[0]
     error = np.append(run.repeats[0].error[:-1], np.nan)
     text = page(suite(runs=(replace(run, repeats=(replace(run.repeats[0], error=error),)),)))

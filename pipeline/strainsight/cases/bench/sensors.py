@@ -11,7 +11,7 @@ from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import BenchConfig, MotionSensor, RelativeSensor, StrainSensor
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
-from strainsight.gauges.glued import GluedEntry, glued
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -73,14 +73,14 @@ def _strain(
     """The gauges of a sensor on the nearest places of the body's surface, and how far (gauges,) [m] each was moved there."""
     key = f"sensors.{name}.gauges"
     if entry.layout is None:
-        entries = [GluedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+        entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
     else:
         assert placed is not None
         key, own = f"sensors.{name}.layout", placed.layout(entry.layout)
-        entries = [GluedEntry(*gauge) for gauge in zip(own.position, own.direction, own.length, strict=True)]
+        entries = [BondedEntry(*gauge) for gauge in zip(own.position, own.direction, own.length, strict=True)]
     facets = exterior_facets(mesh)
     with blame(key):
-        there, moved = glued(mesh, facets, entries, entry.snap_tolerance, key)
+        there, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
         return StrainRows(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
 
 

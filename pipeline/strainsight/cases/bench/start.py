@@ -33,7 +33,7 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
                 f"the joints move '{name}' by {moved:.4g} m and {turned:.3g} rad from its pose, beyond "
                 f"{settings.snap_tolerance:g} m or {TURNED:g} rad",
                 key=f"bodies.{name}.pose",
-                remedy="mend the pose or the frames of its joints, or raise simulate.snap_tolerance",
+                remedy="correct the pose or the frames of its joints, or raise simulate.snap_tolerance",
             )
     _refuse_forceless(bench, q)
     if settings.start == "equilibrium":

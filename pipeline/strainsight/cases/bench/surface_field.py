@@ -54,9 +54,9 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Moti
     if not np.isfinite(q[at]).all():
         lost = time[at][~np.isfinite(q[at]).all(axis=1)][0]
         raise InfeasibleError(
-            f"the estimate was lost, at {lost:g} s at the latest: there is no field from there on",
+            f"the estimate diverged, at {lost:g} s at the latest: there is no field from there on",
             key="field.of",
-            remedy="mend the estimate, or set field.of: simulate",
+            remedy="correct the estimate, or set field.of: simulate",
         )
     parameters = moduli_of(settings.body, flexible(config)[settings.body].moduli, mesh)
     theta = {p.name: motion.moduli.get(p.name, np.full(len(time), p.reference))[at] for p in parameters}

@@ -31,7 +31,7 @@ def advice(
     loss: np.ndarray,
     groups: Sequence[tuple[int, ...]],
 ) -> tuple[str, ...]:
-    """Sentences on a layout, the most useful first; expected and loss (k,) in the order of listed, groups of it read alike."""
+    """Sentences on a layout, the most useful first; expected and loss (k,) in the order of listed, groups of it are redundant."""
     criterion, labels, plain = task.metric.criterion, listed.labels, task.limits.plain
     # Where limits rule the size, no smaller or larger set is beside the layout.
     cost = elimination.cost if plain else elimination.cost[-1:]
@@ -41,12 +41,12 @@ def advice(
         *(_weakest(expected.std) if task.relative else ()),
         *best_possible(layout.certificate, criterion, task.over),
         *(
-            f"{', '.join(labels[i] for i in group)} read alike in the training run: they average noise, and stand in for "
+            f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise, and can replace "
             "each other."
             for group in groups
         ),
         *_failures(labels, loss, expected.std, expected.without),
-        *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(listed.glued)),
+        *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(listed.bonded)),
         *_loads(labels, listed.peak / listed.range),
         *([f"The layout costs {price[0]:g} of {price[1]:g}."] if price else []),
         *([f"{alone} gauges have no mirror image that is free, and were left out."] if alone else []),

@@ -106,7 +106,7 @@ def criteria_table(others: Comparison, names: Sequence[str], scale: np.ndarray |
         criteria[0].symbol,
         "times this",
         *(c.symbol for c in criteria[1:]),
-        *(f"frozen σ({n})" for n in names),
+        *(f"steady-state σ({n})" for n in names),
     )
     return Table("criteria, all from the same covariance", columns, rows)
 

@@ -17,7 +17,7 @@ class GaugeList:
 
     labels "G1", …; kind: in words; unit of its readings; element, facet ids, of given gauges their number and 0; position,
     normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of its grid;
-    glued (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks: that of
+    bonded (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks: that of
     each channel; range (k,): what it can measure, NaN where not stated.
     """
 
@@ -31,7 +31,7 @@ class GaugeList:
     directions: tuple[np.ndarray, ...]
     angles: tuple[np.ndarray, ...]
     length: np.ndarray
-    glued: np.ndarray
+    bonded: np.ndarray
     family: tuple[str, ...]
     peak: np.ndarray
     peaks: tuple[np.ndarray, ...]
@@ -60,7 +60,7 @@ def gauge_list(
         directions=tuple(candidates.direction[c] for c in own),
         angles=tuple(candidates.angle[c] for c in own),
         length=candidates.length[first],
-        glued=candidates.glued[first],
+        bonded=candidates.bonded[first],
         family=tuple(families[int(candidates.array[c])] for c in first),
         peak=np.array([peak[c].max() for c in own]),
         peaks=tuple(peak[c] for c in own),
@@ -91,11 +91,11 @@ def _kind(quantity: int, channels: int) -> str:
 
 def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: bool) -> Table:
     """Where every gauge goes, and what each unknown would be known to without it."""
-    kinds, given = listed.glued.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
+    kinds, given = listed.bonded.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
     rows = tuple(
         (
             listed.labels[i],
-            *([listed.kind[i] + ", glued" * bool(listed.glued[i])] if kinds else []),
+            *([listed.kind[i] + ", bonded" * bool(listed.bonded[i])] if kinds else []),
             str(listed.element[i]),
             *([] if given else [str(listed.facet[i])]),
             " ".join(f"{x:.4f}" for x in listed.position[i]),
@@ -120,7 +120,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
 
 
 def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray]) -> bytes:
-    """The layout for whoever glues it: a line a channel, lengths in m, σ of every unknown without the gauge relative to its
+    """The layout for whoever bonds it: a line a channel, lengths in m, σ of every unknown without the gauge relative to its
     scale, the largest training reading in the unit of the channel."""
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
@@ -129,8 +129,8 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray]) -> bytes:
         for direction, angle, peak in zip(listed.directions[i], listed.angles[i], listed.peaks[i], strict=True):
             vectors = np.round([*listed.position[i], *listed.normal[i], *direction], 12) + 0.0
             numbers = [*vectors, angle, listed.length[i], peak]
-            glued = "yes" if listed.glued[i] else "no"
-            words = [label, listed.kind[i], listed.family[i], glued, str(listed.element[i]), str(listed.facet[i])]
+            bonded = "yes" if listed.bonded[i] else "no"
+            words = [label, listed.kind[i], listed.family[i], bonded, str(listed.element[i]), str(listed.facet[i])]
             missing = [f"{values[i]:.9g}" for values in without.values()]
             lines.append(",".join([*words, *(f"{x:.9g}" for x in numbers), listed.unit[i], *missing]))
     return ("\n".join(lines) + "\n").encode()

@@ -53,7 +53,7 @@ def placed(
     """The layout that the task asks for.
 
     Of gauges (k,) by their numbers: claimed, σ that a filter on them comes to claim; listed, the same for people; alike, groups
-    that read alike; alone, where a pool row may be two gauges, the scenarios with these as pool rows of their own.
+    that are redundant; alone, where a pool row may be two gauges, the scenarios with these as pool rows of their own.
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
     settings, limits, metric, pool = task.settings, task.limits, task.metric, task.pool

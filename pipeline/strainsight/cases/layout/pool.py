@@ -70,7 +70,7 @@ def layout_limits(
     return limits_of(
         len(pool.gauges),
         place.keep,
-        fixed=np.flatnonzero(pool.summed(candidates.glued[first]) > 0).tolist(),
+        fixed=np.flatnonzero(pool.summed(candidates.bonded[first]) > 0).tolist(),
         size=(pool.gauges >= 0).sum(axis=1),
         price=price if place.budget is not None else None,
         budget=place.budget,

@@ -1,4 +1,4 @@
-"""What a placement is asked: a linear problem, the pool of its gauges, and what a layout may be and has to make small."""
+"""The task of a placement: a linear problem, the pool of its gauges, and what a layout may be and has to make small."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Task:
 
     @property
     def over(self) -> tuple[str, ...]:
-        """The unknowns that the criterion is taken over."""
+        """The unknowns that the criterion is supported."""
         return self.settings.metric_over or self.unknowns.names
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Every sensor of a config on the surface of the mesh: strain gauges, glued gauges, sensors of motion."""
+"""Every sensor of a config on the surface of the mesh: strain gauges, bonded gauges, sensors of motion."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from strainsight.cases.structure.settings import families
 from strainsight.config.gauges import AxisDirection, Gauges
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
-from strainsight.gauges.glued import GluedEntry, glued
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.principal import ROSETTE, principal_angles
 from strainsight.gauges.rows import channel_rows, fits
@@ -24,7 +24,7 @@ from strainsight.mesh.model import Mesh
 
 @dataclass(frozen=True)
 class OnSurface:
-    """candidates: all channels that the config allows, glued gauges first; moved (glued,) [m]: how far each of these was moved
+    """candidates: all channels that the config allows, bonded gauges first; moved (bonded,) [m]: how far each of these was moved
     to the surface; left_out: places where a grid would run over a sharp edge; empty: keys of zones that take no facet."""
 
     candidates: Candidates
@@ -47,7 +47,7 @@ def candidates_on_surface(mesh: Mesh, config: PlacementConfig, basis: np.ndarray
     facets, parts, distance = exterior_facets(mesh), [], np.zeros(0)
     if config.gauges.fixed:
         with blame("gauges.fixed"):
-            there, distance = glued(mesh, facets, _entries(config.gauges), float(config.gauges.snap_tolerance))
+            there, distance = bonded(mesh, facets, _entries(config.gauges), float(config.gauges.snap_tolerance))
         parts.append(there)
     own, left_out = _strain_gauges(mesh, facets, config.gauges, basis, q)
     parts.append(own)
@@ -84,9 +84,9 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[s
     return tuple(found)
 
 
-def _entries(gauges: Gauges) -> list[GluedEntry]:
+def _entries(gauges: Gauges) -> list[BondedEntry]:
     return [
-        GluedEntry(e.position, e.direction, float(gauges.grid_length if e.length is None else e.length), e.angles)
+        BondedEntry(e.position, e.direction, float(gauges.grid_length if e.length is None else e.length), e.angles)
         for e in gauges.fixed
     ]
 

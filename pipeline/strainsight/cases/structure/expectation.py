@@ -1,4 +1,4 @@
-"""What a filter on a layout is expected to claim along the training run, with all gauges and without each; which read alike."""
+"""What a filter on a layout is expected to claim along the training run, with all gauges, without each; which are redundant."""
 
 from __future__ import annotations
 

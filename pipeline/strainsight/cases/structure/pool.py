@@ -16,23 +16,23 @@ from strainsight.gauges.symmetry import mirror_partners
 def pool_of(kept: np.ndarray, channels: Channels, candidates: Candidates, symmetry: Symmetry | None) -> PoolRows:
     """The kept gauges as pool rows: each alone, or with a plane of symmetry in mirrored pairs.
 
-    kept (k,) gauge numbers. Those on the plane that are their own mirror image are alone, as are glued ones; others without
+    kept (k,) gauge numbers. Those on the plane that are their own mirror image are alone, as are bonded ones; others without
     a mirror image in the pool are left out. Raises InfeasibleError where nothing is left.
     """
     if symmetry is None:
         return PoolRows(kept[:, None], channels.of(kept), 0)
     with blame("place.symmetry"):
         partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
-    glued = np.zeros(channels.gauges, dtype=bool)
-    glued[candidates.gauge[candidates.glued]] = True
+    bonded = np.zeros(channels.gauges, dtype=bool)
+    bonded[candidates.gauge[candidates.bonded]] = True
     there = np.zeros(channels.gauges, dtype=bool)
     there[kept] = True
     pairs = []
     for gauge in kept:
         other = int(partner[gauge])
-        if glued[gauge] or other == gauge:
+        if bonded[gauge] or other == gauge:
             pairs.append((int(gauge), -1))
-        elif other > gauge and there[other] and not glued[other]:
+        elif other > gauge and there[other] and not bonded[other]:
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(
@@ -50,7 +50,7 @@ def prices(config: PlacementConfig, pool: PoolRows, candidates: Candidates) -> n
     """Price of every pool row (p,); gauges already bonded cost nothing."""
     family = np.array([float(entry.price) for entry in families(config).values()])
     first = candidates.first[pool.flat[0]]
-    return pool.summed(np.where(candidates.glued[first], 0.0, family[candidates.array[first]]))
+    return pool.summed(np.where(candidates.bonded[first], 0.0, family[candidates.array[first]]))
 
 
 def _left_aligned(channels: np.ndarray) -> np.ndarray:

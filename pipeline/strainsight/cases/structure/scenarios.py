@@ -23,7 +23,7 @@ def scenarios_of(
     ranges: Mapping[str, Sequence[float]],
     seed: int,
 ) -> tuple[Scenario, ...]:
-    """One frozen linearisation an instant and parameter sample, without a metric yet.
+    """One fixed linearisation an instant and parameter sample, without a metric yet.
 
     channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
     (lowest, highest) [SI].

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.config.estimate import Field3D
-from strainsight.config.gauges import Gauges, GluedGauge
+from strainsight.config.gauges import BondedGauge, Gauges
 from strainsight.errors import ConfigError
 from strainsight.estimation.model import FilterModel, theta_of
 from strainsight.estimation.smoother import Smoothed
@@ -15,7 +15,7 @@ from strainsight.estimation.update import output_std
 from strainsight.fem.affine import Parameter
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
-from strainsight.gauges.glued import GluedEntry, glued
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -23,7 +23,7 @@ from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.records.estimated import VirtualStrain
 
 
-def virtual_labels(entries: Sequence[GluedGauge]) -> tuple[str, ...]:
+def virtual_labels(entries: Sequence[BondedGauge]) -> tuple[str, ...]:
     """ "V1", "V2 45°": every grid of `estimate.virtual`."""
     return tuple(
         f"V{i + 1}" if len(entry.angles) == 1 else f"V{i + 1} {angle:g}°"
@@ -33,7 +33,7 @@ def virtual_labels(entries: Sequence[GluedGauge]) -> tuple[str, ...]:
 
 
 def virtual_strain(
-    mesh: Mesh, basis: np.ndarray, entries: Sequence[GluedGauge], gauges: Gauges, smoothed: Smoothed
+    mesh: Mesh, basis: np.ndarray, entries: Sequence[BondedGauge], gauges: Gauges, smoothed: Smoothed
 ) -> VirtualStrain | None:
     """The smoothed strain of gauges that are not there, each at the nearest point of the surface; None without one.
 
@@ -44,10 +44,10 @@ def virtual_strain(
         return None
     facets, q = exterior_facets(mesh), slice(0, basis.shape[1])
     stated = [
-        GluedEntry(e.position, e.direction, gauges.grid_length if e.length is None else e.length, e.angles)
+        BondedEntry(e.position, e.direction, gauges.grid_length if e.length is None else e.length, e.angles)
         for e in entries
     ]
-    pool, _ = glued(mesh, facets, stated, gauges.snap_tolerance, key="estimate.virtual")
+    pool, _ = bonded(mesh, facets, stated, gauges.snap_tolerance, key="estimate.virtual")
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     assert smoothed.covariance is not None
     return VirtualStrain(

@@ -112,7 +112,7 @@ def screened_of(config: PlacementConfig, training: Training) -> Screened:
     for i, (key, family) in enumerate(families(config).items()):
         own = pool.array == i
         # Of candidates: one bonded in a loud place must not make all others noisier.
-        free = own & ~pool.glued if (own & ~pool.glued).any() else own
+        free = own & ~pool.bonded if (own & ~pool.bonded).any() else own
         noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
         if own.any():
             best[key] = float(rms[own].max()), float(noise_std[own][0])
@@ -149,7 +149,7 @@ def _screened(
             most,
             settings.minimum_spacing,
             gauge=np.searchsorted(gauges, pool.gauge[own]),
-            glued=pool.glued[own],
+            bonded=pool.bonded[own],
             largest=peak[own],
             limit=limit[own],
         )

@@ -1,4 +1,4 @@
-"""A validation set up: the truth and its motion, and what the filter is told."""
+"""A validation set up: the truth and its motion, and what the filter is given."""
 
 from __future__ import annotations
 

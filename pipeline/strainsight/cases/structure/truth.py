@@ -88,9 +88,9 @@ def truth_of(
 ) -> Truth:
     """The truth that the config asks for:
 
-    rom    the filter's own model at the true parameters: an inverse crime, and said so (the thesis's case)
+    rom    the filter's own model at the true parameters: an inverse crime, and reported as one (the thesis's case)
     modes  `modes` modes with their static terms at the true parameters
-    rich   that, with other damping and gauges off their places
+    rich   that, with other damping and misplaced gauges
     full   all degrees of freedom of the finite-element model in time, gauges in place
 
     spectrum: modes that hold at any value of the parameters, in place of those found here.
@@ -127,7 +127,7 @@ def truth_of(
     if rich:
         words += f", gauges off by {1e3 * stated.gauge_offset:g} mm and {stated.gauge_rotation:g}°"
         with blame("validate.truth.gauge_offset"):
-            pool, held = _glued_badly(mesh, facets, pool, stated, config.seed)
+            pool, held = _bonded_badly(mesh, facets, pool, stated, config.seed)
     rows = channel_rows(mesh.position, pool, nodal(built.model, basis), facets=facets)
     return _modal(theta, words, held, model, rows, pool)
 
@@ -195,13 +195,13 @@ def _full(
     return Truth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
 
 
-def _glued_badly(
+def _bonded_badly(
     mesh: Mesh, facets: Facets, pool: Candidates, stated: StatedTruth, seed: int
 ) -> tuple[Candidates, np.ndarray]:
-    """Every gauge off in a random direction and turned by ± its angle; those already glued are where they are."""
+    """Every gauge off in a random direction and turned by ± its angle; those already bonded are where they are."""
     rng = np.random.default_rng(seed)
     heading = rng.uniform(0, 2 * np.pi, pool.gauges)
-    free = ~pool.glued[pool.first]
+    free = ~pool.bonded[pool.first]
     offset = stated.gauge_offset * np.column_stack([np.cos(heading), np.sin(heading)]) * free[:, None]
     rotation = stated.gauge_rotation * rng.choice([-1.0, 1.0], pool.gauges) * free
     return misplaced(mesh.position, pool, facets, offset, rotation)

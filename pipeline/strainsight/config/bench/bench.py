@@ -13,16 +13,16 @@ from strainsight.config.bench.connections import Force, Frames, Joint
 from strainsight.config.bench.estimate import Estimate
 from strainsight.config.bench.field import SurfaceField
 from strainsight.config.bench.place import BenchPlace, Layout
-from strainsight.config.gauges import GluedGauge
+from strainsight.config.gauges import BondedGauge
 from strainsight.config.names import FlexibleName, FrameName
 
 
 class StrainSensor(Section):
-    """Strain gauges glued on a flexible body."""
+    """Strain gauges bonded on a flexible body."""
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
     body: FlexibleName = Field(description="Name of the flexible body.")
-    gauges: tuple[GluedGauge, ...] = Field((), description="Where they are glued; none: as `layout` says.")
+    gauges: tuple[BondedGauge, ...] = Field((), description="Where they are bonded; none: as `layout` says.")
     layout: Layout | None = Field(
         None, description="Gauges of the section `place` instead: the placed ones, or the first layout drawn at random."
     )

@@ -115,7 +115,7 @@ def _bodies(config: BenchConfig) -> Iterator[Problem]:
 
 
 def _gyration(name: str, body: RigidBody) -> Iterator[Problem]:
-    """√(½ tr I / m): the joints are told apart in the metric of the mass, where a lever is one beside this radius."""
+    """√(½ tr I / m): the joints are distinguished in the metric of the mass, where a lever is one beside this radius."""
     trace = body.inertia.xx + body.inertia.yy + body.inertia.zz
     radius = float(np.sqrt(trace / 2) / np.sqrt(body.mass))
     low, high = GYRATION

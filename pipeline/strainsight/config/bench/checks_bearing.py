@@ -38,7 +38,7 @@ def _chosen(entry: Curve, bearings: Mapping[str, Bearing]) -> tuple[str, ...]:
 
 def _bearing(key: str, bearing: Bearing) -> Iterator[Problem]:
     """What `multibody.bearing.geometry` refuses too, for whoever builds a bearing without a config: only here the file, the
-    line and all problems at once can be told, and a config knows no kernel."""
+    line and all problems can be listed at once, and a config knows no kernel."""
     half = bearing.ball_diameter / 2
     limit = LARGEST_PRELOAD * bearing.ball_diameter
     if abs(bearing.preload) > limit:

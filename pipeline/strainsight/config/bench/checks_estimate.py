@@ -31,7 +31,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
-    yield from _told_apart(config, estimate)
+    yield from _distinguishable(config, estimate)
     yield from _times(config, estimate)
     yield from _elsewhere(config, estimate)
 
@@ -153,7 +153,7 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
             return
 
 
-def _told_apart(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _distinguishable(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
     """Diameter and preload are one unknown where the groove centres stay: both only add to the interference."""
     for bearing, entry in config.bearings.items():
         free = {

@@ -74,7 +74,7 @@ class FromRun(Section):
     inputs: dict[Name, Text] = Field(
         {}, description="Own input → input there, to divide one by the other; default as above."
     )
-    scale: Positive = Field(1.0, description="Factor on lengths that are taken over [-].")
+    scale: Positive = Field(1.0, description="Factor on lengths of the other run [-].")
 
 
 class Method(Section):

@@ -38,19 +38,19 @@ STRUCTURAL = re.compile(
 )
 CONTROL = re.compile(r"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)")
 REFUSED = {
-    "PARAMETER": ("parameters are not taken over", "write their values out"),
-    "MANIFEST": ("assemblies of several files are not taken over", "write the deck as one file"),
+    "PARAMETER": ("parameters are not supported", "write their values out"),
+    "MANIFEST": ("assemblies of several files are not supported", "write the deck as one file"),
 }
 
 
 def read_abaqus(path: Path, *, required: bool = True) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
-    Taken over: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI), *NSET, *ELSET,
+    Imported: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI), *NSET, *ELSET,
     *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), *SOLID SECTION, *BOUNDARY, *CLOAD,
     *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM), *INCLUDE. What else changes the
     structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there are several instances.
-    required: there have to be solids. Raises DeckError with file:line for what cannot be taken over as it stands.
+    required: there have to be solids. Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
     keywords, included = read_keywords(path)
@@ -125,7 +125,7 @@ def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> No
 
 
 def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
-    """Keywords, and elements by type, that change the structure and are not taken over."""
+    """Keywords, and elements by type, that change the structure and are not supported."""
     counted = Counter(k.title for k in keywords if not TAKEN.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
     for keyword in keywords:
         if keyword.name == "EQUATION":

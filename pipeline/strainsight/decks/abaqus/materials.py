@@ -41,7 +41,7 @@ def regions_and_materials(
         if rows.size and not solid.size:
             continue
         if "COMPOSITE" in keyword.parameters:
-            raise keyword.error("composite solids are not taken over", "give the section one isotropic material")
+            raise keyword.error("composite solids are not supported", "give the section one isotropic material")
         name = keyword.needs("MATERIAL").upper()
         if name not in definitions:
             raise keyword.error(
@@ -112,7 +112,7 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
             f"material {name!r} of a solid section has no *ELASTIC", "give its Young's modulus and Poisson's ratio"
         )
     if (kind := elastic.parameters.get("TYPE", "ISO").upper()) not in ("ISO", "ISOTROPIC"):
-        raise elastic.error(f"TYPE={kind}: only isotropic solids are taken over", "give the material TYPE=ISO")
+        raise elastic.error(f"TYPE={kind}: only isotropic solids are supported", "give the material TYPE=ISO")
     row = elastic.rows()[0]
     E, nu = row.real(0, "Young's modulus"), row.real(1, "Poisson's ratio", 0.0)
     if fault := elastic_fault(E, nu):

@@ -35,7 +35,7 @@ def read_part(keywords: tuple[Keyword, ...]) -> Part:
     """The nodes and elements that the keywords of a part define.
 
     Raises DeckError for nodes and elements that stand twice, have a wrong number of nodes or a node that is missing, for
-    solids that are not taken over and for generated meshes.
+    solids that are not supported and for generated meshes.
     """
     ids, position, where, rows = _nodes(keywords)
     table = IdTable(ids)
@@ -65,7 +65,7 @@ def _nodes(
     axes, origin, start = np.eye(3), np.zeros(3), 0
     for keyword in keywords:
         if keyword.name in GENERATORS:
-            raise keyword.error("generated meshes are not taken over", "write the nodes and elements out")
+            raise keyword.error("generated meshes are not supported", "write the nodes and elements out")
         if keyword.name == "SYSTEM":
             origin, axes = _system(keyword)
         if keyword.name != "NODE":
@@ -76,7 +76,7 @@ def _nodes(
             r, angle = local[:, 0].copy(), np.radians(local[:, 1])
             local[:, 0], local[:, 1] = r * np.cos(angle), r * np.sin(angle)
         elif system != "R":
-            raise keyword.error(f"SYSTEM={system} is not taken over", "write the nodes in rectangular coordinates")
+            raise keyword.error(f"SYSTEM={system} is not supported", "write the nodes in rectangular coordinates")
         ids.append(own)
         positions.append(origin + local @ axes.T)
         where += zip(keyword.files, keyword.numbers, strict=True)

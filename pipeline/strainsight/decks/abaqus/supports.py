@@ -94,7 +94,7 @@ def fixed_components(assembly: Assembly, rotations: dict[int, int], ignored: Cou
     pairs = [np.zeros((0, 2), dtype=np.int64)]
     for scope, keyword in own:
         if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
-            raise keyword.error("enforced motions are not taken over", "only supports at zero are taken over")
+            raise keyword.error("enforced motions are not supported", "only supports at zero are imported")
         for row in keyword.rows(needed=False):
             nodes = assembly.node_rows(row.text(0), scope, row)
             for component in _held(row, ignored):
@@ -117,7 +117,7 @@ def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
     if first < 1 or last < first:
         raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
     if row.real(3, "the value", 0.0) != 0 and first <= 6:
-        raise row.error(f"an enforced displacement of {row.text(3)}", "only supports at zero are taken over")
+        raise row.error(f"an enforced displacement of {row.text(3)}", "only supports at zero are imported")
     if last > 6:
         ignored[f"*BOUNDARY of degree of freedom {last}"] += 1
     return tuple(c - 1 for c in range(first, min(last, 6) + 1))
@@ -169,7 +169,7 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
     inertias: dict[int, tuple[int, FloatArray]] = {}
     for row, (scope, line) in _valued(assembly, "ROTARYI", "ROTARYINERTIA"):
         if line.keyword.parameters.get("ORIENTATION"):
-            raise line.keyword.error("ORIENTATION is not taken over", "write the inertia along the basic axes")
+            raise line.keyword.error("ORIENTATION is not supported", "write the inertia along the basic axes")
         a, b, c, ab, ac, bc = line.reals(6, "the inertia")
         tensor = np.array([[a, ab, ac], [ab, b, bc], [ac, bc, c]])
         lowest = float(np.linalg.eigvalsh(tensor)[0])
@@ -193,7 +193,7 @@ def _valued(assembly: Assembly, element: str, name: str) -> Iterable[tuple[int, 
     given: dict[int, tuple[Scope, Row]] = {}
     for scope, keyword in assembly.keywords(name):
         if keyword.parameters.get("TYPE", "ISOTROPIC").upper() not in ("ISOTROPIC", ""):
-            raise keyword.error("masses that differ by direction are not taken over", "give one mass")
+            raise keyword.error("masses that differ by direction are not supported", "give one mass")
         line = keyword.rows()[0]
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
@@ -231,7 +231,7 @@ def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
 
 
 def component_range(rows: list[Row], start: int) -> tuple[int, ...]:
-    """Components 0-5 of data lines "first, last" that begin at entry `start`; all six where nothing is said."""
+    """Components 0-5 of data lines "first, last" that begin at entry `start`; all six where none is given."""
     found: set[int] = set()
     for row in rows:
         if not row.text(start):

@@ -20,7 +20,7 @@ from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
 WITH_INPUT = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "BOUNDARY", "CLOAD", "ELASTIC", "DENSITY", "MASS", "MPC"}
-"""Keywords that are taken over and whose data may stand in a file of their own."""
+"""Keywords that are imported and whose data may stand in a file of their own."""
 
 _QUOTED = re.compile(r'"[^"]*"')
 _CORRECT = "correct the line and run again"

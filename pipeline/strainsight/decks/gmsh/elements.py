@@ -84,5 +84,5 @@ def remedy(number: int) -> str:
             "throughout (Mesh.RecombineAll = 0), or hexahedra by transfinite volumes"
         )
     if number in (12, 13):
-        return "set Mesh.SecondOrderIncomplete = 1 before meshing: 20-node hexahedra and 15-node prisms are taken over"
+        return "set Mesh.SecondOrderIncomplete = 1 before meshing: 20-node hexahedra and 15-node prisms are supported"
     return "set Mesh.ElementOrder = 2 (or 1) before meshing"

@@ -25,7 +25,7 @@ def read_gmsh(path: Path, *, required: bool = True) -> Mesh:
 
     Regions are the physical volumes, by their tags; every physical group is a set of nodes, a volume also one of
     elements, by name or as "2d-5" (dimension, tag). The format knows no materials and no supports.
-    required: there have to be solids. Raises DeckError, in text files with file:line, for what cannot be taken over as it stands.
+    required: there have to be solids. Raises DeckError, in text files with file:line, for what cannot be imported as it stands.
     """
     path = Path(path)
     file = read_file(path)

@@ -55,9 +55,7 @@ def nodes_2(source: Numbers, count: int, parametric: bool) -> NodeRows:
         ids, position = source.rows(count, 3)
         return NodeRows(ids, position, source.lines(count, 4))
     if isinstance(source, Binary):
-        raise source.error(
-            "binary parametric nodes of format 2 are not taken over", "save with Mesh.SaveParametric = 0"
-        )
+        raise source.error("binary parametric nodes of format 2 are not supported", "save with Mesh.SaveParametric = 0")
     ids, position = np.zeros(0, np.int64), np.zeros((0, 3))
     lines = np.zeros(0, np.int64)
     every_ids, every_position, every_line = [ids], [position], [lines]

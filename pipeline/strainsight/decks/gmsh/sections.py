@@ -74,7 +74,7 @@ class _Reader:
             name = header[1].decode("latin-1")
             if not self.file.version and name not in ("MeshFormat", "Comments"):
                 old = name in ("NOD", "ELM", "PARA", "PTS")
-                what = "format 1 of gmsh is not taken over" if old else f"${name} stands before $MeshFormat"
+                what = "format 1 of gmsh is not supported" if old else f"${name} stands before $MeshFormat"
                 raise self._error(what, at, _SAVE)
             key = name.removeprefix("Parametric")
             if key in seen and key in (*_READ, "MeshFormat"):
@@ -113,7 +113,7 @@ class _Reader:
         if len(words) != 3 or words[1] not in ("0", "1") or words[2] not in ("4", "8"):
             raise self._error("$MeshFormat should read like '4.1 0 8'", start)
         if words[0] not in ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1"):
-            raise self._error(f"format {words[0]} of gmsh is not taken over", start, _SAVE)
+            raise self._error(f"format {words[0]} of gmsh is not supported", start, _SAVE)
         self.file.version = words[0] if "." in words[0] else words[0] + ".0"
         self.binary, self.size = words[1] == "1", int(words[2])
         if self.binary:

@@ -106,7 +106,7 @@ def read_deck(path: Path) -> Deck:
     if len(begins) > 1 or (begins and not _BEGIN_BULK.match(lines[begins[0]].text)):
         line = lines[begins[-1]]
         raise DeckError(
-            f"{line.text.strip()!r}: superelements are not taken over",
+            f"{line.text.strip()!r}: superelements are not supported",
             where=line.where,
             remedy="give the deck of one structure with one BEGIN BULK",
         )

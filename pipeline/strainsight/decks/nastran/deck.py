@@ -39,11 +39,11 @@ CONTROL = re.compile(
 def read_nastran(path: Path, *, required: bool = True) -> Mesh:
     """A Nastran deck in its own units, with its own ids.
 
-    Taken over: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
+    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
     SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, FORCE, SET1, SET3, case-control SPC and SET, PARAM WTMASS, INCLUDE. Every other
     card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk data "SET1-5"; FORCE
     cards of set 5 are the load "FORCE-5". Without a selection in the case control the only set of supports counts.
-    required: there have to be solids. Raises DeckError with file:line for what cannot be taken over as it stands.
+    required: there have to be solids. Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
     deck = read_deck(path)
@@ -105,7 +105,7 @@ def _properties(
     for card in solids:
         pid, mid = card.integer(0, "the property id"), card.integer(1, "the material id")
         if card.text(6).upper() not in ("", "SMECH"):
-            raise card.error(f"FCTN is {card.text(6)}: only structural solids are taken over", "remove the fluid part")
+            raise card.error(f"FCTN is {card.text(6)}: only structural solids are supported", "remove the fluid part")
         if mid not in material_cards:
             other = [
                 name for name in cards if name.startswith("MAT") and any(c.text(0) == str(mid) for c in cards[name])
@@ -125,11 +125,11 @@ def _properties(
                 damped.append(f"{mid} (GE {material_cards[mid].text(7)})")
     if schemes:
         notes.append(
-            f"PSOLID {_some(schemes)}: the integration scheme is not taken over: solids are integrated fully, linear "
+            f"PSOLID {_some(schemes)}: the integration scheme is not supported: solids are integrated fully, linear "
             "hexahedra with incompatible modes"
         )
     if damped:
-        notes.append(f"MAT1 {_some(damped)}: structural damping GE is not taken over: damping comes from the config")
+        notes.append(f"MAT1 {_some(damped)}: structural damping GE is not imported: damping comes from the config")
     if unused := len(material_cards) - len(materials):
         ignored["MAT1 that no PSOLID refers to"] += unused
     for block in blocks:

@@ -39,7 +39,7 @@ class NodeTable(IdTable):
         own = np.array([node_id])
         if any((expand(card.fields, own, card.where)[0] == node_id).any() for card in self._scalar):
             return (
-                f"node {node_id} is a scalar point: scalar points are not taken over",
+                f"node {node_id} is a scalar point: scalar points are not supported",
                 "take it out, or give it as a GRID card with a place in space",
             )
         return f"node {node_id} is not in the deck", f"add a GRID card with id {node_id}, or correct the id"

@@ -59,7 +59,7 @@ def _supports(card: Card, nodes: NodeTable) -> list[tuple[int, tuple[int, ...]]]
         if not card.text(i):
             continue
         if card.real(i + 2, "the enforced displacement", 0.0) != 0:
-            raise card.error(f"an enforced displacement of {card.text(i + 2)}", "only supports at zero are taken over")
+            raise card.error(f"an enforced displacement of {card.text(i + 2)}", "only supports at zero are imported")
         row, wanted = nodes.row(card.integer(i, "the node id"), card), components(card.text(i + 1), card)
         found.append((row, wanted))
     return found

@@ -37,18 +37,18 @@ _COUNTS = re.compile(rb"^(?:POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_
 
 
 class Loaded(NamedTuple):
-    """What meshio read: its mesh, its name of the format, what it said meanwhile, and files that belong to this one."""
+    """What meshio read: its mesh, its name of the format, what it printed meanwhile, and files that belong to this one."""
 
     mesh: Any
     format: str
-    said: str
+    notes: str
     included: tuple[str, ...]
 
 
 def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded:
     """Read a mesh with meshio. Raises DeckError for whatever it cannot read or would drop.
 
-    weigh: is told, before it is read, how many bytes the file and those that it takes in have.
+    weigh: called before reading with the bytes of the file and of those that it includes.
     """
     formats = _formats(path)
     if not path.is_file():
@@ -73,15 +73,15 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
                 mesh = meshio.read(file, file_format=name)
     except (Exception, SystemExit) as error:
         raise _failure(path, name, error, f"{out.getvalue()} {err.getvalue()}") from None
-    said = " ".join(f"{out.getvalue()} {err.getvalue()}".split())
-    lost = [int(number) for number in _DROPPED.findall(said) if int(number) not in _FLAT]
+    notes = " ".join(f"{out.getvalue()} {err.getvalue()}".split())
+    lost = [int(number) for number in _DROPPED.findall(notes) if int(number) not in _FLAT]
     if lost:
         raise DeckError(
-            f"cells of VTK's type {lost[0]} are not taken over",
+            f"cells of VTK's type {lost[0]} are not supported",
             where=str(path),
             remedy="mesh with tetrahedra, hexahedra or wedges",
         )
-    return Loaded(mesh, name, said, included)
+    return Loaded(mesh, name, notes, included)
 
 
 def _formats(path: Path) -> list[str]:
@@ -93,7 +93,7 @@ def _formats(path: Path) -> list[str]:
     found = [name for ending in endings for name in known.get(ending, []) if name not in NOT_HERE]
     if not found and endings[-1:] == [".gz"]:
         raise DeckError(
-            "a packed mesh of this format is not taken over",
+            "a packed mesh of this format is not supported",
             where=str(path),
             remedy="unpack it (gunzip) and give the mesh",
         )
@@ -107,7 +107,7 @@ def _formats(path: Path) -> list[str]:
 def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckError:
     if isinstance(error, KeyError) and re.match("pyramid|wedge|hexa|penta|tetra|poly|VTK_", str(error.args[0])):
         return DeckError(
-            f"{error.args[0]} cells are not taken over",
+            f"{error.args[0]} cells are not supported",
             where=str(path),
             remedy="mesh with tetrahedra, hexahedra or wedges of first or second order",
         )
@@ -117,7 +117,9 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
         )
     if isinstance(error, MemoryError):
         return DeckError(
-            f"{path.stat().st_size} bytes claim a mesh that takes over a GiB to read", where=str(path), remedy=INSTEAD
+            f"{path.stat().st_size} bytes claim a mesh that takes more than a GiB to read",
+            where=str(path),
+            remedy=INSTEAD,
         )
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
     reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "its content is not that format's, or damaged"
@@ -178,9 +180,7 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
     for item in ElementTree.parse(path).iter("DataItem"):
         form, text = item.get("Format"), (item.text or "").strip()
         if form == "Binary":
-            raise DeckError(
-                "raw binary data are not taken over", where=str(path), remedy="write the data as HDF or XML"
-            )
+            raise DeckError("raw binary data are not supported", where=str(path), remedy="write the data as HDF or XML")
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
-from strainsight.decks.other.apart import load_apart
 from strainsight.decks.other.arrays import Labels, labels, numbers_of, switches
 from strainsight.decks.other.load import Loaded, load
 from strainsight.decks.other.orders import in_our_order
+from strainsight.decks.other.sandbox import load_sandboxed
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import in_order
@@ -23,20 +23,20 @@ NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPoint
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 
 
-def read_meshio(path: Path, region_data: str | None = None, *, required: bool = True, apart: bool = True) -> Mesh:
+def read_meshio(path: Path, region_data: str | None = None, *, required: bool = True, sandboxed: bool = True) -> Mesh:
     """A mesh of a format that meshio reads, in its own units; such files know no materials and no supports.
 
     Node and element numbers come from point and cell data (node_id, GlobalNodeId, … element_id, …) where they are
     positive and unique, else they count from 1. Regions are the cell data `region_data`, or the first usual one there is
     (region, gmsh:physical, MaterialIds, …). Sets are those of the file, and data that are 0 or 1 everywhere.
-    required: there have to be solids; apart: meshio runs in a child process. Raises DeckError for what cannot be read or
-    taken over as it stands.
+    required: there have to be solids; sandboxed: meshio runs in a child process. Raises DeckError for what cannot be read or
+    imported as it stands.
     """
     path = Path(path)
-    loaded = load_apart(path) if apart else load(path)
+    loaded = load_sandboxed(path) if sandboxed else load(path)
     raw = loaded.mesh
     ignored: Counter[str] = Counter()
-    notes = [f"meshio says: {loaded.said[:500]}"] if loaded.said else []
+    notes = [f"meshio says: {loaded.notes[:500]}"] if loaded.notes else []
     solids = _solids(raw, str(path), required)
     position = _position(raw, str(path), notes)
     _check_cells(raw, solids, len(position), str(path))

@@ -1,4 +1,4 @@
-"""Where the inner ring comes to rest under a load."""
+"""The equilibrium of the inner ring under a load."""
 
 from __future__ import annotations
 

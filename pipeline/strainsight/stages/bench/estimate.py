@@ -45,8 +45,8 @@ def run(context: Context) -> Output:
     found, summary = result.found, _summary(config.estimate, own, result)
     method, truth = str(summary["method"]), str(summary["truth"])
     free = own.unknowns.free
-    told = warnings_of(config, free, summary, result.claims, float(summary["nis"]), own.lost)
-    warnings = [*own.trial.said, *told]
+    warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), own.lost)
+    warnings = [*own.trial.notes, *warned]
     tables = [_table(own, result)]
     if warnings:
         tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))

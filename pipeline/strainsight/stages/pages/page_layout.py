@@ -42,7 +42,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
             nodes=tuple(int(mesh.node_ids[n]) for n in nodes[i] if n >= 0),
             kind=listed.kind[i],
             directions=listed.directions[i],
-            bonded=bool(listed.glued[i]),
+            bonded=bool(listed.bonded[i]),
             peak=float(listed.peak[i]),
             range=None if np.isnan(listed.range[i]) else float(listed.range[i]),
             unit=listed.unit[i],

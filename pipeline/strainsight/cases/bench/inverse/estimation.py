@@ -28,7 +28,7 @@ from strainsight.records.simulated import Simulated
 class Estimated:
     """What a filter made of a reality.
 
-    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in lost runs; xi_covariance (T + 1, b, p, p);
+    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
     (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input.
     """
@@ -48,7 +48,7 @@ class Estimated:
     lost: np.ndarray
     reading: np.ndarray
     elsewhere: Mapping[str, np.ndarray]
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 def estimated(
@@ -76,7 +76,7 @@ def estimated(
         guess = estimate.inputs[name].guess
         known[:, column] = known[0, column] if guess is None else guess
 
-    def told(share: float) -> None:
+    def progress_of(share: float) -> None:
         using.progress("truth", 0.3 * share)
 
     reality: Reality | None = None
@@ -95,7 +95,9 @@ def estimated(
         reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
     elif estimate.truth.model != "walk":
         substeps = estimate.truth.substeps if estimate.truth.model == "fine" else 1
-        reality = simulated(bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, told)
+        reality = simulated(
+            bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, progress_of
+        )
     among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
     runs, starts = estimate.runs, len(unknowns.starts)
     largest = np.zeros(len(among)) if reality is None else np.abs(reality.readings[:, 0, among]).max(axis=0)
@@ -108,7 +110,7 @@ def estimated(
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
         found.unknown_covariance[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
-        reading, elsewhere, trial.said,
+        reading, elsewhere, trial.notes,
     )  # fmt: skip
 
 
@@ -122,7 +124,7 @@ def _expected(
     zeroing: np.ndarray,
 ) -> np.ndarray:
     """What all sensors read by the first run's estimate (T + 1, channels), zeroed ones less their zero by the parameters of
-    that instant; NaN where the run is lost."""
+    that instant; NaN where the run diverges."""
     model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
     constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
     reading = np.full((len(found.time), len(sensors.zeroed)), np.nan)
@@ -147,7 +149,7 @@ def _filtered(config: BenchConfig, trial: Trial, y: np.ndarray, using: Resources
     method, model = asked(config).method, trial.model
     one_shot = method.update == "one_shot"
 
-    def told(k: int) -> None:
+    def progress_of(k: int) -> None:
         if k % 10 == 0:
             using.progress("filter", 0.3 + 0.7 * k / len(y))
 
@@ -161,6 +163,6 @@ def _filtered(config: BenchConfig, trial: Trial, y: np.ndarray, using: Resources
         through_step=not one_shot,
         damped=method.update != "undamped",
         project=model.projected if one_shot else None,
-        told=told,
+        progress=progress_of,
         refuse=method.update == "iterated",
     )

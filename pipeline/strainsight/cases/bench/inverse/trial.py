@@ -33,13 +33,13 @@ FELT = 1e-3
 @dataclass(frozen=True)
 class Trial:
     """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; noise (m,) σ of the
-    readings; said: what was done to the config's wishes, in words."""
+    readings; notes: what was done to the config's wishes, in words."""
 
     model: AugmentedStep
     start: np.ndarray
     covariance: np.ndarray
     noise: np.ndarray
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 def trial_of(
@@ -72,7 +72,7 @@ def trial_of(
     raised_by[unknowns.inputs] += unknowns.std_u
     moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
     noise, raised = _noise(asked(config), used, largest, moved.max(axis=1, initial=0.0))
-    said = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
+    notes = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
     if first is not None and config.simulate.start == "equilibrium":
         guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
     states, covariances, offsets = [], [], []
@@ -86,14 +86,14 @@ def trial_of(
     if zero is not None:
         model, offsets = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(offsets, (runs, 1)), R=noise**2)
-    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, said)
+    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, notes)
 
 
 def _noise(
     estimate: Estimate, used: Sensors, largest: np.ndarray, moved: np.ndarray
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
-    noise, said = np.empty(len(largest)), []
+    noise, notes = np.empty(len(largest)), []
     least = np.maximum(np.maximum(FLOOR * largest, SPAN * moved), NOTHING)
     for name, own in used.channels.items():
         stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), own.stop - own.start)
@@ -103,10 +103,10 @@ def _noise(
         low, high = float(stated[raised].min()), float(least[own][raised].max())
         if low > 0 and high > FAR * low:
             raise _too_quiet(f"estimate.sensors.{name}.noise", low, float(moved[own].max()), float(largest[own].max()))
-        said.append(
+        notes.append(
             f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding"
         )
-    return noise, tuple(said)
+    return noise, tuple(notes)
 
 
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:

@@ -1,4 +1,4 @@
-"""What a reader has to be told of an estimate: where its claim does not hold, and why."""
+"""Warnings about an estimate: where its claim does not hold, and why."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Scalar = float | str
 LARGE_NIS, SMALL_NIS = 2.0, 0.5
 """Of a truth that the filter's model could have made; slow loads make it smaller, down to (m − n)/m."""
 HARDLY = 0.5
-"""σ of a load over its largest value above which it is hardly known."""
+"""σ of a load over its largest value above which it is weakly observable."""
 MATCHES = 0.01
 """Mismatch of a sensor up to which one bench moves as the other."""
 
@@ -32,7 +32,7 @@ def warnings_of(
     """Sentences; numbers: the summary's, claims by unknown, nis over the number of channels, lost (runs,) steps, −1 for none."""
     estimate, gone = asked(config), lost[lost >= 0]
     if len(gone):
-        yield f"{len(gone)} of {len(lost)} runs were lost, the first after {gone.min()} steps"
+        yield f"{len(gone)} of {len(lost)} runs diverged, the first after {gone.min()} steps"
     for name in (*estimate.inputs, *free):
         std, claim = _float(numbers, f"std.{name}"), claims.get(name)
         if claim is not None and claim.verdict == "overconfident":
@@ -41,7 +41,10 @@ def warnings_of(
                 f"{claim.band[1]:.3g} where the claim holds"
             )
         if name in estimate.inputs and std > HARDLY:
-            yield f"{name} is hardly known: σ is {100 * std:.3g} % of the largest load; give other sensors, or make a load known"
+            yield (
+                f"{name} is weakly observable: σ is {100 * std:.3g} % of the largest load; give other sensors, "
+                "or make a load known"
+            )
     yield from (
         f"{name} is not identified: its starts end more than three σ apart, its σ has not halved, or it is wrong beyond it"
         for name in free

@@ -130,7 +130,7 @@ def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple
     """The pool as a linear problem: every input counts in its increments, every gauge is a pool row."""
     linear, kept = strained.bench, on.kept
     pool = PoolRows(kept[:, None], kept[:, None])
-    price = np.where(on.candidates.glued[kept], 0.0, float(place.price))
+    price = np.where(on.candidates.bonded[kept], 0.0, float(place.price))
     scenario = scenario_of(linear, strained.rows[kept], strained.noise, strained.acceleration)
     with blame("place.keep"):
         limits = layout_limits(place, pool, mesh, on.candidates, price, "place.fixed")
@@ -175,7 +175,7 @@ def _layouts(found: Placed, place: BenchPlace, strained: Strained) -> dict[str, 
 
     own = np.array(list(expected.std.values())), np.column_stack(list(expected.without.values()))
     layouts = {PLACED: layout(found.gauges, found.layout.cost, *own)}
-    bonded, free = np.flatnonzero(candidates.glued), np.flatnonzero(~candidates.glued)
+    bonded, free = np.flatnonzero(candidates.bonded), np.flatnonzero(~candidates.bonded)
     count = len(found.gauges) - len(bonded)
     some, seed = int(place.random), found.task.seed
     drawn = random_sets(len(free), count, some, seed) if count else np.zeros((some, 0), dtype=int)

@@ -12,8 +12,8 @@ import numpy as np
 from strainsight.cases.layout.zones import zone_of
 from strainsight.config.bench.place import BenchPlace
 from strainsight.errors import InfeasibleError, blame
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import Candidates, candidates, concatenate
-from strainsight.gauges.glued import GluedEntry, glued
 from strainsight.gauges.principal import ROSETTE, principal_angles
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.screening import screen, strongest_first
@@ -59,7 +59,7 @@ def gauge_pool(
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     response = rows @ static
     size = np.abs(response) / _strength(response, inputs)
-    free, there = np.flatnonzero(~pool.glued), np.flatnonzero(pool.glued)
+    free, there = np.flatnonzero(~pool.bonded), np.flatnonzero(pool.bonded)
     with blame("place.spacing"):
         ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in size.T]
     in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
@@ -69,8 +69,8 @@ def gauge_pool(
 
 def _bonded(mesh: Mesh, facets: Facets, place: BenchPlace) -> Candidates:
     """The gauges that are there already, each grid of a rosette a gauge of its own."""
-    entries = [GluedEntry(e.position, e.direction, float(e.length or 0.0), e.angles) for e in place.fixed]
-    there, _ = glued(mesh, facets, entries, float(place.snap_tolerance), "place.fixed")
+    entries = [BondedEntry(e.position, e.direction, float(e.length or 0.0), e.angles) for e in place.fixed]
+    there, _ = bonded(mesh, facets, entries, float(place.snap_tolerance), "place.fixed")
     return replace(there, gauge=np.arange(len(there)))
 
 

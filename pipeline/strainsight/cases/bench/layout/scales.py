@@ -17,7 +17,7 @@ PERIODS = (1e-6, 1e6)
 
 
 def refuse_sizes(linear: LinearBench, response: np.ndarray, noise: float, inputs: Sequence[str]) -> None:
-    """Raise InfeasibleError where gauges hear nothing, or next to no noise, of an input; or where nothing moves in a step.
+    """Raise InfeasibleError where gauges feel nothing of an input, or next to no noise; or where nothing moves in a step.
 
     response (m, nu) strain per unit of every unknown input, at rest; noise σ [strain]; inputs: their names.
     """

@@ -49,7 +49,7 @@ def test_ball_diameter_and_preload_are_one_unknown_where_the_centres_are_fixed(p
 
 
 @pytest.mark.parametrize("preload", [0.0, 1e-5, 3e-5])
-def test_four_groove_radii_together_are_told_apart_thousands_of_times_worse_than_two(preload):
+def test_four_groove_radii_together_are_distinguished_thousands_of_times_worse_than_two(preload):
     J = sensitivity("fixed", blade_loads(40), preload)
     four, two = np.linalg.cond(J[:, 1:5]), np.linalg.cond(J[:, 1:3])
     assert 3e3 < four < 1e5

@@ -33,11 +33,11 @@ MEMORY_LIMIT = 1 << 30
 """[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file and of those that it takes in."""
 MEMORY_A_BYTE = 200
 # -P: no module of the folder that this process happens to run in.
-COMMAND = [sys.executable, "-P", "-m", "strainsight.decks.other.apart"]
+COMMAND = [sys.executable, "-P", "-m", "strainsight.decks.other.sandbox"]
 READY = b"ready\n"
 
 
-def load_apart(path: Path) -> Loaded:
+def load_sandboxed(path: Path) -> Loaded:
     """`load`, in a child process. Raises DeckError as that does, and where the process fails."""
     root = str(Path(strainsight.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))}
@@ -74,7 +74,7 @@ def _within(limit: float, process: subprocess.Popen[bytes], read: Any) -> bytes:
 
 
 def _packed(loaded: Loaded) -> bytes:
-    """All that `read_meshio` asks of a mesh, as the content of an .npz file: "told" is JSON, with numbers for arrays."""
+    """All that `read_meshio` asks of a mesh, as the content of an .npz file: "record" is JSON, with numbers for arrays."""
     arrays: dict[str, np.ndarray] = {}
 
     def put(values: Any) -> str | None:
@@ -88,9 +88,9 @@ def _packed(loaded: Loaded) -> bytes:
         return str(len(arrays) - 1)
 
     mesh = loaded.mesh
-    told = {
+    record = {
         "format": loaded.format,
-        "said": loaded.said,
+        "notes": loaded.notes,
         "included": loaded.included,
         "points": put(mesh.points),
         "cells": [(block.type, block.dim, put(block.data)) for block in mesh.cells],
@@ -108,28 +108,28 @@ def _packed(loaded: Loaded) -> bytes:
         },
     }
     file = BytesIO()
-    np.savez(file, told=np.frombuffer(json.dumps(told).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+    np.savez(file, record=np.frombuffer(json.dumps(record).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
     return file.getvalue()
 
 
 def _unpacked(answer: bytes) -> Loaded:
     """The mesh, with the names that meshio's has. Raises DeckError where the answer is one."""
     with np.load(BytesIO(answer), allow_pickle=False) as arrays:
-        told = json.loads(arrays["told"].tobytes())
-        if "what" in told:
-            raise DeckError(told["what"], where=told["where"], remedy=told["remedy"])
+        record = json.loads(arrays["record"].tobytes())
+        if "what" in record:
+            raise DeckError(record["what"], where=record["where"], remedy=record["remedy"])
 
         def get(number: str | None) -> Any:
             return None if number is None else arrays[number]
 
         mesh = SimpleNamespace(
-            points=get(told["points"]),
-            cells=[SimpleNamespace(type=kind, dim=dim, data=get(data)) for kind, dim, data in told["cells"]],
-            **{key: {name: get(n) for name, n in found.items()} for key, found in told["arrays"].items()},
-            **{key: {name: [*map(get, ns)] for name, ns in found.items()} for key, found in told["lists"].items()},
-            **{key: dict(found) for key, found in told["tags"].items()},
+            points=get(record["points"]),
+            cells=[SimpleNamespace(type=kind, dim=dim, data=get(data)) for kind, dim, data in record["cells"]],
+            **{key: {name: get(n) for name, n in found.items()} for key, found in record["arrays"].items()},
+            **{key: {name: [*map(get, ns)] for name, ns in found.items()} for key, found in record["lists"].items()},
+            **{key: dict(found) for key, found in record["tags"].items()},
         )
-    return Loaded(mesh, told["format"], told["said"], tuple(told["included"]))
+    return Loaded(mesh, record["format"], record["notes"], tuple(record["included"]))
 
 
 def _limit_memory(size: int) -> None:
@@ -154,9 +154,9 @@ def _answer(out: BinaryIO) -> None:
     try:
         out.write(_packed(load(path, _limit_memory)))
     except DeckError as error:
-        told = {"what": error.what, "where": error.where, "remedy": error.remedy}
+        record = {"what": error.what, "where": error.where, "remedy": error.remedy}
         file = BytesIO()
-        np.savez(file, told=np.frombuffer(json.dumps(told).encode(), np.uint8))
+        np.savez(file, record=np.frombuffer(json.dumps(record).encode(), np.uint8))
         out.write(file.getvalue())
 
 

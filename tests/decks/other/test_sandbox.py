@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from strainsight.decks.other import apart
-from strainsight.decks.other.apart import load_apart
 from strainsight.decks.other.load import load
 from strainsight.decks.other.mesh import read_meshio
+from strainsight.decks.other.sandbox import load_sandboxed
 from strainsight.errors import DeckError
 
 POINTS = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
@@ -28,7 +28,7 @@ MESH = meshio.Mesh(
 @pytest.mark.parametrize("name", ["part.vtu", "part.med", "part.xdmf"])
 def test_apart_and_here_give_the_same(tmp_path, name):
     MESH.write(tmp_path / name)
-    there, here = (read_meshio(tmp_path / name, apart=choice) for choice in (True, False))
+    there, here = (read_meshio(tmp_path / name, sandboxed=choice) for choice in (True, False))
     np.testing.assert_array_equal(there.position, here.position)
     np.testing.assert_array_equal(there.node_ids, here.node_ids)
     assert [block.kind for block in there.blocks] == [block.kind for block in here.blocks]
@@ -45,14 +45,14 @@ def test_families_of_med_arrive(tmp_path):
     mesh = meshio.Mesh(POINTS, [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]])], cell_data={"cell_tags": [np.array([-6, -7])]})
     mesh.cell_tags, mesh.point_tags = {-6: ["steel", "top"], -7: ["rubber"]}, {}
     meshio.med.write(tmp_path / "part.med", mesh)
-    there, here = load_apart(tmp_path / "part.med").mesh, load(tmp_path / "part.med").mesh
+    there, here = load_sandboxed(tmp_path / "part.med").mesh, load(tmp_path / "part.med").mesh
     assert there.cell_tags == here.cell_tags == {-6: ["steel", "top"], -7: ["rubber"]}
 
 
 def test_what_is_refused_says_the_same(tmp_path):
     (tmp_path / "part.vtu").write_text("no mesh")
     said = []
-    for read in (load_apart, load):
+    for read in (load_sandboxed, load):
         with pytest.raises(DeckError) as caught:
             read(tmp_path / "part.vtu")
         said.append(str(caught.value))

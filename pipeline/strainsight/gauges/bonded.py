@@ -1,4 +1,4 @@
-"""Gauges that are glued already, by their coordinates."""
+"""Gauges that are bonded already, by their coordinates."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
-class GluedEntry:
+class BondedEntry:
     """One gauge: position (3,) [m], direction (3,) of any length, length of its grid [m], angles of its grids [deg] from
     the direction, right-handed about the outward normal (several: a rosette)."""
 
@@ -33,10 +33,10 @@ class GluedEntry:
     angles: Sequence[float] = (0.0,)
 
 
-def glued(
+def bonded(
     mesh: Mesh,
     facets: Facets | Skin,
-    entries: Sequence[GluedEntry],
+    entries: Sequence[BondedEntry],
     tolerance: float,
     key: str = "gauges.fixed",
 ) -> tuple[Candidates, np.ndarray]:
@@ -84,7 +84,7 @@ def glued(
 
 def _channels(
     skin: Skin,
-    entries: Sequence[GluedEntry],
+    entries: Sequence[BondedEntry],
     facet: np.ndarray,
     local: np.ndarray,
     point: np.ndarray,
@@ -105,11 +105,11 @@ def _channels(
         local=local[each],
         length=np.array([entry.length for entry in entries], dtype=float)[each],
         gauge=each,
-        glued=np.ones(len(each), dtype=bool),
+        bonded=np.ones(len(each), dtype=bool),
     )
 
 
-def _laid(key: str, i: int, entry: GluedEntry, n: np.ndarray) -> np.ndarray:
+def _laid(key: str, i: int, entry: BondedEntry, n: np.ndarray) -> np.ndarray:
     a = np.asarray(entry.direction, dtype=float)
     length = np.linalg.norm(a)
     if a.shape != (3,) or not (np.isfinite(length) and length > 0):
@@ -134,7 +134,7 @@ def _check_apart(key: str, point: np.ndarray, d: np.ndarray, near: float) -> Non
 
 
 def _refused(key: str, i: int, what: str, remedy: str) -> UserError:
-    return UserError(f"glued gauge {i + 1} {what}", key=f"{key}.{i}", remedy=remedy)
+    return UserError(f"bonded gauge {i + 1} {what}", key=f"{key}.{i}", remedy=remedy)
 
 
 def _xyz(x: np.ndarray) -> str:

@@ -59,7 +59,7 @@ def test_claimed_deviation_is_the_real_error(make_beam, make_filter, sine, input
 
 
 @pytest.mark.parametrize("accelerometers", [0, 1])
-def test_a_load_that_wanders_within_the_step_leaves_the_claim_honest(make_beam, make_filter, accelerometers):
+def test_a_load_that_drifts_within_the_step_leaves_the_claim_consistent(make_beam, make_filter, accelerometers):
     """The truth takes twenty steps where the filter takes one. An accelerometer reads the load at the end of a step, which has
     not moved the structure yet: with Q h for the noise of a step the real error is 16 times the claim, and 0.84 of it
     without one."""
