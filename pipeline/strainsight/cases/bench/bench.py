@@ -29,7 +29,7 @@ from strainsight.multibody.relations import bearing_displacements, cosine
 from strainsight.multibody.system import System, assemble
 from strainsight.records.bodies import ReducedBody
 
-Law = stated.Joint | stated.Spring | stated.Torsion | stated.Bushing
+Between = stated.Joint | stated.Law
 """What stands between two frames."""
 
 
@@ -119,12 +119,12 @@ def _frame(name: str, entry: StatedFrame, reduced: Mapping[str, ReducedBody], me
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 
 
-def _between(entry: Law, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]:
+def _between(entry: Between, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]:
     first, second = (frames[frame] for frame in entry.frames)
     return first, second
 
 
-def _keys(entry: Law) -> dict[str, object]:
+def _keys(entry: Between) -> dict[str, object]:
     """What the section of a joint or a force law says beside its kind and its frames."""
     return {key: value for key, value in dict(entry).items() if key not in ("type", "frames")}
 

@@ -147,6 +147,10 @@ class Bushing(Section):
     damping: Six = Field((0.0,) * 6, description="Along x, y, z [N s/m], then about them [N m s/rad].")
 
 
+Law = Spring | Torsion | Bushing
+"""The force laws between two frames."""
+
+
 class PointForce(Section):
     """A force on the origin of a frame: an input of the bench."""
 
@@ -174,6 +178,4 @@ class BearingForce(Section):
     inner: FrameName = Field(description="Frame of the inner ring, at the centre of the bearing.")
 
 
-Force = Annotated[
-    Gravity | Spring | Torsion | Bushing | PointForce | PointMoment | BearingForce, Field(discriminator="type")
-]
+Force = Annotated[Gravity | Law | PointForce | PointMoment | BearingForce, Field(discriminator="type")]
