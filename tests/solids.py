@@ -28,7 +28,8 @@ TET_EDGES = (*LOOP3, (0, 3), (1, 3), (2, 3))
 @dataclass(frozen=True)
 class Solid:
     """corners in a reference element; edges of VTK's and Abaqus' mid-side nodes, and of the others'; names in the formats:
-    nastran the card, abaqus the type, gmsh the number of the type, vtk that of the cell, meshio the name of the cell."""
+    nastran the card, abaqus the type, gmsh the number of the type, vtk that of the cell, meshio the name of the cell; "" and
+    0 where a program has no such element."""
 
     corners: tuple[tuple[float, ...], ...]
     nastran: str

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from math import factorial
 
 import numpy as np
@@ -139,3 +141,26 @@ def test_unknown_kind_is_the_users_error():
     with pytest.raises(DeckError, match="'hex27' is not supported") as caught:
         kind_of("hex27")
     assert "hex20" in caught.value.remedy
+
+
+def test_an_element_that_no_program_has_takes_nothing_from_the_readers():
+    """In a process of its own: readers make their tables when they are imported."""
+    asked = """
+from dataclasses import replace
+from strainsight.mesh import kinds
+own = replace(kinds.PYRA5, name="own", nastran="", gmsh=0, abaqus={}, meshio={})
+kinds.ELEMENTS = (*kinds.ELEMENTS, own)
+from strainsight.decks.abaqus import cells
+from strainsight.decks.gmsh import elements
+from strainsight.decks.nastran import solids
+from strainsight.decks.other import mesh
+tables = cells.SOLIDS, elements.KINDS, solids.SOLIDS, mesh.KINDS
+print(*map(len, tables), *("" in table or 0 in table for table in tables), cells.USUAL.count("C3D"))
+"""
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    names = zip(*((solid.abaqus, solid.gmsh, solid.nastran) for solid in SOLIDS.values()), strict=True)
+    types, numbers, cards = (len(set(own) - {"", 0}) for own in names)
+    found = done.stdout.split()
+    assert int(found[0]) >= types
+    assert found[1:3] == [str(numbers), str(cards)]
+    assert found[4:] == ["False"] * 4 + [str(types)]

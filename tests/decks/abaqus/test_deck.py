@@ -36,6 +36,7 @@ TETRAHEDRON = """\
 1, 1, 3
 """
 SECTION = "*MATERIAL, NAME=M\n*ELASTIC\n1.,.3\n*DENSITY\n1.\n*SOLID SECTION, ELSET=E, MATERIAL=M\n"
+OWN = [kind for kind, solid in SOLIDS.items() if solid.abaqus]
 
 
 def one_element(kind: str, per_line: int = 16) -> str:
@@ -49,7 +50,7 @@ def one_element(kind: str, per_line: int = 16) -> str:
     return f"*NODE\n{nodes}{element}" + ",\n".join(lines) + "\n" + SECTION
 
 
-@pytest.mark.parametrize("kind", SOLIDS)
+@pytest.mark.parametrize("kind", OWN)
 @pytest.mark.parametrize("per_line", [16, 8, 5, 30])
 def test_nodes_lie_where_vtk_says_and_normals_of_all_facets_point_outward(read, kind, per_line):
     mesh = read(one_element(kind, per_line))
@@ -60,7 +61,7 @@ def test_nodes_lie_where_vtk_says_and_normals_of_all_facets_point_outward(read, 
     assert facets_point_outward(x, kind_of(kind).facets)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in SOLIDS if kind not in ("wedge15", "pyra5")])  # meshio does not know these
+@pytest.mark.parametrize("kind", [kind for kind in OWN if kind not in ("wedge15", "pyra5")])  # meshio does not know these
 def test_connectivity_is_what_meshio_reads(read, kind, tmp_path):
     mesh = read(one_element(kind))
     other = meshio.read(tmp_path / "deck.inp", file_format="abaqus")

@@ -16,7 +16,7 @@ from strainsight.mesh.model import IntArray
 
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""
-USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS)
+USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS if kind.abaqus)
 
 
 @dataclass(frozen=True)

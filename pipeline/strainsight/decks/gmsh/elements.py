@@ -71,7 +71,7 @@ TYPES: Mapping[int, ElementType] = {
 }
 """Number → type, up to the fifth order of lines and surfaces."""
 
-KINDS = {kind.gmsh: kind for kind in ELEMENTS}
+KINDS = {kind.gmsh: kind for kind in ELEMENTS if kind.gmsh}
 """The solids that are supported."""
 
 

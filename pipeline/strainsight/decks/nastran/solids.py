@@ -17,7 +17,7 @@ from strainsight.mesh.model import CellBlock, Origin
 
 SOLIDS = {
     card: {len(kind.nodes): kind for kind in ELEMENTS if kind.nastran == card}
-    for card in dict.fromkeys(kind.nastran for kind in ELEMENTS)
+    for card in dict.fromkeys(kind.nastran for kind in ELEMENTS if kind.nastran)
 }
 """Card → number of nodes → kind."""
 OTHER_SOLIDS = ("CTETR", "CHEX", "CPENT", "CPYR", "CTRIAX", "CTRAX", "CQUADX")

@@ -65,7 +65,8 @@ class ElementKind(Kind):
     either_way: files of every program number it so or mirrored; bubble_gradient: ξ (q, 3) → ∂P_i/∂ξ_d (q, p, 3) of
     incompatible modes beside the nodes, condensed in each element.
     nastran: the card; gmsh: the number of the type; abaqus: types in VTK order → how each is reinterpreted; meshio: names
-    of the cell → order of its nodes; orders: formats whose order meshio passes on as it is.
+    of the cell → order of its nodes; orders: formats whose order meshio passes on as it is. A program
+    that has no such element is left out.
     """
 
     family: str
@@ -75,12 +76,12 @@ class ElementKind(Kind):
     mirrored: Order
     either_way: bool = False
     bubble_gradient: Callable[[FloatArray], FloatArray] | None = None
-    nastran: str
+    nastran: str = ""
     nastran_order: Order = ()
-    gmsh: int
+    gmsh: int = 0
     gmsh_order: Order = ()
-    abaqus: Mapping[str, str]
-    meshio: Mapping[str, Order]
+    abaqus: Mapping[str, str] = field(default_factory=dict)
+    meshio: Mapping[str, Order] = field(default_factory=dict)
     orders: Mapping[str, Order] = field(default_factory=dict)
 
 
