@@ -70,6 +70,7 @@ def rule(kind):
     if kind.startswith("wedge"):
         points = np.column_stack([np.repeat(triangle, len(u), axis=0), np.tile(u, len(triangle))])
         return points, np.outer(weight, v).ravel()
+    assert kind.startswith("tet"), f"no rule here for {kind}"
     c = np.repeat(u, len(triangle))
     points = np.column_stack([np.tile(triangle, (len(u), 1)) * (1 - c)[:, None], c])
     return points, np.outer(v, weight).ravel() * (1 - c) ** 2
