@@ -58,6 +58,7 @@ class Loads(HTMLParser):
             self.found.append(named.get("href", ""))
 
 
+@pytest.mark.slow
 def test_the_site_loads_nothing_from_a_network(site):
     pages = sorted(site.rglob("*.html"))
     assert len(pages) > 40

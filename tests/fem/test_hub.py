@@ -43,6 +43,7 @@ def test_the_deck_is_the_one_in_the_list_of_checksums(hub):
     assert [len(hub.node_sets[f"SET1-{number}"]) for number in (21, 22, 23)] == [len(hub.rigid[1].nodes)] * 3
 
 
+@pytest.mark.slow
 def test_ten_frequencies_do_not_change(lowest):
     """This package's own values; the last test holds them against CalculiX."""
     stored = [

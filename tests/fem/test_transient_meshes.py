@@ -90,6 +90,7 @@ def test_a_mesh_with_supports_and_a_rigid_tie_agrees_with_solve_ivp(box, kind):
     np.testing.assert_allclose(fine.acceleration, acceleration, atol=1e-5 * np.abs(acceleration).max())
 
 
+@pytest.mark.slow
 def test_the_cantilever_agrees_with_its_modes_as_far_as_these_go():
     """60 modes with static terms against 10 700 unknowns: closer than 40 modes are to 60, once every mode is resolved that
     60 modes have; and close enough with the steps that the first modes need."""

@@ -208,6 +208,7 @@ def as_particles(mast, particles):
     return particles(mast.m, mast.x, mast.shapes).flexible("mast", mast.reduced, DAMPING * mast.reduced)
 
 
+@pytest.mark.slow
 def test_flexible_rotor_on_a_hinge(mast, particles):
     """The mast spins about the z axis of its floating frame, which stays on the hinge, and pulls a spring at its far end."""
     place, hook = np.array([0.5, -0.2, 0.3]), np.array([1.0, 1.0, 1.0])

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from typer.testing import CliRunner
-
-from strainsight_cli.main import app
 
 from . import answers, checks, hostile, tables
 from .every import (  # noqa: F401  every page has to pass these
@@ -17,6 +14,8 @@ from .every import (  # noqa: F401  every page has to pass these
     test_there_is_no_barrier_in_light_or_in_dark,
 )
 from .runs import page_of
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -50,27 +49,3 @@ def test_tables_with_such_names_sort_copy_and_save(look, report):
     page = look(report).page
     tables.all_work(page, "beam-hostile")
     checks.quiet(look(report))
-
-
-@pytest.mark.parametrize("name", hostile.NAMES)
-@pytest.mark.parametrize(
-    ("old", "new", "key"),
-    [
-        ("name: beam-hostile", "name: {}", "name"),
-        ("  " + "E" * 64 + ":", "  {}:", "parameters"),
-        ("  " + "F" * 64 + ":", "  {}:", "loads"),
-    ],
-)
-def test_what_becomes_a_path_or_a_key_is_refused_with_its_place(folder, config, old, new, key, name):
-    text = config.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    changed = folder / "refused.yaml"
-    changed.write_text(text.replace(old, new.format(hostile.quoted(name))), encoding="utf-8")
-    done = CliRunner().invoke(app, ["run", str(changed), "--results", str(folder / "none")])
-    said = done.output + (done.stderr or "")
-    assert done.exit_code == 2, said
-    line = text[: text.index(old)].count("\n") + 1
-    assert f"refused.yaml:{line}:" in said
-    assert key in said
-    assert "Traceback" not in said
-    assert not (folder / "none").exists()

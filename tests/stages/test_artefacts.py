@@ -32,7 +32,7 @@ BELOW_KIND = {
     "<case>": r"[\w+]+",
 }
 ONLY_SOMETIMES = (
-    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/bonded/|/sweep/|/elimination/metric"
+    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/glued/|/sweep/|/elimination/metric"
     r"|/selected/greedy/load"
 )
 """Where a density is a parameter; where stiffness and mass, or strain rows, come from files (test_ready.py); where gauges

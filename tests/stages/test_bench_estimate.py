@@ -43,7 +43,7 @@ def estimate():
     return of
 
 
-@pytest.mark.parametrize("h", [0.02, 0.1])
+@pytest.mark.parametrize("h", [pytest.param(0.02, marks=pytest.mark.slow), 0.1])
 def test_without_noise_on_its_own_step_the_iterated_filter_has_the_loads_to_1e_7(estimate, h):
     when = (f"estimate.time_step={h}", "estimate.duration=1.0", *EXACT)
     iterated = estimate(LOADS, *when)
@@ -144,6 +144,7 @@ def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_wi
     assert three.summary["ratio_high.Fx"] > 1.5 * three.summary["ratio_low.Fx"] or three.summary["ratio_low.Fx"] < 0
 
 
+@pytest.mark.slow
 def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(estimate):
     """Displacements, preload × s, g/s, static loads: all strains are those of the large bench, forces go with s²."""
     static = tuple(
@@ -204,6 +205,7 @@ def test_diameter_and_preload_are_one_unknown_where_groove_centres_stay():
     assert refused.value.key == "estimate.parameters.preload"
 
 
+@pytest.mark.slow
 def test_an_unknown_that_no_sensor_feels_is_refused_by_name(estimate):
     """The modulus of the hub moves no ring against the other."""
     with pytest.raises(ConfigError, match="no sensor feels it") as refused:
@@ -306,14 +308,14 @@ def test_another_bench_that_cannot_be_imported_is_refused(estimate, bench, chang
     assert refused.value.key.startswith("estimate.measured")
 
 
-def test_a_lost_estimate_writes_no_command_history_and_says_so(estimate):
+def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
     found = estimate(
         DIAMETER, "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
         "estimate.duration=2.0", "estimate.time_step=0.2", "estimate.method.update=undamped",
     )  # fmt: skip
     assert not (found.path.parent / "loads.csv").exists()
     assert np.isnan(found["/inputs/Fx/std"][-1])
-    assert "lost" in str(found.tables)
+    assert "diverged" in str(found.tables)
 
 
 @pytest.mark.parametrize("increment", [1.0e-3, 300.0])

@@ -121,7 +121,7 @@ def test_a_budget_is_kept_and_the_gauge_that_is_there_costs_nothing_and_stays(pl
     assert "5 of 6" in " ".join(found["/advice"])
     lines = (found.path.parent / "gauges.csv").read_text(encoding="utf-8").splitlines()
     head = lines[0].split(",")
-    assert sorted(line.split(",")[head.index("bonded")] for line in lines[1:]) == ["no", "no", "yes"]
+    assert sorted(line.split(",")[head.index("glued")] for line in lines[1:]) == ["no", "no", "yes"]
 
 
 def test_a_sensor_reads_the_bonded_gauge_over_its_grid(place):

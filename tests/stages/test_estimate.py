@@ -354,6 +354,7 @@ def test_the_field_of_the_surface_plays_in_time(project, plain):
     assert np.all(grid.cell_data["von_mises_std"] > 0)
 
 
+@pytest.mark.slow
 def test_the_whole_model_in_time_may_be_the_truth(project, tmp_path):
     """Sixty modes with static terms and all degrees of freedom agree, so do the estimates from them."""
     settings = ["validate.truth.model=full", "validate.duration=0.1", "validate.random_sets=0", "validate.sweeps={}"]

@@ -274,6 +274,7 @@ def test_mirrored_gauges_keep_their_spacing_too(youngs):
     assert min(np.linalg.norm(a - b) for a, b in combinations(position, 2)) >= 0.15 * (1 - 1e-9)
 
 
+@pytest.mark.slow
 def test_a_bonded_gauge_in_a_loud_place_leaves_the_noise_of_others(youngs, artefacts):
     """The root strains most; a gauge bonded there is no candidate, of whose strongest the noise is a share."""
     zone = "gauges.exclude=[{box: [[-1, -1, -1], [1.0, 1, 1]]}]"
@@ -289,6 +290,7 @@ def test_places_where_a_grid_runs_over_an_edge_are_counted(youngs, artefacts):
     assert "left out" in train.message
 
 
+@pytest.mark.slow
 def test_gauges_along_the_principal_direction_read_the_most(youngs):
     """No other direction at the same place has a larger RMS strain in the training run."""
     first = youngs("gauges.direction={type: principal}", "screen.minimum_spacing=0")["train"]

@@ -68,6 +68,7 @@ def test_candidates_and_the_field_of_a_validation_are_strains_at_their_places(pl
         placement("field", at=0.1)
 
 
+@pytest.mark.slow
 def test_the_field_of_a_bench_is_shown_at_its_worst_or_at_the_instant_asked_for(beam):
     done, view = beam
     field = done["field"]

@@ -36,7 +36,7 @@ class LayoutSettings(Section):
     )
     metric_over: tuple[Name, ...] = Field(
         (),
-        description="Unknowns that the criterion is supported; empty: all. The others are estimated beside them, however "
+        description="Unknowns that the criterion covers; empty: all. The others are estimated beside them, however "
         "badly.",
     )
     minimum_spacing: NotNegative = Field(0.0, description="Least distance between gauges of the layout [m].")

@@ -40,7 +40,7 @@ def run(context: Context) -> Output:
 
 MODES = Stage(
     "modes",
-    version=2,
+    version=3,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -24,7 +24,7 @@ def run(context: Context) -> Output:
 
 SPECTRUM = Stage(
     "spectrum",
-    version=2,
+    version=3,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -10,5 +10,5 @@ from strainsight.decks.other.load import load
 
 @pytest.fixture(autouse=True)
 def here(request, monkeypatch):
-    if request.path.name != "test_apart.py":
+    if request.path.name != "test_sandbox.py":
         monkeypatch.setattr(mesh, "load_sandboxed", load)

@@ -10,7 +10,7 @@ import meshio
 import numpy as np
 import pytest
 
-from strainsight.decks.other import apart
+from strainsight.decks.other import sandbox
 from strainsight.decks.other.load import load
 from strainsight.decks.other.mesh import read_meshio
 from strainsight.decks.other.sandbox import load_sandboxed
@@ -26,7 +26,7 @@ MESH = meshio.Mesh(
 
 
 @pytest.mark.parametrize("name", ["part.vtu", "part.med", "part.xdmf"])
-def test_apart_and_here_give_the_same(tmp_path, name):
+def test_sandboxed_and_here_give_the_same(tmp_path, name):
     MESH.write(tmp_path / name)
     there, here = (read_meshio(tmp_path / name, sandboxed=choice) for choice in (True, False))
     np.testing.assert_array_equal(there.position, here.position)
@@ -81,8 +81,8 @@ def test_a_file_that_claims_more_than_there_is_memory(tmp_path, name):
 @pytest.mark.parametrize("does", ["import os; os.abort()", "import time; time.sleep(60)", "print('ready')", ""])
 def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
     MESH.write(tmp_path / "part.vtu")
-    monkeypatch.setattr(apart, "COMMAND", [sys.executable, "-c", does])
-    monkeypatch.setattr(apart, "START_LIMIT", 0.5)
+    monkeypatch.setattr(sandbox, "COMMAND", [sys.executable, "-c", does])
+    monkeypatch.setattr(sandbox, "START_LIMIT", 0.5)
     with pytest.raises(DeckError, match="crashed, or did not come to an end"):
         read_meshio(tmp_path / "part.vtu")
 

@@ -63,7 +63,7 @@ class Task:
 
     @property
     def over(self) -> tuple[str, ...]:
-        """The unknowns that the criterion is supported."""
+        """The unknowns that the criterion covers."""
         return self.settings.metric_over or self.unknowns.names
 
     @cached_property

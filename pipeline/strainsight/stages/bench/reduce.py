@@ -34,7 +34,7 @@ def _table(name: str, own: Reduction) -> Table:
 
 REDUCE = Stage(
     "reduce",
-    version=4,
+    version=5,
     reads=(
         "bodies.*.type",
         "bodies.*.modes",
