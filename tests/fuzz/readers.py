@@ -27,7 +27,7 @@ def read_config(path: Path, choice: int) -> None:
         runs_of(loaded)
 
 
-def read_deck(path: Path, choice: int, apart: bool = True) -> None:
+def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
     """The mesh as `import` takes and checks it, or a matrix as `modes` does."""
     from strainsight.decks.matrices.files import read_matrix, read_numbering, symmetric
     from strainsight.decks.other import mesh as other
@@ -52,11 +52,11 @@ def read_deck(path: Path, choice: int, apart: bool = True) -> None:
             region_data="region" if choice % 8 == 0 else None,
             materials={} if ending in (".bdf", ".inp") else {"steel": steel},
         )
-        with patch.object(other, "load_sandboxed", load_sandboxed if apart else load):
+        with patch.object(other, "load_sandboxed", load_sandboxed if sandboxed else load):
             checked(mesh_of(config, path), config)
 
 
-def read_measurement(path: Path, choice: int, apart: bool = True) -> None:
+def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
     """The channels on the clock of a filter; a table now and then as a load's history."""
     from strainsight.cases.recorded import recorded
     from strainsight.config.loads import Recorded
@@ -76,8 +76,8 @@ def read_measurement(path: Path, choice: int, apart: bool = True) -> None:
         return
     else:
         channels = ("a",)
-    if path.suffix == ".h5" and not apart:
-        recording = hdf5_file.read_hdf5(path, channels, time="time", apart=False)
+    if path.suffix == ".h5" and not sandboxed:
+        recording = hdf5_file.read_hdf5(path, channels, time="time", sandboxed=False)
     else:
         recording = read_recording(path, channels, time=time, time_unit=(None, None, "s")[choice % 3])
     settings = {name: ChannelSettings("um/m", override=choice % 2 > 0) for name in channels}

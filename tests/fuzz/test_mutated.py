@@ -40,7 +40,7 @@ def seeds(tmp_path_factory):
 def test_the_sound_files_are_read(seeds, tmp_path, name):
     """What is damaged is worth damaging: some choice of what is asked of it reads every one of them."""
     companions(name, seeds / name, tmp_path / "work")
-    here = {} if name == "config" else {"apart": False}
+    here = {} if name == "config" else {"sandboxed": False}
     for path in Group(name, seeds / name).files:
         said = []
         for choice in range(1, 13):

@@ -29,7 +29,7 @@ from .seeds import ROOT
 HDF5 = (".h5", ".med", ".h5m", ".cgns")
 """The library below these ends the process once in some hundred damaged files."""
 OUTSIDE = "outside its folder"
-CHILDREN = ("strainsight.measurements.hdf5_file", "strainsight.decks.other.apart")
+CHILDREN = ("strainsight.measurements.hdf5_file", "strainsight.decks.other.sandbox")
 """What readers start."""
 
 
@@ -62,18 +62,18 @@ def _read_once(name: str, seeds: Path) -> None:
     """Every sound file, so that what they import is there before memory is limited."""
     for path in sorted(seeds.iterdir()):
         with contextlib.suppress(Exception):
-            READERS[name](path, 1, **({} if name == "config" else {"apart": False}))
+            READERS[name](path, 1, **({} if name == "config" else {"sandboxed": False}))
 
 
-def _fault(group: Group, number: int, case: Case, folder: Path, watch: Watch, apart: bool) -> str | None:
-    """What is wrong with reading it; apart: in the product's child process at once, since this one did not survive it."""
+def _fault(group: Group, number: int, case: Case, folder: Path, watch: Watch, sandboxed: bool) -> str | None:
+    """What is wrong with reading it; sandboxed: in the product's child process at once, since this one did not survive it."""
     path = folder / case.name
     path.write_bytes(case.content)
     watch.found.clear()
     watch.on = True
     # The child process costs half a second: it is spared where all goes well without, but for one file of two hundred.
-    here = group.name != "config" and not apart and case.choice % 200 > 0
-    read = partial(READERS[group.name], apart=False) if here else READERS[group.name]
+    here = group.name != "config" and not sandboxed and case.choice % 200 > 0
+    read = partial(READERS[group.name], sandboxed=False) if here else READERS[group.name]
     if here and path.suffix in HDF5:
         fault = _in_a_fork(read, path, case.choice, watch)
     else:

@@ -154,7 +154,7 @@ def test_what_cannot_be_imported_is_refused(make, fault):
     fill, said = FAULTS[fault]
     name = "g/a" if said is None else "a"
     with pytest.raises(UserError, match=said or "link to another file") as caught:
-        read_hdf5(make(fill), [name], time="time", apart=False)
+        read_hdf5(make(fill), [name], time="time", sandboxed=False)
     assert caught.value.remedy
     assert "test.h5" in caught.value.where
 
@@ -186,15 +186,15 @@ def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(make, mo
         read_hdf5(path, ["a"], time="time")
 
 
-def test_apart_and_here_give_the_same(make):
+def test_sandboxed_and_here_give_the_same(make):
     path = make(lambda file: file.__setitem__("µ", A))
-    apart, here = (read_hdf5(path, ["µ"], time="time", apart=choice) for choice in (True, False))
+    apart, here = (read_hdf5(path, ["µ"], time="time", sandboxed=choice) for choice in (True, False))
     np.testing.assert_array_equal(apart.channels["µ"], here.channels["µ"])
     assert (apart.units, apart.source) == (here.units, here.source)
     said = []
     for choice in (True, False):
         with pytest.raises(UserError) as caught:
-            read_hdf5(path, ["mu"], time="time", apart=choice)
+            read_hdf5(path, ["mu"], time="time", sandboxed=choice)
         said.append(str(caught.value))
     assert said[0] == said[1]
 
@@ -204,4 +204,4 @@ def test_a_clock_of_gaps_alone_does_not_fill_the_memory(tmp_path):
     with h5py.File(tmp_path / "gaps.h5", "w") as file:
         file.create_dataset("time", (190_000_000,), "f8", chunks=(10**6,), fillvalue=np.nan).attrs["units"] = "s"
     with pytest.raises(UserError, match="claims 1520000000 bytes in a file of"):
-        read_hdf5(tmp_path / "gaps.h5", [], time="time", apart=False)
+        read_hdf5(tmp_path / "gaps.h5", [], time="time", sandboxed=False)

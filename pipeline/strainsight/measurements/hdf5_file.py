@@ -35,19 +35,19 @@ READY = b"ready\n"
 
 
 def read_hdf5(
-    path: Path, channels: Sequence[str], *, time: str, time_unit: str | None = None, apart: bool = True
+    path: Path, channels: Sequence[str], *, time: str, time_unit: str | None = None, sandboxed: bool = True
 ) -> Recording:
     """Datasets (T,) of an HDF5 file by their paths; "table[3]" is column 3, from 0, of a dataset (T, columns).
 
     time: path of the one clock. Units from the attribute `units` or `unit` of the dataset. The netCDF attributes
-    _FillValue and missing_value mark missing samples, beside NaN. apart: in a child process.
+    _FillValue and missing_value mark missing samples, beside NaN. sandboxed: in a child process.
     Raises UserError as `signals` does, where the time has no unit or a sample none, and where the library fails.
     """
     path = Path(path)
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
     names = [time, *channels]
-    found = list(_apart(path, names, TIME_LIMIT + size / 1e7) if apart else signals(path, names))
+    found = list(_sandboxed(path, names, TIME_LIMIT + size / 1e7) if sandboxed else signals(path, names))
     t, unit = found[0]
     factor = time_factor(time_unit, unit, place_of(path, time))
     if not np.isfinite(t).all():
@@ -62,7 +62,7 @@ def read_hdf5(
     )
 
 
-def _apart(path: Path, names: Sequence[str], limit: float) -> Iterator[tuple[np.ndarray, str | None]]:
+def _sandboxed(path: Path, names: Sequence[str], limit: float) -> Iterator[tuple[np.ndarray, str | None]]:
     """`signals`, from a child process: for every name a line of JSON, {samples, unit} or the error, then the samples."""
     root = str(Path(strainsight.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))}
