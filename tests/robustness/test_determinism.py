@@ -127,3 +127,22 @@ def test_the_solver_repeats_its_bits_and_more_threads_change_at_most_the_last_di
     for x in ("single", "many"):
         assert np.array_equal(two[x], again[x])
         assert np.abs(one[x] - two[x]).max() < 1e-12 * np.abs(one[x]).max()
+
+
+COMPLEX_FIRST = """
+import numpy as np
+from scipy import sparse
+from strainsight.fem.complex_factor import factorise_complex
+factorise_complex(sparse.csr_array(sparse.diags_array([2.0 + 1j] * 50)))(np.ones(50, dtype=complex))
+"""
+
+
+def test_a_complex_factor_before_it_leaves_the_solver_its_bits(tmp_path):
+    """MKL takes its branch before its first computation, whichever solver makes that."""
+    pytest.importorskip("pypardiso")
+    for name, before in (("alone", ""), ("after", COMPLEX_FIRST)):
+        words = [sys.executable, "-c", before + SOLVED, str(tmp_path / f"{name}.npz")]
+        subprocess.run(words, check=True, env={**os.environ, **dict.fromkeys(THREADS, "1")})
+    alone, after = (np.load(tmp_path / f"{name}.npz") for name in ("alone", "after"))
+    for x in ("single", "many"):
+        assert np.array_equal(alone[x], after[x])

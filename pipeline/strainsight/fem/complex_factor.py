@@ -23,7 +23,7 @@ from strainsight.fem.pardiso import (
     OWN_VALUES,
     SOLVE,
     interface,
-    name_mkl,
+    solver_of,
 )
 
 COMPLEX_SYMMETRIC = 6
@@ -64,10 +64,7 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
 
 
 def _pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
-    from pypardiso import PyPardisoSolver
-
-    name_mkl()
-    solver = PyPardisoSolver(mtype=COMPLEX_SYMMETRIC)
+    solver = solver_of(COMPLEX_SYMMETRIC)
     wanted = ((OWN_VALUES, 1), (ORDERING, NESTED_DISSECTION), (FROM_ZERO, 1), (PERTURBATION, _TINY), (PIVOTING, 0))
     for place, value in wanted:
         solver.iparm[place - 1] = value

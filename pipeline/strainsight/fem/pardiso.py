@@ -33,13 +33,7 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     result. Raises ImportError or OSError where PARDISO cannot be loaded, NumericalError where A is not positive definite,
     UserError where the memory is not enough: the analysis tells it before the factorisation takes it.
     """
-    from pypardiso import PyPardisoSolver
-
-    name_mkl()
-    solver = PyPardisoSolver(mtype=POSITIVE_DEFINITE)
-    # the same bits on every run whatever the alignment of the arrays; MKL takes it before its first computation only
-    if solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AVX2) != 0:
-        solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AUTO)
+    solver = solver_of(POSITIVE_DEFINITE)
     # Everything else stays zero. PARDISO's own defaults order with several threads, which differs between runs, and refine
     # every solution twice, which takes four times as long and which a positive definite matrix does not need.
     for place, value in ((OWN_VALUES, 1), (ORDERING, NESTED_DISSECTION), (FROM_ZERO, 1)):
@@ -109,6 +103,21 @@ def _failure(code: int, phase: int, size: int) -> NumericalError | UserError:
         f"PARDISO stopped with code {code} in phase {phase} on {size} unknowns",
         remedy="look the code up in the manual of oneMKL, under pardiso",
     )
+
+
+def solver_of(kind: int) -> Any:
+    """PARDISO for matrices of that kind, the same bits on every run whatever the alignment of the arrays.
+
+    MKL takes its branch before its first computation only, so that no other solver may be made. Raises ImportError or OSError
+    where PARDISO cannot be loaded.
+    """
+    from pypardiso import PyPardisoSolver
+
+    name_mkl()
+    solver = PyPardisoSolver(mtype=kind)
+    if solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AVX2) != 0:
+        solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AUTO)
+    return solver
 
 
 def name_mkl() -> None:
