@@ -150,6 +150,24 @@ def test_the_best_layout_that_tells_all(seed):
     assert found.gauges.tolist() == np.flatnonzero(max(layouts, key=lambda v: value[v].sum())).tolist()
 
 
+def test_sets_of_too_few_gauges_are_not_tried_one_by_one(monkeypatch):
+    """Sixty gauges, each with an answer of its own to three walks: any three detect them, and 1770 pairs do not."""
+    rows = np.random.default_rng(0).normal(size=(60, 3))
+    pool = solve_pool(Scenario(np.zeros((3, 3)), np.eye(3), rows, np.full(60, 1e-2), np.ones(3)))
+    programs = []
+    solve = module.milp
+
+    def counted(*args, **options):
+        programs.append(args)
+        assert len(programs) < 10
+        return solve(*args, **options)
+
+    monkeypatch.setattr(module, "milp", counted)
+    limits = limits_of(60, 4, price=np.full(60, 3.0), budget=1.0)
+    error = refusal(limits, Detection([pool]), NAMES)
+    assert error.what.startswith("the cheapest gauges that detect every unknown cost 9, place.budget is 1")
+
+
 ALL = np.arange(POOL)
 REFUSED = {
     "bonded dearly": (

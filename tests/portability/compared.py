@@ -13,10 +13,7 @@ from strainsight.workflow.artefact import Artefact
 SAME = 1e-7
 """What an array may differ by, of its largest number."""
 ITSELF = {
-    (
-        "rom",
-        "/error/frequency",
-    ): 1e-9,  # a reduced model against its own full one: 1e-11 of the frequency, all of it rounding
+    ("rom", "/error/frequency"): 1e-9,  # a reduced model against its own full one: 1e-11 of it, all rounding
     ("rom", "/error/static"): 1e-9,
     ("rom", "projection_error"): 1e-9,
     ("place", "/riccati/residual"): 1e-13,  # of an equation that is solved to rounding

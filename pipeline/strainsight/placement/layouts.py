@@ -9,7 +9,12 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array, diags_array, vstack
 
-from strainsight.augmentation.observability import MarginalModes, undetectable_directions, undetectable_in_words
+from strainsight.augmentation.observability import (
+    MarginalModes,
+    least_gauges,
+    undetectable_directions,
+    undetectable_in_words,
+)
 from strainsight.errors import InfeasibleError
 from strainsight.placement.limits import BUDGET, KEEP, SPACING, Limits
 from strainsight.placement.scenario import Pool
@@ -38,15 +43,17 @@ def best_layout(
     stays: np.ndarray | None = None,
     floor: int = 0,
     hits: Sequence[np.ndarray] = (),
+    sums: Sequence[tuple[np.ndarray, int]] = (),
     nodes: int = NODES,
     gap: float = 0.0,
 ) -> Found:
     """The layout of the greatest Σ value·v, by an integer program.
 
-        rows·v ≤ most for the limits of these names (all),   Σ size·v ≥ floor,   Σ v over each of `hits` ≥ 1
+        rows·v ≤ most for the limits of these names (all),   Σ size·v ≥ floor,
+        Σ v over each of `hits` ≥ 1,   Σ a·v ≥ b for each (a, b) of `sums`
 
     value (pool,); there (pool,) bool: rows that may be had; stays (pool,) bool: rows that have to be, beside the fixed
-    ones; hits: masks (pool,); nodes: most of the search; gap: share by which it may miss the best.
+    ones; hits: masks (pool,); sums: a (pool,) and b; nodes: most of the search; gap: share by which it may miss the best.
     """
     count = len(limits.size)
     asked = np.array([names is None or name in names for name in limits.names])
@@ -54,7 +61,7 @@ def best_layout(
     unit = 1 / np.maximum(rows.max(axis=1).toarray().ravel(), np.finfo(float).tiny)
     below, low = [csr_array(diags_array(unit) @ rows)], [np.full(len(most), -np.inf)]
     above = [most * unit]
-    for mask, least in [(limits.size, float(floor)), *((hit, 1.0) for hit in hits)]:
+    for mask, least in [(limits.size, float(floor)), *((hit, 1.0) for hit in hits), *sums]:
         below.append(csr_array(np.asarray(mask, dtype=float)[None, :]))
         low.append(np.array([least]))
         above.append(np.array([np.inf]))
@@ -87,12 +94,14 @@ def best_layout(
 class Detection:
     """What a set of gauges loses, and so which gauges every layout needs one of.
 
-    hits: masks (pool,): a layout without any gauge of one of them loses an unknown.
+    hits: masks (pool,): a layout without any gauge of one of them loses an unknown; sums: channels (pool,) of every gauge, and
+    how many a layout needs at least, one an unknown. Without that every set of too few gauges would have to be tried.
     """
 
     def __init__(self, pools: Sequence[Pool]):
         self.pools = pools
         self.hits: list[np.ndarray] = []
+        self.sums = [(pool.channels, least_gauges(pool.modes)) for pool in pools]
         self._known: set[bytes] = set()
 
     def loses(self, gauges: np.ndarray) -> bool:
@@ -136,7 +145,7 @@ class Detection:
     ) -> Found:
         """`best_layout` of those that detect every unknown."""
         while True:
-            found = best_layout(limits, value, names=names, floor=floor, hits=self.hits, nodes=nodes)
+            found = best_layout(limits, value, names=names, floor=floor, hits=self.hits, sums=self.sums, nodes=nodes)
             if found.gauges is None or not self.loses(found.gauges):
                 return found
 

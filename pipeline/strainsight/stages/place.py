@@ -18,7 +18,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=6,
+    version=7,
     reads=(
         "seed",
         "loads.*.signal",

@@ -108,7 +108,7 @@ def criteria_table(others: Comparison, names: Sequence[str], scale: np.ndarray |
         *(c.symbol for c in criteria[1:]),
         *(f"steady-state σ({n})" for n in names),
     )
-    return Table("criteria, all from the same covariance", columns, rows)
+    return Table("criteria, of the covariance that ranks layouts: its σ is no claim", columns, rows)
 
 
 def _kept(pools: Sequence[Pool], metric: Metric, keep: int, fixed: frozenset[int]) -> np.ndarray | None:
