@@ -24,7 +24,7 @@ def misplaced(
 ) -> tuple[Candidates, np.ndarray]:
     """The gauges moved over the surface and turned, and which of them (gauges,) were held back by a sharp edge.
 
-    offset (gauges, 2) [m] along (d, n × d) of the first channel of each gauge, in its tangent plane (d ∥ n: along `tangents`);
+    offset (gauges, 2) [m] along the `installation_axes` of each gauge, in its tangent plane;
     rotation (gauges,) [deg], right-handed about the normal. All channels of a gauge move as one, and their directions are
     carried along without turning about the normal. A point gauge stops at a sharp edge; one with a grid, or several, is moved
     and turned by the largest share of what was asked for that leaves its grids on the surface.
@@ -56,16 +56,24 @@ def misplaced(
     return moved, held
 
 
-def _moved(
-    skin: Skin, candidates: Candidates, offset: np.ndarray, rotation: np.ndarray
-) -> tuple[Candidates, np.ndarray]:
+def installation_axes(candidates: Candidates) -> tuple[np.ndarray, np.ndarray]:
+    """Unit tangents e₁ and e₂ = n × e₁ (gauges, 3) that offsets of a gauge are along: e₁ ∥ d − (d·n) n of its first channel,
+    along `tangents` where d is within 10° of n."""
     first = candidates.take(candidates.first)
     n = first.normal
     e1 = first.direction - np.sum(first.direction * n, axis=1)[:, None] * n
     upright = np.linalg.norm(e1, axis=1) < np.sin(np.deg2rad(STEEPEST))
     e1 = np.where(upright[:, None], tangents(n), e1)
     e1 /= np.linalg.norm(e1, axis=1)[:, None]
-    e2 = np.cross(n, e1)
+    return e1, np.cross(n, e1)
+
+
+def _moved(
+    skin: Skin, candidates: Candidates, offset: np.ndarray, rotation: np.ndarray
+) -> tuple[Candidates, np.ndarray]:
+    first = candidates.take(candidates.first)
+    n = first.normal
+    e1, e2 = installation_axes(candidates)
     distance = np.linalg.norm(offset, axis=1)
     ahead = (offset[:, :1] * e1 + offset[:, 1:] * e2) / np.where(distance > 0, distance, 1.0)[:, None]
     go = np.flatnonzero(distance > 0)

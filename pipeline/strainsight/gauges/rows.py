@@ -57,6 +57,11 @@ def channel_matrix(
     centre (without them the facets that carry candidates are the surface). Raises InfeasibleError where a grid runs over
     a sharp edge or the end of the surface.
     """
+    return matrix_of(position, points_within(position, candidates, facets), len(candidates))
+
+
+def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> Points:
+    """The points that every channel averages over. Raises InfeasibleError as `channel_matrix`."""
     points, well = points_of(position, candidates, facets)
     if not well.all():
         first = int(np.argmin(well))
@@ -67,11 +72,16 @@ def channel_matrix(
             remedy="a shorter grid, or none near edges: "
             f"exclude: [{{near_edges: {0.5 * float(candidates.length[first]):.3g}}}]",
         )
+    return points
+
+
+def matrix_of(position: np.ndarray, points: Points, channels: int) -> sparse.csr_array:
+    """The rows of `channel_matrix` (channels, 3n) from the points of the channels."""
     entries = [_entries(position, points.take(part), kind) for kind, part, _ in by_kind(points.kind, points.nodes)]
     value, row, column = (
         (np.concatenate(parts) for parts in zip(*entries, strict=True)) if entries else (np.zeros(0),) * 3
     )
-    shape_ = (len(candidates), 3 * len(position))
+    shape_ = (channels, 3 * len(position))
     return sparse.csr_array(sparse.coo_array((value, (row.astype(int), column.astype(int))), shape=shape_))
 
 

@@ -1,0 +1,150 @@
+"""What the readings of the gauges owe to how these are installed, to first order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.gauges.candidates import STRAIN, Candidates
+from strainsight.gauges.misplaced import installation_axes, misplaced
+from strainsight.gauges.points import Points, surface_of
+from strainsight.gauges.rows import channel_rows, matrix_of, points_within
+from strainsight.gauges.surface import by_kind, facet_points, normals, turned
+from strainsight.gauges.walk import Skin
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS
+
+CALIBRATION_POISSON = 0.285
+"""ν₀ of the steel bar on which a manufacturer measures the gauge factor."""
+REACH = 3.0**0.5
+"""Over the σ of a position: how far from the nominal place, on both sides, the reading is taken."""
+BEYOND = 0.75
+"""Over the size of a facet: how far at least on facets of straight edges, whose strain hardly changes before the next one."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives (m, r) of every channel's reading of r displacement fields with respect to how its gauge is installed.
+
+    along, across [unit of the channel/m]: position of the gauge along e₁ and e₂ of `installation_axes`
+    angle [unit/rad]: turn of the gauge about the outward normal, right-handed
+    tilt_along, tilt_across [unit/rad]: turn of a motion sensor about e₁ and e₂; zero for strain gauges, which lie on the surface
+    gain [unit]: relative error of the factor on the reading, which is the row itself
+    transverse [strain]: transverse sensitivity K_t of a strain gauge; zero for motion sensors, whose tilts say it
+
+    The first five belong to a gauge, all channels of which move and turn as one; gain and transverse to each channel.
+    """
+
+    along: np.ndarray
+    across: np.ndarray
+    angle: np.ndarray
+    tilt_along: np.ndarray
+    tilt_across: np.ndarray
+    gain: np.ndarray
+    transverse: np.ndarray
+
+
+COMMON = ("along", "across", "angle", "tilt_along", "tilt_across")
+"""What all channels of a gauge have in common."""
+OWN = ("gain", "transverse")
+"""What every channel has for itself."""
+
+
+def sensitivity_rows(
+    position: np.ndarray,
+    candidates: Candidates,
+    field: np.ndarray,
+    std: float,
+    *,
+    facets: Facets | Skin | None = None,
+) -> Sensitivity:
+    """First order of what misplaced, turned and imperfect gauges read of displacement fields:
+
+        position      [ε(+s eₖ) − ε(−s eₖ)]/(2s),  s = √3 σ,          moved over the surface by `misplaced`
+        angle         dε/dα = 2 dᵀE(n × d) = γ = ε(+45°) − ε(−45°)          (Mohr's circle)
+        transverse    dε̂/dK_t = ε_t + ν₀ ε,   of   ε̂ = (ε + K_t ε_t)/(1 − ν₀ K_t),   ε_t = (n × d)ᵀE(n × d)
+        motion        reading d·z: gain as above, turns (ω × d)·z about ω = n, e₁, e₂
+
+    The difference in position is taken where Gauss-Hermite quadrature of three points has its nodes: the slope is that of
+    statistical linearisation over a normal distribution of σ, exact where the strain is a cubic, and it sees jumps of strain
+    between facets. On facets without nodes between their corners, in which strain is constant or nearly so, the step is at
+    least ¾ of the facet's size: a step within the facet would see no gradient. A gauge that a sharp edge holds back has the
+    slope over the way it can go, zero where it cannot move at all.
+
+    Over a grid all are means of its points; that its ends move aside as it turns is left out, which is nothing where strain
+    varies linearly over the grid. ν₀ = 0.285, that of the manufacturers' calibration, after which uniaxial stress in such a
+    material is read without error.
+
+    position (n, 3) [m]; candidates (m); field (3n, r) [m per unit], row 3·node + component; std σ [m] of the position along
+    each direction, 0 leaves its rows zero; facets of the whole surface. Raises InfeasibleError as `channel_matrix`.
+    Sources: Micro-Measurements, Tech Notes TN-509 (transverse sensitivity) and TN-511 (misalignment); Gelb, Applied Optimal
+    Estimation (1974), section 6.2 (statistical linearisation).
+    """
+    skin = surface_of(position, candidates, facets)
+    points = points_within(position, candidates, skin)
+    z = np.asarray(field).reshape(3 * len(position), -1)
+
+    def read(direction: np.ndarray) -> np.ndarray:
+        return np.asarray(matrix_of(position, replace(points, direction=direction), len(candidates)) @ z)
+
+    n, d = _normals(position, points), points.direction
+    straining = (candidates.quantity == STRAIN)[:, None]
+    own, aside = read(d), read(np.cross(n, d))
+    quarter = np.full(len(d), 45.0)
+    shear = read(turned(d, n, quarter)) - read(turned(d, n, -quarter))
+    e1, e2 = (axis[candidates.gauge[points.channel]] for axis in installation_axes(candidates))
+    nothing = np.zeros_like(own)
+    slopes = [nothing, nothing]
+    if std > 0:
+        steps = _steps(candidates, skin, std)
+        slopes = [_slope(position, candidates, z, skin, steps, axis) for axis in (0, 1)]
+    return Sensitivity(
+        along=slopes[0],
+        across=slopes[1],
+        angle=np.where(straining, shear, aside),
+        tilt_along=nothing if straining.all() else np.where(straining, 0.0, read(np.cross(e1, d))),
+        tilt_across=nothing if straining.all() else np.where(straining, 0.0, read(np.cross(e2, d))),
+        gain=own,
+        transverse=np.where(straining, aside + CALIBRATION_POISSON * own, 0.0),
+    )
+
+
+def given_sensitivity(rows: np.ndarray) -> Sensitivity:
+    """That of channels whose rows (m, r) are given without a surface: their gain, and nothing else that is known."""
+    nothing = np.zeros_like(rows)
+    return Sensitivity(nothing, nothing, nothing, nothing, nothing, rows, nothing)
+
+
+def _steps(candidates: Candidates, skin: Skin, std: float) -> np.ndarray:
+    """How far (gauges,) [m] a gauge is moved: √3 σ, and on facets without nodes between corners out of its own."""
+    first = candidates.take(candidates.first)
+    size = skin.size[skin.index_of(first.element, first.facet)]
+    straight = np.array([not kind.edges for kind in FACETS])[first.kind]
+    return np.where(straight, np.maximum(REACH * std, BEYOND * size), REACH * std)
+
+
+def _slope(
+    position: np.ndarray, candidates: Candidates, field: np.ndarray, skin: Skin, step: np.ndarray, axis: int
+) -> np.ndarray:
+    """Change of the readings (m, r) over that of the place along e₁ or e₂, between a step (gauges,) [m] ahead and one back."""
+    e = installation_axes(candidates)[axis]
+    ends = []
+    for way in (step, -step):
+        offset = np.zeros((candidates.gauges, 2))
+        offset[:, axis] = way
+        moved, _ = misplaced(position, candidates, skin, offset)
+        ends.append((moved.position[moved.first], channel_rows(position, moved, field, facets=skin)))
+    (ahead, further), (behind, nearer) = ends
+    went = np.sum((ahead - behind) * e, axis=1)
+    share = np.where(went > 1e-6 * step, 1 / np.where(went > 0, went, 1.0), 0.0)
+    return (further - nearer) * share[candidates.gauge][:, None]
+
+
+def _normals(position: np.ndarray, points: Points) -> np.ndarray:
+    """Outward unit normals (p, 3) of the facets at the points."""
+    n = np.zeros((len(points.kind), 3))
+    for kind, which, nodes in by_kind(points.kind, points.nodes):
+        _, J = facet_points(kind, position[nodes], points.local[which])
+        n[which] = normals(J)
+    return n

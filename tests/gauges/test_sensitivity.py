@@ -1,0 +1,195 @@
+"""How a reading changes with the place, turn and imperfection of its gauge is what moved and turned gauges read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.gauges.conftest import surface
+
+from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, candidates
+from strainsight.gauges.misplaced import installation_axes, misplaced
+from strainsight.gauges.motion import motion_candidates
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
+
+KINDS = ("tri3", "tri6", "quad4", "quad8")
+NU = 0.3
+
+
+def surface_tensor(G, n):
+    """sym(G) on the tangent plane of n (3, 3)."""
+    P = np.eye(3) - np.outer(n, n)
+    return P @ (G + G.T) @ P / 2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_in_homogeneous_strain_angle_and_transverse_strain_are_those_of_mohrs_circle(kind, plate, bare):
+    position, facets = plate(kind, 5, 4, 0.2)
+    position = position @ Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix().T
+    gauges = candidates(bare(position), facets, (1.0, 0.2, 0.1), (0.0, 35.0, 90.0))
+    rng = np.random.default_rng(1)
+    G = rng.standard_normal((3, 3))
+    found = sensitivity_rows(position, gauges, (position @ G.T).reshape(-1, 1), 0.3, facets=facets)
+    # Principal strains and the angle φ from the first of them to the gauge: ε = c + R cos 2φ.
+    n = gauges.normal[0]
+    values, axes = np.linalg.eigh(surface_tensor(G, n))
+    plane = np.abs(n @ axes) < 0.5
+    (second, first), axis = values[plane], axes[:, plane][:, 1]
+    phi = np.arctan2(np.cross(axis, gauges.direction) @ n, gauges.direction @ axis)
+    centre, radius = (first + second) / 2, (first - second) / 2
+    along, across = centre + radius * np.cos(2 * phi), centre - radius * np.cos(2 * phi)
+    np.testing.assert_allclose(found.gain[:, 0], along, atol=1e-12)
+    np.testing.assert_allclose(found.angle[:, 0], -2 * radius * np.sin(2 * phi), atol=1e-12)
+    np.testing.assert_allclose(found.transverse[:, 0], across + 0.285 * along, atol=1e-12)
+    for nothing in (found.along, found.across, found.tilt_along, found.tilt_across):
+        np.testing.assert_allclose(nothing, 0.0, atol=1e-11)
+
+
+def test_uniaxial_stress_in_the_steel_of_the_calibration_is_read_without_transverse_error(plate, bare):
+    position, facets = plate("quad8", 3, 3)
+    gauges = candidates(bare(position), facets, (1, 0, 0), (0.0, 90.0))
+    z = position * [1.0, -0.285, -0.285]
+    found = sensitivity_rows(position, gauges, z.reshape(-1, 1), 0.0, facets=facets)
+    np.testing.assert_allclose(found.transverse[::2], 0.0, atol=1e-14)
+    # Across the stress the error is K_t (1 - ν₀²) of the stretch: TN-509's worst case.
+    np.testing.assert_allclose(found.transverse[1::2], 1 - 0.285**2, atol=1e-14)
+    np.testing.assert_allclose(found.angle, 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.4])
+def test_the_turn_is_the_finite_difference_of_turned_gauges_also_with_grids(length, plate, bare):
+    """Strain that varies linearly: the ends of a turned grid read as much more as less."""
+    position, facets = plate("quad8", 5, 4)
+    gauges = candidates(bare(position), facets, (1.0, 0.3, 0.0), (0.0, 50.0), length=length)
+    field = quadratic(position, 3)
+    found = sensitivity_rows(position, gauges, field, 0.0, facets=facets)
+    h = 0.01
+    ways = [
+        channel_rows(position, gauges, field, facets=facets, rotation=np.full(gauges.gauges, way)) for way in (h, -h)
+    ]
+    slope = (ways[0] - ways[1]) / np.deg2rad(2 * h)
+    np.testing.assert_allclose(found.angle, slope, atol=1e-6 * np.abs(slope).max())
+    np.testing.assert_array_equal(found.along, np.zeros_like(slope))
+
+
+def quadratic(position, count):
+    """Displacement fields z_c = xᵀQ_c x (3n, count)."""
+    Q = np.random.default_rng(5).standard_normal((count, 3, 3, 3))
+    return np.einsum("ki,rcij,kj->kcr", position, Q, position).reshape(-1, count)
+
+
+def slopes_of_quadratic(direction, ahead, count):
+    """d/ds of dᵀ sym(∇z) d along `ahead` (m, 3): dᵀ (Q + Qᵀ) a in direction d, the same everywhere."""
+    Q = np.random.default_rng(5).standard_normal((count, 3, 3, 3))
+    return np.einsum("mc,mi,rcij,mj->mr", direction, direction, Q + np.swapaxes(Q, 2, 3), ahead)
+
+
+@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+@pytest.mark.parametrize("std", [0.01, 0.6])
+@pytest.mark.parametrize("length", [0.0, 0.2])
+def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to_the_edge(
+    kind, std, length, plate, bare
+):
+    position, facets = plate(kind, 5, 4)
+    gauges = candidates(bare(position), facets, (1.0, 0.3, 0.0), (10.0, 70.0), rosette=True, length=length)
+    found = sensitivity_rows(position, gauges, quadratic(position, 2), std, facets=facets)
+    if std > 0.5:
+        _, held = misplaced(position, gauges, facets, np.tile([0.0, 3**0.5 * std], (gauges.gauges, 1)))
+        assert held.any()
+        assert not held.all()
+    # Both grids of a rosette move along the first one and across it.
+    for slope, axis in zip((found.along, found.across), installation_axes(gauges), strict=True):
+        expected = slopes_of_quadratic(gauges.direction, axis[gauges.gauge], 2)
+        np.testing.assert_allclose(slope, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_pure_bending_is_steepest_across_the_neutral_line_and_even_along_it(plate, bare):
+    """A web that bends in its plane, z = (−κxy, κx²/2 + νκy²/2): ε = −κy along, so that the slope across is −κ."""
+    position, facets = plate("quad8", 6, 4)
+    x, y = position[:, 0], position[:, 1]
+    kappa = 2e-3
+    z = kappa * np.column_stack([-x * y, x**2 / 2 + NU * (y**2 / 2), 0 * x])
+    gauges = candidates(bare(position), facets, (1, 0, 0))
+    found = sensitivity_rows(position, gauges, z.reshape(-1, 1), 0.1, facets=facets)
+    np.testing.assert_allclose(found.along, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.across, -kappa, rtol=1e-9)
+    np.testing.assert_allclose(found.angle, 0.0, atol=1e-14)
+    # and ε_y = νκy
+    np.testing.assert_allclose(found.transverse[:, 0], (NU - 0.285) * kappa * gauges.position[:, 1], atol=1e-14)
+
+
+HOLE = 0.01
+
+
+def kirsch(x, y):
+    """Displacement of an infinite plate with a hole of radius a under unit strain from afar along x, plane stress."""
+    a, r, t = HOLE, np.hypot(x, y), np.arctan2(y, x)
+    shear, k = 1 / (2 * (1 + NU)), (3 - NU) / (1 + NU)
+    u = r / a * (k + 1) * np.cos(t) + 2 * a / r * ((1 + k) * np.cos(t) + np.cos(3 * t)) - 2 * (a / r) ** 3 * np.cos(3 * t)
+    v = r / a * (k - 3) * np.sin(t) + 2 * a / r * ((1 - k) * np.sin(t) + np.sin(3 * t)) - 2 * (a / r) ** 3 * np.sin(3 * t)
+    return a / (8 * shear) * np.column_stack([u, v, 0 * r])
+
+
+def kirsch_strain(position, direction):
+    h = 1e-7
+    ends = [kirsch(*(position + way * direction)[:, :2].T) for way in (h, -h)]
+    return np.sum((ends[0] - ends[1]) * direction, axis=1) / (2 * h)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("std", [0.0005, 0.002])
+def test_beside_a_hole_the_slopes_tell_the_rms_change_of_drawn_places(kind, std, bare):
+    """The oracle is Kirsch's strain at 400 drawn places of every gauge; the slopes are of the mesh, by facets of 4 mm."""
+    position, facets = surface(
+        kind,
+        48,
+        12,
+        lambda u, v: (
+            HOLE * 4 ** (v / 12) * np.sin(2 * np.pi * u / 48),
+            HOLE * 4 ** (v / 12) * np.cos(2 * np.pi * u / 48),
+            0.0,
+        ),
+        closed=True,
+    )
+    gauges = candidates(bare(position), facets, (1, 0.02, 0))
+    radius = np.hypot(*gauges.position[:, :2].T)
+    gauges = gauges.take(np.flatnonzero((radius < 3 * HOLE) & (radius > 1.8 * HOLE)))
+    found = sensitivity_rows(position, gauges, kirsch(*position[:, :2].T).reshape(-1, 1), std, facets=facets)
+    rng, squares = np.random.default_rng(0), np.zeros(len(gauges))
+    across = np.cross(gauges.normal, gauges.direction)
+    for _ in range(400):
+        s = std * rng.standard_normal((len(gauges), 2))
+        there = gauges.position + s[:, :1] * gauges.direction + s[:, 1:] * across
+        squares += (kirsch_strain(there, gauges.direction) - kirsch_strain(gauges.position, gauges.direction)) ** 2
+    claimed = std * np.hypot(found.along, found.across)[:, 0]
+    assert np.sqrt(np.sum(claimed**2) / np.sum(squares / 400)) == pytest.approx(1.0, abs=0.12)
+
+
+def test_motion_sensors_tilt_about_every_axis_and_have_no_transverse_strain(plate, bare):
+    position, facets = plate("quad8", 6, 5, 0.2)
+    position = position @ Rotation.from_rotvec([0.4, 0.1, -0.3]).as_matrix().T
+    for quantity in (DISPLACEMENT, ACCELERATION):
+        sensors = motion_candidates(bare(position), facets, quantity, ((1, 0.3, 0), "normal"))
+        rng = np.random.default_rng(2)
+        G, shift = rng.standard_normal((3, 3)), rng.standard_normal(3)
+        found = sensitivity_rows(position, sensors, (position @ G.T + shift).reshape(-1, 1), 0.2, facets=facets)
+        e1, e2 = (axis[sensors.gauge] for axis in installation_axes(sensors))
+        motion = sensors.position @ G.T + shift
+        np.testing.assert_allclose(found.gain[:, 0], np.sum(sensors.direction * motion, axis=1), atol=1e-12)
+        np.testing.assert_allclose(found.along[:, 0], np.sum(sensors.direction * (e1 @ G.T), axis=1), atol=1e-9)
+        np.testing.assert_allclose(found.across[:, 0], np.sum(sensors.direction * (e2 @ G.T), axis=1), atol=1e-9)
+        np.testing.assert_array_equal(found.transverse, 0.0)
+        h = 1e-5
+        for axis, rows in ((sensors.normal, found.angle), (e1, found.tilt_along), (e2, found.tilt_across)):
+            ends = [Rotation.from_rotvec(way * axis).apply(sensors.direction) for way in (h, -h)]
+            slope = np.sum((ends[0] - ends[1]) * motion, axis=1) / (2 * h)
+            np.testing.assert_allclose(rows[:, 0], slope, atol=1e-8)
+
+
+def test_of_given_rows_only_the_gain_is_known():
+    rows = np.random.default_rng(0).standard_normal((4, 3))
+    found = given_sensitivity(rows)
+    np.testing.assert_array_equal(found.gain, rows)
+    for name in (*COMMON, *OWN[1:]):
+        assert not getattr(found, name).any()
