@@ -12,6 +12,7 @@ from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.layout import LayoutSettings
 from strainsight.config.loads import Load
 from strainsight.config.mesh import MeshFile
+from strainsight.config.tolerances import StatedTolerances, Tolerances
 from strainsight.config.validation import Validate
 
 KeepAll = Literal["all"]
@@ -185,6 +186,9 @@ class PlacementConfig(Section):
     rom: ReducedModel = with_defaults(ReducedModel, "The parametric reduced model.")
     train: Train = Field(description="The training run.")
     gauges: Gauges = Field(description="Candidates and their noise.")
+    tolerances: StatedTolerances = with_defaults(
+        Tolerances, "How exactly gauges are installed and the model is known, or none: exactly."
+    )
     motion_sensors: dict[Name, MotionSensors] = Field(
         {}, description="Accelerometers and displacement sensors, by name."
     )

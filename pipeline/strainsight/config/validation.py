@@ -14,16 +14,22 @@ class Truth(Section):
 
     model: Literal["full", "modes", "rich", "rom"] = Field(
         "rich",
-        description="full: the whole finite-element model in time; modes: many modes and static terms; rich: that, with other "
-        "damping and misplaced gauges; rom: the filter's own model.",
+        description="full: the whole finite-element model in time; modes: many modes and static terms; rich: that, with "
+        "damping and gauges that are off by what `tolerances` say, drawn by the seed; rom: the filter's own model.",
     )
     modes: int = Field(60, ge=1, description="Modes of the truth model [-].")
     parameters: dict[Name, Positive] = Field(
         {}, description="True values [Pa or kg/m³]; a parameter left out is at its guess."
     )
-    damping_factor: NotNegative = Field(1.5, description="rich: true damping over the filter's [-].")
-    gauge_offset: NotNegative = Field(0.002, description="rich: how far every gauge is misplaced [m].")
-    gauge_rotation: NotNegative = Field(2.0, description="rich: how far every gauge is turned [deg].")
+    damping_factor: NotNegative | None = Field(
+        None, description="rich: true damping over the filter's [-], the same in every mode; null: by `tolerances`."
+    )
+    gauge_offset: NotNegative | None = Field(
+        None, description="rich: how far every gauge is misplaced [m], always alike; null: by `tolerances`."
+    )
+    gauge_rotation: NotNegative | None = Field(
+        None, description="rich: how far every gauge is turned [deg], always alike; null: by `tolerances`."
+    )
 
 
 class Sweeps(Section):

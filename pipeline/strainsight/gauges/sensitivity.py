@@ -88,7 +88,7 @@ def sensitivity_rows(
     def read(direction: np.ndarray) -> np.ndarray:
         return np.asarray(matrix_of(position, replace(points, direction=direction), len(candidates)) @ z)
 
-    n, d = _normals(position, points), points.direction
+    n, d = normals_of(position, points), points.direction
     straining = (candidates.quantity == STRAIN)[:, None]
     own, aside = read(d), read(np.cross(n, d))
     quarter = np.full(len(d), 45.0)
@@ -141,7 +141,7 @@ def _slope(
     return (further - nearer) * share[candidates.gauge][:, None]
 
 
-def _normals(position: np.ndarray, points: Points) -> np.ndarray:
+def normals_of(position: np.ndarray, points: Points) -> np.ndarray:
     """Outward unit normals (p, 3) of the facets at the points."""
     n = np.zeros((len(points.kind), 3))
     for kind, which, nodes in by_kind(points.kind, points.nodes):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -16,24 +16,29 @@ from strainsight.fem.affine import AffineOperator
 class Damping:
     """Viscous damping that commutes with the modes: each has c(λ) = 2ζ√λ (modal) or α + βλ (Rayleigh), λ = ω².
 
-    ratio ζ [-] stays the same along the parameters; alpha α [1/s]; beta β [s].
+    ratio ζ [-] stays the same along the parameters; alpha α [1/s]; beta β [s]; factors [-] on c of every mode in ascending
+    order of λ, none: 1.
     """
 
     kind: Literal["modal", "rayleigh"] = "modal"
     ratio: float = 0.0
     alpha: float = 0.0
     beta: float = 0.0
+    factors: tuple[float, ...] = ()
 
     def viscous(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """c(λ) and dc/dλ; lam (...) [rad²/s²]."""
+        """c(λ) and dc/dλ; lam (...) [rad²/s²], with factors (..., n) ascending of all n modes."""
+        f = np.array(self.factors) if self.factors else 1.0
         if self.kind == "modal":
-            c = 2 * self.ratio * np.sqrt(lam)
+            c = f * 2 * self.ratio * np.sqrt(lam)
             return c, c / (2 * lam)
-        return self.alpha + self.beta * lam, np.full_like(lam, self.beta)
+        return f * (self.alpha + self.beta * lam), f * np.full_like(lam, self.beta)
 
-    def scaled(self, factor: float) -> Damping:
-        """The same damping, `factor` times as strong."""
-        return Damping(self.kind, factor * self.ratio, factor * self.alpha, factor * self.beta)
+    def scaled(self, factor: float | Sequence[float]) -> Damping:
+        """The same damping, `factor` times as strong; a sequence (n,): mode by mode."""
+        if isinstance(factor, Sequence):
+            return replace(self, factors=tuple(factor))
+        return replace(self, ratio=factor * self.ratio, alpha=factor * self.alpha, beta=factor * self.beta)
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,21 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=8,
-    reads=("seed", "parameters", "loads", "process_noise", "train", "place.estimate", "filter", "validate", *READS),
+    version=9,
+    reads=(
+        *(
+            "seed",
+            "parameters",
+            "loads",
+            "process_noise",
+            "train",
+            "tolerances",
+            "place.estimate",
+            "filter",
+            "validate",
+        ),
+        *READS,
+    ),
     upstream=("import", "rom", "train", "screen", "place", "spectrum"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),
     run=run,

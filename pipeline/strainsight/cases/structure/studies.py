@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,12 +20,14 @@ from strainsight.sweep.sweep import Sweep, serial
 
 @dataclass(frozen=True)
 class Runs:
-    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p], seed (B,) of the noise."""
+    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p], seed (B,) of the noise;
+    drawn (B,): number of the truth's realisation, 0 the layout's own."""
 
     channels: np.ndarray
     noise_factor: np.ndarray
     start: np.ndarray
     seed: np.ndarray
+    drawn: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Studies:
     """All studies of a validation.
 
     noise      other noise levels
-    repeats    other noise and other starting values
+    repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
     starts     other starting values on one measurement, which must agree in the end
     screened   random sets of the screened pool, on the layout's own noise
     all        random sets of all candidates
@@ -68,11 +70,11 @@ def studies_of(trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sw
     repeats, count = settings.repeats, settings.random_sets
     factors = np.array(settings.noise_factors, dtype=float)
     starts = spread * rng.standard_normal((repeats, len(spread)))
-    home = np.zeros_like(spread)
+    home, others = np.zeros_like(spread), np.arange(1, repeats + 1)
     own = np.zeros(max(len(factors), repeats, count), dtype=int)
     parts = {
         "noise": _runs(trial.chosen, factors, home, own[: len(factors)]),
-        "repeats": _runs(trial.chosen, 1.0, starts, np.arange(1, repeats + 1)),
+        "repeats": replace(_runs(trial.chosen, 1.0, starts, others), drawn=others),
         "starts": _runs(trial.chosen, 1.0, starts, own[:repeats]),
     }
     every = trial.problem.channels
@@ -154,6 +156,7 @@ def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndar
         np.broadcast_to(np.asarray(noise_factor, dtype=float), (B,)),
         np.broadcast_to(start, (B, start.shape[-1])),
         seed,
+        np.zeros(B, dtype=int),
     )
 
 
@@ -174,13 +177,14 @@ class _Batch:
 def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, Study]:
     width = max(part.channels.shape[1] for part in parts.values())
     channels = np.concatenate([_widened(part.channels, width) for part in parts.values()])
-    factor, start, stream = (
-        np.concatenate([getattr(part, name) for part in parts.values()]) for name in ("noise_factor", "start", "seed")
+    factor, start, stream, drawn = (
+        np.concatenate([getattr(part, name) for part in parts.values()])
+        for name in ("noise_factor", "start", "seed", "drawn")
     )
     batches = []
     for own in np.array_split(np.arange(len(stream)), -(-len(stream) // BATCH)):
-        runs = Runs(channels[own], factor[own], start[own], stream[own])
-        batches.append(_Batch(runs, trial.reading(runs.channels)[1:], seed))
+        runs = Runs(channels[own], factor[own], start[own], stream[own], drawn[own])
+        batches.append(_Batch(runs, _true(trial, runs), seed))
     found = sweep(_batch, batches, without_truth(trial))
     lost = np.concatenate([answer[-1] for answer in found])
     if np.all(lost >= 0):
@@ -197,6 +201,15 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
             *({name: values[name][..., span] for name in trial.names} for values in (real, claimed, estimate, std)),
         )
     return studies
+
+
+def _true(trial: Trial, runs: Runs) -> np.ndarray:
+    """What the runs measure without noise (T, B, k)."""
+    true = trial.reading(runs.channels)[1:]
+    if trial.again is not None:
+        for run in np.flatnonzero(runs.drawn):
+            true[:, run, : len(trial.chosen)] = trial.again(int(runs.drawn[run]))[1:]
+    return true
 
 
 Answer = tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,8 @@ class Trial:
     """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N], loads that the filter is given;
     truth and its motion; history: unknown's name → (T + 1,) [SI]; gauges: numbers of those of the layout, chosen (k,) their
     channels, stopped: how many of them a sharp edge has kept from being misplaced as far as stated; covariance P₀ (n*, n*);
-    units: unknown's name → unit."""
+    units: unknown's name → unit; again: number of a realisation → what the layout reads without noise (T + 1, k) where the
+    truth is drawn anew, None where nothing is drawn."""
 
     problem: Problem
     h: float
@@ -38,6 +39,7 @@ class Trial:
     stopped: int
     covariance: np.ndarray
     units: Mapping[str, str]
+    again: Callable[[int], np.ndarray] | None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,7 +81,7 @@ class Trial:
 def without_truth(trial: Trial) -> Trial:
     """What a filter needs, and its errors: a truth may hold the whole model, which is not sent to other processes."""
     gone = ReadMotion(np.zeros((0, 0)))
-    return replace(trial, truth=replace(trial.truth, motion=_gone), motion=gone)
+    return replace(trial, truth=replace(trial.truth, motion=_gone, again=None), motion=gone, again=None)
 
 
 def _gone(_u: np.ndarray, _h: float) -> Motion:
@@ -126,7 +128,22 @@ def _simulated(
         stopped=int(truth.held[gauges].sum()),
         covariance=P,
         units=units,
+        again=_again(truth, gauges, int(np.count_nonzero(channels >= 0)), held, h),
     )
+
+
+def _again(
+    truth: Truth, gauges: np.ndarray, count: int, held: np.ndarray, h: float
+) -> Callable[[int], np.ndarray] | None:
+    if truth.again is None:
+        return None
+    drawn = truth.again
+
+    def reading(realisation: int) -> np.ndarray:
+        own = drawn(realisation, gauges)
+        return own.motion(held, h).reading(np.arange(count))
+
+    return reading
 
 
 def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:

@@ -11,18 +11,19 @@ from scipy import sparse
 
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import accelerations
+from strainsight.cases.structure.drawn import in_words, installation_of, model_of, varies
 from strainsight.cases.structure.full_model import FullModel, full_model
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import load_shapes, parameters_of
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.validation import Truth as StatedTruth
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import nodal
 from strainsight.gauges.candidates import ACCELERATION, Candidates
-from strainsight.gauges.misplaced import misplaced
+from strainsight.gauges.installation import Installation, installed_rows
 from strainsight.gauges.rows import channel_matrix, channel_rows
-from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.gauges.walk import skin_of
+from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Training
@@ -44,16 +45,17 @@ class Motion(Protocol):
 @dataclass(frozen=True)
 class ModalMotion:
     """q, acceleration (T + 1, r): coordinates and their second rates; rows (m, r) of all channels; moving (m,): which read
-    accelerations."""
+    accelerations; offset (m,) of the readings [unit of the channel]."""
 
     q: np.ndarray
     acceleration: np.ndarray
     rows: np.ndarray
     moving: np.ndarray
+    offset: np.ndarray
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
         own = self.rows[channels].T
-        return np.where(self.moving[channels], self.acceleration @ own, self.q @ own)
+        return np.where(self.moving[channels], self.acceleration @ own, self.q @ own) + self.offset[channels]
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,15 @@ class ReadMotion:
 @dataclass(frozen=True)
 class Truth:
     """theta: true parameter values [SI]; description for people; held (gauges,): which a sharp edge has kept from being
-    misplaced as far as asked; motion: held loads (T, HOLD, n_u) and step h [s] → what happens under them, from rest."""
+    misplaced as far as asked; motion: held loads (T, HOLD, n_u) and step h [s] → what happens under them, from rest;
+    again: number of a realisation, and gauges → the truth of these gauges, in their order, with everything drawn anew; None
+    where nothing is drawn."""
 
     theta: Mapping[str, float]
     description: str
     held: np.ndarray
     motion: Callable[[np.ndarray, float], Motion]
+    again: Callable[[int, np.ndarray], Truth] | None = None
 
 
 def truth_of(
@@ -90,7 +95,7 @@ def truth_of(
 
     rom    the filter's own model at the true parameters: an inverse crime, and reported as one (the thesis's case)
     modes  `modes` modes with their static terms at the true parameters
-    rich   that, with other damping and misplaced gauges
+    rich   that, with damping, and gauges as installed, drawn from the tolerances by the seed
     full   all degrees of freedom of the finite-element model in time, gauges in place
 
     spectrum: modes that hold at any value of the parameters, in place of those found here.
@@ -110,38 +115,73 @@ def truth_of(
     if stated.model == "full":
         words = f"the whole finite-element model in time, {values}"
         return _full(problem, mesh, training, built, S, theta, words, stated.modes, using)
-    rich = stated.model == "rich"
-    damping = problem.model.damping.scaled(stated.damping_factor if rich else 1.0)
     shapes = None if spectrum is None else Snapshots(spectrum.frequency, spectrum.shape, reduced.static)
     with blame("validate.truth.modes"):
-        model, basis = modal_model(built.model, S, problem.model.inputs, theta, stated.modes, damping, shapes)
+        model, basis = modal_model(
+            built.model, S, problem.model.inputs, theta, stated.modes, problem.model.damping, shapes
+        )
     words = f"{stated.modes} modes of the full model with static terms, {values}"
-    if rich:
-        words += f", damping × {stated.damping_factor:g}"
-    given = training.given
-    held = np.zeros(pool.gauges, dtype=bool)
-    if given is not None:
-        words += ", gauges exactly in place, because given strain rows cannot be moved or turned" * rich
-        return _modal(theta, words, held, model, given @ (built.motion @ basis), pool)
-    facets = exterior_facets(mesh)
-    if rich:
-        words += f", gauges off by {1e3 * stated.gauge_offset:g} mm and {stated.gauge_rotation:g}°"
-        with blame("validate.truth.gauge_offset"):
-            pool, held = _bonded_badly(mesh, facets, pool, stated, config.seed)
-    rows = channel_rows(mesh.position, pool, nodal(built.model, basis), facets=facets)
-    return _modal(theta, words, held, model, rows, pool)
+    installed = _installed(mesh, built, basis, training)
+    if stated.model == "modes":
+        rows, held = installed(np.arange(pool.gauges), None)
+        return _modal(theta, words, held, model, rows, pool)
+    words += in_words(config, given=training.given is not None)
+
+    def drawn(realisation: int, gauges: np.ndarray) -> Truth:
+        installation = installation_of(config, pool, realisation).take(pool, gauges)
+        with blame("tolerances"):
+            rows, held = installed(gauges, installation)
+        own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
+        return _modal(theta, words, held, own, rows, part, installation.offset)
+
+    return replace(drawn(0, np.arange(pool.gauges)), again=drawn if varies(config) else None)
+
+
+Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.ndarray]]
+
+
+def _installed(mesh: Mesh, built: FullModel, basis: np.ndarray, training: Training) -> Installed:
+    """Gauges (k,) and how they are installed, None: as meant → rows of their channels (m, r), and which (k,) an edge holds.
+
+    Of given strain rows only the gain can be off.
+    """
+    pool = training.candidates
+    if training.given is not None:
+        given = training.given @ (built.motion @ basis)
+
+        def scaled(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
+            gain = 0.0 if installation is None else installation.gain[:, None]
+            return (1 + gain) * given[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
+
+        return scaled
+    field, skin = nodal(built.model, basis), skin_of(mesh.position, exterior_facets(mesh))
+
+    def bonded(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
+        part = pool.take(pool.channels(gauges))
+        if installation is None:
+            return channel_rows(mesh.position, part, field, facets=skin), np.zeros(len(gauges), dtype=bool)
+        return installed_rows(mesh.position, part, field, installation, facets=skin)
+
+    return bonded
 
 
 def _modal(
-    theta: Mapping[str, float], words: str, held: np.ndarray, model: ReducedModel, rows: np.ndarray, pool: Candidates
+    theta: Mapping[str, float],
+    words: str,
+    held: np.ndarray,
+    model: ReducedModel,
+    rows: np.ndarray,
+    pool: Candidates,
+    offset: np.ndarray | None = None,
 ) -> Truth:
     # A model of the truth has the true values for its reference; the filter's own model is taken there.
     at = {name: theta[name] for name in model.reference}
+    constant = np.zeros(len(pool)) if offset is None else offset
 
     def motion(u: np.ndarray, h: float) -> Motion:
         x = simulate(model, at, u, h)
         a = accelerations(model, at, x, instant_values(u))
-        return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION)
+        return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION, constant)
 
     return Truth(theta, words, held, motion)
 
@@ -193,18 +233,6 @@ def _full(
         return ReadMotion(readings)
 
     return Truth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
-
-
-def _bonded_badly(
-    mesh: Mesh, facets: Facets, pool: Candidates, stated: StatedTruth, seed: int
-) -> tuple[Candidates, np.ndarray]:
-    """Every gauge off in a random direction and turned by ± its angle; those already bonded are where they are."""
-    rng = np.random.default_rng(seed)
-    heading = rng.uniform(0, 2 * np.pi, pool.gauges)
-    free = ~pool.bonded[pool.first]
-    offset = stated.gauge_offset * np.column_stack([np.cos(heading), np.sin(heading)]) * free[:, None]
-    rotation = stated.gauge_rotation * rng.choice([-1.0, 1.0], pool.gauges) * free
-    return misplaced(mesh.position, pool, facets, offset, rotation)
 
 
 def _at(theta: Mapping[str, float], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:

@@ -1,0 +1,114 @@
+"""What a rich truth draws from the tolerances: how gauges are installed, how its modes are damped, how stiff it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import tolerances_of
+from strainsight.fem.affine import AffineOperator
+from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.installation import Installation, InstallationStd, drawn_installation
+from strainsight.rom.model import ReducedModel
+
+INSTALLATION, MODEL = 1, 2
+"""Streams of the random numbers of gauges and of the model, apart from those of the noise."""
+
+
+def installation_std(config: PlacementConfig) -> InstallationStd:
+    """σ of how gauges are installed, in SI units and rad."""
+    own = tolerances_of(config.tolerances)
+    return InstallationStd(own.position, float(np.deg2rad(own.angle)), own.gain, own.transverse, own.offset)
+
+
+def installation_of(config: PlacementConfig, pool: Candidates, realisation: int) -> Installation:
+    """Draw number `realisation` of the config's seed, 0 that of the layout's own measurement.
+
+    A place or direction that `validate.truth` states has that size, in a direction that is drawn once for all realisations.
+    """
+    stated = config.validation.truth
+    rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
+    found = drawn_installation(pool, installation_std(config), rng)
+    fixed = np.random.default_rng(config.seed)
+    heading, way = fixed.uniform(0, 2 * np.pi, pool.gauges), fixed.choice([-1.0, 1.0], pool.gauges)
+    free = ~pool.bonded[pool.first]
+    if stated.gauge_offset is not None:
+        ahead = np.column_stack([np.cos(heading), np.sin(heading)])
+        found = replace(found, place=stated.gauge_offset * ahead * free[:, None])
+    if stated.gauge_rotation is not None:
+        turn = np.deg2rad(stated.gauge_rotation) * way * free
+        found = replace(found, angle=turn, tilt=np.zeros_like(found.tilt))
+    return found
+
+
+def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
+    """The model with drawn damping, ζᵢ = ζ exp(s ln f), and drawn stiffness, K exp(s σ), s normal, of every mode its own.
+
+    A `damping_factor` that `validate.truth` states holds for every mode and realisation. The stiffness keeps its scale where a
+    modulus is estimated.
+    """
+    own, stated = tolerances_of(config.tolerances), config.validation.truth.damping_factor
+    rng = np.random.default_rng([config.seed, realisation, MODEL])
+    scale = np.exp(own.model * rng.standard_normal())
+    factors = np.exp(np.log(own.damping) * rng.standard_normal(model.size))
+    if stated is not None:
+        model = replace(model, damping=model.damping.scaled(stated))
+    elif own.damping > 1:
+        model = replace(model, damping=model.damping.scaled(factors.tolist()))
+    if own.model > 0 and not _modulus_estimated(config):
+        terms = {name: scale * term for name, term in model.stiffness.terms.items()}
+        model = replace(model, stiffness=AffineOperator(scale * model.stiffness.constant, terms))
+    return model
+
+
+def varies(config: PlacementConfig) -> bool:
+    """Whether one realisation differs from another."""
+    own, stated = tolerances_of(config.tolerances), config.validation.truth
+    return bool(
+        (own.position > 0 and stated.gauge_offset is None)
+        or (own.angle > 0 and stated.gauge_rotation is None)
+        or (own.damping > 1 and stated.damping_factor is None)
+        or own.gain > 0
+        or own.transverse > 0
+        or own.offset > 0
+        or (own.model > 0 and not _modulus_estimated(config))
+    )
+
+
+def in_words(config: PlacementConfig, given: bool) -> str:
+    """What is off, for people; given: whether the gauges are given by their strain rows. Begins with a comma."""
+    own, stated = tolerances_of(config.tolerances), config.validation.truth
+    drawn, fixed = [], []
+    if stated.damping_factor is not None:
+        fixed.append(f"damping × {stated.damping_factor:g}")
+    elif own.damping > 1:
+        drawn.append(f"ln ζ of every mode ln {own.damping:g}")
+    if own.model > 0 and not _modulus_estimated(config):
+        drawn.append(f"stiffness {100 * own.model:g} %")
+    if given:
+        fixed.append("gauges exactly in place, because given strain rows cannot be moved or turned")
+    elif stated.gauge_offset is not None or stated.gauge_rotation is not None:
+        sizes = (("gauge_offset", 1e3, " mm"), ("gauge_rotation", 1.0, "°"))
+        own_sizes = [(getattr(stated, key), factor, unit) for key, factor, unit in sizes]
+        fixed.append("gauges off by " + " and ".join(f"{f * v:g}{unit}" for v, f, unit in own_sizes if v is not None))
+    moved = not given
+    for value, text in (
+        (own.position * (moved and stated.gauge_offset is None), f"place {1e3 * own.position:g} mm each way"),
+        (own.angle * (moved and stated.gauge_rotation is None), f"direction {own.angle:g}°"),
+        (own.gain, f"gain {100 * own.gain:g} %"),
+        (own.transverse * moved, f"transverse sensitivity {100 * own.transverse:g} %"),
+        (own.offset, f"offset {1e6 * own.offset:g} µm/m"),
+    ):
+        drawn += [text] if value > 0 else []
+    words = fixed + ([f"drawn with σ: {', '.join(drawn)}"] if drawn else [])
+    return "".join(f", {text}" for text in words)
+
+
+def _modulus_estimated(config: PlacementConfig) -> bool:
+    return any(
+        config.parameters[name].property == "youngs_modulus"
+        for name in config.place.estimate
+        if name in config.parameters
+    )

@@ -1,0 +1,74 @@
+"""How exactly gauges are installed and the model is known."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from strainsight.config.base import NotNegative, Section
+
+
+class Tolerances(Section):
+    """Standard deviations of how gauges are installed and of what the model leaves open; 0 for what is exact. Every truth
+    `rich` draws its own installation and damping from them."""
+
+    position: NotNegative = Field(
+        0.002,
+        description="σ of a gauge's place along each of two directions [m]; 2 mm for a place that was marked out.",
+    )
+    angle: float = Field(
+        2.0, ge=0, le=45, description="σ of a gauge's direction, of an accelerometer's about every axis [deg]."
+    )
+    gain: float = Field(
+        0.01,
+        ge=0,
+        le=0.5,
+        description="σ of the factor on a reading: gauge factor and lead wires, sensitivity of an accelerometer [-].",
+    )
+    transverse: float = Field(
+        0.005, ge=0, le=0.5, description="σ of the transverse sensitivity K_t of a strain gauge [-]."
+    )
+    offset: NotNegative = Field(0.0, description="σ of a constant offset of every channel of strain [strain].")
+    damping: float = Field(
+        1.5, ge=1, le=100, description="Factor, the logarithm of which is the σ of ln ζ of every mode [-]; 1: exact."
+    )
+    load_point: NotNegative = Field(0.0, description="σ of the point of a load along each direction [m].")
+    load_direction: float = Field(
+        0.0, ge=0, le=45, description="σ of the direction of a load about each of two axes across it [deg]."
+    )
+    model: float = Field(
+        0.0,
+        ge=0,
+        le=0.5,
+        description="σ of the logarithm of one scale of the whole stiffness, where no modulus is estimated [-].",
+    )
+    treat: Literal["consider", "estimate"] = Field(
+        "consider",
+        description="consider: σ of the estimates covers them; estimate: the filter estimates them beside the unknowns.",
+    )
+
+
+StatedTolerances = Annotated[
+    Annotated[Tolerances, Tag("tolerances")] | Annotated[Literal["none"], Tag("none")],
+    Discriminator(lambda value: "tolerances" if isinstance(value, dict | Tolerances) else "none"),
+]
+
+NONE = Tolerances(
+    position=0,
+    angle=0,
+    gain=0,
+    transverse=0,
+    offset=0,
+    damping=1,
+    load_point=0,
+    load_direction=0,
+    model=0,
+    treat="consider",
+)
+"""Everything exact."""
+
+
+def tolerances_of(stated: Tolerances | Literal["none"]) -> Tolerances:
+    """Of a config: those that it states, or everything exact."""
+    return NONE if stated == "none" else stated

@@ -1,0 +1,116 @@
+"""Gauges as they are installed: drawn from tolerances, and what they read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.gauges.candidates import STRAIN, Candidates
+from strainsight.gauges.misplaced import installation_axes, misplaced
+from strainsight.gauges.points import surface_of
+from strainsight.gauges.rows import matrix_of, points_within
+from strainsight.gauges.sensitivity import CALIBRATION_POISSON, normals_of
+from strainsight.gauges.surface import turned
+from strainsight.gauges.walk import Skin
+from strainsight.mesh.facets import Facets
+
+
+@dataclass(frozen=True)
+class InstallationStd:
+    """σ of how gauges are installed: position [m] along each of two directions; angle [rad]; gain [-]; transverse [-]: K_t;
+    offset [strain]."""
+
+    position: float = 0.0
+    angle: float = 0.0
+    gain: float = 0.0
+    transverse: float = 0.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Installation:
+    """How each gauge and channel really is.
+
+    place (gauges, 2) [m] along the `installation_axes`; angle (gauges,) [rad] about the normal; tilt (gauges, 2) [rad] about
+    those axes, of motion sensors; gain (m,) relative error of the reading; transverse (m,) K_t; offset (m,) [strain] that is
+    always there.
+    """
+
+    place: np.ndarray
+    angle: np.ndarray
+    tilt: np.ndarray
+    gain: np.ndarray
+    transverse: np.ndarray
+    offset: np.ndarray
+
+    def take(self, candidates: Candidates, gauges: np.ndarray) -> Installation:
+        """Of some gauges (k,) of the candidates, in their order."""
+        own = candidates.channels(gauges)
+        return Installation(
+            self.place[gauges],
+            self.angle[gauges],
+            self.tilt[gauges],
+            self.gain[own],
+            self.transverse[own],
+            self.offset[own],
+        )
+
+
+def drawn_installation(candidates: Candidates, std: InstallationStd, rng: np.random.Generator) -> Installation:
+    """Normal and independent: place, angle and tilt of every gauge, gain, K_t and offset of every channel.
+
+    Gauges that are bonded already keep place and direction. Only channels of strain have K_t and an offset, only motion
+    sensors tilt.
+    """
+    common, own = rng.standard_normal((candidates.gauges, 5)), rng.standard_normal((len(candidates), 3))
+    common *= ~candidates.bonded[candidates.first][:, None]
+    straining = candidates.quantity == STRAIN
+    return Installation(
+        place=std.position * common[:, :2],
+        angle=std.angle * common[:, 2],
+        tilt=std.angle * common[:, 3:] * ~straining[candidates.first][:, None],
+        gain=std.gain * own[:, 0],
+        transverse=std.transverse * own[:, 1] * straining,
+        offset=std.offset * own[:, 2] * straining,
+    )
+
+
+def installed_rows(
+    position: np.ndarray,
+    candidates: Candidates,
+    field: np.ndarray,
+    installation: Installation,
+    *,
+    facets: Facets | Skin | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the gauges as installed read of displacement fields, without their offsets:
+
+        (1 + g)(ε + K_t ε_t)/(1 − ν₀ K_t),   ε and ε_t along and across each grid where and how it really lies
+
+    position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface. Returns rows (m, r) [unit of the channel] and
+    which gauges (gauges,) a sharp edge has kept from going as far as asked. K_t as in `sensitivity_rows`.
+    Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
+    """
+    skin, held = surface_of(position, candidates, facets), np.zeros(candidates.gauges, dtype=bool)
+    if installation.place.any() or installation.angle.any():
+        candidates, held = misplaced(position, candidates, skin, installation.place, np.rad2deg(installation.angle))
+    candidates = _tilted(candidates, installation.tilt)
+    points = points_within(position, candidates, skin)
+    z = np.asarray(field).reshape(3 * len(position), -1)
+    rows = np.asarray(matrix_of(position, points, len(candidates)) @ z)
+    k = installation.transverse[:, None]
+    if k.any():
+        aside = replace(points, direction=np.cross(normals_of(position, points), points.direction))
+        rows = (rows + k * (matrix_of(position, aside, len(candidates)) @ z)) / (1 - CALIBRATION_POISSON * k)
+    return (1 + installation.gain[:, None]) * rows, held
+
+
+def _tilted(candidates: Candidates, tilt: np.ndarray) -> Candidates:
+    if not tilt.any():
+        return candidates
+    e1, e2 = installation_axes(candidates)
+    about = (tilt[:, :1] * e1 + tilt[:, 1:] * e2)[candidates.gauge]
+    angle = np.linalg.norm(about, axis=1)
+    axis = about / np.where(angle > 0, angle, 1.0)[:, None]
+    return replace(candidates, direction=turned(candidates.direction, axis, np.rad2deg(angle)))
