@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.gauges.conftest import surface
 
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, candidates
 from strainsight.gauges.misplaced import installation_axes, misplaced
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
+
+from .conftest import surface
 
 KINDS = ("tri3", "tri6", "quad4", "quad8")
 NU = 0.3

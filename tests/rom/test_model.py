@@ -121,6 +121,28 @@ def test_scaled_damping_is_the_same_damping_stronger():
         np.testing.assert_allclose(damping.scaled(1.5).viscous(lam)[0], 1.5 * damping.viscous(lam)[0], rtol=1e-14)
 
 
+def test_factors_damp_every_mode_by_its_own_and_the_slope_is_that_of_differences():
+    rng = np.random.default_rng(4)
+    mass = AffineOperator(positive(rng, 5), {})
+    stiffness = AffineOperator(positive(rng, 5), {"E": positive(rng, 5)})
+    factors = rng.uniform(0.3, 3.0, 5)
+    for damping in (MODAL, RAYLEIGH):
+        model = ReducedModel(
+            mass, stiffness, np.ones((5, 1)), ("F",), {"E": 1.0}, damping.scaled(factors.tolist())
+        )
+        lam, Phi = eigh(stiffness.at({"E": 1.3}), mass.constant)
+        alone = 2 * MODAL.ratio * np.sqrt(lam) if damping is MODAL else RAYLEIGH.alpha + RAYLEIGH.beta * lam
+        C = damping_matrix(model, {"E": 1.3})
+        np.testing.assert_allclose(Phi.T @ C @ Phi, np.diag(factors * alone), atol=1e-12 * np.abs(alone).max())
+        h = 1e-6
+        ends = [damping_matrix(model, {"E": 1.3 + way}) for way in (h, -h)]
+        slope = damping_derivative(model, {"E": 1.3}, "E")
+        np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * h), atol=1e-7 * np.abs(slope).max())
+        # a factor on all of it comes on top
+        twice = ReducedModel(mass, stiffness, np.ones((5, 1)), ("F",), {"E": 1.0}, model.damping.scaled(2.0))
+        np.testing.assert_allclose(damping_matrix(twice, {"E": 1.3}), 2 * C, rtol=1e-12)
+
+
 def test_operators_at_arrays_of_values_and_projection():
     rng = np.random.default_rng(8)
     X = AffineOperator(positive(rng, 4), {"E": positive(rng, 4), "rho": positive(rng, 4)})

@@ -1,0 +1,145 @@
+"""Gauges as installed: drawn with the σ that is stated, and read where and how they lie."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from strainsight.gauges.candidates import ACCELERATION, candidates, concatenate
+from strainsight.gauges.installation import InstallationStd, drawn_installation, installed_rows
+from strainsight.gauges.motion import motion_candidates
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.sensitivity import COMMON, OWN, sensitivity_rows
+
+STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6)
+NONE = InstallationStd()
+
+
+def pool_of(position, facets, bare):
+    """Rosettes of two grids, then accelerometers along an axis and the normal."""
+    rosettes = candidates(bare(position), facets, (1, 0.2, 0.1), (0.0, 60.0), rosette=True)
+    sensors = motion_candidates(bare(position), facets, ACCELERATION, ((1, 0.3, 0), "normal"))
+    return concatenate([rosettes, sensors])
+
+
+def within(values, std):
+    """Whether Σ(x/σ)² of independent normal values is what χ² has in 999 of 1000 cases."""
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], np.size(values))
+    return low < np.sum(np.square(values) / std**2) < high
+
+
+def test_everything_is_drawn_with_its_own_standard_deviation_and_independently(plate, bare):
+    position, facets = plate("quad4", 40, 30)
+    pool = pool_of(position, facets, bare)
+    drawn = drawn_installation(pool, STD, np.random.default_rng(3))
+    straining, sensing = pool.quantity != ACCELERATION, pool.quantity == ACCELERATION
+    first = pool.first
+    assert within(drawn.place, STD.position)
+    assert within(drawn.angle, STD.angle)
+    assert within(drawn.tilt[sensing[first]], STD.angle)
+    assert within(drawn.gain, STD.gain)
+    assert within(drawn.transverse[straining], STD.transverse)
+    assert within(drawn.offset[straining], STD.offset)
+    for nothing in (drawn.tilt[straining[first]], drawn.transverse[sensing], drawn.offset[sensing]):
+        assert not nothing.any()
+    table = np.column_stack([drawn.place, drawn.angle, drawn.gain[first]])
+    correlation = np.corrcoef(table.T) - np.eye(4)
+    assert np.abs(correlation).max() < 4 / np.sqrt(len(table))
+
+
+def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain(plate, bare):
+    pool = pool_of(*plate("quad4", 4, 3), bare)
+    drawn = drawn_installation(replace(pool, bonded=np.ones(len(pool), dtype=bool)), STD, np.random.default_rng(3))
+    free = drawn_installation(pool, STD, np.random.default_rng(3))
+    for nothing in (drawn.place, drawn.angle, drawn.tilt):
+        assert not nothing.any()
+    np.testing.assert_array_equal(drawn.gain, free.gain)
+    np.testing.assert_array_equal(drawn.transverse, free.transverse)
+    assert drawn.offset.any()
+
+
+def test_a_few_gauges_are_installed_as_they_are_among_all(plate, bare):
+    position, facets = plate("quad8", 6, 5, 0.1)
+    pool = pool_of(position, facets, bare)
+    field = np.random.default_rng(0).standard_normal((3 * len(position), 2))
+    drawn = drawn_installation(pool, STD, np.random.default_rng(5))
+    every, held = installed_rows(position, pool, field, drawn, facets=facets)
+    some = np.array([17, 3, 40])
+    channels = pool.channels(some)
+    own, kept = installed_rows(position, pool.take(channels), field, drawn.take(pool, some), facets=facets)
+    np.testing.assert_allclose(own, every[channels], rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(kept, held[some])
+
+
+@pytest.mark.parametrize("kind", ["tri3", "quad8"])
+def test_homogeneous_strain_is_read_with_gain_and_transverse_sensitivity_in_the_turned_direction(kind, plate, bare):
+    position, facets = plate(kind, 5, 4, 0.2)
+    position = position @ Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix().T
+    pool = pool_of(position, facets, bare)
+    drawn = drawn_installation(pool, STD, np.random.default_rng(2))
+    G = np.random.default_rng(6).standard_normal((3, 3))
+    rows, _ = installed_rows(position, pool, (position @ G.T).reshape(-1, 1), drawn, facets=facets)
+    d, n = pool.direction, pool.normal
+    turned = Rotation.from_rotvec(drawn.angle[pool.gauge][:, None] * n).apply(d)
+    along, across = (np.einsum("mi,ij,mj->m", a, G, a) for a in (turned, np.cross(n, turned)))
+    expected = (1 + drawn.gain) * (along + drawn.transverse * across) / (1 - 0.285 * drawn.transverse)
+    straining = pool.quantity != ACCELERATION
+    np.testing.assert_allclose(rows[straining, 0], expected[straining], atol=1e-12)
+    np.testing.assert_array_equal(drawn.transverse[~straining], 0.0)
+
+
+def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole(plate, bare):
+    position, facets = plate("quad4", 5, 4)
+    sensors = motion_candidates(bare(position), facets, ACCELERATION, ((1, 0, 0), (0, 1, 0), "normal"))
+    drawn = drawn_installation(sensors, InstallationStd(angle=0.3), np.random.default_rng(2))
+    # the fields are unit motions of the whole: what a channel reads of them is its direction
+    unit = np.tile(np.eye(3), (len(position), 1))
+    rows, held = installed_rows(position, sensors, unit, drawn, facets=facets)
+    assert not held.any()
+    d = rows.reshape(-1, 3, 3)
+    np.testing.assert_allclose(d @ np.swapaxes(d, 1, 2), np.tile(np.eye(3), (len(d), 1, 1)), atol=1e-12)
+    turned = Rotation.from_euler("z", drawn.angle[:, None]).as_matrix()
+    for i, (turn, tilt) in enumerate(zip(turned, drawn.tilt, strict=True)):
+        expected = Rotation.from_rotvec(turn @ [*tilt, 0.0]).as_matrix() @ turn
+        np.testing.assert_allclose(d[i].T, expected, atol=1e-12)
+
+
+def test_what_is_exact_is_read_to_the_bit(plate, bare):
+    position, facets = plate("quad8", 5, 4, 0.2)
+    pool = pool_of(position, facets, bare)
+    field = np.random.default_rng(0).standard_normal((3 * len(position), 2))
+    rows, held = installed_rows(
+        position, pool, field, drawn_installation(pool, NONE, np.random.default_rng(0)), facets=facets
+    )
+    np.testing.assert_array_equal(rows, channel_rows(position, pool, field, facets=facets))
+    assert not held.any()
+
+
+def test_small_errors_of_installation_change_readings_by_their_sensitivities(plate, bare):
+    """What is left of the change falls with the square of the errors; strain that varies linearly, away from the edge."""
+    position, facets = plate("quad8", 9, 8)
+    pool = pool_of(position, facets, bare)
+    inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 7), axis=1))
+    pool = pool.take(pool.channels(inner))
+    Q = np.random.default_rng(5).standard_normal((3, 3, 3))
+    field = 1e-2 * np.einsum("ki,cij,kj->kc", position, Q, position).reshape(-1, 1)
+    exact = channel_rows(position, pool, field, facets=facets)
+    slopes = sensitivity_rows(position, pool, field, 0.01, facets=facets)
+    left = []
+    for size in (1e-2, 1e-3):
+        std = InstallationStd(size, size, size, size)
+        drawn = drawn_installation(pool, std, np.random.default_rng(7))
+        rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
+        common = np.column_stack([drawn.place, drawn.angle, drawn.tilt])[pool.gauge]
+        own = np.column_stack([drawn.gain, drawn.transverse])
+        first = sum(
+            value[:, None] * getattr(slopes, name)
+            for name, value in zip((*COMMON, *OWN), np.hstack([common, own]).T, strict=True)
+        )
+        left.append(np.abs(rows - exact - first).max())
+        assert np.abs(rows - exact).max() > 20 * left[-1]
+    assert left[1] == pytest.approx(left[0] / 100, rel=0.2)

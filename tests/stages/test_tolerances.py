@@ -1,0 +1,134 @@
+"""A rich truth is drawn from the tolerances: by the seed and the number of the realisation, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+from scipy.stats import chi2
+
+from strainsight import api
+from strainsight.cases.structure.drawn import in_words, installation_of, model_of
+from strainsight.fem.affine import AffineOperator
+from strainsight.rom.model import Damping, ReducedModel
+
+from ..edges.beam import PLACEMENT_CONFIG, bricks
+
+EXACT = ("position", "angle", "gain", "transverse")
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """A small beam up to its screened pool, and a function that validates two of its gauges with overrides."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
+    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
+
+    def case(*overrides):
+        return api.load(folder / "edge.yaml", ["validate.repeats=3", *overrides])
+
+    plain = case()
+    mesh = api.mesh(plain)
+    reduced = api.reduce(plain, mesh)
+    training = api.train(plain, mesh, reduced)
+    screened = api.screen(plain, training)
+    gauges = screened.kept[:3]
+
+    def validated(*overrides):
+        return api.validate(case(*overrides), mesh, reduced, training, screened, gauges)
+
+    return case, training.candidates, validated
+
+
+def readings(found):
+    """What the layout reads without noise: in its own measurement, and in the first two repeats."""
+    trial = found.trial
+    return [trial.reading(trial.chosen), *(trial.again(i) for i in (1, 2))]
+
+
+def test_without_tolerances_it_is_the_truth_of_modes_to_the_bit(beam):
+    _, _, validated = beam
+    rich, modes = validated("tolerances=none"), validated("validate.truth.model=modes")
+    assert rich.trial.again is None
+    np.testing.assert_array_equal(rich.validated.gauge.true, modes.validated.gauge.true)
+    np.testing.assert_array_equal(rich.validated.estimate["E"], modes.validated.estimate["E"])
+    np.testing.assert_array_equal(rich.validated.repeats.error["E"], modes.validated.repeats.error["E"])
+    assert rich.trial.truth.description == modes.trial.truth.description
+
+
+def test_every_repeat_has_its_own_installation_which_the_seed_alone_decides(beam):
+    _, _, validated = beam
+    found = validated()
+    one = readings(found)
+    assert all(np.abs(a - b).max() > 1e-3 * np.abs(a).max() for i, a in enumerate(one) for b in one[:i])
+    for own, other in zip(one, readings(validated("validate.repeats=5", "validate.noise_factors=[2.0]")), strict=True):
+        np.testing.assert_array_equal(own, other)
+    for own, other in zip(one, readings(validated("seed=2")), strict=True):
+        assert np.abs(own - other).max() > 1e-3 * np.abs(own).max()
+    # Number 0 drawn again for the layout alone is the layout's own measurement.
+    np.testing.assert_allclose(found.trial.again(0), one[0], rtol=1e-9, atol=1e-9 * np.abs(one[0]).max())
+
+
+def test_a_gain_alone_scales_readings_and_an_offset_alone_shifts_them(beam):
+    case, pool, validated = beam
+    base = validated("tolerances=none")
+    trial = base.trial
+    exact = trial.reading(trial.chosen)
+    nothing = dict.fromkeys(EXACT, 0) | {"damping": 1}
+    gain = nothing | {"gain": 0.05}
+    own = readings(validated(f"tolerances={yaml.safe_dump(gain, default_flow_style=True)}"))
+    drawn = installation_of(case("tolerances.gain=0.05").config, pool, 2).take(pool, trial.gauges)
+    np.testing.assert_allclose(own[2], exact * (1 + drawn.gain), rtol=1e-12, atol=1e-18)
+    offset = nothing | {"offset": 1e-6}
+    found = validated(f"tolerances={yaml.safe_dump(offset, default_flow_style=True)}")
+    for reading in readings(found):
+        shift = reading - exact
+        assert np.ptp(shift, axis=0).max() < 1e-9 * np.abs(shift).max()
+        assert 1e-9 < np.abs(shift).max() < 5e-6
+
+
+def test_stated_sizes_are_the_same_in_every_repeat(beam):
+    case, pool, validated = beam
+    stated = ("gauge_offset=0.002", "gauge_rotation=3", "damping_factor=1.5")
+    fixed = [f"validate.truth.{entry}" for entry in stated]
+    assert validated("tolerances=none", *fixed).trial.again is None
+    one, other = (installation_of(case(*fixed).config, pool, i) for i in (0, 4))
+    np.testing.assert_array_equal(one.place, other.place)
+    np.testing.assert_allclose(np.linalg.norm(one.place, axis=1), 0.002, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(one.angle), np.deg2rad(3), rtol=1e-12)
+    assert not np.array_equal(one.gain, other.gain)
+    model = scalars()
+    assert model_of(case(*fixed).config, model, 3).damping.viscous(np.ones(2))[0] == pytest.approx(0.03)
+    words = in_words(case(*fixed).config, given=False)
+    for size in ("damping × 1.5", "2 mm", "3°"):
+        assert size in words
+
+
+def scalars(count=2):
+    """Oscillators of 1 kg and 1 … N/m with 1 % of damping."""
+    stiffness = AffineOperator(np.diag(np.arange(1.0, count + 1)), {})
+    return ReducedModel(AffineOperator(np.eye(count), {}), stiffness, np.ones((count, 1)), ("F",), {}, Damping(ratio=0.01))
+
+
+def test_every_mode_has_its_own_lognormal_damping(beam):
+    case, _, _ = beam
+    own = [model_of(case("tolerances.damping=2").config, scalars(400), i) for i in (0, 0, 1)]
+    ln = [np.log(model.damping.viscous(np.ones(400))[0] / 0.02) for model in own]
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 400)
+    assert all(low < np.sum(values**2) / np.log(2) ** 2 < high for values in ln)
+    np.testing.assert_array_equal(ln[0], ln[1])
+    assert abs(np.corrcoef(ln[0], ln[2])[0, 1]) < 0.2
+
+
+def test_the_stiffness_has_one_scale_unless_a_modulus_is_estimated(beam):
+    case, _, _ = beam
+    known = case("tolerances.model=0.03", "place.estimate=[tip]", "loads.tip.known=false", "validate.initial_std={tip: 1.0}")
+    scale = []
+    for i in range(200):
+        ratio = model_of(known.config, scalars(), i).stiffness.constant.diagonal() / [1, 2]
+        assert ratio[0] == pytest.approx(ratio[1], rel=1e-12)
+        scale.append(np.log(ratio[0]))
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 200)
+    assert low < np.sum(np.square(scale)) / 0.03**2 < high
+    estimated = model_of(case("tolerances.model=0.03").config, scalars(), 0)
+    np.testing.assert_array_equal(estimated.stiffness.constant, scalars().stiffness.constant)
