@@ -10,7 +10,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from strainsight.gauges.candidates import ACCELERATION, candidates, concatenate
-from strainsight.gauges.installation import InstallationStd, drawn_installation, installed_rows
+from strainsight.gauges.installation import (
+    InstallationStd,
+    drawn_installation,
+    installation_variance,
+    installed_rows,
+)
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.sensitivity import COMMON, OWN, sensitivity_rows
@@ -106,6 +111,34 @@ def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole(
     for i, (turn, tilt) in enumerate(zip(turned, drawn.tilt, strict=True)):
         expected = Rotation.from_rotvec(turn @ [*tilt, 0.0]).as_matrix() @ turn
         np.testing.assert_allclose(d[i].T, expected, atol=1e-12)
+
+
+def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
+    """400 installations of small errors, read in a motion of two fields whose second rates are another motion."""
+    position, facets = plate("quad8", 7, 6)
+    pool = pool_of(position, facets, bare)
+    inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 5), axis=1))
+    pool = pool.take(pool.channels(inner))
+    bonded = pool.gauge < 4
+    pool = replace(pool, bonded=bonded)
+    Q = np.random.default_rng(5).standard_normal((2, 3, 3, 3))
+    field = 1e-2 * np.einsum("ki,rcij,kj->kcr", position, Q, position).reshape(-1, 2)
+    motion, rates = np.random.default_rng(1).standard_normal((2, 30, 2)) @ [[1.0, 0.4], [0.0, 0.7]]
+    rates = 5 * rates
+    std = InstallationStd(position=2e-3, angle=4e-3, gain=3e-3, transverse=2e-3, offset=4e-5)
+    slopes = sensitivity_rows(position, pool, field, std.position, facets=facets)
+    still, moving = motion.T @ motion / 30, rates.T @ rates / 30
+    claimed = installation_variance(slopes, std, pool, still, moving)
+    sensing, rng = pool.quantity == ACCELERATION, np.random.default_rng(8)
+    exact, squares = channel_rows(position, pool, field, facets=facets), np.zeros(len(pool))
+    for _ in range(400):
+        drawn = drawn_installation(pool, std, rng)
+        rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
+        change = np.where(sensing, rates @ (rows - exact).T, motion @ (rows - exact).T) + drawn.offset
+        squares += np.mean(change**2, axis=0) / 400
+    # Of 400 squares of one normal error the mean scatters by √(2/400); of several less.
+    assert np.all(np.abs(squares / claimed - 1) < 5 * np.sqrt(2 / 400))
+    assert np.mean(squares / claimed) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 400 / pool.gauges))
 
 
 def test_what_is_exact_is_read_to_the_bit(plate, bare):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import yaml
@@ -9,6 +11,8 @@ from scipy.stats import chi2
 
 from strainsight import api
 from strainsight.cases.structure.drawn import in_words, installation_of, model_of
+from strainsight.cases.structure.installation_noise import installation_intensity
+from strainsight.cases.structure.scenarios import scenarios_of
 from strainsight.fem.affine import AffineOperator
 from strainsight.rom.model import Damping, ReducedModel
 
@@ -19,7 +23,8 @@ EXACT = ("position", "angle", "gain", "transverse")
 
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):
-    """A small beam up to its screened pool, and a function that validates two of its gauges with overrides."""
+    """A small beam up to its screened pool, and what validates three of its gauges, or takes their errors for noise, with
+    overrides."""
     folder = tmp_path_factory.mktemp("beam")
     (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
     (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
@@ -37,7 +42,10 @@ def beam(tmp_path_factory):
     def validated(*overrides):
         return api.validate(case(*overrides), mesh, reduced, training, screened, gauges)
 
-    return case, training.candidates, validated
+    def intensity(problem, channels, coherence, *overrides):
+        return installation_intensity(case(*overrides).config, mesh, reduced, training, problem, channels, coherence)
+
+    return SimpleNamespace(case=case, training=training, validated=validated, intensity=intensity)
 
 
 def readings(found):
@@ -47,7 +55,7 @@ def readings(found):
 
 
 def test_without_tolerances_it_is_the_truth_of_modes_to_the_bit(beam):
-    _, _, validated = beam
+    validated = beam.validated
     rich, modes = validated("tolerances=none"), validated("validate.truth.model=modes")
     assert rich.trial.again is None
     np.testing.assert_array_equal(rich.validated.gauge.true, modes.validated.gauge.true)
@@ -57,7 +65,7 @@ def test_without_tolerances_it_is_the_truth_of_modes_to_the_bit(beam):
 
 
 def test_every_repeat_has_its_own_installation_which_the_seed_alone_decides(beam):
-    _, _, validated = beam
+    validated = beam.validated
     found = validated()
     one = readings(found)
     assert all(np.abs(a - b).max() > 1e-3 * np.abs(a).max() for i, a in enumerate(one) for b in one[:i])
@@ -70,7 +78,7 @@ def test_every_repeat_has_its_own_installation_which_the_seed_alone_decides(beam
 
 
 def test_a_gain_alone_scales_readings_and_an_offset_alone_shifts_them(beam):
-    case, pool, validated = beam
+    case, pool, validated = beam.case, beam.training.candidates, beam.validated
     base = validated("tolerances=none")
     trial = base.trial
     exact = trial.reading(trial.chosen)
@@ -88,7 +96,7 @@ def test_a_gain_alone_scales_readings_and_an_offset_alone_shifts_them(beam):
 
 
 def test_stated_sizes_are_the_same_in_every_repeat(beam):
-    case, pool, validated = beam
+    case, pool, validated = beam.case, beam.training.candidates, beam.validated
     stated = ("gauge_offset=0.002", "gauge_rotation=3", "damping_factor=1.5")
     fixed = [f"validate.truth.{entry}" for entry in stated]
     assert validated("tolerances=none", *fixed).trial.again is None
@@ -111,7 +119,7 @@ def scalars(count=2):
 
 
 def test_every_mode_has_its_own_lognormal_damping(beam):
-    case, _, _ = beam
+    case = beam.case
     own = [model_of(case("tolerances.damping=2").config, scalars(400), i) for i in (0, 0, 1)]
     ln = [np.log(model.damping.viscous(np.ones(400))[0] / 0.02) for model in own]
     low, high = chi2.ppf([5e-4, 1 - 5e-4], 400)
@@ -121,7 +129,7 @@ def test_every_mode_has_its_own_lognormal_damping(beam):
 
 
 def test_the_stiffness_has_one_scale_unless_a_modulus_is_estimated(beam):
-    case, _, _ = beam
+    case = beam.case
     known = case("tolerances.model=0.03", "place.estimate=[tip]", "loads.tip.known=false", "validate.initial_std={tip: 1.0}")
     scale = []
     for i in range(200):
@@ -132,3 +140,30 @@ def test_the_stiffness_has_one_scale_unless_a_modulus_is_estimated(beam):
     assert low < np.sum(np.square(scale)) / 0.03**2 < high
     estimated = model_of(case("tolerances.model=0.03").config, scalars(), 0)
     np.testing.assert_array_equal(estimated.stiffness.constant, scalars().stiffness.constant)
+
+
+def test_of_given_rows_only_gain_and_offset_are_drawn(beam):
+    words = in_words(beam.case("tolerances.offset=1.0e-6").config, given=True)
+    for text in ("exactly in place", "gain 1 %", "offset 1 µm/m"):
+        assert text in words
+    for text in ("mm", "°", "transverse"):
+        assert text not in words
+
+
+def test_gains_as_a_noise_are_the_mean_square_of_the_training_readings(beam):
+    """With nothing off but the gain, v = σ² times the mean square of a reading; its intensity is τ times that, beside r."""
+    trial = beam.validated("tolerances=none").trial
+    channels = trial.chosen[:, None]
+    nothing = [f"tolerances.{name}=0" for name in ("position", "angle", "transverse")]
+    r = beam.intensity(trial.problem, channels, 0.02, *nothing, "tolerances.gain=0.05")
+    expected = 0.02 * 0.05**2 * np.mean(beam.training.reading[:, trial.chosen] ** 2, axis=0)
+    np.testing.assert_allclose(r[trial.chosen], expected, rtol=1e-9)
+    assert np.count_nonzero(r) == len(trial.chosen)
+    config = beam.case().config
+    plain, beside = (scenarios_of(trial.problem, channels, config.place, {}, 1, own) for own in (None, r))
+    for one, other in zip(plain, beside, strict=True):
+        np.testing.assert_allclose(other.r - one.r, expected, rtol=1e-9)
+        np.testing.assert_array_equal(other.H, one.H)
+    everything = beam.intensity(trial.problem, channels, 0.02, "tolerances.gain=0.05")
+    assert np.all(everything[trial.chosen] > expected)
+    assert not beam.intensity(trial.problem, channels, 0.02, "tolerances=none").any()

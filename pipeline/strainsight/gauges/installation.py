@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.gauges.candidates import STRAIN, Candidates
+from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
 from strainsight.gauges.misplaced import installation_axes, misplaced
 from strainsight.gauges.points import surface_of
 from strainsight.gauges.rows import matrix_of, points_within
-from strainsight.gauges.sensitivity import CALIBRATION_POISSON, normals_of
+from strainsight.gauges.sensitivity import CALIBRATION_POISSON, Sensitivity, normals_of
 from strainsight.gauges.surface import turned
 from strainsight.gauges.walk import Skin
 from strainsight.mesh.facets import Facets
@@ -74,6 +74,39 @@ def drawn_installation(candidates: Candidates, std: InstallationStd, rng: np.ran
         transverse=std.transverse * own[:, 1] * straining,
         offset=std.offset * own[:, 2] * straining,
     )
+
+
+def installation_variance(
+    sensitivity: Sensitivity, std: InstallationStd, candidates: Candidates, still: np.ndarray, moving: np.ndarray
+) -> np.ndarray:
+    """How far the readings of a motion are off by the installation, mean square in time and over installations:
+
+        vⱼ = Σₖ σₖ² mean_t (sₖⱼ·q)² = Σₖ σₖ² sₖⱼ C sₖⱼᵀ,     C = mean_t q qᵀ,   of accelerometers of q̈
+
+    first order, k: place, turns, gain and transverse sensitivity; σ² of an offset is added where strain is read. Gauges that
+    are bonded already have errors of gain, K_t and offset alone. still, moving (r, r): C of the coordinates and of their
+    second rates. Returns (m,) [unit² of the channel].
+    """
+    straining = candidates.quantity == STRAIN
+    free = ~candidates.bonded
+    variance = std.offset**2 * straining
+    for name, sigma in (
+        ("along", std.position * free),
+        ("across", std.position * free),
+        ("angle", std.angle * free),
+        ("tilt_along", std.angle * free),
+        ("tilt_across", std.angle * free),
+        ("gain", std.gain),
+        ("transverse", std.transverse),
+    ):
+        s = getattr(sensitivity, name)
+        own = np.where(
+            candidates.quantity == ACCELERATION,
+            np.einsum("mi,ij,mj->m", s, moving, s, optimize=True),
+            np.einsum("mi,ij,mj->m", s, still, s, optimize=True),
+        )
+        variance = variance + sigma**2 * own
+    return variance
 
 
 def installed_rows(

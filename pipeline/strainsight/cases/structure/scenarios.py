@@ -22,11 +22,13 @@ def scenarios_of(
     settings: Place,
     ranges: Mapping[str, Sequence[float]],
     seed: int,
+    installation: np.ndarray | None = None,
 ) -> tuple[Scenario, ...]:
     """One fixed linearisation an instant and parameter sample, without a metric yet.
 
     channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
-    (lowest, highest) [SI].
+    (lowest, highest) [SI]; installation (m,) [unit² s]: intensity that is added to the noise of every channel of train.h5
+    (`installation_intensity`).
     """
     p = problem
     u = instant_values(p.u)
@@ -37,7 +39,7 @@ def scenarios_of(
         share = 0.0 if settings.instants == 1 else 0.5
         chosen = linearisation_instants(p.model, p.unknowns, theta, x, u, settings.instants, seed, share)
         for F in linearise(p.model, p.unknowns, theta, x[chosen], u[chosen]):
-            H, r = _measured(p, channels, F)
+            H, r = _measured(p, channels, F, installation)
             plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
     return tuple(plain)
 
@@ -56,7 +58,9 @@ def parameter_samples(
     return [dict(reference), *({n: float(v) for n, v in zip(names, row, strict=True)} for row in points)]
 
 
-def _measured(problem: Problem, channels: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _measured(
+    problem: Problem, channels: np.ndarray, F: np.ndarray, installation: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
     """H* (pool, c, n*) and r (pool, c), or (pool, n*) and (pool,) where every pool row has one channel."""
     own, there = problem.channels, channels >= 0
     used = np.unique(channels[there])
@@ -64,6 +68,7 @@ def _measured(problem: Problem, channels: np.ndarray, F: np.ndarray) -> tuple[np
     rule: Rule = "as_printed" if problem.printed else "intensity"
     H = measurement_rows(rows, quantity, F)
     r = channel_intensity(own.noise_std[used], problem.h, rows, quantity, problem.frozen_Q, rule)
+    r = r if installation is None else r + installation[used]
     at = np.searchsorted(used, channels)
     at[~there] = 0
     blocks, intensity = np.where(there[..., None], H[at], 0.0), r[at]
