@@ -10,7 +10,7 @@ from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
 from strainsight.gauges.misplaced import installation_axes, misplaced
 from strainsight.gauges.points import surface_of
 from strainsight.gauges.rows import matrix_of, points_within
-from strainsight.gauges.sensitivity import CALIBRATION_POISSON, Sensitivity, normals_of
+from strainsight.gauges.sensitivity import CALIBRATION_POISSON, COMMON, Sensitivity, normals_of
 from strainsight.gauges.surface import turned
 from strainsight.gauges.walk import Skin
 from strainsight.mesh.facets import Facets
@@ -26,6 +26,14 @@ class InstallationStd:
     gain: float = 0.0
     transverse: float = 0.0
     offset: float = 0.0
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """σ of what each array of a `Sensitivity` is the derivative with respect to."""
+        common = dict.fromkeys(("along", "across"), self.position) | dict.fromkeys(
+            ("angle", "tilt_along", "tilt_across"), self.angle
+        )
+        return common | {"gain": self.gain, "transverse": self.transverse}
 
 
 @dataclass(frozen=True)
@@ -87,25 +95,12 @@ def installation_variance(
     are bonded already have errors of gain, K_t and offset alone. still, moving (r, r): C of the coordinates and of their
     second rates. Returns (m,) [unit² of the channel].
     """
-    straining = candidates.quantity == STRAIN
-    free = ~candidates.bonded
-    variance = std.offset**2 * straining
-    for name, sigma in (
-        ("along", std.position * free),
-        ("across", std.position * free),
-        ("angle", std.angle * free),
-        ("tilt_along", std.angle * free),
-        ("tilt_across", std.angle * free),
-        ("gain", std.gain),
-        ("transverse", std.transverse),
-    ):
+    free, sensing = ~candidates.bonded, candidates.quantity == ACCELERATION
+    variance = std.offset**2 * (candidates.quantity == STRAIN)
+    for name, sigma in std.by_name.items():
         s = getattr(sensitivity, name)
-        own = np.where(
-            candidates.quantity == ACCELERATION,
-            np.einsum("mi,ij,mj->m", s, moving, s, optimize=True),
-            np.einsum("mi,ij,mj->m", s, still, s, optimize=True),
-        )
-        variance = variance + sigma**2 * own
+        square = [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in (still, moving)]
+        variance = variance + sigma**2 * np.where(sensing, square[1], square[0]) * (free if name in COMMON else 1.0)
     return variance
 
 
