@@ -44,7 +44,8 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
 
 
 def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
-    """The model with drawn damping, ζᵢ = ζ exp(s ln f), and drawn stiffness, K exp(s σ), s normal, of every mode its own.
+    """The model with drawn damping, ζᵢ = ζ exp(sᵢ ln f) with a normal sᵢ for every mode, and one drawn scale of the stiffness,
+    K exp(s σ).
 
     A `damping_factor` that `validate.truth` states holds for every mode and realisation. The stiffness keeps its scale where a
     modulus is estimated.
