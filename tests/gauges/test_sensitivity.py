@@ -120,6 +120,20 @@ def test_pure_bending_is_steepest_across_the_neutral_line_and_even_along_it(plat
     np.testing.assert_allclose(found.transverse[:, 0], (NU - 0.285) * kappa * gauges.position[:, 1], atol=1e-14)
 
 
+def test_the_slope_of_a_cubic_strain_is_its_mean_over_the_normal_distribution_of_the_place(plate, bare):
+    """ε = (x − x₀)³ with x₀ = 8 m: E[3 (x − x₀ + s)²] = 3 (x − x₀)² + 3σ², far from the slope at the gauge itself."""
+    position, facets = plate("quad8", 16, 3)
+    z = np.column_stack([(position[:, 0] - 8) ** 4 / 4, 0 * position[:, 1:]])
+    gauges = candidates(bare(position), facets, (1, 0, 0))
+    x = gauges.position[:, 0] - 8
+    gauges = gauges.take(np.flatnonzero(np.abs(x) < 3))
+    x = gauges.position[:, 0] - 8
+    for std in (1.0, 2.0):
+        found = sensitivity_rows(position, gauges, z.reshape(-1, 1), std, facets=facets)
+        np.testing.assert_allclose(found.along[:, 0], 3 * x**2 + 3 * std**2, rtol=0.1)
+        np.testing.assert_allclose(found.across, 0.0, atol=1e-9)
+
+
 HOLE = 0.01
 
 
