@@ -112,7 +112,9 @@ def test_a_heavy_mass_that_hardly_moves_hides_no_modulus(tmp_path):
     load = {"node": 9, "direction": [0.2, 0.5, 1.0], "known": True}
     load["signal"] = {"type": "sine", "frequency": 100.0, "amplitude": 1000.0}
     times = {"train.duration": 0.05, "validate.duration": 0.05, "train.time_step": 2e-4, "validate.time_step": 2e-4}
-    found = finished(tmp_path, "validate", text, {"loads.tip": load, "rom.modes": 6, **times})
+    # the modulus hangs on small differences of readings here: 2 mm are 15 % of it
+    changes = {"loads.tip": load, "rom.modes": 6, "tolerances": "none", **times}
+    found = finished(tmp_path, "validate", text, changes)
     frequency, own = found["modes"]["/frequency"], found["validate"].summary
     assert frequency[0] * 0.05 < 1e-3
     assert frequency[5] * 0.05 > 10

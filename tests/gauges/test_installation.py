@@ -136,6 +136,10 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
         rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
         change = np.where(sensing, rates @ (rows - exact).T, motion @ (rows - exact).T) + drawn.offset
         squares += np.mean(change**2, axis=0) / 400
+    alone = installation_variance(slopes, InstallationStd(offset=4e-5), pool, still, moving)
+    np.testing.assert_allclose(alone, np.where(sensing, 0.0, 1.6e-9), rtol=1e-12)
+    for nothing in (slopes.tilt_along[~sensing], slopes.tilt_across[~sensing], slopes.transverse[sensing]):
+        assert not nothing.any()
     # Of 400 squares of one normal error the mean scatters by √(2/400); of several less.
     assert np.all(np.abs(squares / claimed - 1) < 5 * np.sqrt(2 / 400))
     assert np.mean(squares / claimed) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 400 / pool.gauges))
