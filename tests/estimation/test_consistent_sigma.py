@@ -13,6 +13,8 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.metrics import honesty
 from strainsight.estimation.smoother import smooth
+from strainsight.rom.modal_step import simulate
+from strainsight.rom.steady import steady_start
 
 SEEDS = range(200)
 
@@ -72,3 +74,28 @@ def test_a_load_that_drifts_within_the_step_leaves_the_claim_consistent(make_bea
     run = run_filter(model, mean, P0, np.zeros((steps, 3, 0)), y)
     error = run.mean[..., -1] - truth[::fine, :, -1]
     assert honesty(error[..., None], run.std[..., -1:])[0] == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("inputs", "parameters"), [(("tip",), ()), ((), ("E",))])
+def test_a_structure_that_moves_at_first_leaves_the_claim_consistent(make_beam, make_filter, sine, inputs, parameters):
+    """P₀ of every state the largest of a steady motion under 20 Hz, as a run that begins in it has it; the mean is at rest."""
+    beam, steps = make_beam(modes=4), 500
+    model = make_filter(beam, inputs=inputs, parameters=parameters, known=() if inputs else ("tip",))
+    forced = sine(model.h * np.arange(steps), model.h, 1e4, 20.0)
+    omega = 2 * np.pi * 20.0
+    own = beam.model
+    start = steady_start(own, own.reference, model.h, np.array([omega]), np.array([[-1e4j]]))
+    motion = np.abs(simulate(own, own.reference, forced, model.h, start)).max(axis=0)
+    mean, P0 = np.zeros(model.size), np.zeros((model.size, model.size))
+    P0[model.position, model.position] = 1.0 if inputs else 0.03**2
+    P0[: len(motion), : len(motion)] = np.diag(motion**2)
+    u = forced[:, :, :0] if inputs else forced
+    truth, y = draw_truth(model, mean, P0, u, SEEDS)
+    run = run_filter(model, mean, P0, u, y)
+    assert np.all(run.lost < 0)
+    error = run.mean[..., model.position] - truth[..., model.position]
+    assert honesty(error, run.std[..., model.position])[0] == pytest.approx(1.0, abs=0.05)
+    over_runs = nees(error[1:], run.unknown_covariance[1:]).mean(axis=1)
+    low, high = chi_square_band(1, len(SEEDS))
+    assert low < over_runs.mean() < high
+    assert 0.99 < np.nanmean(nis(run.whitened)) < 1.01

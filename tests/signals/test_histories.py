@@ -8,7 +8,16 @@ import pytest
 from strainsight.errors import InfeasibleError
 from strainsight.rom.model import Damping
 from strainsight.rom.oscillator import oscillator_step
-from strainsight.signals.histories import Constant, FromSamples, MultiSine, Sine, Sweep, evaluate, hold_coefficients
+from strainsight.signals.histories import (
+    Constant,
+    FromSamples,
+    MultiSine,
+    Sine,
+    Sweep,
+    evaluate,
+    hold_coefficients,
+    tones_of,
+)
 
 
 def held(coefficients: np.ndarray, s: float) -> np.ndarray:
@@ -135,3 +144,25 @@ def test_a_held_sine_drives_an_oscillator_as_the_analytic_sine_does(points):
 
 def test_a_constant_is_the_same_at_any_time():
     np.testing.assert_array_equal(evaluate(Constant(-3.5), np.array([0.0, 1e-9, 1e6])), [-3.5, -3.5, -3.5])
+
+
+@pytest.mark.parametrize(
+    "signal",
+    [Sine(3.0, 2.0, 0.7), MultiSine(1.0, 9.0, 5, 4.0, seed=3), MultiSine(2.0, 2.0, 3, 1.0), Constant(-1.5)],
+)
+def test_tones_are_the_signal_at_any_time_before_and_after(signal):
+    t = np.linspace(-2.0, 3.0, 101)
+    tones = tones_of([signal])
+    values = (np.exp(1j * t[:, None] * tones.frequency) @ tones.amplitude).real[:, 0]
+    np.testing.assert_allclose(values, evaluate(signal, t), atol=1e-12)
+
+
+def test_signals_share_their_tones():
+    tones = tones_of([Sine(3.0, 2.0), Constant(1.0), Sine(3.0, 1.0, 0.5 * np.pi)])
+    np.testing.assert_allclose(tones.frequency, [0.0, 6 * np.pi])
+    np.testing.assert_allclose(tones.amplitude, [[0, 1, 0], [-2j, 0, 1]], atol=1e-15)
+
+
+@pytest.mark.parametrize("other", [Sweep(1.0, 2.0, 1.0, 1.0), FromSamples(np.array([0.0, 1.0]), np.array([0.0, 1.0]))])
+def test_a_signal_that_does_not_go_on_for_ever_has_no_tones(other):
+    assert tones_of([Sine(3.0, 2.0), other]) is None

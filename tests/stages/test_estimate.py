@@ -56,7 +56,6 @@ estimate:
     - {channel: G3, gauge: G3, unit: m/m}
     - {channel: G4, gauge: G4, unit: m/m}
   inputs: {tip: {channel: tip, unit: N}}
-  start: rest
   virtual: [{position: [1.0, 0.02, 0.095], direction: [1, 0, 0]}]
 """
 BLIND = {

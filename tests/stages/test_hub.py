@@ -31,7 +31,6 @@ estimate:
     - {channel: G3, gauge: G3, unit: m/m}
     - {channel: G4, gauge: G4, unit: m/m}
   inputs: {x: {channel: x, unit: N}}
-  start: rest
 """
 
 

@@ -25,6 +25,7 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from gauge_problems(config)
     yield from _time("train", config.train.duration, config.train.time_step, config)
     yield from _time("validate", config.validation.duration, config.validation.time_step, config)
+    yield from _settle(config)
     yield from _estimate(config)
     yield from _optimum(config)
     yield from _input_models(config)
@@ -62,6 +63,16 @@ def _time(section: str, duration: float, step: float, config: PlacementConfig) -
                 f"{step:g} s gives {1 / (step * highest):.3g} steps a period of load '{name}' ({highest:g} Hz)",
                 f"take at most {1 / (FEWEST_STEPS_A_PERIOD * highest):.3g} s",
             )
+
+
+def _settle(config: PlacementConfig) -> Iterator[Problem]:
+    settle, step = config.train.settle, min(config.train.time_step, config.validation.time_step)
+    if isinstance(settle, float) and settle / step > MOST_STEPS:
+        yield Problem(
+            "train.settle",
+            f"{settle:g} s are {settle / step:.3g} steps of {step:g} s",
+            f"take at most {at_most(MOST_STEPS * step)} s, or auto",
+        )
 
 
 def _highest(load: Load) -> float | None:

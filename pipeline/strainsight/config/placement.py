@@ -74,11 +74,19 @@ class ReducedModel(Section):
     tolerance: float = Field(1e-8, gt=0, lt=1, description="Share of snapshot energy that may be cut [-].")
 
 
+Settle = Positive | Literal["auto", "none"]
+
+
 class Train(Section):
     """The training run."""
 
     duration: Positive = Field(description="Length of the training run [s].")
     time_step: Positive = Field(description="Time step [s].")
+    settle: Settle = Field(
+        "auto",
+        description="How the motion of training and validation begins. auto: periodic where every load is a sine or a "
+        "multisine, else from rest; none: from rest; a number: from rest so long before t = 0, under the same loads [s].",
+    )
 
 
 class Screen(Section):

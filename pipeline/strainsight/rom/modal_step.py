@@ -98,11 +98,18 @@ def parameter_slopes(
     return np.stack(columns, axis=-1) if columns else np.zeros((*x.shape[:-1], rows, 0))
 
 
-def simulate(model: ReducedModel, theta: Mapping[str, float], u: np.ndarray, h: float) -> np.ndarray:
-    """Response from rest, exact for the held input; u (steps, HOLD, n_u) hold coefficients. Returns x (steps + 1, 2n)."""
+def simulate(
+    model: ReducedModel, theta: Mapping[str, float], u: np.ndarray, h: float, start: np.ndarray | None = None
+) -> np.ndarray:
+    """Response, exact for the held input; u (steps, HOLD, n_u) hold coefficients; start x(0) (2n,), rest where not given.
+
+    Returns x (steps + 1, 2n).
+    """
     step = modal_step(model, theta, h)
     drive = np.einsum("aju,kju->ka", step.input, u)
     x = np.zeros((len(u) + 1, 2 * model.size))
+    if start is not None:
+        x[0] = start
     for k in range(len(u)):
         x[k + 1] = step.transition @ x[k] + drive[k]
     return x

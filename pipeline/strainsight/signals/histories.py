@@ -99,6 +99,48 @@ class FromSamples:
 Signal = Constant | Sine | Sweep | MultiSine | FromSamples
 
 
+@dataclass(frozen=True)
+class Tones:
+    """u(t) = Σₖ Re Uₖ exp(iωₖt), for all time: frequency ω (k,) [rad/s], ascending, 0 a constant; amplitude U (k, n_u) complex
+    [unit of the input]."""
+
+    frequency: np.ndarray
+    amplitude: np.ndarray
+
+
+def tones_of(signals: Sequence[Signal]) -> Tones | None:
+    """The tones that all signals are made of; None where one of them is no sum of sines and constants."""
+    found: dict[float, np.ndarray] = {}
+    for column, signal in enumerate(signals):
+        lines = _lines(signal)
+        if lines is None:
+            return None
+        for frequency, amplitude in lines:
+            found.setdefault(2 * np.pi * frequency, np.zeros(len(signals), dtype=complex))[column] += amplitude
+    ascending = sorted(found)
+    return Tones(np.array(ascending), np.array([found[w] for w in ascending]).reshape(-1, len(signals)))
+
+
+def _lines(signal: Signal) -> list[tuple[float, complex]] | None:
+    """Frequency [Hz] and complex amplitude of every tone of one signal."""
+    match signal:
+        case Constant():
+            return [(0.0, complex(signal.value))]
+        case Sine():
+            return [(signal.frequency, -1j * signal.amplitude * np.exp(1j * signal.phase))]
+        case MultiSine():
+            frequency, phase = _multisine(signal)
+            amplitude = -1j * signal.amplitude / np.sqrt(signal.count) * np.exp(1j * phase)
+            return list(zip(frequency.tolist(), amplitude.tolist(), strict=True))
+    return None
+
+
+def _multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and phases [rad]."""
+    phase = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, signal.count)
+    return np.linspace(signal.lowest, signal.highest, signal.count), phase
+
+
 def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
     """u(t) (...) [unit of the input] at the times t (...) [s].
 
@@ -116,8 +158,7 @@ def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
             cycles = signal.start * swept + 0.5 * rate * swept**2 + signal.stop * (t - swept)
             return signal.amplitude * np.sin(2 * np.pi * cycles + signal.phase)
         case MultiSine():
-            frequency = np.linspace(signal.lowest, signal.highest, signal.count)
-            phase = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, signal.count)
+            frequency, phase = _multisine(signal)
             # One line at a time: a long history by many lines would not fit as one table.
             lines = (np.sin(2 * np.pi * f * t + shift) for f, shift in zip(frequency, phase, strict=True))
             return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))

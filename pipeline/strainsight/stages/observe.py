@@ -46,7 +46,7 @@ def _table(found: Observed) -> Table:
 
 OBSERVE = Stage(
     "observe",
-    version=1,
+    version=2,
     reads=("seed", "loads", "parameters.*.property", "train", "observe", "place.instants"),
     upstream=("rom", "train", "screen"),
     files=("loads.*.signal.file",),

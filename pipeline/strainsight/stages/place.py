@@ -18,7 +18,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=7,
+    version=8,
     reads=(
         "seed",
         "loads.*.signal",

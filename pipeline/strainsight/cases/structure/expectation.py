@@ -24,7 +24,7 @@ def expectation(problem: Problem, gauges: np.ndarray) -> Expectation:
     silent = np.where(owner == np.arange(-1, len(gauges))[:, None], SILENT, 1.0)
     model = filter_model(problem, np.broadcast_to(flat, silent.shape), problem.h)
     model = replace(model, r=model.r * silent)
-    start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0))
+    start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
     std = covariance_recursion(model, problem.x, problem.u, start)
     if not np.isfinite(std).all():
         raise NumericalError(

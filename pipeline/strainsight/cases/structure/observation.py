@@ -12,14 +12,14 @@ from strainsight.cases.histories import signal_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import channels_of, largest_of_quantity, readings
 from strainsight.cases.structure.settings import characteristic
+from strainsight.cases.structure.start import loading_of, motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.records.placed import Observed
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import ReducedModel
-from strainsight.signals.histories import Sine, hold_coefficients, instant_values
+from strainsight.signals.histories import Sine, instant_values
 
 STEPS_A_PERIOD = 40
 PART = 10**7
@@ -96,7 +96,7 @@ def _excitations(
         duration = max(config.train.duration, 5 / frequency)
         steps = ceil(duration * STEPS_A_PERIOD * frequency)
         signals = [Sine(frequency, amplitude[name], 0.0) for name in model.inputs]
-        held = hold_coefficients(signals, 0.0, duration / steps, steps)
-        motion = simulate(model, model.reference, held, duration / steps)
-        found.append(Excitation(f"{frequency:g} Hz", motion, instant_values(held)))
+        loading = loading_of(config.train.settle, signals, duration / steps, steps)
+        motion = motion_of(model, model.reference, loading)
+        found.append(Excitation(f"{frequency:g} Hz", motion, instant_values(loading.held)))
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.gauges import listed_gauges
 from strainsight.cases.structure.pool import pool_of, prices
 from strainsight.cases.structure.problem import Problem
-from strainsight.cases.structure.scenarios import scenarios_of
-from strainsight.config.placement import PlacementConfig
+from strainsight.cases.structure.scenarios import placed_instants, scenarios_of
+from strainsight.cases.structure.start import ringing_in_words
+from strainsight.config.placement import Place, PlacementConfig
 from strainsight.errors import blame
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
@@ -86,6 +87,8 @@ def placement_of(
         alike=lambda gauges: alike_gauges(problem, gauges),
         alone=lambda gauges: [solve_pool(own) for own in scenarios(problem.channels.of(gauges))],
     )
+    if ringing := _ringing(problem, settings, config.seed):
+        found = replace(found, advice=(ringing, *found.advice))
     return Placement(**vars(found), problem=problem, condition=_observability(problem, training, linear[0], pool))
 
 
@@ -96,6 +99,15 @@ def _readings(problem: Problem, channels: np.ndarray) -> Readings:
     every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
     rows = np.where(there[..., None], every[channels], 0.0)
     return Readings(rows, p.channels.noise_std[channels] ** 2, np.cov(p.x[:, : p.model.size], rowvar=False))
+
+
+def _ringing(problem: Problem, settings: Place, seed: int) -> str:
+    """What to know of instants at which a start from rest still rings; without a parameter the instant does not matter."""
+    p = problem
+    if not p.unknowns.parameters:
+        return ""
+    instants = placed_instants(p, p.model.reference, p.x, settings, seed)
+    return ringing_in_words(p.settle, p.loading, p.model, instants)
 
 
 def _observability(problem: Problem, training: Training, scenario: Scenario, pool: PoolRows) -> Observability:

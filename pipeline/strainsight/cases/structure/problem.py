@@ -13,7 +13,8 @@ from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.histories import signal_of
 from strainsight.cases.structure.channels import Channels, accelerations, channels_of
 from strainsight.cases.structure.settings import characteristic, unknowns_of
-from strainsight.config.placement import PlacementConfig
+from strainsight.cases.structure.start import Loading, loading_of
+from strainsight.config.placement import PlacementConfig, Settle
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.update import Form
@@ -22,7 +23,7 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, modal_basis
 from strainsight.rom.schemes import Scheme, scheme_bias
-from strainsight.signals.histories import Signal, hold_coefficients
+from strainsight.signals.histories import Signal
 
 REST_SHARE = 1e-3
 """Initial σ of every state as a share of its largest training amplitude: the structure is known to be at rest."""
@@ -36,8 +37,8 @@ SILENT = 1e12
 class Problem:
     """One estimation problem before its gauges are chosen.
 
-    model; unknowns; signals of all inputs by name; x (steps + 1, 2n) and u (steps, HOLD, n_u) of the training run at
-    step h [s]; Q (n*, n*) process intensity of the filter, frozen_Q that of the placement, which differs where the
+    model; unknowns; signals of all inputs by name; settle: how motions under them begin; x (steps + 1, 2n) and loading of
+    the training run; Q (n*, n*) process intensity of the filter, frozen_Q that of the placement, which differs where the
     thesis's printed numbers are asked for; printed: whether they are; channels of all candidates; scheme of the time step,
     form of the covariance and iterations of the update of the filter.
     """
@@ -45,9 +46,9 @@ class Problem:
     model: ReducedModel
     unknowns: Unknowns
     signals: Mapping[str, Signal]
+    settle: Settle
     x: np.ndarray
-    u: np.ndarray
-    h: float
+    loading: Loading
     Q: np.ndarray
     frozen_Q: np.ndarray
     printed: bool
@@ -55,6 +56,16 @@ class Problem:
     scheme: Scheme
     form: Form
     iterations: int
+
+    @property
+    def u(self) -> np.ndarray:
+        """Hold coefficients (steps, HOLD, n_u) [N] of the training run."""
+        return self.loading.held
+
+    @property
+    def h(self) -> float:
+        """Step [s] of the training run."""
+        return self.loading.h
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -73,7 +84,7 @@ def problem_of(
     with blame("train"):
         # In the order of the reduced model: that of the config may have changed since, which is no change of the config.
         signals = {name: signal_of(name, config.loads[name].signal, files) for name in model.inputs}
-        u = hold_coefficients(list(signals.values()), 0.0, h, round(duration / h))
+        loading = loading_of(config.train.settle, list(signals.values()), h, round(duration / h))
     x = np.hstack([training.coordinate, training.velocity])
     unknowns = unknowns_of(config.place.estimate, config.loads, signals, model.reference, duration)
     rule = config.process_noise.rule
@@ -92,7 +103,7 @@ def problem_of(
                 rule=one,
                 h=h,
                 kappa=np.array([config.loads[name].process_noise.kappa or KAPPA for name in unknowns.inputs]),
-                velocity=model_error_intensity(model, x, u[:, 0], config.process_noise.model_error),
+                velocity=model_error_intensity(model, x, loading.held[:, 0], config.process_noise.model_error),
             )
             for one in rules
         )
@@ -102,9 +113,9 @@ def problem_of(
         model,
         unknowns,
         signals,
+        config.train.settle,
         x,
-        u,
-        h,
+        loading,
         Q,
         frozen_Q,
         rule == "as_printed",
@@ -166,7 +177,7 @@ def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: f
     return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * own, 1.0)
 
 
-def initial_covariance(problem: Problem, relative_std: Mapping[str, float], moving: bool = False) -> np.ndarray:
+def initial_covariance(problem: Problem, relative_std: Mapping[str, float], moving: bool) -> np.ndarray:
     """P₀ (n*, n*): unknowns as stated, relative to amplitude and guess; every state known to be at rest up to REST_SHARE of
     its largest training amplitude, or moving with all of it."""
     unknowns = problem.unknowns

@@ -10,9 +10,9 @@ from strainsight.augmentation.linearisation import linearisation_instants, linea
 from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.noise import Rule, channel_intensity
 from strainsight.cases.structure.problem import Problem
+from strainsight.cases.structure.start import motion_of
 from strainsight.config.placement import Place
 from strainsight.placement.scenario import Scenario
-from strainsight.rom.modal_step import simulate
 from strainsight.signals.histories import instant_values
 
 
@@ -34,14 +34,22 @@ def scenarios_of(
     u = instant_values(p.u)
     plain: list[Scenario] = []
     for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, seed):
-        x = p.x if theta == p.model.reference else simulate(p.model, theta, p.u, p.h)
-        # One instant is the thesis's case: any of them, also where a parameter hardly acts.
-        share = 0.0 if settings.instants == 1 else 0.5
-        chosen = linearisation_instants(p.model, p.unknowns, theta, x, u, settings.instants, seed, share)
+        x = p.x if theta == p.model.reference else motion_of(p.model, theta, p.loading)
+        chosen = placed_instants(p, theta, x, settings, seed)
         for F in linearise(p.model, p.unknowns, theta, x[chosen], u[chosen]):
             H, r = _measured(p, channels, F, installation)
             plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
     return tuple(plain)
+
+
+def placed_instants(
+    problem: Problem, theta: Mapping[str, float], x: np.ndarray, settings: Place, seed: int
+) -> np.ndarray:
+    """Indices of the instants to place for, in the motion x (steps + 1, 2n) at θ [SI]."""
+    # One instant is the thesis's case: any of them, also where a parameter hardly acts.
+    share = 0.0 if settings.instants == 1 else 0.5
+    u = instant_values(problem.u)
+    return linearisation_instants(problem.model, problem.unknowns, theta, x, u, settings.instants, seed, share)
 
 
 def parameter_samples(

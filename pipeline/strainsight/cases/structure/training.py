@@ -15,6 +15,7 @@ from strainsight.cases.structure.channels import readings
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.scales import refuse_noise, refuse_readings, refuse_times
 from strainsight.cases.structure.settings import families
+from strainsight.cases.structure.start import loading_of, motion_of
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.decks.matrices.files import read_numbering
@@ -29,8 +30,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.rom.modal_step import simulate
-from strainsight.signals.histories import hold_coefficients, instant_values
+from strainsight.signals.histories import instant_values
 
 FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
 
@@ -44,14 +44,14 @@ class Trained:
 
 
 def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources) -> Trained:
-    """Simulate the reduced model at the guess from rest, and read every candidate."""
+    """Simulate the reduced model at the guess, and read every candidate."""
     model, h = reduced.model, config.train.time_step
     steps = round(config.train.duration / h)
     refuse_times(reduced.frequency, config.train.duration, h)
     with blame("train"):
         signals = [signal_of(name, config.loads[name].signal, using.files) for name in model.inputs]
-        held = hold_coefficients(signals, 0.0, h, steps)
-    x, u = simulate(model, model.reference, held, h), instant_values(held)
+        loading = loading_of(config.train.settle, signals, h, steps)
+    x, u = motion_of(model, model.reference, loading), instant_values(loading.held)
     n = model.size
     using.progress("candidates", 0.3)
     surface, given = None, None

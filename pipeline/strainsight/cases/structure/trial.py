@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.cases.structure.problem import Problem, initial_covariance, sample_std
 from strainsight.cases.structure.settings import unknown_units
+from strainsight.cases.structure.start import Loading, loading_of
 from strainsight.cases.structure.truth import Motion, ReadMotion, Truth
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
@@ -16,7 +17,7 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.metrics import input_error, load_scale, parameter_error
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun, Keep
-from strainsight.signals.histories import hold_coefficients, instant_values
+from strainsight.signals.histories import instant_values
 
 
 @dataclass(frozen=True)
@@ -84,14 +85,14 @@ def without_truth(trial: Trial) -> Trial:
     return replace(trial, truth=replace(trial.truth, motion=_gone, again=None), motion=gone, again=None)
 
 
-def _gone(_u: np.ndarray, _h: float) -> Motion:
+def _gone(_loading: Loading) -> Motion:
     raise AssertionError("the truth stays in the process that simulated it")
 
 
 def trial_of(config: PlacementConfig, problem: Problem, truth: Truth, gauges: np.ndarray) -> Trial:
     """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
     settings = config.validation
-    P = initial_covariance(problem, settings.initial_std)
+    P = initial_covariance(problem, settings.initial_std, problem.loading.moving)
     with blame("validate.duration"):
         return _simulated(problem, truth, gauges, P, unknown_units(config), settings.time_step, settings.duration)
 
@@ -111,37 +112,35 @@ def _simulated(
     duration: float,
 ) -> Trial:
     unknowns, channels, steps = problem.unknowns, problem.channels.of(gauges), round(duration / h)
-    held = hold_coefficients(list(problem.signals.values()), 0.0, h, steps)
-    load = instant_values(held)
+    loading = loading_of(problem.settle, list(problem.signals.values()), h, steps)
+    load = instant_values(loading.held)
     history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
     history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}
     return Trial(
         problem=problem,
         h=h,
         time=h * np.arange(steps + 1),
-        known=held[:, :, problem.columns(problem.known)],
+        known=loading.held[:, :, problem.columns(problem.known)],
         truth=truth,
-        motion=truth.motion(held, h),
+        motion=truth.motion(loading),
         history=history,
         gauges=gauges,
         chosen=channels[channels >= 0],
         stopped=int(truth.held[gauges].sum()),
         covariance=P,
         units=units,
-        again=_again(truth, gauges, int(np.count_nonzero(channels >= 0)), held, h),
+        again=_again(truth, gauges, int(np.count_nonzero(channels >= 0)), loading),
     )
 
 
-def _again(
-    truth: Truth, gauges: np.ndarray, count: int, held: np.ndarray, h: float
-) -> Callable[[int], np.ndarray] | None:
+def _again(truth: Truth, gauges: np.ndarray, count: int, loading: Loading) -> Callable[[int], np.ndarray] | None:
     if truth.again is None:
         return None
     drawn = truth.again
 
     def reading(realisation: int) -> np.ndarray:
         own = drawn(realisation, gauges)
-        return own.motion(held, h).reading(np.arange(count))
+        return own.motion(loading).reading(np.arange(count))
 
     return reading
 

@@ -15,6 +15,7 @@ from strainsight.cases.structure.drawn import in_words, installation_of, model_o
 from strainsight.cases.structure.full_model import FullModel, full_model
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import load_shapes, parameters_of
+from strainsight.cases.structure.start import Loading, motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
@@ -27,7 +28,6 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Training
-from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import ReducedModel
 from strainsight.rom.reduction import modal_model
 from strainsight.rom.snapshots import Snapshots
@@ -71,14 +71,14 @@ class ReadMotion:
 @dataclass(frozen=True)
 class Truth:
     """theta: true parameter values [SI]; description for people; held (gauges,): which a sharp edge has kept from being
-    misplaced as far as asked; motion: held loads (T, HOLD, n_u) and step h [s] → what happens under them, from rest;
-    again: number of a realisation, and gauges → the truth of these gauges, in their order, with everything drawn anew; None
-    where nothing is drawn."""
+    misplaced as far as asked; motion: loads, and how the motion begins → what happens under them; again: number of a
+    realisation, and gauges → the truth of these gauges, in their order, with everything drawn anew; None where nothing is
+    drawn."""
 
     theta: Mapping[str, float]
     description: str
     held: np.ndarray
-    motion: Callable[[np.ndarray, float], Motion]
+    motion: Callable[[Loading], Motion]
     again: Callable[[int, np.ndarray], Truth] | None = None
 
 
@@ -178,9 +178,9 @@ def _modal(
     at = {name: theta[name] for name in model.reference}
     constant = np.zeros(len(pool)) if offset is None else offset
 
-    def motion(u: np.ndarray, h: float) -> Motion:
-        x = simulate(model, at, u, h)
-        a = accelerations(model, at, x, instant_values(u))
+    def motion(loading: Loading) -> Motion:
+        x = motion_of(model, at, loading)
+        a = accelerations(model, at, x, instant_values(loading.held))
         return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION, constant)
 
     return Truth(theta, words, held, motion)
@@ -199,6 +199,7 @@ def _full(
 ) -> Truth:
     """modes: how many have the damping ratio of the filter's model."""
     # with solvers that no other truth needs
+    from strainsight.fem.steady import steady_state
     from strainsight.fem.transient import free_rows, transient
     from strainsight.fem.viscous import ViscousDamping, modal_damping
 
@@ -215,21 +216,24 @@ def _full(
         rows = free_rows(built.model, channel_matrix(mesh.position, pool, exterior_facets(mesh)))
     moving = pool.quantity == ACCELERATION
 
-    def motion(u: np.ndarray, h: float) -> Motion:
+    def motion(loading: Loading) -> Motion:
+        tones, lead = loading.tones, len(loading.lead)
         with blame("validate.truth"):
+            start = None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude)
             found = transient(
                 built.model,
                 S,
                 theta,
                 viscous,
-                u,
-                h,
+                np.concatenate([loading.lead, loading.held]),
+                loading.h,
                 rows[np.flatnonzero(~moving)],
                 rows[np.flatnonzero(moving)] if moving.any() else None,
+                start=start,
                 progress=lambda share: using.progress("truth", 0.2 * share),
             )
-        readings = np.empty((len(u) + 1, len(moving)))
-        readings[:, ~moving], readings[:, moving] = found.reading, found.acceleration
+        readings = np.empty((len(loading.held) + 1, len(moving)))
+        readings[:, ~moving], readings[:, moving] = found.reading[lead:], found.acceleration[lead:]
         return ReadMotion(readings)
 
     return Truth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
