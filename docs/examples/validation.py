@@ -22,7 +22,7 @@ print(f"E = {E.estimate:.4g} Pa, error {100 * E.error:.2f} %, claimed σ {100 * 
 print(found.verdict)
 
 # One run is one draw. Twenty seeds and starts say whether the claim holds: the RMS of error over σ then lies between 0.56 and
-# 1.49. Below that the claim is cautious; σ is of E at an instant, its error that of a mean over half a second.
+# 1.49. Below that the claim is too cautious; σ is of E at an instant, its error that of a mean over half a second.
 repeats = found.validated.repeats
 ratio = np.sqrt(np.mean((repeats.error["E"] / repeats.std["E"]) ** 2))
 print(f"RMS of error over σ in {len(repeats.error['E'])} runs: {ratio:.2f}")

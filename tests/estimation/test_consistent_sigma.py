@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from strainsight.augmentation.input_models import Matern, Oscillator
-from strainsight.estimation.consistency import chi_square_band, nees, nis, whiteness, whiteness_band
+from strainsight.estimation.consistency import nees, nis, whiteness, whiteness_band
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.metrics import honesty
 from strainsight.estimation.smoother import smooth
+from strainsight.estimation.verdict import chi_square_band
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.steady import steady_start
 
@@ -46,13 +47,13 @@ def test_claimed_deviation_is_the_real_error(make_beam, make_filter, sine, input
     assert honesty(error, run.std[..., unknown])[0] == pytest.approx(1.0, abs=0.05)
 
     over_runs = nees(error[1:], run.unknown_covariance[1:]).mean(axis=1)
-    low, high = chi_square_band(1, len(SEEDS))
+    low, high = chi_square_band(1, len(SEEDS), 0.95)
     assert low < over_runs.mean() < high
     assert np.mean((over_runs > low) & (over_runs < high)) > 0.8
 
     assert 0.99 < np.nanmean(nis(run.whitened)) < 1.01
     seen = run.whitened[model.every - 1 :: model.every]
-    assert np.mean(np.abs(whiteness(seen)) < whiteness_band(*seen.shape[::2])) > 0.9
+    assert np.mean(np.abs(whiteness(seen)) < whiteness_band(*seen.shape[::2], 0.95)) > 0.9
     if inputs:
         smoothed = smooth(model, run)
         late = smoothed.mean[..., unknown] - truth[..., unknown]

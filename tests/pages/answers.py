@@ -44,7 +44,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
         names = [name.decode() for name in place["elimination/unknowns"][()]]
         gauges = len(place["selected/final/gauge"])
         found: dict[tuple[str, ...], list[Any]] = {
-            ("sentence",): [gauges, chosen["pool"], *(told[f"std.{name}"] for name in names)],
+            ("sentence",): _sentence(validate, names, gauges, chosen["pool"], config["loads"]),
             ("key",): [gauges, chosen["pool"]],
         }
         for name in names:
@@ -57,7 +57,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             tile = f"{name}, {'load' if load else 'parameter'}"
             found[tile, "value"] = [std] if load else [told[f"estimate.{name}"], std]
             found[tile, "error in the test"] = [told[f"error.{name}"]]
-            found[tile, "σ expected when placed"] = [expected]
+            found[tile, "expected σ"] = [expected]
             if load:
                 found[tile, "true RMS"] = [np.sqrt(np.mean(truth**2))]
                 found[tile, "estimated RMS"] = [told[f"estimate.{name}"]]
@@ -65,10 +65,10 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             else:
                 found[tile, "true value"] = [truth[-1]]
             if told.get(f"identified.{name}", True):
-                found[tile, "verdict"] = [_decisive(validate, name, load)]
+                found[tile, "verdict"] = [_decisive(validate, name, load)[0]]
             for i, value in enumerate(place[f"without/{name}"][()]):
-                found[f"G{i + 1}", f"σ({name})"] = [value * scale / size]
-            found["with all", f"σ({name})"] = [expected]
+                found[f"G{i + 1}", f"expected σ({name})"] = [value * scale / size]
+            found["with all", f"expected σ({name})"] = [expected]
         for i, position in enumerate(place["selected/final/position"][()]):
             for axis, value in zip("xyz", position, strict=True):
                 found[f"G{i + 1}", f"{axis} [m]"] = [value]
@@ -80,19 +80,34 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
     return {where: [float(value) for value in values] for where, values in found.items()}
 
 
-def _decisive(validate: h5py.File, name: str, load: bool) -> float:
-    """RMS of error over σ of the test, the smoothed load and the repeats: of the one that is furthest beyond its band of χ²."""
+def _sentence(validate: h5py.File, names: list[str], gauges: int, pool: int, loads: Any) -> list[float]:
+    """What does not hold: ratio, the most where σ holds, error; then how many gauges of how many, and σ of what holds."""
+    told, wrong, right = validate["summary"].attrs, [], []
+    for name in names:
+        ratio, high = _decisive(validate, name, name in loads)
+        if ratio > high:
+            wrong += [ratio, high, told[f"error.{name}"]]
+        elif told.get(f"identified.{name}", True):
+            right.append(told[f"std.{name}"])
+    return [*wrong, gauges, pool, *right]
+
+
+def _decisive(validate: h5py.File, name: str, load: bool) -> tuple[float, float]:
+    """RMS of error over σ of the test, the smoothed load and the repeats, of the one that is furthest beyond its band of χ²,
+    which is no narrower than a tenth; and the upper edge of that band."""
     told = validate["summary"].attrs
-    draws = [(told[f"error.{name}"], told[f"std.{name}"])]
-    draws += [(told[f"smoothed.{name}"], told[f"smoothed_std.{name}"])] * load
-    draws.append((validate[f"repeats/error/{name}"][()], validate[f"repeats/std/{name}"][()]))
+    draws = [(told[f"error.{name}"], told[f"std.{name}"], told[f"draws.{name}"])]
+    draws += [(told[f"smoothed.{name}"], told[f"smoothed_std.{name}"], told[f"smoothed_draws.{name}"])] * load
+    repeats = validate[f"repeats/error/{name}"][()], validate[f"repeats/std/{name}"][()]
+    draws.append((*repeats, len(repeats[0])))
     ratios = []
-    for error, std in draws:
+    for error, std, n in draws:
         z = np.atleast_1d(error) / np.atleast_1d(std)
-        low, high = np.sqrt(scipy.stats.chi2.ppf([0.00135, 0.99865], len(z)) / len(z))
+        low, high = np.sqrt(scipy.stats.chi2.ppf([0.00135, 0.99865], n) / n)
+        low, high = min(low, 1 / 1.1), max(high, 1.1)
         ratio = np.sqrt(np.mean(z**2))
-        ratios.append((ratio / high if ratio > high else 0.0, low / ratio if ratio < low else 0.0, ratio))
-    return float(max(ratios, key=lambda found: found[:2])[2])
+        ratios.append((ratio / high if ratio > high else 0.0, low / ratio if ratio < low else 0.0, ratio, high))
+    return max(ratios, key=lambda found: found[:2])[2:]
 
 
 def _best_other(place: h5py.File) -> float:

@@ -29,7 +29,7 @@ from strainsight.report.suite.data import PlacementRun, Suite
 
 ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
 """Bands of one draw and of twenty."""
-HELD = Claim("test", 1, 0.000523 / 0.000814, ONE, "as claimed")
+HELD = Claim("test", 1, 0.000523 / 0.000814, ONE, "consistent")
 METRICS = (
     Metric("tr(W P)", "sum of the variances"),
     Metric("det(P)^(1/n)", "volume of the ellipsoid"),
@@ -151,8 +151,8 @@ def report(**changes):
                 False,
                 0.04,
                 (
-                    Claim("test", 1, 0.177 / 0.159, ONE, "as claimed"),
-                    Claim("smoothed", 1, 0.042 / 0.04, ONE, "as claimed"),
+                    Claim("test", 1, 0.177 / 0.159, ONE, "consistent"),
+                    Claim("smoothed", 1, 0.042 / 0.04, ONE, "consistent"),
                 ),
             ),
             Unknown(
@@ -212,7 +212,7 @@ def report(**changes):
         advice=("2 gauges more would lower σ by 7 %.", "G1 and G3 are redundant: either can replace the other."),
         observability={"condition (scaled)": 91.0, "condition (raw)": 3.1e23},
         truth_description="60 modes with static terms, damping 1.5 times the filter's",
-        consistency=Consistency(1.04, (0.9, 1.1), 1.31, (0.96, 1.04)),
+        consistency=Consistency(1.04, (0.9, 1.1), "consistent", 1.31, (0.96, 1.04), "overconfident"),
         warnings=("G1 and G2 are 200 mm apart.",),
         not_tested=("Temperature.",),
         facts={"mesh": "3 214 nodes"},
@@ -232,7 +232,7 @@ def bare():
 
 @pytest.fixture
 def suite():
-    """A function: changed fields → suite of four runs: as claimed, not identified, overconfident, only observed."""
+    """A function: changed fields → suite of four runs: consistent, not identified, overconfident, only observed."""
     return suite_report
 
 
@@ -240,7 +240,7 @@ def suite_report(**changes):
     """The runs of the small placement report: E alone; tip and E, not identified; the same, overconfident; observed."""
     full = report()
     load, modulus = full.unknowns
-    agree = Claim("repeats", 20, 0.875, TWENTY, "as claimed")
+    agree = Claim("repeats", 20, 0.875, TWENTY, "consistent")
     agreed = (Repeats("E", np.full(20, 0.0007), np.full(20, 0.0008), "identified"),)
     pairs = (("G1", "G3", 0.12), ("G2", "G1", 0.2), ("G3", "G1", 0.12), ("G4", "G2", 0.23))
     done = PlacementRun(

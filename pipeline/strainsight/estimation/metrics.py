@@ -19,7 +19,7 @@ def load_scale(truth: np.ndarray, amplitude: float, burn_in: float = 0.1) -> tup
 
     truth (T + 1,) [N]; amplitude [N], positive: what the filter takes as the size of the load; burn_in: the share left out.
     """
-    rms = float(np.sqrt(np.mean(_late(truth, burn_in) ** 2)))
+    rms = float(np.sqrt(np.mean(after_start(truth, burn_in) ** 2)))
     return (rms, False) if rms > NONE * amplitude else (amplitude, True)
 
 
@@ -28,10 +28,11 @@ def input_error(error: np.ndarray, scale: float, burn_in: float = 0.1) -> np.nda
 
     error (T + 1, ...), estimate less truth, or σ, and scale, of `load_scale`, in one unit. Returns (...).
     """
-    return np.asarray(np.sqrt(np.mean(_late(error, burn_in) ** 2, axis=0)) / scale)
+    return np.asarray(np.sqrt(np.mean(after_start(error, burn_in) ** 2, axis=0)) / scale)
 
 
-def _late(history: np.ndarray, burn_in: float) -> np.ndarray:
+def after_start(history: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
+    """A history (T + 1, ...) without its first tenth, which no error counts."""
     return history[int(np.ceil(burn_in * len(history))) :]
 
 
@@ -40,4 +41,6 @@ def honesty(error: np.ndarray, std: np.ndarray, burn_in: float = 0.1) -> np.ndar
 
     error, std (T + 1, B, k), estimate less truth. Returns (k,).
     """
-    return np.sqrt(np.mean(_late(error, burn_in) ** 2, axis=(0, 1)) / np.mean(_late(std, burn_in) ** 2, axis=(0, 1)))
+    return np.sqrt(
+        np.mean(after_start(error, burn_in) ** 2, axis=(0, 1)) / np.mean(after_start(std, burn_in) ** 2, axis=(0, 1))
+    )

@@ -49,7 +49,7 @@ class UnknownRows:
     repeats_worst: np.ndarray = dataset(
         "/repeats_worst", "1", "/name", "worst error over the repeats, relative; inf where one diverged"
     )
-    verdict: tuple[str, ...] = dataset("/verdict", "1", "/name", "as claimed, cautious, or what is wrong with it")
+    verdict: tuple[str, ...] = dataset("/verdict", "1", "/name", "consistent, too cautious, or what is wrong with it")
     slope: np.ndarray = dataset("/slope", "1", "/name", "slope of the fit estimate = slope · truth + offset")
     offset: np.ndarray = dataset("/offset", "N or N m", "/name", "offset of the fit of slope")
     ratio_slope: np.ndarray = dataset(

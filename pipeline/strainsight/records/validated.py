@@ -28,7 +28,10 @@ class Consistency:
     )
     nis: np.ndarray = dataset("/nis", "1", "/gauge/time", "normalised innovation squared over the number of gauges")
     band: np.ndarray = dataset(
-        "/band", "1", "2 × 2", "95 % bands (one instant of NEES, mean NIS of the run × low, high)"
+        "/band",
+        "1",
+        "2 × 2",
+        "99.73 % bands, at least 1 / 1.21 to 1.21 (one instant of NEES, mean NIS of the run × low, high)",
     )
 
 

@@ -10,7 +10,7 @@ from strainsight.report.picture.scene import look, render_all
 from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import is_estimated
+from strainsight.report.suite.results import RED, counts, is_estimated, without_benefit
 from strainsight.stages.pages.suite import suite_of
 from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
 from strainsight.workflow.output import Output
@@ -28,7 +28,10 @@ def run(context: Context) -> Output:
     page = suite_page(suite, drawings, scenes).encode()
     verdicts = [statement.verdict for statement in suite.statements]
     many, estimated, confirmed = len(suite.runs), sum(map(is_estimated, suite.runs)), verdicts.count(CONFIRMED)
-    message = f"{many} run{'s' * (many != 1)}, {estimated} estimated"
+    wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in RED)
+    none = without_benefit(suite)
+    message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
+    message += f"; placement brings no benefit in {len(none)}" * bool(none)
     message += f"; {confirmed} of {len(verdicts)} statements confirmed" if verdicts else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
     return Output(
@@ -64,7 +67,7 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
 
 SUITE = Stage(
     "suite",
-    version=7,
+    version=8,
     reads=("name", "title", "runs", "studies", "claims"),
     upstream=(),
     files=("runs.*.artefacts.*",),

@@ -9,8 +9,9 @@ from strainsight.cases.structure.validation import validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
 from strainsight.records.grids import gauge_grid
 from strainsight.records.record import written
+from strainsight.report.placement.verdicts import OVER, in_words
 from strainsight.stages import inputs
-from strainsight.stages.pages.claims import claims_of, doubt_of
+from strainsight.stages.pages.claims import claims_of
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -30,9 +31,9 @@ def run(context: Context) -> Output:
     )
     own, repeats = found.validated, found.validated.repeats
     numbers = validation_numbers(found, config.validation.truth.model)
-    doubts = {
-        name: doubt_of(claims_of(name, numbers, (repeats.error[name], repeats.std[name]))) for name in found.accuracy
-    }
+    claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
+    numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own}
+    doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER}
     field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
     grid, attributes = gauge_grid(training.candidates.position, field)
     return Output(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.consistency import chi_square_band
 from strainsight.estimation.filter import filter_runs
+from strainsight.estimation.verdict import chi_square_band
 from strainsight.multibody.bodies import FlexibleBody
 from strainsight.multibody.forces import PointForce
 from strainsight.multibody.frames import Frame

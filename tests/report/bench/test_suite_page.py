@@ -250,4 +250,4 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
         regions = names_of_regions(outline)
         assert len(regions) == len(set(regions)) > 2
         assert not re.search(r"<a>|<v>|<statement>", page)
-        assert "F$z is not identified." in page
+        assert "F$z: not identified." in page

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.report.page.document import own
-from strainsight.report.placement.data import Consistency
+from strainsight.report.placement.data import Benefit
 from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.placement.signals import signal_figure
@@ -69,8 +69,8 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     assert "209.9\u00a0GPa" in first
     assert "0.052\u00a0%" in first
     said = words(first)
-    assert "4 gauges, chosen from 30 candidates tell tip to within ± 16 % and E to within ± 0.081 %" in said
-    for phrase in ("The weakest unknown is tip", "Not identified: E", "Temperature.", "1 warning : read it"):
+    assert "4 gauges, chosen from 30 candidates tell tip to within ± 16 % of its RMS (claimed σ)." in said
+    for phrase in ("not identified (other starts end elsewhere)", "Temperature.", "1 warning : read it"):
         assert phrase in said
     assert "G1 and G2 are 200 mm apart." in page(report).split('id="warnings"')[1]
 
@@ -85,9 +85,10 @@ def test_no_number_of_the_first_screen_stands_outside_its_exact_value(full, mixe
 def test_a_load_that_is_zero_is_reported_to_be_judged_by_its_amplitude(full):
     load, modulus = full().unknowns
     first = first_screen(page(full(unknowns=(replace(load, truth=0.0, zero=True), modulus))))
-    assert "one standard deviation, of a load relative to its RMS, of tip to its amplitude" in words(first)
+    assert "tip to within ± 16 % of its amplitude" in words(first)
     tile = words(first.split("tip, load")[1].split("</dl>")[0])
-    assert "in % of its amplitude 10 kN" in tile.replace("\u00a0", " ")
+    assert "± claimed σ of its amplitude" in tile
+    assert "amplitude 10 kN" in tile.replace("\u00a0", " ")
     assert "amplitude" not in words(first_screen(page(full())))
 
 
@@ -149,14 +150,60 @@ def test_the_mark_says_when_the_claim_did_not_hold(full):
         return [(kind, words(text)) for kind, text in re.findall(r'<p class="mark (\w+)">(.*?)</p>', first)]
 
     assert marks(load, modulus) == [
-        ("good", "✓ error is 1.1 σ: as claimed"),
-        ("bad", "✕ RMS error of the repeats is 6.6 σ: overconfident"),
+        ("bad", "✕ overconfident (RMS error of the repeats 6.6 times the claimed σ)"),  # what does not hold first
+        ("good", "✓ consistent (error 1.1 times the claimed σ)"),
     ]
-    claim = replace(load.claims[1], ratio=0.001, verdict="cautious")
+    claim = replace(load.claims[1], ratio=0.001, verdict="too cautious")
     assert marks(replace(load, claims=(claim,)), replace(modulus, claims=())) == [
-        ("good", "✓ smoothed error is 0.001 σ: cautious")
+        ("good", "✓ too cautious (smoothed error 0.001 times the claimed σ)")
     ]
-    assert "overconfident" in page(full(consistency=Consistency(nis=1.31, nis_band=(0.96, 1.04))))
+    assert "✕ overconfident" in words(page(full()).split('data-table="consistency"')[1])
+
+
+def test_what_does_not_hold_leads_the_page_and_its_headline(full):
+    """Before any number is promised: E is wrong and has no ± in the sentence; what holds is told after it."""
+    text = page(full())
+    said = words(text.split('id="in-short">')[1].split("</p>")[0]).replace("\u00a0", " ")
+    assert said.startswith(
+        "E: overconfident (RMS error of the repeats 6.6 times the claimed σ, at most 1.49 where it holds), not identified "
+        "(other starts end elsewhere); it is 0.052 % off. 4 gauges,"
+    )
+    assert "E to within" not in said
+    assert said.index("overconfident") < said.index("tell tip to within")
+    assert "<h1>✕ E overconfident and not identified – Cantilever: load and stiffness</h1>" in text
+    load, modulus = full().unknowns
+    good = page(full(repeats=(), unknowns=(load, replace(modulus, claims=modulus.claims[1:]))))
+    assert "<h1>Cantilever: load and stiffness</h1>" in good
+    assert "✕" not in first_screen(good)
+    assert "tell tip to within" in words(good)
+
+
+def test_a_placement_without_benefit_leads_what_the_gauges_tell(full):
+    load, modulus = full(repeats=()).unknowns
+    none, some, shown = (Benefit(count, 10, word) for count, word in ((6, "none"), (3, "not shown"), (0, "shown")))
+
+    def said(one, other):
+        return words(first_screen(page(full(unknowns=(replace(load, benefit=one), replace(modulus, benefit=other))))))
+
+    both = said(none, none)
+    phrase = "Placement brings no benefit here: 6 of 10 (tip) and 6 of 10 (E) random layouts of the same size do"
+    assert phrase in both
+    assert both.index("no benefit") < both.index("tell tip to within")
+    assert "Placement brings no benefit here for E: 6 of 10 random" in said(shown, none)
+    assert "no benefit" not in said(shown, some)
+    assert "That the placement helps E is not shown: 3 of 10 random layouts" in said(shown, some)
+
+
+def test_every_sigma_on_the_page_has_a_name_and_a_denominator(full):
+    """claimed, smoothed, expected or steady-state; of a true value, an RMS or an amplitude."""
+    text = words(page(full()))
+    named = "claimed|[Ee]xpected|steady-state|smoothed|±2σ|one standard deviation|lower σ|where σ holds"
+    for at in re.finditer("σ", text):
+        around = text[max(0, at.start() - 60) : at.end() + 60]
+        assert re.search(named, around), around
+    first = words(first_screen(page(full())))
+    assert "± claimed σ of its RMS" in first
+    assert "± claimed σ of its true value" in first
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.report.page.document import own
+from strainsight.report.placement.data import Benefit
 from strainsight.report.suite.data import Statement, Study
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
@@ -52,7 +53,7 @@ def test_placements_have_studies_and_statements_too(suite):
     assert "error of E: 1 0.01, 2 0.02, 3 0.03" in sweep.alt
     text = page(own, drawings=drawings)
     assert len(Outline(text).ids) == len(set(Outline(text).ids))
-    assert "1 statement : 1 confirmed; from 3 runs, 3 with an estimate. 3 runs : 1 as claimed" in words(text)
+    assert "1 consistent (run 1 ); run 2 both. 1 statement : 1 confirmed; from 3 runs, 3 with an estimate." in words(text)
     assert text.index("E is known.") < text.index('data-table="runs"') < text.index("What it costs.") < text.index(sweep.caption)
 
 
@@ -88,11 +89,30 @@ def test_what_failed_is_reported_in_words(suite):
     first = words(first_screen(page(suite())))
     assert first.count("✕ not identified") == 1
     assert first.count("✕ overconfident") == 2
-    assert "✕ overconfident ( repeats: RMS 6.6 σ)".replace("( ", "(") in first.replace("( ", "(")
-    assert "E: overconfident, 25 σ." in words(page(suite()))
-    assert "✓ as claimed" in first
-    assert "4 runs : 1 as claimed (run 1 ), 2 overconfident (runs 2 , 3 )" in first
+    assert "✕ overconfident (RMS error of the repeats 6.6 times the claimed σ)" in first
+    assert "E: overconfident (error 25 times the claimed σ, at most 3.21 where it holds)." in words(page(suite()))
+    assert "✓ consistent" in first
     assert "not estimated (ends after observe): no gauge tells all three." in first
+
+
+def test_what_does_not_hold_leads_the_page_and_its_headline(suite):
+    text = page(suite())
+    said = words(text[text.index('id="in-short"') :].split("</p>")[0].partition(">")[2])
+    assert said.startswith("1 not identified (run 2 ), 2 overconfident (runs 2 , 3 ), 1 consistent (run 1 )")
+    assert "<h1>✕ 1 not identified, 2 overconfident of 4 runs – The beam of chapter 6.1</h1>" in text
+    own = words(text[text.index('id="run-3"') :])
+    assert own.index("E: overconfident") < own.index("tell tip")
+    good = page(suite(runs=suite().runs[:1]))
+    assert "<h1>The beam of chapter 6.1</h1>" in good
+    assert "✕" not in first_screen(good)
+
+
+def test_a_placement_that_brings_no_benefit_is_counted_on_the_first_screen(suite):
+    run = suite().runs[0]
+    none = tuple(replace(unknown, benefit=Benefit(6, 10, "none")) for unknown in run.unknowns)
+    text = words(first_screen(page(suite(runs=(replace(run, unknowns=none),)))))
+    assert "Placement brings no benefit in run 1 ." in text
+    assert "no benefit" not in words(page(suite()))
 
 
 def test_a_load_that_is_zero_is_reported_to_be_judged_by_its_amplitude(suite):
@@ -109,7 +129,7 @@ def test_a_diverged_repeat_is_reported_in_words(suite):
     error = np.append(run.repeats[0].error[:-1], np.nan)
     text = page(suite(runs=(replace(run, repeats=(replace(run.repeats[0], error=error),)),)))
     assert "✕ diverged ( 1 of 20 repeats)" in words(first_screen(text))
-    assert "E: diverged, 1 of 20 repeats." in words(text)
+    assert "E: diverged ( 1 of 20 repeats)." in words(text)
 
 
 def test_long_words_do_not_widen_the_page(suite):

@@ -10,10 +10,10 @@ import numpy as np
 from strainsight.cases.structure.problem import filter_model, sample_std
 from strainsight.cases.structure.trial import Trial, real_and_claimed, sample_noise, without_truth
 from strainsight.config.validation import Validate
-from strainsight.estimation.consistency import not_identified
 from strainsight.estimation.filter import all_lost
 from strainsight.estimation.model import physical
 from strainsight.estimation.reduced import Driven
+from strainsight.estimation.verdict import not_identified
 from strainsight.records.validated import NoiseStudy, RandomSets, Starts
 from strainsight.sweep.sweep import Sweep, serial
 
@@ -87,9 +87,9 @@ def studies_of(trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sw
 
 
 def identified(trial: Trial, starts: Study) -> dict[str, bool]:
-    """For every unknown, whether runs that differ only by their start end within 3 σ of each other.
+    """For every unknown, whether runs that differ only by their start end within what one draw may be off (3.2 σ).
 
-    A parameter by its mean over the last half; an input by the RMS over the last half of (largest − smallest), beside its σ.
+    A parameter by its mean over the last half; an input by RMS over the last half, of (largest − smallest) and of σ.
     Empty for fewer than two runs.
     """
     if len(starts.runs.seed) < 2:
@@ -101,8 +101,8 @@ def identified(trial: Trial, starts: Study) -> dict[str, bool]:
         if name in trial.problem.unknowns.parameters:
             found[name] = not bool(not_identified(value.mean(axis=0), std.mean(axis=0)))
         else:
-            spread = np.sqrt(np.mean(np.ptp(value, axis=1) ** 2))
-            found[name] = bool(spread <= 3 * np.sqrt(np.mean(std**2)))
+            spread, rms = np.sqrt(np.mean(np.ptp(value, axis=1) ** 2)), np.sqrt(np.mean(std**2))
+            found[name] = not bool(not_identified(np.array([0.0, spread]), np.array([rms, rms])))
     return found
 
 

@@ -23,11 +23,13 @@ from strainsight.cases.structure.sweeps import sweeps_of
 from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.cases.structure.truth import truth_of
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.consistency import chi_square_band, nees, nis, verdict, whiteness
+from strainsight.estimation.consistency import nees, nis, verdict, whiteness
+from strainsight.estimation.metrics import after_start
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.update import output_std
+from strainsight.estimation.verdict import Benefit, band_of, benefit_of, samples_alike
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
@@ -43,8 +45,9 @@ class Accuracy:
 
     estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
     smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
-    scale is its amplitude; identified: whether other starts end alike, None for a single one; rank: among the random sets of
-    all candidates, None for few.
+    scale is its amplitude; draws, smoothed_draws: how many independent draws error and smoothed are the RMS of, 1 of a
+    parameter; identified: whether other starts end alike, None for a single one; rank and benefit: among the random sets of all
+    candidates, None for few.
     """
 
     estimate: float
@@ -54,8 +57,11 @@ class Accuracy:
     smoothed_std: float
     scale: float
     zero: bool
+    draws: int
+    smoothed_draws: int
     identified: bool | None
     rank: Rank | None
+    benefit: Benefit | None
 
 
 @dataclass(frozen=True)
@@ -130,8 +136,8 @@ def _accuracy(
     error, std = real_and_claimed(trial, model, run.mean, run.std)
     later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
     alike = identified(trial, studies.starts)
-    found = {}
-    for name, (value, _) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
+    found, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
+    for name, (value, sigma) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
         constant = name in trial.problem.unknowns.parameters
         scale, zero = trial.scale(name)
         found[name] = Accuracy(
@@ -142,10 +148,19 @@ def _accuracy(
             smoothed_std=float(later_std[name][0]),
             scale=scale,
             zero=zero,
+            draws=1 if constant else _draws(value - trial.history[name], sigma),
+            smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
             identified=alike.get(name),
             rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
+            benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
         )
     return found
+
+
+def _draws(error: np.ndarray, std: np.ndarray) -> int:
+    """Independent draws that a load's error (T + 1,) is worth after the first tenth of the run."""
+    scaled = after_start(np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0))
+    return max(1, int(np.count_nonzero(np.isfinite(scaled)) / samples_alike(scaled)))
 
 
 def _validated(
@@ -160,7 +175,7 @@ def _validated(
 ) -> Validated:
     estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
     innovations = nis(run.whitened[:, 0])
-    bands = chi_square_band(len(trial.names)), chi_square_band(len(trial.chosen), len(innovations))
+    bands = np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))])
     return Validated(
         time=trial.time,
         truth={name: trial.history[name] for name in trial.names},
@@ -174,7 +189,7 @@ def _validated(
         consistency=Consistency(
             nees=nees(scaled_error(trial, run.mean)[1:, 0], run.unknown_covariance[1:, 0]),
             nis=innovations,
-            band=np.array(bands),
+            band=bands,
         ),
         field=_field(trial, run),
         noise=noise_levels(studies.noise),

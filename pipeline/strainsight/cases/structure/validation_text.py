@@ -21,12 +21,14 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
         "description": "; ".join(filter(None, (trial.truth.description, scheme, stopped))),
     }
     for name, own in found.accuracy.items():
-        for key in ("estimate", "error", "std", "smoothed", "smoothed_std", "scale"):
+        for key in ("estimate", "error", "std", "draws", "smoothed", "smoothed_std", "smoothed_draws", "scale"):
             numbers[f"{key}.{name}"] = getattr(own, key)
         if name in trial.problem.unknowns.inputs:
             numbers[f"zero.{name}"] = own.zero
         if own.identified is not None:
             numbers[f"identified.{name}"] = own.identified
+        if own.benefit is not None:
+            numbers[f"benefit.{name}"] = own.benefit.verdict
         if own.rank is not None:
             numbers |= {f"rank_{key}.{name}": value for key, value in vars(own.rank).items()}
     return numbers | {
@@ -39,19 +41,24 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
 
 
 def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
-    """One line; doubts: where a claimed σ of an unknown does not hold, empty where it does."""
+    """One line, first what does not hold; doubts: unknown → that its claimed σ does not hold, and by how much."""
     trial, words = found.trial, []
+    for name, own in found.accuracy.items():
+        words += [f"{name} is {doubts[name]}"] if name in doubts else []
+        words += [f"{name} is not identified: other starts end elsewhere"] * (own.identified is False)
+    words += [
+        f"placement brings no benefit for {name} here: {own.benefit.as_well} of {own.benefit.sets} random layouts of the same "
+        "size do as well"
+        for name, own in found.accuracy.items()
+        if own.benefit is not None and own.benefit.verdict == "none"
+    ]
     for name, own in found.accuracy.items():
         if name in trial.problem.unknowns.parameters:
             value = f"{name} {own.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
-            words.append(f"{value}, error {100 * own.error:.2f} %")
+            words.append(f"{value}, error {100 * own.error:.2f} % (claimed σ {100 * own.std:.2g} %)")
         else:
             over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
             words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
-        if doubts[name]:
-            words.append(f"{name} is overconfident: {doubts[name]}")
-        if own.identified is False:
-            words.append(f"{name} is not identified: other starts end elsewhere")
     return "; ".join(words)
 
 

@@ -118,7 +118,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
 
 
 def runs_figure(unknown: BenchUnknown) -> Drawing:
-    """A parameter's error in every run over seeds and starts on bars of three claimed σ, relative, on a logarithmic axis."""
+    """A parameter's error in every run over seeds and starts on bars of the claimed σ, relative, on a logarithmic axis."""
     assert unknown.errors is not None
     truth = unknown.history.truth
     scale = float(np.nanmax(np.abs(truth))) if truth is not None else 1.0
@@ -127,7 +127,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
         drawn, axes = figure(3.0)
         at = np.arange(1, len(errors) + 1)
         if unknown.stds is not None:
-            axes.bar(at, 3 * unknown.stds / scale, color=BLUE, alpha=0.22, lw=0, label="up to 3σ claimed")
+            axes.bar(at, unknown.stds / scale, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
         axes.plot(at, np.maximum(errors, ROUNDING), "o", color=BLUE, ms=5, label="error")
         axes.set_yscale("log")
         log_ticks(axes)

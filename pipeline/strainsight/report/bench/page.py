@@ -12,17 +12,20 @@ from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, un
 from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import facts, mismatch_table, placement_table, ratio, runs_table
+from strainsight.report.bench.verdicts import faults, leading
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, picture, plain
 from strainsight.report.placement.figures import trend_figure
 from strainsight.report.placement.tables import criteria_meaning, criteria_table
+from strainsight.report.placement.verdicts import headline
 from strainsight.report.space.section import STYLE, script
 from strainsight.report.text import number
 
 STYLES = ("bench/bench.css",)
 FOOTER = (
-    "σ is one standard deviation. Stabilised implicit Euler in time; bearings quasi-static after Hertz, rings rigid but for the "
+    "σ is one standard deviation. Errors and claimed σ of a bench are relative: of a load to its largest true value, of a "
+    "parameter to its true value. Stabilised implicit Euler in time; bearings quasi-static after Hertz, rings rigid but for the "
     "contacts."
 )
 
@@ -103,7 +106,7 @@ def bench_page(
     return document(
         "bench",
         run.name,
-        run.name,
+        headline((unknown.name, faults(run, unknown.name)) for unknown in run.unknowns) + run.name,
         _answer(run),
         sections,
         FOOTER,
@@ -128,7 +131,7 @@ def _picture(caption: str, png: bytes) -> str:
 
 
 def run_answer(run: BenchRun) -> str:
-    """What the filter made of the unknowns, in one sentence."""
+    """What does not hold, then what the filter made of the unknowns, of a load relative to its largest true value."""
     estimate = run.estimate
     if estimate is None:
         return ""
@@ -141,13 +144,7 @@ def run_answer(run: BenchRun) -> str:
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
         listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
         text = f"These loads make the bench read as the one that was measured, {', '.join(listed)}: {', '.join(parts)}."
-    lost = run.number("lost")
-    if lost:
-        text += f' <strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong>'
-    for unknown in estimate.unknowns:
-        if run.summary.get(f"identified.{unknown.name}") is False:
-            text += f' <strong class="bad">{escape(unknown.name)} is not identified.</strong>'
-    return text
+    return leading(run) + text
 
 
 def _estimated(run: BenchRun, unknown: BenchUnknown) -> str:

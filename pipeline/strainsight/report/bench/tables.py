@@ -11,6 +11,7 @@ from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.page.markup import block, cell, data, grouped_table, measure, plain, table
 from strainsight.report.page.positions import AXES, axes, decimals
+from strainsight.report.placement.verdicts import OVER
 from strainsight.report.text import number
 
 Cell = Callable[[BenchRun, BenchUnknown], str]
@@ -53,11 +54,20 @@ def _yes(run: BenchRun, unknown: BenchUnknown) -> str:
     return '<strong class="good">yes</strong>' if value else '<strong class="bad">no</strong>'
 
 
+def _verdict(run: BenchRun, unknown: BenchUnknown) -> str:
+    word = run.summary.get(f"claim.{unknown.name}")
+    if not isinstance(word, str):
+        return "–"
+    mark, style = ("✕", "bad") if word == OVER else ("✓", "good")
+    return f'<strong class="{style} whole">{mark} {word}</strong>'
+
+
 COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("error", _share("error")),
     ("largest error", _share("largest_error")),
-    ("σ claimed", _share("std")),
+    ("claimed σ", _share("std")),
     ("error / σ, all runs", _plain("ratio", 3)),
+    ("verdict", _verdict),
     ("identified", _yes),
     ("slope", _plain("slope", 5)),
     ("offset", _quantity("offset")),
@@ -68,8 +78,8 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
 )
 """Heading, what stands in the cell."""
 MEANINGS = {
-    "error": "Errors of loads: RMS over the second half of the run, over the largest true load; of parameters: at the end, "
-    "relative.",
+    "error": "Errors and claimed σ of loads: RMS over the second half of the run, of the largest true load; of parameters: at "
+    "the end, of the true value.",
     "slope": "Slope and offset: estimate = slope · truth + offset.",
     "load ratio": "Load ratio: this bench's load over the other's, as an affine fit, and where the other is above 0.3 of its "
     "maximum.",

@@ -20,6 +20,7 @@ from strainsight.report.chart.drawing import (
 )
 from strainsight.report.chart.panels import focus_on, legend_above, plain_ticks, shown_unit, time_axis
 from strainsight.report.placement.data import Claim, NoiseRow, RandomSets, Repeats, Unknown
+from strainsight.report.placement.verdicts import LOST, OVER
 from strainsight.report.text import number, percent, short
 
 
@@ -139,20 +140,18 @@ def noise_figure(rows: tuple[NoiseRow, ...], unknowns: tuple[Unknown, ...]) -> D
 
 
 def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
-    """Real error beside twice the claimed standard deviation, over seeds and starts, smallest error first; claim: on all."""
+    """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claim: on all."""
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]
-    outside = error > 2 * std
     place = np.arange(1, len(error) + 1)
     with styled():
         drawn, axes = figure()
-        axes.bar(place, 2 * std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="2σ claimed")
-        axes.plot(place[~outside], error[~outside], "o", color=BLUE, ms=6, label="error, inside")
-        if outside.any():
-            axes.plot(place[outside], error[outside], "X", color=VERMILION, ms=7, label="error, outside")
+        wrong = claim is not None and claim.verdict == OVER
+        axes.bar(place, std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
+        axes.plot(place, error, "X" if wrong else "o", color=VERMILION if wrong else BLUE, ms=6, label="error")
         finite = np.concatenate([error, std])
         finite = finite[np.isfinite(finite) & (finite > 0)]
-        if len(finite) and finite.max() > 30 * np.median(2 * std):
+        if len(finite) and finite.max() > 30 * np.median(std):
             axes.set_yscale("log")
             plain_ticks(axes, "y")
         axes.xaxis.get_major_locator().set_params(integer=True)
@@ -161,19 +160,19 @@ def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
         legend_above(axes)
         image = svg(drawn)
     caption = (
-        f"{len(error)} runs with other noise and other starting values: {int(outside.sum())} outside "
-        f"twice the claimed σ. {_agreement(repeats.verdict, claim)}"
+        f"{len(error)} runs with other noise and other starting values, the truth the same. "
+        f"{_agreement(repeats.verdict, claim)}"
     )
-    ending = f"{int(outside.sum())} outside their band, {repeats.verdict}"
+    ending = f"{claim.verdict}, {repeats.verdict}" if claim is not None else repeats.verdict
     alt = f"Chart of {len(error)} repeated runs for {repeats.name}, {ending}."
     return Drawing(f"repeats-{repeats.name}", f"{repeats.name}: other seeds, other starts", caption, alt, image)
 
 
 def _agreement(verdict: str, claim: Claim | None) -> str:
-    agree = "The starting values " + ("agree." if verdict == "identified" else "end apart: not identified.")
+    agree = "The starting values " + (f"end apart: {LOST}." if verdict == LOST else "agree.")
     if claim is None:
         return agree
     low, high = (number(edge, 2) for edge in claim.band)
     return (
-        f"{agree} RMS of error over σ {number(claim.ratio, 3)}, {low} to {high} where the claim holds: {claim.verdict}."
+        f"{agree} RMS of error over claimed σ {number(claim.ratio, 3)}, {low} to {high} where σ holds: {claim.verdict}."
     )

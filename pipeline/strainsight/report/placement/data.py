@@ -21,13 +21,23 @@ class Claim:
     """Errors of an unknown against the σ claimed for them.
 
     of: the filtered estimate of the test, the smoothed one, or the repeats, which are filtered; draws: how many errors;
-    ratio √(mean (error/σ)²); band in which it lies where the claim holds; verdict: as claimed, overconfident or cautious.
+    ratio √(mean (error/σ)²); band in which it lies where the claim holds; verdict: consistent, overconfident or too cautious.
     """
 
     of: Literal["test", "smoothed", "repeats"]
     draws: int
     ratio: float
     band: tuple[float, float]
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Benefit:
+    """The layout among random ones of its size: as_well of so many sets have an error no larger than its own; verdict: "none",
+    "shown" or "not shown"."""
+
+    as_well: int
+    sets: int
     verdict: str
 
 
@@ -46,6 +56,7 @@ class Unknown:
     expected_std    relative: one standard deviation expected at placement, from the covariance recursion along training
     zero            an input that is zero throughout: everything relative is over its amplitude, `guess`
     claims          whether its σ held, first the one that decides
+    benefit         whether random layouts of the same size estimate it as well
 
     What was not computed is None: a placement without a validation still has a page.
     """
@@ -63,6 +74,7 @@ class Unknown:
     zero: bool = False
     smoothed_std: float | None = None
     claims: tuple[Claim, ...] = ()
+    benefit: Benefit | None = None
 
 
 @dataclass(frozen=True)
@@ -175,12 +187,14 @@ class Repeats:
 
 @dataclass(frozen=True)
 class Consistency:
-    """NEES and NIS divided by their dimension (1 is ideal), each with the 95 % band a consistent filter stays in."""
+    """NEES and NIS divided by their dimension (1 is ideal), each with the band a consistent filter stays in, and the verdict."""
 
     nees: float | None = None
     nees_band: tuple[float, float] | None = None
+    nees_verdict: str = ""
     nis: float | None = None
     nis_band: tuple[float, float] | None = None
+    nis_verdict: str = ""
 
 
 class Compared(Protocol):

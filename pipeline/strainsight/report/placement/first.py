@@ -11,41 +11,55 @@ from strainsight.report.page.positions import AXES, axes, decimals
 from strainsight.report.picture.card import pictured
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
 from strainsight.report.placement.gauge_table import SINGLE, names_without
+from strainsight.report.placement.verdicts import (
+    ELSEWHERE,
+    LOST,
+    OVER,
+    denominator,
+    faults,
+    in_words,
+    leading,
+    not_shown,
+)
 
 
 def answer(report: PlacementReport) -> str:
-    """The first sentence: how many gauges tell what, how well, how far from the best, and which unknown is weakest."""
+    """The first sentences: what does not hold, then how many gauges tell what, how well, and which unknown is weakest."""
     gauges, pool = len(report.layout.gauges), int(report.trend.count[0])
     bonded = sum(gauge.bonded for gauge in report.layout.gauges)
     word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
     many = f"{word}{'s' * (gauges != 1)}, {f'{count(bonded)} of them bonded already, ' if bonded else ''}chosen"
-    known = [unknown for unknown in report.unknowns if _sigma(unknown) is not None]
-    parts = [f"{escape(unknown.name)} to within ±{share(_sigma(unknown))}" for unknown in known]
-    text = f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
-    loads = [unknown for unknown in known if unknown.kind == "input"]
-    zero = _join([escape(unknown.name) for unknown in loads if unknown.zero])
-    relative = (", of a load relative to its RMS" if loads else "") + (f", of {zero} to its amplitude" if zero else "")
+    lost = lost_of(report)
+    sound = [unknown for unknown in report.unknowns if not faults(unknown, unknown.name in lost)]
+    known = [unknown for unknown in sound if _sigma(unknown) is not None]
+    parts = [f"{escape(own.name)} to within ±{share(_sigma(own))} {denominator(own)}" for own in known]
+    text = leading(report.unknowns, lost)
+    text += f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     tell = "tells" if gauges == 1 else "tell"
     if parts:
-        text += f" {tell} {_join(parts)} (one standard deviation{relative})."
-    elif report.unknowns:
-        text += f" {tell} {_join([escape(unknown.name) for unknown in report.unknowns])}."
+        names = dict.fromkeys(_name_of_sigma(unknown) for unknown in known)
+        text += f" {tell} {_join(parts)} ({' or '.join(names)})."
+    elif sound:
+        text += f" {tell} {_join([escape(unknown.name) for unknown in sound])}."
     else:
         text += "."
     if len(known) > 1:
         weakest = max(known, key=lambda unknown: _sigma(unknown) or 0.0)
         text += f" The weakest unknown is <strong>{escape(weakest.name)}</strong>."
-    lost = [repeats.name for repeats in report.repeats if repeats.verdict == "not identified"]
-    if lost:
-        text += f" <strong>Not identified: {_join([escape(name) for name in lost])}</strong> (see the repeats below)."
     return text
+
+
+def lost_of(report: PlacementReport) -> frozenset[str]:
+    """The unknowns whose starts end apart."""
+    return frozenset(repeats.name for repeats in report.repeats if repeats.verdict == LOST)
 
 
 def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
     """What a reader decides from: the unknowns and the distance from the best, where the gauges go and what each is worth,
     and what to mind. Every number in it is a `data` element."""
-    lost = {repeats.name for repeats in report.repeats if repeats.verdict == "not identified"}
-    tiles = "".join(_tile(unknown, unknown.name in lost) for unknown in report.unknowns) + _bound_tile(report)
+    lost = lost_of(report)
+    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown, unknown.name in lost))
+    tiles = "".join(_tile(unknown, unknown.name in lost) for unknown in order) + _bound_tile(report)
     return (
         f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
         f'<div class="first">{_without(report)}{pictured(report.layout, scene, problem)}</div>{_cautions(report)}</section>'
@@ -55,6 +69,10 @@ def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> 
 def _sigma(unknown: Unknown) -> float | None:
     """The standard deviation to show first: the filter's own where it ran, else what placement expects."""
     return unknown.expected_std if unknown.std is None else unknown.std
+
+
+def _name_of_sigma(unknown: Unknown) -> str:
+    return "expected σ" if unknown.std is None else "claimed σ"
 
 
 def _join(parts: Sequence[str]) -> str:
@@ -71,16 +89,17 @@ def _tile(unknown: Unknown, lost: bool) -> str:
     else:
         value = f"± {share(sigma)}"
     load = unknown.kind == "input"
-    rows = [
+    rows = [(f"± {_name_of_sigma(unknown)}", denominator(unknown) if sigma is not None else "–")]
+    rows += [
         ("true RMS" if load else "true value", measure(unknown.truth, unknown.unit)),
         ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
         ("error in the test", share(unknown.error)),
         ("error after smoothing", share(unknown.smoothed_error if load else None)),
     ]
     if unknown.zero:
-        rows.append(("in % of its amplitude", measure(unknown.guess, unknown.unit)))
+        rows.append(("amplitude", measure(unknown.guess, unknown.unit)))
     if unknown.std is not None:
-        rows.append(("σ expected when placed", share(unknown.expected_std)))
+        rows.append(("expected σ", share(unknown.expected_std)))
     return _card(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))
 
 
@@ -96,16 +115,13 @@ def _card(name: str, value: str, rows: Sequence[tuple[str, str]], after: str = "
 def _mark(unknown: Unknown, lost: bool) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
     if lost:
-        return '<p class="mark bad">✕ not identified: the repeats disagree</p>'
+        return f'<p class="mark bad">✕ {LOST}: {ELSEWHERE}</p>'
     if not unknown.claims:
         return ""
     claim = unknown.claims[0]
-    what = {"test": "error", "smoothed": "smoothed error"}.get(claim.of, "RMS error of the repeats")
-    good = claim.verdict != "overconfident"
-    return (
-        f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {what} is {plain(claim.ratio, 2)} σ: '
-        f"{claim.verdict}</p>"
-    )
+    good = claim.verdict != OVER
+    said = in_words(claim, plain, limit=False)
+    return f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {said}</p>'
 
 
 def _bound_tile(report: PlacementReport) -> str:
@@ -140,7 +156,7 @@ def _without(report: PlacementReport) -> str:
     foot = ["with all", *(share(sigma[name]) for name in names), "", "", ""]
     text = table(
         "with and without",
-        ["gauge", *(f"σ({escape(name)})" for name in names), *AXES],
+        ["gauge", *(f"expected σ({escape(name)})" for name in names), *AXES],
         rows,
         title="<h2>With all and without each gauge</h2>" if names else "<h2>Gauges</h2>",
         numeric=range(1, 4 + len(names)),
@@ -148,7 +164,7 @@ def _without(report: PlacementReport) -> str:
     )
     lost = any(math.isinf(value) for gauge in gauges for value in gauge.without.values())
     more = " ∞: without that gauge the unknown can no longer be observed." if lost else ""
-    note = f'<p class="note">σ expected if that gauge fails.{more}</p>' if names else ""
+    note = f'<p class="note">Expected σ if that gauge fails.{more}</p>' if names else ""
     return f'<div class="card without">{text}{note}</div>'
 
 
@@ -190,4 +206,5 @@ def _observable(report: PlacementReport) -> str:
         at = "" if where == excitations else f" in {_join([escape(case.excitation) for case in cases])}"
         text = f"{_join([escape(name) for name in sorted(names)])} {how}{' together' * (len(names) > 1)}{at}."
         items.append(f'<strong class="bad">{text}</strong>' if names == asked else text)
+    items += not_shown(report.unknowns)
     return "".join(f"<li>{item}</li>" for item in items)

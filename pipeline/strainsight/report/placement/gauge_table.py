@@ -40,7 +40,7 @@ def gauge_table(report: PlacementReport) -> str:
     head = ["gauge", "kind", "number" if given(gauges) else "element", "facet", "nodes", *AXES, "direction", "angle"]
     head += ["training peak"] * read
     first = len(head)
-    head += [f"σ({escape(name)}) without it" for name in names]
+    head += [f"expected σ({escape(name)}) without it" for name in names]
     foot = (
         ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names]]
         if any(sigma[name] is not None for name in names)

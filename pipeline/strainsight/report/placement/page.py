@@ -9,15 +9,17 @@ from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, share, table
 from strainsight.report.placement.data import PlacementReport
-from strainsight.report.placement.first import answer, first_screen
+from strainsight.report.placement.first import answer, first_screen, lost_of
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table
+from strainsight.report.placement.verdicts import HELD, faults, headline
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import STYLE, script, space_section
 
 FOOTER = (
-    "σ is one standard deviation. Relative errors: of a parameter to its true value, of a load to the RMS of all true "
-    "loads, after the first tenth of the run."
+    "σ is one standard deviation. Errors and σ are relative: of a parameter to its true value, of a load to its own true RMS "
+    "(to its amplitude where it is zero throughout), after the first tenth of the run. Claimed σ: what the filter states; "
+    "smoothed: what the smoother states; expected: what placement foresaw for the filter; steady-state: what ranks layouts."
 )
 
 
@@ -46,9 +48,9 @@ def placement_page(
         _facts(report),
         _warnings(report),
     )
-    return document(
-        "gauge placement", report.name, report.title, answer(report), sections, FOOTER, (STYLE,), (script(),)
-    )
+    lost = lost_of(report)
+    title = headline((own.name, faults(own, own.name in lost)) for own in report.unknowns) + report.title
+    return document("gauge placement", report.name, title, answer(report), sections, FOOTER, (STYLE,), (script(),))
 
 
 def _advice(report: PlacementReport) -> str:
@@ -110,12 +112,12 @@ def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     ]
     if report.noise:
         names = [unknown.name for unknown in report.unknowns]
-        head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error", "σ")]
+        head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error of", "claimed σ of")]
         rows = [
             [share(row.level), *(share(source.get(name)) for name in names for source in (row.error, row.std))]
             for row in report.noise
         ]
-        caption = "Noise as a share of the strongest candidate's RMS reading; error beside the claimed σ."
+        caption = "Noise as a share of the strongest candidate's RMS reading; real error beside claimed σ."
         text = table("noise", head, rows, caption=caption, numeric=range(1, len(head)))
         cards.append(f'<div class="card">{text}</div>')
     return figures(cards, "<h2>How sure one can be</h2>")
@@ -136,19 +138,17 @@ def _observability(report: PlacementReport) -> str:
             name,
             plain(value, 3),
             "–" if band is None else f"{plain(band[0], 2)} to {plain(band[1], 3)}",
-            _inside(value, band),
+            f"{'✓' if verdict == HELD else '✕'} {verdict}" * bool(verdict),
         ]
-        for name, value, band in (
-            ("NEES of the run; band of one instant", check.nees, check.nees_band),
-            ("NIS of the gauges", check.nis, check.nis_band),
+        for name, value, band, verdict in (
+            ("NEES of the run; band of one instant", check.nees, check.nees_band, check.nees_verdict),
+            ("NIS of the gauges", check.nis, check.nis_band, check.nis_verdict),
         )
         if value is not None
     ]
     if rows:
-        caption = (
-            "Squared errors over claimed variances, per dimension: 1 is ideal, more overconfident, less too cautious."
-        )
-        head = ("consistency", "number", "95 % band", "verdict")
+        caption = "Squared errors over claimed variances, per dimension; 1 is ideal."
+        head = ("consistency", "number", "band", "verdict")
         cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
     if report.frequencies:
         rows = [[str(i + 1), measure(value, "Hz")] for i, value in enumerate(report.frequencies)]
@@ -159,12 +159,6 @@ def _observability(report: PlacementReport) -> str:
     if report.cases:
         body = f'<div class="card"><h3>What can be distinguished</h3>{cases_table(report.cases)}</div>{body}'
     return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""
-
-
-def _inside(value: float, band: tuple[float, float] | None) -> str:
-    if band is None:
-        return ""
-    return "✓ inside" if band[0] <= value <= band[1] else "✕ overconfident" if value > band[1] else "✕ too cautious"
 
 
 def _facts(report: PlacementReport) -> str:

@@ -98,8 +98,7 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
 
 
 def errors_figure(rows: list[tuple[int, PlacementRun, Result]]) -> Drawing:
-    """The error of every unknown of every run on a bar up to where one draw of a claim that holds ends, the repeats as small
-    dots."""
+    """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
     with styled():
         drawn, axes = figure(1.0 + 0.3 * len(rows))
         smallest = min(max(result.error or 0.0, 1e-6) for _, _, result in rows)
@@ -128,7 +127,7 @@ def errors_figure(rows: list[tuple[int, PlacementRun, Result]]) -> Drawing:
         legend_above(axes, columns=2)
         image = svg(drawn)
     caption = (
-        "The bar ends where one draw of a claim that holds may: an error beyond it is no bad luck. Loads are smoothed; strokes "
+        "The bar ends where the error may if the claimed σ holds: one beyond it is no bad luck. Loads are smoothed; strokes "
         "are the repeats with other noise and other starts, which are filtered, also those of loads. Crosses are overconfident "
         "or not identified."
     )
@@ -232,7 +231,7 @@ def _drawn(result: Result) -> bool:
 
 
 def _reach(result: Result) -> float | None:
-    """The largest error of one draw that the claimed σ allows."""
+    """The largest error that the claimed σ allows."""
     shown = "smoothed" if result.smoothed else "test"
     claim = next((claim for claim in result.unknown.claims if claim.of == shown), None)
     return claim.band[1] * result.std if claim and result.std and np.isfinite(result.std) else None
@@ -245,7 +244,7 @@ def _start(trend: Trend) -> float | None:
 
 
 def _error_key(axes: Axes) -> None:
-    axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="as claimed, one draw")
+    axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="consistent")
     axes.plot([], [], "o", color=SERIES[0], ms=7, label="error")
     axes.plot([], [], "|", color=MUTED, ms=7, mew=1.0, label="repeats")
     axes.plot([], [], "X", color=SERIES[1], ms=7, label="wrong or not identified")

@@ -32,8 +32,7 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
     first = statements.statements_table(suite) + (summary.runs_table(suite) if suite.placements else "")
     turned = suite_space(suite)
-    answers = [statements.answer(suite)] * bool(suite.statements or not suite.placements)
-    answers += [summary.answer(suite)] * bool(suite.placements)
+    answers = [summary.answer(suite), statements.answer(suite)]
     sections = (
         f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,
@@ -47,7 +46,14 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     footer = " ".join([PLACEMENTS] * bool(suite.placements) + [BENCHES] * bool(suite.benches))
     styles = (*STYLES, STYLE) if turned else STYLES
     return document(
-        "suite", suite.name, suite.title, " ".join(answers), sections, footer, styles, (script(),) * bool(turned)
+        "suite",
+        suite.name,
+        summary.headline(suite) + suite.title,
+        " ".join(answers),
+        sections,
+        footer,
+        styles,
+        (script(),) * bool(turned),
     )
 
 

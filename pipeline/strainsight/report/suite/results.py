@@ -9,11 +9,15 @@ import numpy as np
 
 from strainsight.report.arrays import FloatArray
 from strainsight.report.bench.data import BenchRun
+from strainsight.report.bench.verdicts import run_faults
 from strainsight.report.placement.data import Claim, Unknown
+from strainsight.report.placement.verdicts import CAUTIOUS, DIVERGED, HELD, LOST, OVER, faults
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 
-OVER, CAUTIOUS, CLAIMED = "overconfident", "cautious", "as claimed"
-LOST, DIVERGED = "not identified", "diverged"
+NOT_ESTIMATED, UNKNOWN = "not estimated", "not judged"
+RED = (DIVERGED, LOST, OVER)
+WORDS = (*RED, HELD, CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
+"""What a run may come to, what does not hold first."""
 
 
 @dataclass(frozen=True)
@@ -65,19 +69,35 @@ def is_estimated(run: SuiteRun) -> bool:
     return any(unknown.error is not None for unknown in run.unknowns)
 
 
-def verdicts_of(run: PlacementRun) -> tuple[str, ...]:
-    """What is wrong with a run, each once."""
-    return tuple(dict.fromkeys(verdict for result in results_of(run) for verdict in result.verdicts))
-
-
 def counts(report: Suite) -> dict[str, list[int]]:
-    """Numbers of the runs, from 1, by what they came to: every verdict, else "cautious" or "as claimed"; "not estimated"."""
-    found: dict[str, list[int]] = {}
-    for index, run in report.placements:
-        fine = CAUTIOUS if any(result.verdict == CAUTIOUS for result in results_of(run)) else CLAIMED
-        for word in (verdicts_of(run) or (fine,)) if is_estimated(run) else ("not estimated",):
-            found.setdefault(word, []).append(index)
-    return found
+    """Numbers of the runs, from 1, by what they came to, in the order of WORDS; a run may have several faults."""
+    found: dict[str, list[int]] = {word: [] for word in WORDS}
+    for index, run in enumerate(report.runs, start=1):
+        for word in _words(run):
+            found[word].append(index)
+    return {word: places for word, places in found.items() if places}
+
+
+def without_benefit(report: Suite) -> list[int]:
+    """Numbers of the runs, from 1, in which random layouts estimate every unknown as well as the placed one."""
+    return [
+        index
+        for index, run in report.placements
+        if run.unknowns and all(own.benefit is not None and own.benefit.verdict == "none" for own in run.unknowns)
+    ]
+
+
+def _words(run: SuiteRun) -> tuple[str, ...]:
+    """What is wrong with a run, each once; else whether its σ hold."""
+    if not is_estimated(run):
+        return (NOT_ESTIMATED,)
+    if isinstance(run, BenchRun):
+        wrong, held = run_faults(run), {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
+    else:
+        results = results_of(run)
+        wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
+        held = {result.claim.verdict for result in results if result.claim is not None}
+    return wrong or ((CAUTIOUS,) if CAUTIOUS in held else (HELD,) if HELD in held else (UNKNOWN,))
 
 
 def _result(run: PlacementRun, unknown: Unknown) -> Result:
@@ -90,14 +110,9 @@ def _result(run: PlacementRun, unknown: Unknown) -> Result:
         size = np.abs(repeats.error)
         many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
         rms, worst = _rms(size), math.inf if lost else float(np.max(size))
-    verdicts = []
-    if lost or (error is not None and not math.isfinite(error)):
-        verdicts.append(DIVERGED)
-    if unknown.claims and unknown.claims[0].verdict == OVER:
-        verdicts.append(OVER)
-    if repeats is not None and repeats.verdict == LOST:
-        verdicts.append(LOST)
-    return Result(unknown, smoothed, error, std, rms, worst, many, lost, tuple(verdicts))
+    diverged = bool(lost) or (error is not None and not math.isfinite(error))
+    verdicts = faults(unknown, repeats is not None and repeats.verdict == LOST, diverged)
+    return Result(unknown, smoothed, error, std, rms, worst, many, lost, verdicts)
 
 
 def _rms(values: FloatArray) -> float:

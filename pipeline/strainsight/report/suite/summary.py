@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from urllib.parse import quote
 
 from strainsight.report.page.markup import block, cell, count, grouped_table, plain, share
+from strainsight.report.placement.verdicts import CAUTIOUS, DIVERGED, HELD, LOST, OVER, in_words, no_benefit, why
 from strainsight.report.suite.cases import numbered
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
-from strainsight.report.suite.results import (
-    CAUTIOUS,
-    CLAIMED,
-    DIVERGED,
-    LOST,
-    OVER,
-    Result,
-    counts,
-    is_estimated,
-    results_of,
-)
+from strainsight.report.suite.results import RED, Result, counts, is_estimated, results_of, without_benefit
 
 METRIC = "metric"
 COLUMNS = (
-    "run", "unknown", "gauges", METRIC, "at most above the best set", "error", "σ claimed", "error / σ",
+    "run", "unknown", "gauges", METRIC, "at most above the best set", "error", "claimed σ", "error / σ",
     "repeats: RMS", "worst", "verdict",
 )  # fmt: skip
 NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "verdict"}
@@ -31,24 +23,27 @@ MEASURED = COLUMNS[5:]
 
 
 def answer(report: Suite) -> str:
-    """How many placements, and what they came to."""
-    found = counts(report)
-    many = len(report.placements)
-    parts = []
-    for word, text in (
-        (CLAIMED, "as claimed"),
-        (CAUTIOUS, "with a cautious σ"),
-        (OVER, "<strong>overconfident</strong>"),
-        (LOST, "<strong>not identified</strong>"),
-        (DIVERGED, "<strong>diverged</strong>"),
-        ("not estimated", "not estimated"),
-    ):
-        if word in found:
-            links = ", ".join(f'<a href="#run-{index}">{index}</a>' for index in found[word])
-            parts.append(f"{count(len(found[word]))} {text} (run{'s' * (len(found[word]) > 1)} {links})")
+    """What the runs came to, what does not hold first."""
+    found, parts = counts(report), []
+    for word, places in found.items():
+        text = f'<strong class="bad">{word}</strong>' if word in RED else word
+        parts.append(f"{count(len(places))} {text} ({_links(places)})")
     both = [index for index in found.get(OVER, ()) if index in found.get(LOST, ())]
     ending = f"; {numbered(tuple(both))} both" if both else ""
-    return f"<strong>{count(many)} run{'s' * (many != 1)}</strong>: {', '.join(parts)}{ending}."
+    none = without_benefit(report)
+    gains = f' <strong class="bad">Placement brings no benefit in {_links(none)}.</strong>' if none else ""
+    return f"{', '.join(parts)}{ending}.{gains}"
+
+
+def headline(report: Suite) -> str:
+    """How many runs have which fault, as the beginning of the page's title; empty where none has."""
+    parts = [f"{len(places)} {word}" for word, places in counts(report).items() if word in RED]
+    return f"✕ {', '.join(parts)} of {len(report.runs)} runs – " if parts else ""
+
+
+def _links(places: Sequence[int]) -> str:
+    links = ", ".join(f'<a href="#run-{index}">{index}</a>' for index in places)
+    return f"run{'s' * (len(places) > 1)} {links}"
 
 
 def runs_table(report: Suite) -> str:
@@ -59,9 +54,10 @@ def runs_table(report: Suite) -> str:
         metrics
     )
     caption += (
-        "Parameters: the filtered estimate, mean over the last half; loads: the smoothed one. "
-        "The repeats have other noise and other starting values and are filtered. A claim holds where the RMS of error over σ "
-        "lies in the band of χ² that 99.73 % of true claims keep to, the narrower the more repeats; below it σ is cautious."
+        "Parameters: the filtered estimate, mean over the last half, of the true value; loads: the smoothed one, of the RMS of "
+        "that load. The repeats have other noise and other starting values and are filtered. σ is consistent where the RMS of "
+        "error over claimed σ lies in the band of χ² that 99.73 % of σ that hold keep to, the narrower the more draws; above it "
+        "overconfident, below it too cautious."
     )
     bodies = [_block(index, run, len(metrics) > 1) for index, run in report.placements]
     numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
@@ -69,7 +65,7 @@ def runs_table(report: Suite) -> str:
 
 
 def run_answer(run: PlacementRun) -> str:
-    """One sentence: how many gauges tell what, and whether it held."""
+    """What does not hold, then how many gauges tell what."""
     names = [escape(unknown.name) for unknown in run.unknowns]
     if not is_estimated(run):
         what = " and ".join(names) or "nothing"
@@ -80,11 +76,12 @@ def run_answer(run: PlacementRun) -> str:
         + (f" at a claimed σ of {share(result.std)}" if result.std is not None else "")
         for result in results_of(run)
     ]
-    text = f"{gauges} tell {', '.join(parts)}."
+    text = ""
     for result in results_of(run):
-        for verdict in result.verdicts:
-            text += f' <strong class="bad">{escape(result.unknown.name)}: {_why(verdict, result)}.</strong>'
-    return text
+        if result.verdicts:
+            said = ", ".join(_why(verdict, result) for verdict in result.verdicts)
+            text += f'<strong class="bad">{escape(result.unknown.name)}: {said}.</strong> '
+    return f"{text}{no_benefit(run.unknowns)}{gauges} tell {', '.join(parts)}."
 
 
 def link(run: SuiteRun, text: str = "its page", around: str = "{}") -> str:
@@ -147,11 +144,11 @@ def _verdict(result: Result) -> str:
         return "not estimated"
     if not result.verdicts:
         if result.verdict == CAUTIOUS:
-            return f'<strong class="good">✓ {CAUTIOUS}</strong> <small>({_sigmas(result)})</small>'
-        return f'<strong class="good">✓ {CLAIMED}</strong>' if result.verdict == CLAIMED else result.verdict
+            return f'<strong class="good">✓ {CAUTIOUS}</strong> <small>{_measured(result)}</small>'
+        return f'<strong class="good">✓ {HELD}</strong>' if result.verdict == HELD else result.verdict
     lines = []
     for verdict in result.verdicts:
-        over = f" <small>({_sigmas(result)})</small>" if verdict == OVER else ""
+        over = f" <small>{_measured(result)}</small>" if verdict == OVER else ""
         over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
         lines.append(f'<strong class="bad whole">✕ {verdict}</strong>{over}')
     return "<br>".join(lines)
@@ -159,19 +156,15 @@ def _verdict(result: Result) -> str:
 
 def _why(verdict: str, result: Result) -> str:
     """The verdict and the number it stands on."""
-    if verdict == OVER:
-        return f"{OVER}, {_sigmas(result)}"
     if verdict == DIVERGED and result.lost:
-        return f"{DIVERGED}, {_lost(result)}"
-    return f"{LOST}, other starts end elsewhere" if verdict == LOST else verdict
+        return f"{DIVERGED} ({_lost(result)})"
+    return why(verdict, result.unknown)
 
 
-def _sigmas(result: Result) -> str:
+def _measured(result: Result) -> str:
     """What decides: the errors that were held against σ, in units of it."""
-    claim = result.claim
-    assert claim is not None
-    of = {"test": "filtered " if result.smoothed else "", "smoothed": ""}.get(claim.of, "repeats: RMS ")
-    return f"{of}{plain(claim.ratio, 2)} σ"
+    assert result.claim is not None
+    return in_words(result.claim, plain, limit=False).removeprefix(f"{result.claim.verdict} ")
 
 
 def _lost(result: Result) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import Compared, compared
 from strainsight.cases.bench.inverse.estimation import Estimated, estimated
-from strainsight.cases.bench.inverse.verdicts import message_of, warnings_of
+from strainsight.cases.bench.inverse.verdicts import claim_numbers, message_of, warnings_of
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.config.bench.estimate import Estimate
@@ -45,7 +45,8 @@ def run(context: Context) -> Output:
     found, summary = result.found, _summary(config.estimate, own, result)
     method, truth = str(summary["method"]), str(summary["truth"])
     free = own.unknowns.free
-    warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), own.lost)
+    late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * len(own.trial.noise)
+    warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
     warnings = [*own.trial.notes, *warned]
     tables = [_table(own, result)]
     if warnings:
@@ -88,6 +89,7 @@ def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, 
         "method": METHODS[estimate.method.update],
         "truth": _truth(estimate),
         **result.numbers,
+        **claim_numbers(result.claims),
     }
 
 
@@ -121,7 +123,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=2,
+    version=3,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=("forces.*.signal.file", "estimate.measured.from"),

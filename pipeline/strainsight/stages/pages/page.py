@@ -18,7 +18,8 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
-from strainsight.stages.pages.claims import claims_of, doubt_of
+from strainsight.report.placement.verdicts import ELSEWHERE, OVER, in_words
+from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import layout_of_page
 from strainsight.stages.pages.page_numbers import (
     cases_of,
@@ -93,10 +94,11 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     summary = validate.summary
     for name in names:
         if summary.get(f"identified.{name}") is False:
-            notes.append(f"{name} is not identified: other starting values end more than 3 σ apart.")
+            notes.append(f"{name} is not identified: {ELSEWHERE}, further apart than one draw may be off (3.2 σ).")
         std = float(summary[f"std.{name}"])
-        if doubt := doubt_of(claims_of(name, summary, repeated(name, validate))):
-            notes.append(f"{name} is overconfident: {doubt}.")
+        claims = claims_of(name, summary, repeated(name, validate))
+        if claims and claims[0].verdict == OVER:
+            notes.append(f"{name} is {in_words(claims[0])}.")
         random = read(Validated, validate).all.std[name]
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(

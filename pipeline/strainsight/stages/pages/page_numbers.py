@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.cases.layout.comparison import RULES
 from strainsight.cases.layout.gauge_list import channel_labels
+from strainsight.estimation.verdict import word_of
 from strainsight.placement.criteria.choices import criterion_of
 from strainsight.placement.criteria.criterion import Criterion
 from strainsight.records.layout import PlacedLayout, metric_key
@@ -28,7 +29,7 @@ from strainsight.report.placement.data import (
     Trend,
     Unknown,
 )
-from strainsight.stages.pages.claims import claims_of
+from strainsight.stages.pages.claims import benefit_on, claims_of
 from strainsight.stages.pages.page_layout import listed_gauges, placed_scale, true_size
 from strainsight.workflow.artefact import Artefact
 
@@ -51,6 +52,7 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         zero=bool(summary.get(f"zero.{name}", False)),
         smoothed_std=float(summary[f"smoothed_std.{name}"]),
         claims=claims_of(name, summary, repeated(name, validate)),
+        benefit=benefit_on(name, summary, own.all.error[name]),
     )
 
 
@@ -175,4 +177,5 @@ def noise_rows(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, 
 
 def consistency_of(validate: Artefact) -> Consistency:
     nees_band, nis_band = ((float(low), float(high)) for low, high in read(Validated, validate).consistency.band)
-    return Consistency(float(validate.summary["nees"]), nees_band, float(validate.summary["nis"]), nis_band)
+    nees, nis = float(validate.summary["nees"]), float(validate.summary["nis"])
+    return Consistency(nees, nees_band, word_of(nees, nees_band), nis, nis_band, word_of(nis, nis_band))

@@ -7,6 +7,7 @@ from typing import Any
 
 from strainsight.records.suite import CaseRows, NumberRows, RunRows, StatementRows, SuiteNumbers, UnknownRows, columns
 from strainsight.report.bench.data import BenchRun
+from strainsight.report.bench.verdicts import faults
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metrics_of
 from strainsight.report.suite.results import Result, results_of
 from strainsight.report.suite.statements import measured, target
@@ -15,7 +16,7 @@ from strainsight.workflow.output import Table
 OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
 """Numbers of a bench's unknown that the file keeps."""
 OF_PLACEMENTS = ("error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict")
-OF_BENCHES = ("error", "claimed σ", "slope", "load ratio")
+OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
 
 
 def numbers_of(suite: Suite) -> SuiteNumbers:
@@ -57,7 +58,7 @@ def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
     if isinstance(run, BenchRun):
         for own in run.unknowns:
             numbers = {key: run.number(f"{key}.{own.name}") for key in OF_A_LOAD}
-            yield {"name": own.name, "unit": own.history.unit} | numbers
+            yield {"name": own.name, "unit": own.history.unit, "verdict": _verdict(run, own.name)} | numbers
         return
     for result in results_of(run):
         unknown = result.unknown
@@ -88,13 +89,25 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
 
 def _of_bench(run: BenchRun) -> Iterator[tuple[str, ...]]:
     if not run.unknowns:
-        yield run.label, "", f"not estimated ({run.reached})", "", "", ""
+        yield run.label, "", f"not estimated ({run.reached})", "", "", "", ""
     for i, unknown in enumerate(run.unknowns):
         error, std, slope, ratio = (
             run.number(f"{key}.{unknown.name}") for key in ("error", "std", "slope", "ratio_slope")
         )
         fits = ("" if value is None else f"{value:.5g}" for value in (slope, ratio))
-        yield run.label if i == 0 else "", unknown.name, _percent(error), _percent(std), *fits
+        yield (
+            run.label if i == 0 else "",
+            unknown.name,
+            _percent(error),
+            _percent(std),
+            *fits,
+            _verdict(run, unknown.name),
+        )
+
+
+def _verdict(run: BenchRun, name: str) -> str:
+    """What is wrong with it, else whether its σ holds; empty where that was not judged."""
+    return ", ".join(faults(run, name)) or str(run.summary.get(f"claim.{name}", ""))
 
 
 def _of_placement(run: PlacementRun, mixed: bool) -> Iterator[tuple[str, ...]]:

@@ -16,7 +16,7 @@ from strainsight.cases.bench.inverse.numbers import (
 )
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.estimation.consistency import Claim, claim_of, not_identified, samples_alike
+from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, not_identified, samples_alike
 from strainsight.records.bench_estimated import (
     BenchEstimated,
     LoadHistory,
@@ -118,7 +118,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
     learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
     claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
-    wrong = claim is not None and claim.verdict == "overconfident"
+    wrong = claim is not None and claim.verdict == OVERCONFIDENT
     numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])

@@ -8,13 +8,11 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.estimation.consistency import Claim
+from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
 
 Scalar = float | str
 """Of a summary."""
 
-LARGE_NIS, SMALL_NIS = 2.0, 0.5
-"""Of a truth that the filter's model could have made; slow loads make it smaller, down to (m − n)/m."""
 HARDLY = 0.5
 """σ of a load over its largest value above which it is weakly observable."""
 MATCHES = 0.01
@@ -27,18 +25,20 @@ def warnings_of(
     numbers: Mapping[str, Scalar],
     claims: Mapping[str, Claim],
     nis: float,
+    innovations: int,
     lost: np.ndarray,
 ) -> Iterator[str]:
-    """Sentences; numbers: the summary's, claims by unknown, nis over the number of channels, lost (runs,) steps, −1 for none."""
+    """Sentences; numbers: the summary's, claims by unknown, nis: mean of so many innovations squared over their variance,
+    lost (runs,) steps, −1 for none."""
     estimate, gone = asked(config), lost[lost >= 0]
     if len(gone):
         yield f"{len(gone)} of {len(lost)} runs diverged, the first after {gone.min()} steps"
     for name in (*estimate.inputs, *free):
         std, claim = _float(numbers, f"std.{name}"), claims.get(name)
-        if claim is not None and claim.verdict == "overconfident":
+        if claim is not None and claim.verdict == OVERCONFIDENT:
             yield (
-                f"{name} is overconfident: its error is {claim.ratio:.3g} times what the filter claims, at most "
-                f"{claim.band[1]:.3g} where the claim holds"
+                f"{name} is {OVERCONFIDENT} (error {claim.ratio:.2g} times the claimed σ, at most {claim.band[1]:.3g} where it "
+                "holds)"
             )
         if name in estimate.inputs and std > HARDLY:
             yield (
@@ -46,14 +46,17 @@ def warnings_of(
                 "or make a load known"
             )
     yield from (
-        f"{name} is not identified: its starts end more than three σ apart, its σ has not halved, or it is wrong beyond it"
+        f"{name} is not identified: its starts end further apart than one draw may be off (3.2 σ), its σ has not halved, or it "
+        "is wrong beyond it"
         for name in free
         if numbers.get(f"identified.{name}") is False
     )
-    if nis > LARGE_NIS or (estimate.truth.model == "walk" and nis < SMALL_NIS):
-        size, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
+    size = judged(np.sqrt(nis), innovations).verdict if nis >= 0 else ""
+    # Slow loads make innovations smaller, down to (m − n)/m: only of a truth that the filter's model could have made is that odd.
+    if size == OVERCONFIDENT or (estimate.truth.model == "walk" and size == TOO_CAUTIOUS):
+        off, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
         yield (
-            f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {size} than the filter claims: its model is not the bench, "
+            f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {off} than the filter claims: its model is not the bench, "
             f"or increments, disturbance or noise are too {noises}"
         )
     if estimate.measured is not None:
@@ -67,7 +70,7 @@ def warnings_of(
 def message_of(
     config: BenchConfig, free: tuple[str, ...], numbers: Mapping[str, Scalar], method: str, truth: str
 ) -> str:
-    """One line: what is known of every unknown."""
+    """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value."""
     said, estimate = [], asked(config)
     for name in (*estimate.inputs, *free):
         if f"error.{name}" in numbers:
@@ -81,7 +84,22 @@ def message_of(
     if estimate.measured is not None:
         worst = max((_float(numbers, f"mismatch.{name}") for name in estimate.sensors), default=np.nan)
         said.insert(0, f"sensors {100 * worst:.2g} % off")
-    return f"{', '.join(said) or 'nothing comparable'}; {method}, {truth}"
+    wrong = [
+        f"{name} is {OVERCONFIDENT} (error {_float(numbers, f'claim_ratio.{name}'):.2g} times the claimed σ)"
+        for name in (*estimate.inputs, *free)
+        if numbers.get(f"claim.{name}") == OVERCONFIDENT
+    ]
+    wrong += [f"{name} is not identified" for name in free if numbers.get(f"identified.{name}") is False]
+    return f"{'; '.join([*wrong, ', '.join(said) or 'nothing comparable'])}; {method}, {truth}"
+
+
+def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
+    """Every claim by the names of a summary: verdict, ratio, draws and the largest ratio where σ holds."""
+    numbers: dict[str, Scalar] = {}
+    for name, own in claims.items():
+        numbers |= {f"claim.{name}": own.verdict, f"claim_ratio.{name}": own.ratio}
+        numbers |= {f"claim_draws.{name}": float(own.draws), f"claim_most.{name}": own.band[1]}
+    return numbers
 
 
 def _float(numbers: Mapping[str, Scalar], key: str) -> float:

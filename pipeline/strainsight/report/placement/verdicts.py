@@ -1,0 +1,90 @@
+"""Verdicts in words: where the σ claimed for an unknown does not hold, and whether placing the gauges gained anything."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from html import escape
+
+from strainsight.report.page.markup import plain, share
+from strainsight.report.placement.data import Claim, Unknown
+from strainsight.report.text import number
+
+OVER, CAUTIOUS, HELD = "overconfident", "too cautious", "consistent"
+LOST, DIVERGED = "not identified", "diverged"
+ELSEWHERE = "other starts end elsewhere"
+
+Shown = Callable[[float, int], str]
+"""How a number is written: `number` for people, `plain` for a page."""
+
+
+def in_words(claim: Claim, shown: Shown = number, *, limit: bool = True) -> str:
+    """As "overconfident (error 6.6 times the claimed σ, at most 3.21 where it holds)"; limit: whether the most is named."""
+    what = {"test": "error", "smoothed": "smoothed error"}.get(claim.of, "RMS error of the repeats")
+    most = f", at most {shown(claim.band[1], 3)} where it holds" * (limit and claim.verdict == OVER)
+    return f"{claim.verdict} ({what} {shown(claim.ratio, 2)} times the claimed σ{most})"
+
+
+def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, ...]:
+    """What is wrong with the estimate of an unknown, empty where nothing is; lost: whether its starts end apart; diverged:
+    whether a repeat did."""
+    found = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
+    found += [OVER] * (bool(unknown.claims) and unknown.claims[0].verdict == OVER)
+    return (*found, *[LOST] * lost)
+
+
+def why(fault: str, unknown: Unknown) -> str:
+    """A fault and what it stands on, as HTML."""
+    if fault == OVER:
+        return in_words(unknown.claims[0], plain)
+    return f"{LOST} ({ELSEWHERE})" if fault == LOST else fault
+
+
+def headline(found: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Faults by unknown as the beginning of a page's title, empty where there are none."""
+    parts = [f"{name} {' and '.join(faults)}" for name, faults in found if faults]
+    return f"✕ {', '.join(parts)} – " if parts else ""
+
+
+def leading(unknowns: Sequence[Unknown], lost: frozenset[str]) -> str:
+    """What a page begins with, as HTML: what does not hold, and unknowns for which the placement gains nothing."""
+    text = ""
+    for unknown in unknowns:
+        if wrong := faults(unknown, unknown.name in lost):
+            off = f"; it is {share(unknown.error)} off" * (OVER in wrong)
+            said = ", ".join(why(fault, unknown) for fault in wrong)
+            text += f'<strong class="bad">{escape(unknown.name)}: {said}{off}.</strong> '
+    return text + no_benefit(unknowns)
+
+
+def no_benefit(unknowns: Sequence[Unknown], shown: Shown = plain) -> str:
+    """That random layouts do as well, of which unknowns, as HTML; empty where none is so."""
+    judged = [unknown for unknown in unknowns if unknown.benefit is not None]
+    none = [unknown for unknown in judged if unknown.benefit is not None and unknown.benefit.verdict == "none"]
+    if not none:
+        return ""
+    of = "" if len(none) == len(unknowns) else f" for {' and '.join(escape(unknown.name) for unknown in none)}"
+    counts = " and ".join(
+        f"{shown(own.as_well, 4)} of {shown(own.sets, 4)}" + f" ({escape(unknown.name)})" * (len(none) > 1)
+        for unknown in none
+        if (own := unknown.benefit) is not None
+    )
+    text = f"Placement brings no benefit here{of}: {counts} random layouts of the same size do as well."
+    return f'<strong class="bad">{text}</strong> '
+
+
+def not_shown(unknowns: Sequence[Unknown]) -> list[str]:
+    """Sentences, as HTML: of which unknowns too many random layouts do as well to tell."""
+    return [
+        f"That the placement helps {escape(unknown.name)} is not shown: {plain(own.as_well)} of {plain(own.sets)} random "
+        "layouts of the same size do as well."
+        for unknown in unknowns
+        if (own := unknown.benefit) is not None and own.verdict == "not shown"
+    ]
+
+
+def denominator(unknown: Unknown) -> str:
+    """What errors and σ of an unknown are relative to."""
+    if unknown.kind == "parameter":
+        return "of its true value"
+    return "of its amplitude" if unknown.zero else "of its RMS"
