@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,13 +16,21 @@ from strainsight.report.placement.page import placement_page
 from strainsight.report.placement.signals import signal_figure
 from strainsight.report.space.section import script
 
+from ..conftest import report as whole_report
 from ..outline import Outline, names_of_regions, nothing_comes_from_outside, own_scripts, steps_in_order, words
 
 PNG = b"\x89PNG not really"
 
 
-def page(report, scene=PNG, problem=""):
-    return placement_page(report, placement_figures(report), scene, problem)
+@cache
+def figures_once():
+    """Of the full report: most tests change its texts, and drawing is what takes the time."""
+    return placement_figures(whole_report())
+
+
+def page(report, scene=PNG, problem="", *, drawn=False):
+    """drawn: with figures of its own, not those of the full report."""
+    return placement_page(report, placement_figures(report) if drawn else figures_once(), scene, problem)
 
 
 def first_screen(text):
@@ -30,7 +39,7 @@ def first_screen(text):
 
 
 def test_the_page_is_well_formed_and_every_identifier_is_its_own(full, mixed):
-    for text in (page(full()), page(mixed())):
+    for text in (page(full()), page(mixed(), drawn=True)):
         outline = Outline(text)
         assert len(outline.ids) == len(set(outline.ids))
         assert "warnings" in outline.targets <= set(outline.ids)
@@ -238,7 +247,7 @@ def test_hostile_names_come_out_escaped(full, hostile):
         facts={hostile: hostile},
         provenance={hostile: hostile},
     )
-    outline = nothing_comes_from_outside(page(hostile_report, None, hostile))
+    outline = nothing_comes_from_outside(page(hostile_report, None, hostile, drawn=True))
     ordinary = Outline(page(full(), None, "none"))
     assert own_scripts(outline) == own_scripts(ordinary)
     assert [tag for tag, _ in outline.seen].count("script") == [tag for tag, _ in ordinary.seen].count("script")
@@ -247,7 +256,7 @@ def test_hostile_names_come_out_escaped(full, hostile):
 
 
 def test_a_placement_without_validation_bound_or_picture_has_a_page(bare):
-    text = page(bare, None, "no off-screen OpenGL: apt-get install libegl1")
+    text = page(bare, None, "no off-screen OpenGL: apt-get install libegl1", drawn=True)
     Outline(text)
     assert "no off-screen OpenGL" in text
     assert "not certified" in text
@@ -292,7 +301,7 @@ def test_the_key_of_the_picture_names_only_what_occurs(full, mixed):
 
 
 def test_a_page_of_every_kind_of_sensor(mixed):
-    text = page(mixed())
+    text = page(mixed(), drawn=True)
     Outline(text)
     assert "6 sensors, 2 of them bonded already, chosen from 30 candidates" in words(text)
     assert "<h2>Readings</h2>" in text
@@ -311,7 +320,7 @@ def test_many_readings_are_folded_away_and_none_is_lost(full):
 
 
 def test_a_placement_without_unknowns_has_a_page(full):
-    text = page(full(unknowns=(), histories=(), random_sets=(), noise=(), repeats=(), cases=(), advice=()))
+    text = page(full(unknowns=(), histories=(), random_sets=(), noise=(), repeats=(), cases=(), advice=()), drawn=True)
     Outline(text)
     assert "4 gauges, chosen from 30 candidates . " in words(text)
     assert "steady-state σ(" not in text
@@ -336,4 +345,4 @@ def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
         random_sets=(),
         repeats=(),
     )
-    Outline(page(broken))
+    Outline(page(broken, drawn=True))
