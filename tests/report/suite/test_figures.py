@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from strainsight.report.suite.figures import suite_figures
 
+from ..conftest import suite_report
+
 
 def words(drawing):
     return " ".join("".join(node.itertext()) for node in ET.fromstring(drawing.svg).iter() if node.tag.endswith("text"))
+
+
+@cache
+def usual():
+    """Figures of the suite of `suite()`, drawn once."""
+    return suite_figures(suite_report())
 
 
 def drawn(report):
     return {drawing.key: drawing for drawing in suite_figures(report)}
 
 
-def test_a_suite_has_every_figure_once_small_and_with_units(suite):
-    drawings = suite_figures(suite())
+def test_a_suite_has_every_figure_once_small_and_with_units():
+    drawings = usual()
     assert [drawing.key for drawing in drawings] == [
         "pbh", "errors", "trends", "estimate-1-E", "estimate-2-tip", "estimate-2-E", "estimate-3-tip", "estimate-3-E",
     ]  # fmt: skip
@@ -32,11 +41,11 @@ def test_a_suite_has_every_figure_once_small_and_with_units(suite):
 
 
 def test_figures_are_the_same_bytes_each_time(suite):
-    assert suite_figures(suite()) == suite_figures(suite())
+    assert suite_figures(suite()) == usual()
 
 
 def test_the_observability_figure_has_a_group_a_set_and_a_colour_an_excitation(suite):
-    figure = drawn(suite())["pbh"]
+    figure = next(drawing for drawing in usual() if drawing.key == "pbh")
     text = words(figure)
     for entry in ("input + E + rho", "E + rho", "runs 1, 2 and 4: E, 20 Hz", "run 3 at 35 Hz: tip + E, slow", "91"):
         assert entry in text
@@ -47,8 +56,8 @@ def test_the_observability_figure_has_a_group_a_set_and_a_colour_an_excitation(s
     assert "∞" in words(lost)
 
 
-def test_equal_trends_are_drawn_once_and_name_their_runs(suite):
-    text = words(drawn(suite())["trends"])
+def test_equal_trends_are_drawn_once_and_name_their_runs():
+    text = words(next(drawing for drawing in usual() if drawing.key == "trends"))
     assert "1  E, 20 Hz" in text
     assert "2, 3  tip + E, 20 Hz" in text
     assert "tip + E, slow" not in text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from strainsight.report.suite.data import Statement, Study
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
 
+from ..conftest import suite_report
 from ..outline import Outline, names_of_regions, nothing_comes_from_outside, own_scripts, steps_in_order, words
 
 PNG, OTHER = b"\x89PNG not really", b"\x89PNG another"
@@ -25,12 +27,18 @@ def page(report, scenes=SCENES, drawings=()):
     return suite_page(report, drawings, scenes)
 
 
+@cache
+def usual():
+    """Figures of the suite of `suite()`, drawn once."""
+    return suite_figures(suite_report())
+
+
 def first_screen(text):
     return text[text.index("<header>") : text.index("</section>")]
 
 
 def test_the_page_is_well_formed_and_every_link_within_it_leads_somewhere(suite):
-    outline = Outline(page(suite(), drawings=suite_figures(suite())))
+    outline = Outline(page(suite(), drawings=usual()))
     assert len(outline.ids) == len(set(outline.ids))
     assert {"run-1", "run-2", "run-3", "run-4"} <= outline.targets <= set(outline.ids)
     assert steps_in_order(outline)
@@ -58,12 +66,12 @@ def test_placements_have_studies_and_statements_too(suite):
 
 
 def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):
-    outline = nothing_comes_from_outside(page(suite(), drawings=suite_figures(suite())))
+    outline = nothing_comes_from_outside(page(suite(), drawings=usual()))
     assert own_scripts(outline)[0] == own("page/tables.js")
 
 
 def test_every_picture_has_a_text_for_those_who_do_not_see_it(suite):
-    for tag, attributes in Outline(page(suite(), drawings=suite_figures(suite()))).seen:
+    for tag, attributes in Outline(page(suite(), drawings=usual())).seen:
         if tag == "img":
             assert "4 gauges of a pool of 30" in attributes["alt"]
             assert "G1 – G3 120\u00a0mm" in attributes["alt"]
