@@ -53,9 +53,21 @@ def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> Mo
     lam, Phi = modal_basis(model, theta)
     dual = np.swapaxes(Phi, -1, -2) @ model.mass.at(theta)
     T, dT = table(lam)
+    return ModalMap(*modal_blocks(model, Phi, dual, T), lam, Phi, dual, T, dT)
+
+
+def modal_blocks(
+    model: ReducedModel, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray, modes: Sequence[int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """A (..., i n, 2n) and B (..., i n, J, n_u) of a modal map by its table T (i, 2 + J, ..., n), or what some modes add to it.
+
+    Phi (..., n, n), dual ΦᵀM (..., n, n).
+    """
     n, n_u = model.input_shape.shape
+    own = slice(None) if modes is None else list(modes)
+    Phi, dual, T = Phi[..., own], dual[..., own, :], T[..., own]
     blocks, held = T.shape[0], T.shape[1] - 2
-    batch = lam.shape[:-1]
+    batch = Phi.shape[:-2]
     A = np.empty((*batch, blocks * n, 2 * n))
     B = np.empty((*batch, blocks * n, held, n_u))
     forces = np.swapaxes(Phi, -1, -2) @ model.input_shape
@@ -65,7 +77,7 @@ def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> Mo
             A[..., rows, j * n : (j + 1) * n] = (Phi * T[i, j][..., None, :]) @ dual
         for j in range(held):
             B[..., rows, j, :] = (Phi * T[i, 2 + j][..., None, :]) @ forces
-    return ModalMap(A, B, lam, Phi, dual, T, dT)
+    return A, B
 
 
 def parameter_slopes(

@@ -1,0 +1,285 @@
+"""A bank of linear filters over the parameters: exact Bayes for a model that is linear once its parameters are known.
+
+    p(θ | y) ∝ p(θ) Πₖ p(yₖ | y₁ … yₖ₋₁, θ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
+
+At fixed parameters the reduced model is linear, and the innovations of a Kalman filter give the likelihood of the parameters.
+The extended filter linearises the product of parameter and motion instead, and is sure of what it does not know.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from strainsight.errors import NumericalError
+from strainsight.estimation.conditional import Nuisances, conditional_states, linear_models, no_nuisances
+from strainsight.estimation.lattice import Lattice, lattice_about, moments
+from strainsight.estimation.mixture import Mixture
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
+from strainsight.estimation.reduced import LOST
+from strainsight.estimation.run import FilterRun
+
+SPACING = 1.0
+"""Of the lattice, in standard deviations of the posterior it was laid for."""
+DEPTH = 6.0
+"""A point of the lattice whose density is within exp(−DEPTH) of the largest has all its neighbours in it, when it is laid;"""
+LEFT = 3.5
+"""a point at its edge within exp(−LEFT) later on, and it is laid anew;"""
+NARROW = 0.5
+"""and so where the posterior's variance has fallen to this share in some direction."""
+COLLAPSED = 0.1
+"""Share below which the lattice is too coarse to tell the posterior's covariance."""
+MOST_POINTS = 4000
+SHORTEST, SHARE = 8, 8
+"""Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
+narrows as the record grows."""
+KEPT = 4_000_000
+"""Numbers that are kept of one passage."""
+
+
+@dataclass(frozen=True)
+class BankRun:
+    """What the bank found.
+
+    run: as a filter's, of one run; its σ holds what the nuisances add. shift (T + 1, d, n*): what one of every ν adds to the
+    error of x*, nothing where they are learned; lattice and weight (B,): the posterior of the parameters at the end; nu (B, d)
+    and left (B, d, d): mean and covariance of ν at each of its points; laid: how often the lattice was.
+    """
+
+    run: FilterRun
+    shift: np.ndarray
+    lattice: Lattice
+    weight: np.ndarray
+    nu: np.ndarray
+    left: np.ndarray
+    laid: int
+
+
+def filter_bank(
+    model: FilterModel,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measurement: np.ndarray,
+    nuisances: Nuisances | None = None,
+    *,
+    spacing: float = SPACING,
+    biased: np.ndarray | None = None,
+    depth: float = DEPTH,
+    threads: int = 1,
+) -> BankRun:
+    """Posterior of the parameters, which are constant, and of all states along the samples.
+
+    model: of one set of channels, no drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0, no parameter known
+    exactly nor correlated with a state; known (T, HOLD, n_known) [N]; measurement (T/every, m), NaN where missing; spacing of
+    the lattice in standard deviations of the posterior, and how far below its largest density it reaches, in logarithms.
+    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found.
+    The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
+    narrowed or moved to its edge. Raises NumericalError where it would need more than MOST_POINTS points, and where the
+    posterior leaves the guess by a factor of exp(LOST).
+    """
+    data = _data(model, known, measurement)
+    own = no_nuisances(model) if nuisances is None else nuisances
+    offsets = np.zeros(0, dtype=int) if biased is None else biased
+    problem = _Problem(model, mean, covariance, data, own, offsets, spacing, depth, threads)
+    states = model.parameter_states
+    prior = mean[states], covariance[states, states]
+    now, laid = _laid(problem, *prior, 0), 1
+    mixture = Mixture(model, mean, covariance, len(known), now.models.nuisances, own.learned)
+    while now.step < len(known):
+        ahead = min(max(SHORTEST, now.step // SHARE), len(known) - now.step, max(1, KEPT // _numbers(now.models)))
+        before = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
+        passage = _passed(problem, now, ahead, keep=True)
+        weights = now.log_weight[:, None] + np.cumsum(passage.fit, axis=1)
+        good = now.good(weights.T, spacing)
+        used = ahead if good.all() else int(np.argmin(good)) + 1
+        first, point, weights, fit = now.step, now.lattice.point, weights[:, :used], passage.fit[:, :used]
+        mixture.innovations(first, point, weights - fit, before, passage, data.samples[first : first + used])
+        mixture.log_likelihood += float(np.sum(logsumexp(weights, axis=0) - logsumexp(weights - fit, axis=0)))
+        ends = data.known_end[first : first + used]
+        mixture.states(first, point, weights, passage.states.first(used), now.models, ends)
+        now = _on(now, passage, used)
+        if not good.all():
+            now, laid = _laid_anew(problem, now), laid + 1
+            # the last of these steps, which the old lattice is no longer fine enough for
+            mixture.states(
+                now.step - 1, now.lattice.point, now.log_weight[:, None], now.filters.states, now.models, ends[-1:]
+            )
+    weight, _, _ = moments(now.lattice.point, now.log_weight)
+    run, shift = mixture.finished()
+    return BankRun(run, shift, now.lattice, weight, now.filters.nu, now.filters.left, laid)
+
+
+@dataclass(frozen=True)
+class _Data:
+    """known (T, p) and known_end (T, p₁) of every step, samples (T, m) with NaN where none, noise (T, m) variances."""
+
+    known: np.ndarray
+    known_end: np.ndarray
+    samples: np.ndarray
+    noise: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Problem:
+    model: FilterModel
+    mean: np.ndarray
+    covariance: np.ndarray
+    data: _Data
+    nuisances: Nuisances
+    biased: np.ndarray
+    spacing: float
+    depth: float
+    threads: int
+
+    def log_prior(self, point: np.ndarray) -> np.ndarray:
+        """Of points (B, k), but for a constant."""
+        at = self.model.parameter_states
+        off = point - self.mean[at]
+        return -0.5 * np.sum(off * np.linalg.solve(self.covariance[at, at], off.T).T, axis=1)
+
+
+@dataclass(frozen=True)
+class _Now:
+    """A lattice with its filters after some steps: fit (B,) of all samples so far."""
+
+    lattice: Lattice
+    prior: np.ndarray
+    models: LinearModels
+    filters: Filters
+    fit: np.ndarray
+    step: int
+
+    @property
+    def log_weight(self) -> np.ndarray:
+        """Of the points (B,), but for a constant."""
+        return self.prior + self.fit
+
+    def good(self, log_weight: np.ndarray, spacing: float) -> np.ndarray:
+        """Whether the lattice still holds the posterior of log-weights (..., B): not too narrow for it, nor at its edge."""
+        _, _, covariance = moments(self.lattice.point, log_weight)
+        wide = self.lattice.spread(covariance).min(axis=-1, initial=np.inf) * spacing**2 >= NARROW
+        edge = np.max(log_weight[..., self.lattice.edge], axis=-1, initial=-np.inf)
+        return np.asarray(wide & (edge < log_weight.max(axis=-1) - LEFT))
+
+
+def _numbers(models: LinearModels) -> int:
+    """How many are kept of a step."""
+    n = models.A.shape[1]
+    return models.count * (n * (n + 1 + models.nuisances) + models.nuisances**2)
+
+
+def _data(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> _Data:
+    steps, m = len(known), model.H.shape[-2]
+    samples = np.full((steps, m), np.nan)
+    samples[model.every - 1 :: model.every] = measurement
+    noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, (steps, m))
+    return _Data(
+        known.reshape(steps, known.shape[1] * known.shape[2]), known.sum(axis=1), samples, np.ascontiguousarray(noise)
+    )
+
+
+def _laid(problem: _Problem, mean: np.ndarray, covariance: np.ndarray, step: int) -> _Now:
+    """A lattice about a guess of the posterior after `step` steps, grown until it holds it, with its filters there.
+
+    Where the largest density is at its edge the posterior lies elsewhere: it is laid about that point, three times as wide.
+    """
+    radius = np.sqrt(2 * problem.depth)
+    now = _filtered(problem, lattice_about(mean, covariance, problem.spacing, radius), step)
+    while True:
+        log_weight, edge = now.log_weight, now.lattice.edge
+        heavy = edge & (log_weight > log_weight.max() - problem.depth)
+        if not heavy.any():
+            return now
+        best = int(np.argmax(log_weight))
+        if edge[best]:
+            centre, covariance = now.lattice.point[best], 9 * covariance
+            if np.abs(centre - problem.mean[problem.model.parameter_states]).max() > LOST:
+                raise NumericalError(
+                    f"the measurements ask for parameters that differ from the guess by more than a factor of {np.exp(LOST):.0f}",
+                    remedy="check which channel is which gauge, their units and signs, and the loads",
+                )
+            now = _filtered(problem, lattice_about(centre, covariance, problem.spacing, radius), step)
+            continue
+        more = replace(now.lattice, node=now.lattice.beside(heavy))
+        if len(now.lattice.node) + len(more.node) > MOST_POINTS:
+            raise NumericalError(
+                f"the posterior of the parameters spreads over more than {MOST_POINTS} points of its lattice",
+                remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial standard deviation",
+            )
+        now = _joined(now, _filtered(problem, more, step))
+
+
+def _laid_anew(problem: _Problem, now: _Now) -> _Now:
+    """A lattice for the posterior as it is now; where that is too narrow for the old one, by way of wider ones, those of a power
+    of its density."""
+    while True:
+        log_weight, share = now.log_weight, 1.0
+        while True:
+            _, mean, covariance = moments(now.lattice.point, share * log_weight)
+            spread = now.lattice.spread(covariance).min(initial=np.inf) * problem.spacing**2
+            if spread >= COLLAPSED:
+                break
+            share *= 0.5
+        now = _laid(problem, mean, covariance, now.step)
+        if share == 1.0:
+            return now
+
+
+def _filtered(problem: _Problem, lattice: Lattice, step: int) -> _Now:
+    """Filters at the points of a lattice, from the start through `step` steps."""
+    models = linear_models(problem.model, lattice.point, problem.nuisances, problem.biased)
+    at = conditional_states(problem.model, len(problem.biased))
+    filters = filters_of(models, problem.mean[at], problem.covariance[np.ix_(at, at)])
+    B = models.count
+    now = _Now(lattice, problem.log_prior(lattice.point), models, filters, np.zeros(B), 0)
+    while now.step < step:
+        passage = _passed(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
+        now = _on(now, passage, passage.fit.shape[1])
+    return now
+
+
+def _passed(problem: _Problem, now: _Now, steps: int, keep: bool) -> Passage:
+    span, data = slice(now.step, now.step + steps), problem.data
+    return advance(
+        now.models,
+        now.filters,
+        data.known[span],
+        data.known_end[span],
+        data.samples[span],
+        data.noise[span],
+        keep,
+        problem.nuisances.learned,
+        problem.threads,
+    )
+
+
+def _on(now: _Now, passage: Passage, steps: int) -> _Now:
+    """After the first steps of a passage."""
+    return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
+
+
+def _joined(now: _Now, more: _Now) -> _Now:
+    """Two parts of one lattice."""
+
+    def both(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.concatenate([a, b])
+
+    one, two = now.models, more.models
+    models = replace(one, **{name: both(getattr(one, name), getattr(two, name)) for name in OF_POINTS})
+    filters = Filters(*(both(getattr(now.filters, f), getattr(more.filters, f)) for f in Filters.__dataclass_fields__))
+    return _Now(
+        now.lattice.grown(more.lattice.node),
+        both(now.prior, more.prior),
+        models,
+        filters,
+        both(now.fit, more.fit),
+        now.step,
+    )
+
+
+OF_POINTS = ("A", "G", "Q", "H", "F", "A_nu", "G_nu")
+"""What of the models differs from point to point."""

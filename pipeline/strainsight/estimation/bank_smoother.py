@@ -1,0 +1,149 @@
+"""The smoother of a bank: all samples on every instant, over the posterior of the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.estimation.bank import BankRun
+from strainsight.estimation.biased import Biased
+from strainsight.estimation.conditional import Nuisances, conditional_states, linear_models, theta_at
+from strainsight.estimation.core import StepModel
+from strainsight.estimation.filter import filter_runs
+from strainsight.estimation.lattice import moments
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import Driven
+from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.estimation.update import standard_deviation
+
+
+def smooth_bank(
+    model: FilterModel,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measurement: np.ndarray,
+    nuisances: Nuisances,
+    bank: BankRun,
+    biased: np.ndarray | None = None,
+) -> Smoothed:
+    """Smoothed x* with its covariance, tolerances in it; arguments as of `filter_bank`, which found `bank`.
+
+        x̂ˢ = Σ wⱼ x̂ˢ(θⱼ),   Pˢ = Σ wⱼ (Pˢ(θⱼ) + (x̂ˢ(θⱼ) − x̂ˢ)(…)ᵀ) + Σₖ vₖvₖᵀ
+
+    with the 2k points θⱼ of the cubature rule of degree three on the posterior of k parameters, which a motion that is smooth
+    in them needs no more of. A smoother is linear in its samples: what one of a nuisance adds, v, is what it makes of the
+    samples that the nuisance causes, less the motion that it causes.
+    Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
+    """
+    offsets = np.zeros(0, dtype=int) if biased is None else biased
+    at = conditional_states(model, len(offsets))
+    every, steps, m = model.every, len(known), model.H.shape[-2]
+    samples = np.full((steps, m), np.nan)
+    samples[every - 1 :: every] = measurement
+    _, centre, spread = moments(bank.lattice.point, np.log(np.maximum(bank.weight, 1e-300)))
+    k = len(centre)
+    ends = np.sqrt(k) * np.linalg.cholesky(spread).T
+    points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
+    P0 = covariance[np.ix_(at, at)]
+    found = [smoothed_at(model, point, mean[at], P0, known, samples[:, None], offsets) for point in points]
+    middle = np.mean([own.mean[:, 0] for own in found], axis=0)
+    caused, own, V = _effects(model, centre, P0, known, middle, nuisances, offsets)
+    x = np.stack([each.mean[:, 0] for each in found])
+    if nuisances.learned:
+        # once more without what the mean of ν makes of samples and motion
+        nu = bank.weight @ bank.nu
+        samples -= caused @ nu
+        found = [smoothed_at(model, point, mean[at], P0, known, samples[:, None], offsets) for point in points]
+        x = np.stack([each.mean[:, 0] for each in found]) + np.einsum("tda,d->ta", own, nu)
+        middle = x.mean(axis=0)
+    P = np.stack([_covariance(each) for each in found])
+    off = x - middle
+    # regression of the motion on the parameters over the points, for what a nuisance does by way of them
+    cross = np.einsum("bta,bi->tai", off, points - centre) / len(points)
+    slope = cross @ np.linalg.inv(spread) if k else cross
+    n = len(mean)
+    parameters = np.arange(n)[model.parameter_states]
+    whole, cov = np.zeros((steps + 1, n)), np.zeros((steps + 1, n, n))
+    whole[:, at], whole[:, parameters] = middle, centre
+    cov[:, at[:, None], at] = P.mean(axis=0) + np.einsum("bta,btc->tac", off, off, optimize=True) / len(points)
+    cov[:, at[:, None], parameters], cov[:, parameters[:, None], at] = cross, np.swapaxes(cross, 1, 2)
+    cov[:, parameters[:, None], parameters] = spread
+    if nuisances.learned:
+        # ν has a covariance with itself and with the parameters that the samples leave
+        off_nu, off_p = bank.nu - bank.weight @ bank.nu, bank.lattice.point - centre
+        rest = np.einsum("b,bdk->dk", bank.weight, bank.left) + (off_nu * bank.weight[:, None]).T @ off_nu
+        with_p = (off_p * bank.weight[:, None]).T @ off_nu
+        joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)
+        cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, rest, V, optimize=True)
+        cov[:, at[:, None], at] -= joint + np.swapaxes(joint, 1, 2)
+        by_p = np.einsum("tda,id->tai", V, with_p)
+        cov[:, at[:, None], parameters] -= by_p
+        cov[:, parameters[:, None], at] -= np.swapaxes(by_p, 1, 2)
+        return Smoothed(bank.run.time, whole[:, None], standard_deviation(cov)[:, None], cov[:, None])
+    shift = np.zeros((steps + 1, bank.shift.shape[1], n))
+    moved = bank.shift[-1][:, parameters]
+    shift[:, :, parameters] = moved
+    shift[:, :, at] = V + np.einsum("tai,di->tda", slope, moved)
+    cov += np.einsum("tda,tdc->tac", shift, shift, optimize=True)
+    return Smoothed(bank.run.time, whole[:, None], standard_deviation(cov)[:, None], cov[:, None])
+
+
+def smoothed_at(
+    model: FilterModel,
+    point: np.ndarray,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    samples: np.ndarray,
+    biased: np.ndarray,
+) -> Smoothed:
+    """At parameters p (k,), for runs of samples (T, B, m); mean (n,), covariance (n, n) of the states but the parameters."""
+    states = model.parameter_states.start
+    theta = {name: float(value[0]) for name, value in theta_at(model, point[None]).items()}
+    inner = replace(
+        model,
+        unknowns=replace(model.unknowns, parameters=()),
+        fixed=theta,
+        H=model.H[:, :states],
+        Q=model.Q[:states, :states],
+    )
+    core: StepModel = Driven(inner, known)
+    if len(biased):
+        core = Biased(core, biased)
+    run = filter_runs(core, mean, covariance, samples, keep="all")
+    return smooth(core, run, covariance=True)
+
+
+def _effects(
+    model: FilterModel,
+    point: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    motion: np.ndarray,
+    nuisances: Nuisances,
+    biased: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Along a motion (T + 1, n), what one of every nuisance adds to the samples (T, m, d), to the motion (T + 1, d, n), and to
+    the error of the smoothed states (T + 1, d, n)."""
+    one = linear_models(model, point[None], nuisances, biased)
+    steps, d, n = len(known), one.nuisances, one.A.shape[1]
+    if d == 0:
+        nothing = np.zeros((steps + 1, 0, n))
+        return np.zeros((steps, model.H.shape[-2], 0)), nothing, nothing
+    own, e = np.zeros((steps + 1, d, n)), one.A_nu.shape[1]
+    w = known.reshape(steps, known.shape[1] * known.shape[2])
+    pushed = np.einsum("eab,tb->tea", one.A_nu[0], motion[:-1]) + np.einsum("eap,tp->tea", one.G_nu[0], w)
+    for t in range(steps):
+        own[t + 1, :e] = own[t, :e] @ one.A[0].T + pushed[t]
+    caused = np.einsum("dmn,tn->tdm", one.D, motion[1:]) + np.einsum("dmp,tp->tdm", one.E, known.sum(axis=1))
+    caused += one.offset + own[1:] @ one.H[0].T
+    seen = np.where((np.arange(1, steps + 1) % model.every == 0)[:, None, None], caused, np.nan)
+    found = smoothed_at(model, point, np.zeros(n), covariance, np.zeros_like(known), seen, biased)
+    return np.swapaxes(caused, 1, 2), own, found.mean - own
+
+
+def _covariance(own: Smoothed) -> np.ndarray:
+    assert own.covariance is not None
+    return own.covariance[:, 0]

@@ -1,0 +1,198 @@
+"""The reduced model at given parameters: linear, and ready for filters side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import LinearModels
+from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_blocks, modal_step
+from strainsight.rom.oscillator import HOLD
+from strainsight.rom.schemes import scheme_step
+
+DIFFERENCE = 1e-5
+"""Relative step of the central differences of a step of time in damping and stiffness."""
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """Constants ν of mean zero and variance one beside the states and the parameters. d of the readings, for the states
+    x (n,) = [q, q̇, ζ] of the filter and the loads w₁ known at the instant:
+
+        y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ)
+
+    source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading. Of the motion: damping, σ of
+    ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither.
+    learned: whether the samples are asked what ν is, so that σ holds what they leave open, and not all of it.
+    """
+
+    source: tuple[str, ...]
+    D: np.ndarray
+    E: np.ndarray
+    offset: np.ndarray
+    damping: float = 0.0
+    stiffness: float = 0.0
+    learned: bool = False
+
+    def sources(self, modes: int) -> tuple[str, ...]:
+        """What every ν stands for, those of the motion first."""
+        return ("damping",) * (modes * (self.damping > 0)) + ("stiffness",) * (self.stiffness > 0) + self.source
+
+
+def no_nuisances(model: FilterModel) -> Nuisances:
+    """Everything exact."""
+    m = model.H.shape[-2]
+    return Nuisances(
+        (), np.zeros((0, m, model.parameter_states.start)), np.zeros((0, m, len(model.known_inputs))), np.zeros((0, m))
+    )
+
+
+def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:
+    """Where the states of the filters of a bank, [q, q̇, ζ] and the offsets of channels, stand in x* and what is behind it."""
+    return np.concatenate([np.arange(model.parameter_states.start), np.arange(model.size, model.size + offsets)])
+
+
+def linear_models(
+    model: FilterModel, point: np.ndarray, nuisances: Nuisances, biased: np.ndarray | None = None
+) -> LinearModels:
+    """The filter's model without its parameters, at each of B values p (B, k) of them; noise as the model has it at the guess.
+
+    biased (b,): channels with an offset of their own, b states more behind [q, q̇, ζ].
+    """
+    theta, B = theta_at(model, point), len(point)
+    states, m = model.parameter_states.start, model.H.shape[-2]
+    modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme))
+    A, G = _step_matrices(model, modal.transition, modal.input)
+    A[:, 2 * model.model.size :, 2 * model.model.size :] = model.transition
+    H, F = np.tile(model.H[:, :states], (B, 1, 1)), np.zeros((B, m, len(model.known_inputs)))
+    if model.accelerometers is not None:
+        moving = model.accelerometers
+        H[:, moving], F[:, moving] = acceleration_rows(model, theta, model.H[moving, : model.model.size])
+    motion = _motion_nuisances(model, modal, nuisances)
+    e = motion[0].shape[1]
+    ahead = [np.zeros((e, *array.shape[1:])) for array in (nuisances.D, nuisances.E, nuisances.offset)]
+    models = LinearModels(
+        A,
+        G,
+        np.broadcast_to(model.process[:states, :states], A.shape),
+        H,
+        F,
+        *motion,
+        np.concatenate([ahead[0], nuisances.D]),
+        np.concatenate([ahead[1], nuisances.E]),
+        np.concatenate([ahead[2], nuisances.offset]),
+    )
+    return models if biased is None or not len(biased) else _with_offsets(models, biased)
+
+
+def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
+    """The same with one constant state more for each biased channel (b,)."""
+    b = len(biased)
+
+    def wider(array: np.ndarray, *axes: int) -> np.ndarray:
+        return np.pad(array, [(0, b if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
+
+    A, H = wider(models.A, -1, -2), wider(models.H, -1)
+    A[:, range(-b, 0), range(-b, 0)] = 1.0
+    H[:, biased, range(-b, 0)] = 1.0
+    return replace(
+        models,
+        A=A,
+        H=H,
+        Q=wider(models.Q, -1, -2),
+        G=wider(models.G, -2),
+        A_nu=wider(models.A_nu, -1, -2),
+        G_nu=wider(models.G_nu, -2),
+        D=wider(models.D, -1),
+    )
+
+
+def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:
+    """All parameters [SI], each (B,), at p (B, k) of those that are estimated."""
+    names, guess = model.unknowns.parameters, model.unknowns.guess
+    fixed = {name: np.full(len(point), value) for name, value in model.fixed.items()}
+    return fixed | {name: guess[name] * np.exp(point[:, i]) for i, name in enumerate(names)}
+
+
+def acceleration_rows(
+    model: FilterModel, theta: Mapping[str, np.ndarray], shape: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What accelerometers of shape φ (k, n) read: rows (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known loads."""
+    sensed = _with_batch(acceleration_map(model.model, theta))
+    unknown, known = _columns(model)
+    rows = np.zeros((len(sensed.transition), len(shape), model.parameter_states.start))
+    rows[..., model.motion] = shape @ sensed.transition
+    rows[..., model.position[: len(unknown)]] = (shape @ sensed.input[..., 0, unknown]) * model.amplitude
+    return rows, shape @ sensed.input[..., 0, known]
+
+
+def _with_batch(modal: ModalMap) -> ModalMap:
+    """With an axis of parameter values, of length one, also where the model has no parameter at all."""
+    if modal.transition.ndim > 2:
+        return modal
+    return ModalMap(
+        modal.transition[None],
+        modal.input[None],
+        modal.eigenvalue[None],
+        modal.modes[None],
+        modal.dual[None],
+        modal.table[:, :, None],
+        modal.table_slope[:, :, None],
+    )
+
+
+def _columns(model: FilterModel) -> tuple[list[int], list[int]]:
+    """Columns of the input shape that belong to unknown and to known loads."""
+    return model.unknowns.input_columns(model.model), [model.model.inputs.index(name) for name in model.known_inputs]
+
+
+def _step_matrices(model: FilterModel, moved: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of a step for [q, q̇], those of ζ left zero: on the states (B, n, n) and on known loads (B, n, p).
+
+    moved (B, 2n, 2n), pushed (B, 2n, HOLD, n_u): transition and input of a `ModalMap`.
+    """
+    unknown, known = _columns(model)
+    B, moving, held = len(moved), 2 * model.model.size, HOLD
+    states = model.parameter_states.start
+    A, G = np.zeros((B, states, states)), np.zeros((B, states, held * len(known)))
+    A[:, :moving, :moving] = moved
+    zeta = model.hold.reshape(held * len(unknown), states - moving)
+    A[:, :moving, moving:] = pushed[..., unknown].reshape(B, moving, held * len(unknown)) @ zeta
+    G[:, :moving] = pushed[..., known].reshape(B, moving, held * len(known))
+    return A, G
+
+
+def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances) -> tuple[np.ndarray, np.ndarray]:
+    """σ times the derivative of a step in ln c of each mode, and in the logarithm of the stiffness: (B, e, n, n), (B, e, n, p).
+
+    Every mode of a step is a function of its own λ and c: of the damping of mode j its row of the step alone depends.
+    """
+    own, n = model.model.damping, model.model.size
+    slopes: list[tuple[np.ndarray, np.ndarray]] = []
+    if nuisances.damping > 0:
+        ends = [
+            scheme_step(modal.eigenvalue, own.scaled(1 + s), model.h, model.scheme)[0]
+            for s in (DIFFERENCE, -DIFFERENCE)
+        ]
+        slope = (ends[0] - ends[1]) * (nuisances.damping / (2 * DIFFERENCE))
+        slopes += [
+            _step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, slope, [j])) for j in range(n)
+        ]
+    if nuisances.stiffness > 0:
+        # λ → λ(1 + s) of every mode, damped as at that λ
+        ends = [
+            scheme_step(modal.eigenvalue * (1 + s), own, model.h, model.scheme)[0] for s in (DIFFERENCE, -DIFFERENCE)
+        ]
+        slope = (ends[0] - ends[1]) * (nuisances.stiffness / (2 * DIFFERENCE))
+        slopes.append(_step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, slope)))
+    B, states = len(modal.transition), model.parameter_states.start
+    A, G = (
+        np.zeros((B, len(slopes), states, states)),
+        np.zeros((B, len(slopes), states, HOLD * len(model.known_inputs))),
+    )
+    for k, (on_states, on_known) in enumerate(slopes):
+        A[:, k], G[:, k] = on_states, on_known
+    return A, G

@@ -1,0 +1,125 @@
+"""What filters at many parameter values say together: mean and covariance of their mixture along the samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.estimation.conditional import conditional_states
+from strainsight.estimation.lattice import moments
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import LinearModels, Passage, States
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.update import standard_deviation
+
+
+class Mixture:
+    """The arrays of a bank while it runs: T steps of a model with d nuisances."""
+
+    def __init__(
+        self, model: FilterModel, mean: np.ndarray, covariance: np.ndarray, steps: int, nuisances: int, learned: bool
+    ):
+        n, m = len(mean), model.H.shape[-2]
+        at = conditional_states(model, n - model.size)
+        self.model, self.steps, self.states_of_filters, self.learned = model, steps, len(at), learned
+        # states of the filters first, then the parameters; x* has them the other way round where there are offsets
+        self.order = np.concatenate([at, np.arange(n)[model.parameter_states]])
+        self.mean, self.covariance = np.zeros((steps + 1, n)), np.zeros((steps + 1, n, n))
+        self.mean[0], self.covariance[0] = mean[self.order], covariance[np.ix_(self.order, self.order)]
+        self.shift = np.zeros((steps + 1, nuisances, n))
+        self.gauge_mean, self.gauge_variance = np.zeros((steps, m)), np.zeros((steps, m))
+        self.innovation, self.whitened = np.full((steps, m), np.nan), np.full((steps, m), np.nan)
+        self.log_likelihood = 0.0
+
+    def states(
+        self,
+        first: int,
+        point: np.ndarray,
+        log_weight: np.ndarray,
+        found: States,
+        models: LinearModels,
+        known_end: np.ndarray,
+    ) -> None:
+        """After steps that begin with number `first`: points (B, k) with log-weights (B, L), filters at the ends of L steps,
+        loads known there (L, p₁)."""
+        L, states = log_weight.shape[1], self.states_of_filters
+        span, after = slice(first, first + L), slice(first + 1, first + L + 1)
+        w, _, _ = moments(point, log_weight.T)
+        x, P, V = found.x, found.P, found.V
+        if self.learned:
+            # what the samples say of ν moves every estimate, and leaves the rest of it in P
+            x = x - np.einsum("btda,btd->bta", V, found.nu)
+            P = P + np.einsum("btda,btdk,btkc->btac", V, found.left, V, optimize=True)
+        y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
+        whole = np.concatenate([x, np.broadcast_to(point[:, None], (len(point), L, point.shape[1]))], axis=2)
+        self.mean[after] = np.einsum("tb,btn->tn", w, whole)
+        off = whole - self.mean[after]
+        weighted = off * w.T[..., None]
+        self.covariance[after] = np.einsum("bta,btc->tac", weighted, off, optimize=True)
+        self.covariance[after, :states, :states] += np.einsum("tb,btac->tac", w, P, optimize=True)
+        self.gauge_mean[span] = np.einsum("tb,btm->tm", w, y)
+        y -= self.gauge_mean[span]
+        own = np.einsum("bmn,btnk,bmk->btm", models.H, P, models.H, optimize=True) + y**2
+        self.gauge_variance[span] = np.einsum("tb,btm->tm", w, own)
+        if not self.learned:
+            self.shift[after] = -np.einsum("btd,bta->tda", found.score, weighted, optimize=True)
+            self.shift[after, :, :states] += np.einsum("tb,btda->tda", w, V, optimize=True)
+            moved = np.einsum("tb,bmn,btdn->tdm", w, models.H, V, optimize=True)
+            moved -= np.einsum("tb,btm,btd->tdm", w, y, found.score, optimize=True)
+            self.gauge_variance[span] += np.sum(moved**2, axis=1)
+
+    def innovations(
+        self,
+        first: int,
+        point: np.ndarray,
+        log_weight: np.ndarray,
+        before: States,
+        passage: Passage,
+        samples: np.ndarray,
+    ) -> None:
+        """Of steps that begin with number `first`: points (B, k) with log-weights (B, L) before each step, filters before the
+        first, what they found, samples (L, m)."""
+        L = len(samples)
+        span = slice(first, first + L)
+        w, _, _ = moments(point, log_weight.T)
+        own, slope = passage.states, passage.slope[:, :L]
+        known, unsure = (
+            np.concatenate([start, each[:, : L - 1]], axis=1)
+            for start, each in ((before.nu, own.nu), (before.left, own.left))
+        )
+        foreseen = passage.expected[:, :L] + np.einsum("btmd,btd->btm", slope, known)
+        spread = passage.S[:, :L] + np.einsum("btmd,btdk,btnk->btmn", slope, unsure, slope, optimize=True)
+        expected = np.einsum("tb,btm->tm", w, foreseen)
+        off = foreseen - expected
+        S = np.einsum("tb,btmk->tmk", w, spread) + np.einsum("tb,btm,btk->tmk", w, off, off, optimize=True)
+        self.innovation[span] = samples - expected
+        for t in range(L):
+            there = np.isfinite(samples[t])
+            if there.any():
+                factor = np.linalg.cholesky(S[t][np.ix_(there, there)])
+                self.whitened[first + t, there] = np.linalg.solve(factor, self.innovation[first + t, there])
+
+    def finished(self) -> tuple[FilterRun, np.ndarray]:
+        """As a filter's run, of one run, with σ and covariances that hold what the nuisances add; and that, (T + 1, d, n*)."""
+        back = np.argsort(self.order)
+        mean, shift = self.mean[:, back], self.shift[:, :, back]
+        covariance = self.covariance[:, back[:, None], back] + np.einsum("tda,tdc->tac", shift, shift, optimize=True)
+        at = self.model.position
+        run = FilterRun(
+            time=self.model.h * np.arange(self.steps + 1),
+            mean=mean[:, None],
+            std=standard_deviation(covariance)[:, None],
+            unknown_covariance=covariance[:, None, at[:, None], at],
+            gauge_mean=self.gauge_mean[:, None],
+            gauge_std=np.sqrt(self.gauge_variance)[:, None],
+            innovation=self.innovation[:, None],
+            whitened=self.whitened[:, None],
+            nis=np.nansum(self.whitened**2, axis=1)[:, None],
+            lost=np.array([-1]),
+            log_likelihood=np.array([self.log_likelihood]),
+            last=covariance[-1:],
+            covariance=covariance[:, None],
+            jacobian=None,
+            rows=None,
+            adjusted=None,
+        )
+        return run, shift

@@ -1,0 +1,312 @@
+"""The bank of filters against Bayes by brute force, the linear filter, and truths that it was made for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, eigh, expm
+
+from strainsight.augmentation.unknowns import Unknowns
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.conditional import Nuisances, no_nuisances
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.model import FilterModel
+from strainsight.fem.affine import AffineOperator
+from strainsight.rom.model import Damping, ReducedModel
+
+from .drawn import prior
+
+KAPPA, H, STEPS, RATIO = 30.0, 0.02, 40, 0.03
+REFERENCE = {"k1": 900.0, "k2": 400.0}
+STIFFNESS = {"k1": np.array([[1.0, 0.0], [0.0, 0.0]]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+ROWS = np.array([[1.0, 0.0], [-1.0, 1.0]])
+NOISE = 2e-3
+
+
+def chain(noise=NOISE):
+    """Two masses of one on two springs, a known force on the second and an unknown one, a random walk, on the first."""
+    model = ReducedModel(
+        AffineOperator(np.eye(2), {}),
+        AffineOperator(np.zeros((2, 2)), STIFFNESS),
+        np.array([[0.0, 1.0], [1.0, 0.0]]),
+        ("known", "unknown"),
+        REFERENCE,
+        Damping(ratio=RATIO),
+    )
+    unknowns = Unknowns(("unknown",), ("k1", "k2"), {"unknown": 1.0}, REFERENCE)
+    H_star = np.hstack([ROWS, np.zeros((2, 5))])
+    Q = np.diag([0, 0, 1e-4, 1e-4, KAPPA, 0, 0])
+    return FilterModel(model, unknowns, ("known",), {}, H_star, Q, np.full(2, noise**2 * H), H)
+
+
+def forces(steps=STEPS):
+    """A known force that is constant within every step (T, HOLD, 1)."""
+    held = np.zeros((steps, 3, 1))
+    held[:, 0, 0] = 3 * np.sin(0.7 * np.arange(steps)) + 2
+    return held
+
+
+def continuous(stiffness, factors=1.0):
+    """Rate matrix of [q, q̇, u] and the column of the known force, from the textbook; factors on the damping of the modes."""
+    K = sum(value * STIFFNESS[name] for name, value in stiffness.items())
+    lam, Phi = eigh(K)
+    C = (Phi * factors * 2 * RATIO * np.sqrt(lam)) @ Phi.T
+    F = np.zeros((5, 5))
+    F[:2, 2:4] = np.eye(2)
+    F[2:4, :2], F[2:4, 2:4], F[2:4, 4] = -K, -C, [1.0, 0.0]
+    return F, np.array([0, 0, 0, 1.0, 0])
+
+
+def gathered(F, Q):
+    """Van Loan's integral of the noise over a step."""
+    n = len(F)
+    X = expm(np.block([[-F, Q], [np.zeros((n, n)), F.T]]) * H)
+    return X[n:, n:].T @ X[:n, n:]
+
+
+def joint(p, P0, steps=STEPS):
+    """Mean and covariance of all readings at θ = reference·exp(p), one Gaussian of 2·steps numbers."""
+    F, column = continuous({name: value * np.exp(own) for (name, value), own in zip(REFERENCE.items(), p, strict=True)})
+    A = expm(F * H)
+    drive = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)[:5, 5]
+    # the noise is that of the model at the guess
+    Q = gathered(continuous(REFERENCE)[0], np.diag([0, 0, 1e-4, 1e-4, KAPPA]))
+    power = [np.eye(5)]
+    for _ in range(steps):
+        power.append(A @ power[-1])
+    O = np.zeros((5 * steps, 5 * (steps + 1)))
+    for k in range(steps):
+        for j in range(k + 2):
+            O[5 * k : 5 * k + 5, 5 * j : 5 * j + 5] = power[k + 1 - j]
+    covariance = O @ block_diag(P0[:5, :5], *[Q] * steps) @ O.T
+    u = forces(steps)[:, 0, 0]
+    mean = O[:, 5:] @ np.concatenate([drive * own for own in u])
+    rows = np.kron(np.eye(steps), np.hstack([ROWS, np.zeros((2, 3))]))
+    return rows @ mean, rows @ covariance @ rows.T + NOISE**2 * np.eye(2 * steps)
+
+
+def start():
+    return np.diag([1e-6, 1e-6, 1e-4, 1e-4, 0.5, 0.3**2, 0.2**2])
+
+
+def log_normal(y, mean, covariance):
+    L = np.linalg.cholesky(covariance)
+    e = np.linalg.solve(L, y - mean)
+    return -0.5 * (e @ e) - np.log(np.diag(L)).sum() - 0.5 * len(y) * np.log(2 * np.pi)
+
+
+def precise(y, mean, covariance):
+    """The same in fifty digits, but for the joint covariance itself."""
+    with mpmath.workdps(50):
+        S, e = mpmath.matrix(covariance.tolist()), mpmath.matrix((y - mean).tolist())
+        L = mpmath.cholesky(S)
+        whitened = mpmath.lu_solve(L, e)
+        size = -sum(v * v for v in whitened) / 2
+        return float(size - sum(mpmath.log(L[i, i]) for i in range(len(y))) - len(y) * mpmath.log(2 * mpmath.pi) / 2)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    model, P = chain(), start()
+    truth, y = draw_truth(model, np.zeros(7), P, forces(), [5])
+    return model, P, truth[:, 0], y[:, 0]
+
+
+@dataclass(frozen=True)
+class Square:
+    """Bayes by brute force: log of prior times likelihood on a square of points, half a σ apart."""
+
+    point: np.ndarray
+    log_density: np.ndarray
+    cell: float
+
+
+@pytest.fixture(scope="module")
+def square(measured):
+    model, P, _, y = measured
+    bank = filter_bank(model, np.zeros(7), P, forces(), y, spacing=0.6, depth=20.0)
+    mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
+    axis = np.arange(-16, 17) / 2
+    point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    prior_std = np.sqrt(np.diag(P)[5:])
+    size = np.log(2 * np.pi * prior_std.prod())
+    density = [log_normal(y.ravel(), *joint(p, P)) - 0.5 * np.sum((p / prior_std) ** 2) - size for p in point]
+    return bank, Square(point, np.array(density), 0.25 * std.prod())
+
+
+def test_is_bayes_by_brute_force(square):
+    bank, own = square
+    w = np.exp(own.log_density - own.log_density.max())
+    edge = w.reshape(33, 33)[[0, -1]].max(), w.reshape(33, 33)[:, [0, -1]].max()
+    assert max(edge) < 1e-8
+    w /= w.sum()
+    mean = w @ own.point
+    std = np.sqrt(w @ (own.point - mean) ** 2)
+    np.testing.assert_allclose(bank.run.mean[-1, 0, 5:] / std, mean / std, atol=1e-6)
+    np.testing.assert_allclose(bank.run.std[-1, 0, 5:], std, rtol=1e-6)
+
+
+def test_the_evidence_is_the_integral_over_the_prior(square):
+    bank, own = square
+    evidence = np.logaddexp.reduce(own.log_density) + np.log(own.cell)
+    assert bank.run.log_likelihood[0] == pytest.approx(evidence, abs=1e-3)
+
+
+def test_brute_force_is_exact_to_its_digits(measured):
+    """So that the comparison above is one with Bayes and not with rounding."""
+    _, P, _, y = measured
+    for p in ([0.0, 0.0], [0.05, -0.03]):
+        mean, covariance = joint(np.array(p), P)
+        assert log_normal(y.ravel(), mean, covariance) == pytest.approx(precise(y.ravel(), mean, covariance), abs=1e-8)
+
+
+def test_the_lattice_used_by_default_is_fine_enough(measured):
+    model, P, _, y = measured
+    coarse = filter_bank(model, np.zeros(7), P, forces(), y)
+    fine = filter_bank(model, np.zeros(7), P, forces(), y, spacing=0.6, depth=20.0)
+    np.testing.assert_allclose(coarse.run.mean[-1], fine.run.mean[-1], atol=0.01 * fine.run.std[-1].max())
+    np.testing.assert_allclose(coarse.run.std[-1, 0, 4:], fine.run.std[-1, 0, 4:], rtol=0.01)
+
+
+@pytest.mark.parametrize("accelerometers", [0, 1])
+def test_without_parameters_it_is_the_filter(make_beam, make_filter, accelerometers):
+    model = make_filter(make_beam(modes=4), inputs=("tip",), parameters=(), known=(), accelerometers=accelerometers)
+    mean, P, known = np.zeros(model.size), prior(model), np.zeros((60, 3, 0))
+    _, y = draw_truth(model, mean, P, known, [1])
+    y[7, 0, 1] = y[20, 0] = np.nan
+    bank, run = filter_bank(model, mean, P, known, y[:, 0]).run, run_filter(model, mean, P, known, y)
+    scale = np.sqrt(np.diagonal(run.last[0]))
+    for name in ("mean", "std"):
+        np.testing.assert_allclose(getattr(bank, name) / scale, getattr(run, name) / scale, atol=1e-9)
+    for name in ("gauge_mean", "gauge_std", "whitened", "nis", "log_likelihood", "unknown_covariance"):
+        np.testing.assert_allclose(getattr(bank, name), getattr(run, name), rtol=1e-8, atol=1e-9)
+
+
+def test_a_point_of_the_bank_is_the_filter_at_these_parameters(make_beam, make_filter, sine):
+    """Known loads, accelerometers and frequencies that the parameters change."""
+    beam = make_beam(modes=4, graded=True)
+    model = make_filter(
+        beam, inputs=(), parameters=("E", "rho"), known=("tip",), accelerometers=1, q_parameter=0.0, q_velocity=1e-4
+    )
+    u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
+    mean, P = np.zeros(model.size), prior(model, 0.05)
+    _, y = draw_truth(model, mean, P, u, [2])
+    bank = filter_bank(model, mean, P, u, y[:, 0])
+    inner = model.parameter_states.start
+    posterior = []
+    for p in bank.lattice.point:
+        theta = {name: model.unknowns.guess[name] * np.exp(own) for name, own in zip(("E", "rho"), p, strict=True)}
+        alone = replace(
+            model,
+            unknowns=replace(model.unknowns, parameters=()),
+            fixed=theta,
+            H=model.H[:, :inner],
+            Q=model.Q[:inner, :inner],
+        )
+        object.__setattr__(alone, "process", model.process[:inner, :inner])
+        run = run_filter(alone, mean[:inner], P[:inner, :inner], u, y)
+        posterior.append(run.log_likelihood[0] - 0.5 * np.sum(p**2) / 0.05**2)
+    w = np.exp(np.array(posterior) - max(posterior))
+    np.testing.assert_allclose(bank.weight, w / w.sum(), atol=1e-6)
+
+
+def test_what_the_constants_add_is_the_slope_of_the_estimate(measured):
+    """Offsets of channels enter a reading whatever the motion, so that the shift is a plain derivative in the data."""
+    model, P, _, y = measured
+    offset = np.array([[NOISE, 0.0], [0.0, NOISE]])
+    nuisances = Nuisances(("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), offset)
+    options = {"spacing": 0.6, "depth": 20.0}
+    bank = filter_bank(model, np.zeros(7), P, forces(), y, nuisances, **options)
+    for k in range(2):
+        step = 1e-3
+        ahead, back = (filter_bank(model, np.zeros(7), P, forces(), y + s * step * offset[k], **options) for s in (1, -1))
+        slope = (ahead.run.mean[:, 0] - back.run.mean[:, 0]) / (2 * step)
+        scale = np.abs(slope[STEPS // 4 :]).max(axis=0)
+        np.testing.assert_allclose(bank.shift[STEPS // 4 :, k] / scale, slope[STEPS // 4 :] / scale, atol=2e-4)
+
+
+def test_sigma_holds_where_gauges_read_too_much():
+    """Over draws of gain errors of both gauges: σ holds what the filter does not estimate, and does not without."""
+    model, P, gain, draws = chain(noise=5e-5), start(), 0.02, 60
+    truth, y = draw_truth(model, np.zeros(7), P, forces(), range(100, 100 + draws))
+    D = np.zeros((2, 2, 5))
+    D[[0, 1], [0, 1], :2] = gain * ROWS
+    nuisances = Nuisances(("gain 1", "gain 2"), D, np.zeros((2, 2, 1)), np.zeros((2, 2)))
+    rng = np.random.default_rng(1)
+    with_it, without = [], []
+    for b in range(draws):
+        wrong = y[:, b] + (truth[1:, b, :2] @ ROWS.T) * gain * rng.standard_normal(2)
+        bank = filter_bank(model, np.zeros(7), P, forces(), wrong, nuisances)
+        error, added = bank.run.mean[-1, 0, 5:] - truth[-1, b, 5:], np.sum(bank.shift[-1, :, 5:] ** 2, axis=0)
+        with_it.append(error / bank.run.std[-1, 0, 5:])
+        without.append(error / np.sqrt(bank.run.std[-1, 0, 5:] ** 2 - added))
+    ratio = np.sqrt(np.mean(np.square(with_it), axis=0))
+    np.testing.assert_allclose(ratio, 1.0, atol=3 / np.sqrt(2 * draws))
+    assert np.sqrt(np.mean(np.square(without), axis=0)).max() > 1.5
+
+
+@pytest.mark.parametrize(("source", "sizes"), [("damping", (0.1, 0.0)), ("stiffness", (0.0, 0.1))])
+def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
+    """Exact readings of chains whose damping, mode by mode, or stiffness is a little off; only a load is estimated."""
+    whole = chain(noise=5e-5)
+    model = replace(
+        whole, unknowns=replace(whole.unknowns, parameters=()), fixed=REFERENCE, H=whole.H[:, :5], Q=whole.Q[:5, :5]
+    )
+    P, steps, size = start()[:5, :5], 80, 1e-3
+    nuisances = replace(no_nuisances(model), damping=sizes[0], stiffness=sizes[1])
+
+    def error(factors, stiffer):
+        """Of the filter on what a chain reads without noise that begins at rest, no unknown load acting."""
+        F, column = continuous({name: stiffer * value for name, value in REFERENCE.items()}, factors)
+        whole = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)
+        x = np.zeros((steps + 1, 5))
+        for k, u in enumerate(forces(steps)[:, 0, 0]):
+            x[k + 1] = whole[:5, :5] @ x[k] + whole[:5, 5] * u
+        bank = filter_bank(model, np.zeros(5), P, forces(steps), x[1:, :2] @ ROWS.T, nuisances)
+        return bank.run.mean[:, 0] - x, bank.shift
+
+    _, shift = error(np.ones(2), 1.0)
+    if source == "damping":
+        ends = [[error(np.exp(s * size * 0.1 * mode), 1.0)[0] for s in (1, -1)] for mode in np.eye(2)]
+    else:
+        ends = [[error(np.ones(2), np.exp(s * size * 0.1))[0] for s in (1, -1)]]
+    slope = np.stack([(ahead - back) / (2 * size) for ahead, back in ends], axis=1)
+    assert shift.shape == slope.shape
+    scale = np.abs(slope).max(axis=(0, 1))
+    np.testing.assert_allclose(shift / scale, slope / scale, atol=1e-4)
+
+
+def test_constants_that_are_learned_are_states_of_the_filter():
+    """Offsets of both channels, learned as nuisances or estimated as states: the same posterior, evidence and innovations."""
+    model, P, std = chain(noise=2e-4), start(), np.array([2e-3, 5e-3])
+    _, y = draw_truth(model, np.zeros(7), P, forces(), [3])
+    y = y[:, 0] + np.array([1.5e-3, -4e-3])
+    offset = np.diag(std)
+    learned = Nuisances(
+        ("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), offset, damping=0.0, stiffness=0.0, learned=True
+    )
+    options = {"spacing": 0.6, "depth": 20.0}
+    bank = filter_bank(model, np.zeros(7), P, forces(), y, learned, **options)
+    whole = np.diag(np.concatenate([np.diag(P), std**2]))
+    states = filter_bank(model, np.zeros(9), whole, forces(), y, biased=np.arange(2), **options)
+    scale = np.sqrt(np.diag(P))
+    np.testing.assert_allclose(bank.run.mean[:, 0] / scale, states.run.mean[:, 0, :7] / scale, atol=2e-6)
+    np.testing.assert_allclose(bank.run.std[1:, 0] / states.run.std[1:, 0, :7], 1.0, atol=1e-5)
+    one, other = (
+        smooth_bank(model, start, P_own, forces(), y, own, found, at)
+        for start, P_own, own, found, at in (
+            (np.zeros(7), P, learned, bank, None),
+            (np.zeros(9), whole, no_nuisances(model), states, np.arange(2)),
+        )
+    )
+    # the smoothers take different points of the parameters: equal to second order in their σ
+    std = other.std[:, 0, :7]
+    np.testing.assert_allclose(one.mean[:, 0] / std, other.mean[:, 0, :7] / std, atol=0.03)
+    np.testing.assert_allclose(one.std[:, 0] / std, 1.0, atol=0.01)
+    for name, tolerance in (("whitened", 1e-5), ("log_likelihood", 1e-3)):
+        np.testing.assert_allclose(getattr(bank.run, name), getattr(states.run, name), atol=tolerance)
