@@ -48,8 +48,13 @@ def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple
     """
     G, L = whitened_gain(P, H, R, instant)
     K = transposed(np.linalg.solve(transposed(L), transposed(G)))
+    return corrected(P, K, H, R), G, L
+
+
+def corrected(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """(I − KH)P(I − KH)ᵀ + KRKᵀ, the covariance after an update by any gain K (b, n, m), symmetrised."""
     left = np.eye(P.shape[-1]) - K @ H
-    return symmetric(left @ P @ transposed(left) + (K * R[..., None, :]) @ transposed(K)), G, L
+    return symmetric(left @ P @ transposed(left) + (K * R[..., None, :]) @ transposed(K))
 
 
 def update(

@@ -46,13 +46,27 @@ class PbhNumbers:
 
 
 @record
+class Budget:
+    """What the variance of every unknown is expected to be made of."""
+
+    source: tuple[str, ...] = dataset("/source", "1", "/source", "where a part of the variance comes from")
+    share: dict[str, np.ndarray] = dataset(
+        "/share/<name>",
+        "1",
+        "/source",
+        "share of every source in the variance that /expected_std/<name> is the root of",
+    )
+
+
+@record
 class Placed(PlacedLayout):
     """place.h5."""
 
     expected_std: dict[str, float] = dataset(
-        "/expected_std/<name>", "SI", "", "σ of <name> that the filter is expected to claim, along the training run"
+        "/expected_std/<name>", "SI", "", "σ of <name> that is expected along the training run, tolerances included"
     )
     without: dict[str, np.ndarray] = dataset(
         "/without/<name>", "1", "gauge", "relative σ of <name> expected without each gauge of the final set"
     )
+    budget: Budget = group("/budget")
     observability: PbhNumbers = group("/observability")

@@ -13,7 +13,8 @@ def run(context: Context) -> Output:
     """The placement, with the pool as points of a grid."""
     mesh, problem = inputs.mesh(context), inputs.problem(context)
     training, screened = inputs.training(context), inputs.screened(context)
-    return placement_output(placement_of(context.config, mesh, problem, training, screened, context))
+    found = placement_of(context.config, mesh, inputs.reduced(context), problem, training, screened, context)
+    return placement_output(found)
 
 
 PLACE = Stage(
@@ -25,7 +26,9 @@ PLACE = Stage(
         "loads.*.process_noise",
         "parameters.*.process_noise_scale",
         "parameters.*.range",
+        "parameters.*.property",
         "process_noise",
+        "tolerances",
         "train",
         "place",
         "filter",

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from strainsight.cases.layout.budget import helps
 from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.layout.gauge_list import GaugeList
 from strainsight.cases.layout.layout import Layout
@@ -39,6 +40,7 @@ def advice(
     return (
         *_how_many(sigma_of(criterion, task.over), cost, len(layout.gauges), labels, task.settings.keep),
         *(_weakest(expected.std) if task.relative else ()),
+        *helps(expected.budget),
         *best_possible(layout.certificate, criterion, task.over),
         *(
             f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise, and can replace "
@@ -134,7 +136,10 @@ def _failures(
         known = {name: values for name, values in without.items() if np.isfinite(values).all()}
         found = ((float(np.max(values)) / std[name], name, first_of_largest(values)) for name, values in known.items())
         for growth, name, worst in [max(found, key=lambda own: own[0])] if known else ():
-            yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
+            if growth > 1:
+                yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
+            else:
+                yield "σ of no unknown grows if one gauge fails: what it reads wrong then goes with it."
 
 
 def _percent(share: float) -> str:

@@ -1,9 +1,9 @@
-"""What a filter on a layout is expected to claim, with all gauges and without each."""
+"""What a filter on a layout is expected to claim, with all gauges and without each, and what that is made of."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,10 +11,12 @@ import numpy as np
 @dataclass(frozen=True)
 class Expectation:
     """σ of every unknown: std, name → σ; without, name → (k,) σ without each gauge in turn. On a structure relative to the
-    scale of the unknown, on a bench in N or N m; inf where it is lost, NaN where it is not solved."""
+    scale of the unknown, on a bench in N or N m; inf where it is lost, NaN where it is not solved. budget, name → source → share
+    of the variance with all gauges, the shares of a name in sum 1; empty on a bench."""
 
     std: dict[str, float]
     without: dict[str, np.ndarray]
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def importance(self, over: Collection[str]) -> np.ndarray:
         """How much σ grows without each gauge, summed over these unknowns (k,); infinite where that is not solved."""
@@ -23,4 +25,4 @@ class Expectation:
 
     def ordered(self, order: np.ndarray) -> Expectation:
         """The same with the gauges in another order."""
-        return Expectation(self.std, {name: values[order] for name, values in self.without.items()})
+        return replace(self, without={name: values[order] for name, values in self.without.items()})

@@ -58,7 +58,7 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
         model = replace(model, damping=model.damping.scaled(stated))
     elif own.damping > 1:
         model = replace(model, damping=model.damping.scaled(factors.tolist()))
-    if own.model > 0 and not _modulus_estimated(config):
+    if own.model > 0 and not modulus_estimated(config):
         terms = {name: scale * term for name, term in model.stiffness.terms.items()}
         model = replace(model, stiffness=AffineOperator(scale * model.stiffness.constant, terms))
     return model
@@ -74,7 +74,7 @@ def varies(config: PlacementConfig) -> bool:
         or own.gain > 0
         or own.transverse > 0
         or own.offset > 0
-        or (own.model > 0 and not _modulus_estimated(config))
+        or (own.model > 0 and not modulus_estimated(config))
     )
 
 
@@ -86,7 +86,7 @@ def in_words(config: PlacementConfig, given: bool) -> str:
         fixed.append(f"damping × {stated.damping_factor:g}")
     elif own.damping > 1:
         drawn.append(f"ln ζ of every mode ln {own.damping:g}")
-    if own.model > 0 and not _modulus_estimated(config):
+    if own.model > 0 and not modulus_estimated(config):
         drawn.append(f"stiffness {100 * own.model:g} %")
     if given:
         fixed.append("gauges exactly in place, because given strain rows cannot be moved or turned")
@@ -107,7 +107,8 @@ def in_words(config: PlacementConfig, given: bool) -> str:
     return "".join(f", {text}" for text in words)
 
 
-def _modulus_estimated(config: PlacementConfig) -> bool:
+def modulus_estimated(config: PlacementConfig) -> bool:
+    """Whether some modulus is among the unknowns, so that one scale of the stiffness is."""
     return any(
         config.parameters[name].property == "youngs_modulus"
         for name in config.place.estimate

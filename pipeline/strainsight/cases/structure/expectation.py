@@ -1,4 +1,4 @@
-"""What a filter on a layout is expected to claim along the training run, with all gauges, without each; which are redundant."""
+"""What a filter on a layout is expected to claim along the training run, with all gauges, without each; what that is made of."""
 
 from __future__ import annotations
 
@@ -7,36 +7,40 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.cases.layout.expectation import Expectation
+from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
 from strainsight.cases.structure.problem import SILENT, Problem, filter_model, initial_covariance
 from strainsight.errors import NumericalError
 from strainsight.estimation.filter import covariance_recursion
 from strainsight.placement.recommendation import alike
 
 
-def expectation(problem: Problem, gauges: np.ndarray) -> Expectation:
-    """σ along the training run from a 100 % prior: RMS over its last half.
+def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expectation:
+    """σ along the training run from a 100 % prior, tolerances included: RMS over its last half; its variance by source.
 
-    gauges (k,) numbers. A gauge that is left out has its noise raised until it says nothing.
+    gauges (k,) numbers; own: the tolerances of their channels at least. A gauge that is left out has its noise raised until it
+    says nothing.
     """
     channels = problem.channels.of(gauges)
     there = channels >= 0
     flat, owner = channels[there], np.nonzero(there)[0]
     silent = np.where(owner == np.arange(-1, len(gauges))[:, None], SILENT, 1.0)
-    model = filter_model(problem, np.broadcast_to(flat, silent.shape), problem.h)
+    model = filter_model(problem, flat, problem.h)
     model = replace(model, r=model.r * silent)
     start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
-    std = covariance_recursion(model, problem.x, problem.u, start)
-    if not np.isfinite(std).all():
+    claim = covariance_recursion(model, problem.x, problem.u, start, nuisances_of(own, model, flat))
+    if not np.isfinite(claim.std).all():
         raise NumericalError(
             "the σ that the filter is to claim along the training run is not finite",
             key="train.time_step",
             remedy="the noises lie too far apart, or an unknown load is modelled as faster than the step: check both",
         )
-    level = np.sqrt(np.mean(std[len(std) // 2 :, :, model.position] ** 2, axis=0))
-    names = problem.unknowns.names
+    late, names = slice(len(claim.std) // 2, None), problem.unknowns.names
+    level = np.sqrt(np.mean(claim.std[late, :, model.position] ** 2, axis=0))
+    part = {source: np.mean(values[late, model.position], axis=0) for source, values in claim.budget.items()}
     return Expectation(
         {name: float(level[0, i]) for i, name in enumerate(names)},
         {name: level[1:, i] for i, name in enumerate(names)},
+        {name: {source: float(v[i] / level[0, i] ** 2) for source, v in part.items()} for i, name in enumerate(names)},
     )
 
 

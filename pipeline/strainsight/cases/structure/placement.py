@@ -16,6 +16,7 @@ from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import largest_of_quantity
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.gauges import listed_gauges
+from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.pool import pool_of, prices
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.scenarios import placed_instants, scenarios_of
@@ -24,6 +25,7 @@ from strainsight.config.placement import Place, PlacementConfig
 from strainsight.errors import blame
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
+from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
 from strainsight.signals.histories import instant_values
@@ -41,7 +43,13 @@ class Placement(Placed):
 
 
 def placement_of(
-    config: PlacementConfig, mesh: Mesh, problem: Problem, training: Training, screened: Screened, using: Resources
+    config: PlacementConfig,
+    mesh: Mesh,
+    reduced: Reduced,
+    problem: Problem,
+    training: Training,
+    screened: Screened,
+    using: Resources,
 ) -> Placement:
     """Linearise along the training run, eliminate, exchange, certify, and say what the layout is expected to know.
 
@@ -81,7 +89,9 @@ def placement_of(
     )
     found = placed(
         task,
-        lambda gauges: expectation(problem, gauges),
+        lambda gauges: expectation(
+            problem, gauges, tolerated(config, mesh, reduced, training, problem.channels.of(gauges))
+        ),
         lambda gauges: listed_gauges(gauges, training, screened),
         using.progress,
         alike=lambda gauges: alike_gauges(problem, gauges),

@@ -1,0 +1,42 @@
+"""What the variance of an estimate is made of, as a table and in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from strainsight.ordering import first_of_largest
+from strainsight.workflow.output import Table
+
+REMEDY = {
+    "noise": "quieter channels, or more of them",
+    "process noise": "a smaller process noise, if loads, parameters and the model change or err less than it allows",
+    "start": "a longer run",
+    "position": "gauges placed more exactly, or where the strain changes less from place to place",
+    "angle": "gauges aligned more exactly",
+    "gain": "channels calibrated more exactly",
+    "transverse sensitivity": "gauges of known transverse sensitivity",
+    "offset": "channels zeroed more exactly",
+    "damping": "damping measured mode by mode",
+    "stiffness": "a stiffness known more exactly, or a modulus among the unknowns",
+}
+"""Source of variance → what makes it smaller."""
+
+
+def budget_table(budget: Mapping[str, Mapping[str, float]]) -> Table:
+    """Unknowns by source, in % of the variance."""
+    sources = list(dict.fromkeys(source for shares in budget.values() for source in shares))
+    rows = tuple((name, *(f"{100 * shares[source]:.1f} %" for source in sources)) for name, shares in budget.items())
+    return Table("budget", ("variance of", *sources), rows)
+
+
+def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """What would lower σ of every unknown most, those with the same source in one sentence."""
+    led: dict[str, list[str]] = {}
+    for name, shares in budget.items():
+        largest = list(shares)[first_of_largest(np.array(list(shares.values())))]
+        led.setdefault(largest, []).append(name)
+    for source, names in led.items():
+        much = " and ".join(f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names)
+        yield f"What would help {' and '.join(names)} most: {REMEDY[source]} ({source}: {much})."

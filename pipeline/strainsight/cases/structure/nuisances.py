@@ -1,0 +1,131 @@
+"""What the filter takes as exact and is not: installation of its gauges, damping, stiffness; with their σ from the tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.cases.structure.drawn import installation_std, modulus_estimated
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import tolerances_of
+from strainsight.estimation.conditional import Nuisances, acceleration_rows, theta_at
+from strainsight.estimation.model import FilterModel
+from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
+from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
+
+SOURCE = {
+    "along": "position",
+    "across": "position",
+    "angle": "angle",
+    "tilt_along": "angle",
+    "tilt_across": "angle",
+    "gain": "gain",
+    "transverse": "transverse sensitivity",
+}
+"""Derivative of a reading → what it is one of, in a budget."""
+
+
+@dataclass(frozen=True)
+class Tolerated:
+    """σ times the derivatives of some channels with respect to their installation.
+
+    channels (k,) of train.h5, ascending; gauge (k,) of each; quantity (k,); slope: name → (k, n) per reduced coordinate, those
+    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; damping, stiffness, learned: of `Nuisances`.
+    """
+
+    channels: np.ndarray
+    gauge: np.ndarray
+    quantity: np.ndarray
+    slope: dict[str, np.ndarray]
+    offset: np.ndarray
+    damping: float
+    stiffness: float
+    learned: bool
+
+
+def tolerated(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray
+) -> Tolerated:
+    """Of channels (any,) of train.h5, −1 for none, by the tolerances of the config."""
+    own, std, pool = tolerances_of(config.tolerances), installation_std(config), training.candidates
+    # whole gauges: a sensitivity needs all channels that move as one
+    wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
+    part = pool.take(wanted)
+    slope = _slopes(mesh, reduced, training, part, wanted, std.position)
+    free = ~part.bonded[:, None]
+    sigma = {name: value for name, value in std.by_name.items() if value > 0}
+    scaled = {name: value * slope[name] * (free if name in COMMON else 1.0) for name, value in sigma.items()}
+    return Tolerated(
+        wanted,
+        pool.gauge[wanted],
+        part.quantity,
+        {name: rows for name, rows in scaled.items() if rows.any()},
+        std.offset * (part.quantity == STRAIN),
+        float(np.log(own.damping)),
+        0.0 if modulus_estimated(config) else own.model,
+        own.treat == "estimate",
+    )
+
+
+def _slopes(
+    mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray, std: float
+) -> dict[str, np.ndarray]:
+    if training.given is None:
+        facets = exterior_facets(mesh)
+        found = sensitivity_rows(mesh.position, part, reduced.basis, std, facets=facets)
+    else:
+        found = given_sensitivity(training.rows[channels])
+    return {name: getattr(found, name) for name in (*COMMON, *OWN)}
+
+
+def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nuisances:
+    """Of a filter with these channels (m,) of train.h5: place and turns of every gauge, gain, transverse sensitivity and offset
+    of every channel."""
+    at = np.searchsorted(own.channels, channels)
+    m, n, states = len(channels), model.model.size, model.parameter_states.start
+    at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
+    sources: list[str] = []
+    D: list[np.ndarray] = []
+    E: list[np.ndarray] = []
+    offset: list[np.ndarray] = []
+    for name, rows in own.slope.items():
+        sensed = np.zeros((m, states))
+        sensed[:, :n] = rows[at]
+        fed = np.zeros((m, len(model.known_inputs)))
+        moving = own.quantity[at] == ACCELERATION
+        if moving.any():
+            on_states, on_known = acceleration_rows(model, at_guess, rows[at][moving])
+            sensed[moving], fed[moving] = on_states[0], on_known[0]
+        owner = own.gauge[at] if name in COMMON else np.arange(m)
+        for each in np.unique(owner):
+            there = (owner == each)[:, None]
+            if not (sensed * there).any():
+                continue
+            sources.append(SOURCE[name])
+            D.append(np.where(there, sensed, 0.0))
+            E.append(np.where(there, fed, 0.0))
+            offset.append(np.zeros(m))
+    for row in np.diag(own.offset[at]):
+        if row.any():
+            sources.append("offset")
+            D.append(np.zeros((m, states)))
+            E.append(np.zeros((m, len(model.known_inputs))))
+            offset.append(row)
+    return Nuisances(
+        tuple(sources),
+        _stacked(D, (m, states)),
+        _stacked(E, (m, len(model.known_inputs))),
+        _stacked(offset, (m,)),
+        own.damping,
+        own.stiffness,
+        own.learned,
+    )
+
+
+def _stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    return np.stack(parts) if parts else np.zeros((0, *shape))

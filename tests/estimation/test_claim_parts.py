@@ -1,0 +1,248 @@
+"""What the claimed σ is made of: each source alone, impulse by impulse, and drawn constants that no filter knows of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh, expm
+
+from strainsight.augmentation.unknowns import Unknowns
+from strainsight.estimation.conditional import Nuisances, acceleration_rows, no_nuisances, theta_at
+from strainsight.estimation.filter import covariance_recursion, run_filter
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.motion import measure
+from strainsight.fem.affine import AffineOperator
+from strainsight.rom.modal_step import simulate
+from strainsight.rom.model import Damping, ReducedModel
+
+H, STEPS, RATIO = 0.02, 80, 0.03
+REFERENCE = {"k1": 900.0, "k2": 400.0}
+STIFFNESS = {"k1": np.array([[1.0, 0.0], [0.0, 0.0]]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+ROWS = np.array([[1.0, 0.0], [-1.0, 1.0]])
+NOISE, LOAD = 5e-4, 4.0
+GAIN, OFFSET, DAMPING, STIFFER = 0.02, 4e-4, 0.3, 0.01
+
+
+def chain(parameters=(), kappa=0.3):
+    """Two masses on two springs, a known force on the second and an unknown one, a random walk, on the first."""
+    model = ReducedModel(
+        AffineOperator(np.eye(2), {}),
+        AffineOperator(np.zeros((2, 2)), STIFFNESS),
+        np.array([[0.0, 1.0], [1.0, 0.0]]),
+        ("known", "unknown"),
+        REFERENCE,
+        Damping(ratio=RATIO),
+    )
+    fixed = {name: value for name, value in REFERENCE.items() if name not in parameters}
+    rows = np.hstack([ROWS, np.zeros((2, 3 + len(parameters)))])
+    Q = np.diag([0, 0, 1e-6, 1e-6, kappa, *[0.0] * len(parameters)])
+    unknowns = Unknowns(("unknown",), parameters, {"unknown": LOAD}, REFERENCE)
+    return FilterModel(model, unknowns, ("known",), fixed, rows, Q, np.full(2, NOISE**2 * H), H)
+
+
+def start(size=5):
+    return np.diag([1e-8, 1e-8, 1e-6, 1e-6, 0.05, 0.2**2, 0.2**2][:size])
+
+
+def forces():
+    """Both held constant within every step (T, HOLD, 2)."""
+    held = np.zeros((STEPS, 3, 2))
+    held[:, 0, 0], held[:, 0, 1] = 3 * np.sin(0.7 * np.arange(STEPS)) + 2, LOAD
+    return held
+
+
+def steps_of(factors, stiffer=1.0):
+    """A (N, 4, 4) and B (N, 4, 2) of a step, by the textbook; factors (N, 2) on the damping of the modes."""
+    lam, Phi = eigh(stiffer * sum(value * STIFFNESS[name] for name, value in REFERENCE.items()))
+    C = (Phi * (factors * 2 * RATIO * np.sqrt(lam))[:, None]) @ Phi.T
+    F = np.zeros((len(factors), 6, 6))
+    F[:, :2, 2:4] = np.eye(2)
+    F[:, 2:4, :2], F[:, 2:4, 2:4] = -(Phi * lam) @ Phi.T, -C
+    F[:, 2:4, 4:] = [[0.0, 1.0], [1.0, 0.0]]
+    whole = expm(F * H)
+    return whole[:, :4, :4], whole[:, :4, 4:]
+
+
+def motion(A, B):
+    """From rest (T + 1, N, 4) without any noise."""
+    x = np.zeros((STEPS + 1, len(A), 4))
+    for k, u in enumerate(forces()[:, 0]):
+        x[k + 1] = (A @ x[k][..., None])[..., 0] + B @ u
+    return x
+
+
+def nominal():
+    return motion(*steps_of(np.ones((1, 2))))[:, 0]
+
+
+def constants(model):
+    states = model.parameter_states.start
+    D = np.zeros((4, 2, states))
+    D[[0, 1], [0, 1], :2] = GAIN * ROWS
+    offset = np.zeros((4, 2))
+    offset[[2, 3], [0, 1]] = OFFSET
+    source = ("gain", "gain", "offset", "offset")
+    return Nuisances(source, D, np.zeros((4, 2, 1)), offset, damping=DAMPING, stiffness=STIFFER)
+
+
+def believed(model):
+    """The mean the filter begins with: at rest under the constant load."""
+    mean = np.zeros(model.size)
+    mean[4] = 1.0
+    return mean
+
+
+def test_the_parts_are_the_errors_of_each_source_alone():
+    """Every sample, every step of the process and every state at the start by itself: squares of what the filter makes of it."""
+    model, P = chain(), start()
+    budget = covariance_recursion(model, nominal(), forces(), P).budget
+    still = np.zeros((STEPS, 3, 1))
+
+    def estimate(y):
+        return run_filter(model, np.zeros(5), P, still, y).mean
+
+    impulses = NOISE * np.eye(2 * STEPS).reshape(STEPS, 2, 2 * STEPS).transpose(0, 2, 1)
+    np.testing.assert_allclose(budget["noise"], np.sum(estimate(impulses) ** 2, axis=1), rtol=1e-7, atol=1e-18)
+
+    A, B = steps_of(np.ones((1, 2)))
+    whole = np.eye(5)
+    whole[:4, :4], whole[:4, 4] = A[0], LOAD * B[0, :, 1]
+    factor = np.linalg.cholesky(model.process)
+    disturbed = np.zeros((STEPS + 1, STEPS, 5, 5))
+    for k in range(STEPS):
+        disturbed[k + 1] = disturbed[k] @ whole.T
+        disturbed[k + 1, k] += factor.T
+    begun = np.zeros((STEPS + 1, 5, 5))
+    begun[0] = np.sqrt(P)
+    for k in range(STEPS):
+        begun[k + 1] = begun[k] @ whole.T
+    for name, truth in (("process noise", disturbed.reshape(STEPS + 1, -1, 5)), ("start", begun)):
+        error = estimate(truth[1:, :, :2] @ ROWS.T) - truth
+        np.testing.assert_allclose(budget[name], np.sum(error**2, axis=1), rtol=1e-7, atol=1e-18)
+
+
+@pytest.mark.parametrize("parameters", [(), ("k1", "k2")])
+def test_the_parts_are_the_whole(parameters):
+    model = chain(parameters)
+    claim = covariance_recursion(model, nominal(), forces(), start(model.size), constants(model))
+    assert set(claim.budget) == {"noise", "process noise", "start", "gain", "offset", "damping", "stiffness"}
+    np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("parameters", [(), ("k1", "k2")])
+def test_what_constants_add_is_the_slope_of_the_error(parameters):
+    """Central differences of a filter that is fed with what a slightly different chain reads without noise."""
+    model, size = chain(parameters), 1e-3
+    P, known, mean = start(model.size), forces()[..., :1], believed(chain(parameters))
+
+    def error(gain=(0, 0), offset=(0, 0), damping=(0, 0), stiffer=0.0):
+        x = motion(*steps_of(np.exp(DAMPING * np.array([damping])), np.exp(STIFFER * stiffer)))[:, 0]
+        y = x[1:, :2] @ ROWS.T * (1 + GAIN * np.array(gain)) + OFFSET * np.array(offset)
+        whole = np.tile(mean, (STEPS + 1, 1))
+        whole[:, :4] = x
+        return run_filter(model, mean, P, known, y).mean[:, 0] - whole
+
+    def slope(name, unit):
+        return (error(**{name: size * unit}) - error(**{name: -size * unit})) / (2 * size)
+
+    budget = covariance_recursion(model, nominal(), forces(), P, constants(model)).budget
+    both = np.eye(2)
+    for name in ("gain", "offset", "damping"):
+        total = sum(slope(name, own) ** 2 for own in both)
+        np.testing.assert_allclose(budget[name], total, rtol=2e-4, atol=2e-4 * total.max(axis=0).min(), err_msg=name)
+    total = slope("stiffer", 1.0) ** 2
+    np.testing.assert_allclose(budget["stiffness"] / total.max(axis=0), total / total.max(axis=0), atol=2e-4)
+
+
+def test_drawn_constants_and_noise_err_as_claimed():
+    """RMS error of the plain filter over many chains, with both gauges and with one, is the expected σ; without the constants
+    it is not."""
+    rng, draws = np.random.default_rng(3), 4000
+    model, P, known = chain(), start(), forces()[..., :1]
+    nuisances = replace(constants(model), stiffness=0.0)
+    A, B = steps_of(np.exp(DAMPING * rng.standard_normal((draws, 2))))
+    factor = np.linalg.cholesky(model.process)
+    x = np.zeros((STEPS + 1, draws, 5))
+    x[0] = believed(model) + rng.standard_normal((draws, 5)) @ np.sqrt(P)
+    for k, u in enumerate(known[:, 0, 0]):
+        x[k + 1] = x[k]
+        x[k + 1, :, :4] = (A @ x[k, :, :4, None])[..., 0] + B[..., 0] * u + B[..., 1] * LOAD * x[k, :, 4:]
+        x[k + 1] += rng.standard_normal((draws, 5)) @ factor.T
+    y = x[1:, :, :2] @ ROWS.T * (1 + GAIN * rng.standard_normal((draws, 2))) + OFFSET * rng.standard_normal((draws, 2))
+    y += NOISE * rng.standard_normal(y.shape)
+
+    sets = replace(model, r=model.r * np.array([[1.0, 1.0], [1.0, 1e12]]))
+    claim = covariance_recursion(sets, nominal(), forces(), P, nuisances)
+    one = replace(model, H=model.H[:1], r=model.r[:1])
+    late = slice(STEPS // 2, None)
+    for b, (own, readings) in enumerate(((model, y), (one, y[..., :1]))):
+        rms = np.sqrt(np.mean((run_filter(own, believed(model), P, known, readings).mean - x)[late] ** 2, axis=(0, 1)))
+        expected = np.sqrt(np.mean(claim.std[late, b] ** 2, axis=0))
+        np.testing.assert_allclose(rms, expected, rtol=0.03)
+    plain = covariance_recursion(sets, nominal(), forces(), P).std[late]
+    assert np.all(np.mean(claim.std[late, :, 4] ** 2, axis=0) > 1.5 * np.mean(plain[..., 4] ** 2, axis=0))
+    share = {name: np.mean(part[late, 4]) / np.mean(claim.std[late, 0, 4] ** 2) for name, part in claim.budget.items()}
+    assert min(share[name] for name in ("noise", "process noise", "gain", "offset", "damping")) > 0.02, share
+
+
+def test_a_silent_gauge_adds_nothing_of_its_own():
+    model = chain()
+    own = constants(model)
+    sets = replace(model, r=model.r * np.array([[1.0, 1e12]]))
+    first = replace(own, source=("gain", "offset"), D=own.D[[0, 2]], E=own.E[[0, 2]], offset=own.offset[[0, 2]])
+    P = start()
+    whole, alone = (covariance_recursion(sets, nominal(), forces(), P, each) for each in (own, first))
+    np.testing.assert_allclose(whole.std, alone.std, rtol=1e-9)
+
+
+def test_nothing_tolerated_adds_nothing():
+    model, P = chain(("k1",)), start(6)
+    plain, none = (covariance_recursion(model, nominal(), forces(), P, own) for own in (None, no_nuisances(model)))
+    np.testing.assert_array_equal(plain.std, none.std)
+    assert plain.budget.keys() == none.budget.keys()
+
+
+@pytest.mark.parametrize("parameters", [(), ("E",)])
+def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(make_beam, make_filter, sine, parameters):
+    """Readings of a beam under a constant unknown load and a known sine, each channel in turn scaled a little."""
+    beam, h, steps, gain, size = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 5e-4, 160, 0.03, 1e-3
+    model = make_filter(beam, ("tip",), parameters, ("middle",), h, accelerometers=2, q_velocity=0.1)
+    u = np.zeros((steps, 3, 2))
+    u[:, 0, 0], u[:, :, 1:] = 2e4, sine(h * np.arange(steps), h, 1e4, 20.0)
+    x = simulate(beam.model, beam.model.reference, u, h)
+    full = np.hstack([x[1:], np.full((steps, 1), 2.0), np.zeros((steps, model.size - 9))])
+    y = measure(model, full, u[:, :, 1].sum(axis=1)[:, None])[0]
+    P, mean = np.diag([0.0] * 8 + [1e-4] * (model.size - 8)), np.zeros(model.size)
+    mean[8] = 2.0
+
+    def estimate(factor):
+        return run_filter(model, mean, P, u[:, :, 1:], y * factor).mean[:, 0]
+
+    channels = len(model.H)
+    D, E = np.zeros((channels, channels, 9)), np.zeros((channels, channels, 1))
+    rows = [np.zeros((channels, 9)), np.zeros((channels, 1))]
+    rows[0][:, :4] = model.H[:, :4]
+    moving = model.accelerometers
+    at_guess = theta_at(model, np.zeros((1, len(parameters))))
+    rows[0][moving], rows[1][moving] = (own[0] for own in acceleration_rows(model, at_guess, model.H[moving, :4]))
+    own = range(channels)
+    D[own, own], E[own, own] = gain * rows[0], gain * rows[1]
+    nuisances = Nuisances(("gain",) * channels, D, E, np.zeros((channels, channels)))
+    found = covariance_recursion(model, x, u, P, nuisances).budget["gain"][:, 8:]
+    step = gain * size * np.eye(channels)
+    slopes = [(estimate(1 + own) - estimate(1 - own)) / (2 * size) for own in step]
+    total = sum(slope[:, 8:] ** 2 for slope in slopes)
+    np.testing.assert_allclose(found / total.max(axis=0), total / total.max(axis=0), atol=1e-4)
+
+
+def test_a_model_without_any_parameter_is_that_with_all_of_them_fixed():
+    with_them = chain()
+    operator = with_them.model.stiffness
+    whole = AffineOperator(sum(REFERENCE[name] * term for name, term in operator.terms.items()), {})
+    bare = replace(with_them, model=replace(with_them.model, stiffness=whole, reference={}), fixed={})
+    one, other = (covariance_recursion(m, nominal(), forces(), start(), constants(m)) for m in (with_them, bare))
+    np.testing.assert_allclose(other.std, one.std, rtol=1e-9)
+    for name, part in one.budget.items():
+        np.testing.assert_allclose(other.budget[name], part, rtol=1e-7, atol=1e-12 * one.std.max() ** 2, err_msg=name)
