@@ -20,7 +20,7 @@ position = training.candidates.position[training.candidates.first]
 own = [int(np.argmin(np.linalg.norm(position - place, axis=1))) for place in drawn]
 
 # What a filter on them will claim to know of E; the same for the layout that `place` chooses.
-listed = api.expect(case, reduced, training, screened, own)
+listed = api.expect(case, mesh, reduced, training, screened, own)
 layout = api.place(case, mesh, reduced, training, screened)
 print(f"your list: σ of E {100 * listed.std['E']:.3g} %")
 print(f"the layout of `place`: {100 * layout.expected.std['E']:.3g} %")

@@ -160,19 +160,24 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
     from strainsight.cases.structure.problem import problem_of
 
     problem = problem_of(case.config, case.files, reduced, training, screened)
-    return placement_of(case.config, mesh, problem, training, screened, case)
+    return placement_of(case.config, mesh, reduced, problem, training, screened, case)
 
 
-def expect(case: Case, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges) -> Expectation:
+def expect(
+    case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges
+) -> Expectation:
     """What a filter on any gauges is expected to claim along the training run.
 
-    `.std` σ of every unknown relative to its scale, `.without` the same without each gauge in turn.
+    `.std` σ of every unknown relative to its scale, `.without` the same without each gauge in turn, `.budget` the shares of the
+    variance by source.
     """
     from strainsight.cases.structure.expectation import expectation
+    from strainsight.cases.structure.nuisances import tolerated
     from strainsight.cases.structure.problem import problem_of
 
     problem = problem_of(case.config, case.files, reduced, training, screened)
-    return expectation(problem, np.asarray(gauges, dtype=int))
+    own = np.asarray(gauges, dtype=int)
+    return expectation(problem, own, tolerated(case.config, mesh, reduced, training, problem.channels.of(own)))
 
 
 def validate(

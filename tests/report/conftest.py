@@ -30,6 +30,10 @@ from strainsight.report.suite.data import PlacementRun, Suite
 ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
 """Bands of one draw and of twenty."""
 HELD = Claim("test", 1, 0.000523 / 0.000814, ONE, "consistent")
+BUDGET = {
+    "tip": {"noise": 0.52, "process noise": 0.25, "start": 0.0, "gain": 0.23},
+    "E": {"noise": 0.06, "process noise": 0.14, "start": 1e-9, "gain": 0.8},
+}
 METRICS = (
     Metric("tr(W P)", "sum of the variances"),
     Metric("det(P)^(1/n)", "volume of the ellipsoid"),
@@ -209,6 +213,7 @@ def report(**changes):
                 (("tip", "E", "rho"), 9e11, "tip, E and rho scaled by one factor"),
             )
         ),
+        budget=BUDGET,
         advice=("2 gauges more would lower σ by 7 %.", "G1 and G3 are redundant: either can replace the other."),
         observability={"condition (scaled)": 91.0, "condition (raw)": 3.1e23},
         truth_description="60 modes with static terms, damping 1.5 times the filter's",

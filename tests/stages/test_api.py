@@ -70,7 +70,7 @@ def test_a_validation_has_the_arrays_of_the_command_line(run_there):
     assert found.accuracy["E"].error == summary["error.E"]
     assert found.accuracy["E"].smoothed_std == summary["smoothed_std.E"]
     same(api.observe(case, reduced, training, screened), run_there.observed)
-    own = api.expect(case, reduced, training, screened, run_there.placed.final.number)
+    own = api.expect(case, mesh, reduced, training, screened, run_there.placed.final.number)
     # the placement has summed them up in another order
     np.testing.assert_allclose(own.without["E"], run_there.placed.without["E"], rtol=1e-12)
 

@@ -145,9 +145,10 @@ def test_the_layout_is_a_subset_of_pool_and_candidates(artefacts):
     assert np.array_equal(place["/selected/final/position"], train["/gauges/position"][chosen])
 
 
-def test_removing_a_gauge_makes_the_expected_deviation_larger(artefacts):
+def test_the_budget_is_the_whole_variance(artefacts):
     place = artefacts["place"]
-    assert np.all(place["/without/E"] > place.summary["std.E"])
+    assert place["/budget/share/E"].sum() == pytest.approx(1.0, rel=1e-9)
+    assert {"noise", "process noise", "position", "angle", "gain", "damping"} < set(place["/budget/source"].astype(str))
 
 
 def test_mode_shapes_open_in_the_real_reader(artefacts):

@@ -150,10 +150,12 @@ def test_place_and_validate_tell_the_filter_the_same_of_the_start(tmp_path, monk
     problem = problem_of(case.config, case.files, done.reduced, training, screened)
     seen = []
     recursion = expecting.covariance_recursion
-    monkeypatch.setattr(expecting, "covariance_recursion", lambda m, x, u, P: seen.append(P) or recursion(m, x, u, P))
+    noted = lambda m, x, u, P, *rest: seen.append(P) or recursion(m, x, u, P, *rest)  # noqa: E731
+    monkeypatch.setattr(expecting, "covariance_recursion", noted)
     gauges = done.placed.final.number
-    api.expect(case, done.reduced, training, screened, gauges)
-    trial = api.validate(case, api.mesh(case), done.reduced, training, screened, gauges).trial
+    mesh = api.mesh(case)
+    api.expect(case, mesh, done.reduced, training, screened, gauges)
+    trial = api.validate(case, mesh, done.reduced, training, screened, gauges).trial
     n = 2 * done.reduced.model.size
     np.testing.assert_array_equal(seen[0][:n, :n], trial.covariance[:n, :n])
     largest = np.maximum(np.abs(np.hstack([training.coordinate, training.velocity])).max(axis=0), 0)

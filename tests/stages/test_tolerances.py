@@ -12,7 +12,9 @@ from scipy.stats import chi2
 from strainsight import api
 from strainsight.cases.structure.drawn import in_words, installation_of, model_of
 from strainsight.cases.structure.installation_noise import installation_intensity
+from strainsight.cases.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.cases.structure.scenarios import scenarios_of
+from strainsight.estimation.filter import run_filter
 from strainsight.fem.affine import AffineOperator
 from strainsight.rom.model import Damping, ReducedModel
 
@@ -30,7 +32,7 @@ def beam(tmp_path_factory):
     (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
 
     def case(*overrides):
-        return api.load(folder / "edge.yaml", ["validate.repeats=3", *overrides])
+        return api.load(folder / "edge.yaml", ["validate.repeats=3", "train.settle=none", *overrides])
 
     plain = case()
     mesh = api.mesh(plain)
@@ -42,10 +44,28 @@ def beam(tmp_path_factory):
     def validated(*overrides):
         return api.validate(case(*overrides), mesh, reduced, training, screened, gauges)
 
+    def expected(*overrides):
+        return api.expect(case(*overrides), mesh, reduced, training, screened, gauges)
+
+    def slopes(change):
+        """E that the filter makes of the readings in training, over time, and σ-scaled derivatives in ν of `change`."""
+        own = case()
+        problem = problem_of(own.config, own.files, reduced, training, screened)
+        model = filter_model(problem, gauges, problem.h)
+        start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
+        known, y = problem.u[:, :, problem.columns(problem.known)], training.reading[1:, gauges]
+
+        def estimate(nu):
+            return run_filter(model, np.zeros(model.size), start, known, change(y, nu)).mean[:, 0, model.position]
+
+        step = 1e-3 * np.eye(len(gauges))
+        return np.stack([(estimate(own) - estimate(-own)) / 2e-3 for own in step])
+
     def intensity(problem, channels, coherence, *overrides):
         return installation_intensity(case(*overrides).config, mesh, reduced, training, problem, channels, coherence)
 
-    return SimpleNamespace(case=case, training=training, validated=validated, intensity=intensity)
+    return SimpleNamespace(case=case, training=training, validated=validated, intensity=intensity, expected=expected,
+                           slopes=slopes)
 
 
 def readings(found):
@@ -167,3 +187,29 @@ def test_gains_as_a_noise_are_the_mean_square_of_the_training_readings(beam):
     everything = beam.intensity(trial.problem, channels, 0.02, "tolerances.gain=0.05")
     assert np.all(everything[trial.chosen] > expected)
     assert not beam.intensity(trial.problem, channels, 0.02, "tolerances=none").any()
+
+
+def test_without_tolerances_a_gauge_less_is_a_larger_sigma(beam):
+    found = beam.expected("tolerances=none")
+    assert np.all(found.without["E"] > found.std["E"])
+    assert set(found.budget["E"]) == {"noise", "process noise", "start"}
+
+
+@pytest.mark.parametrize(
+    ("key", "size", "source", "change"),
+    [
+        ("gain", 0.02, "gain", lambda y, nu: y * (1 + 0.02 * nu)),
+        ("offset", 1e-7, "offset", lambda y, nu: y + 1e-7 * nu),
+    ],
+)
+def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, key, size, source, change):
+    """Central differences of the filter itself on the readings of the training run."""
+    nothing = dict.fromkeys(EXACT, 0) | {"damping": 1, key: size}
+    found = beam.expected(f"tolerances={yaml.safe_dump(nothing, default_flow_style=True)}")
+    slopes = beam.slopes(change)[:, :, 0]
+    late = slice(slopes.shape[1] // 2, None)
+    variance = np.mean(np.sum(slopes[:, late] ** 2, axis=0))
+    assert found.budget["E"][source] * found.std["E"] ** 2 == pytest.approx(variance, rel=1e-4)
+    plain = beam.expected("tolerances=none")
+    assert found.std["E"] ** 2 == pytest.approx(plain.std["E"] ** 2 + variance, rel=1e-4)
+    assert sum(found.budget["E"].values()) == pytest.approx(1.0, rel=1e-9)

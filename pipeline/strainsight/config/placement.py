@@ -46,8 +46,8 @@ class MaterialParameter(Section):
     )
     process_noise_scale: Positive = Field(
         0.05,
-        description="δ: how fast the parameter may drift in the filter, relative to its guess [1/√s; 1/s under the thesis's "
-        "rules of process_noise].",
+        description="δ: how fast the parameter may drift, relative to its guess [1/√s; 1/s under the thesis's rules of "
+        "process_noise], in the steady filter that ranks layouts and in the extended filter; in the bank it is a constant.",
     )
 
 
@@ -158,18 +158,25 @@ class Cases(Section):
 class Filter(Section):
     """The filter itself, in validation and estimation; the σ that place expects is its σ."""
 
+    method: Literal["bank", "extended"] = Field(
+        "bank",
+        description="bank: parameters are constants, and a bank of linear filters gives their distribution, exactly; extended: "
+        "the extended Kalman filter of the thesis, which is overconfident of parameters that are hardly seen, and whose σ "
+        "holds no tolerances.",
+    )
     scheme: Literal["exact", "trapezoidal", "implicit_euler"] = Field(
         "exact",
         description="Time step: exact for every mode, or a rule whose bias of frequency and damping is printed.",
     )
     form: Literal["joseph", "square_root"] = Field(
-        "joseph", description="Of the covariance; square_root for noise so small that joseph loses its digits."
+        "joseph",
+        description="Of the covariance of the extended filter; square_root for noise so small that joseph loses its digits.",
     )
     iterations: int = Field(
         1,
         ge=1,
         le=50,
-        description="Of the update [-]: 1 is the extended Kalman filter; matters for accelerometers only.",
+        description="Of the update of the extended filter [-]: 1 is the Kalman filter's; matters for accelerometers only.",
     )
 
 

@@ -48,7 +48,7 @@ parameters:
     region: {region:<8}              # ← its id or name, or a list of them
     guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
     range: [{low}, {high}]   # ← [Pa] the true value lies in here
-    process_noise_scale: 0.05     # how fast it may drift in the filter [1/√s]
+    process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
 
 # Forces. What is known: false has to stand under place.estimate.
 loads:

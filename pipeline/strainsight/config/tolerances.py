@@ -33,10 +33,6 @@ class Tolerances(Section):
     damping: float = Field(
         1.5, ge=1, le=100, description="Factor, the logarithm of which is the σ of ln ζ of every mode [-]; 1: exact."
     )
-    load_point: NotNegative = Field(0.0, description="σ of the point of a load along each direction [m].")
-    load_direction: float = Field(
-        0.0, ge=0, le=45, description="σ of the direction of a load about each of two axes across it [deg]."
-    )
     model: float = Field(
         0.0,
         ge=0,
@@ -45,7 +41,8 @@ class Tolerances(Section):
     )
     treat: Literal["consider", "estimate"] = Field(
         "consider",
-        description="consider: σ of the estimates covers them; estimate: the filter estimates them beside the unknowns.",
+        description="consider: σ of the estimates covers them; estimate: the filter estimates them beside the unknowns, which "
+        "readings that the model cannot explain otherwise mislead.",
     )
 
 
@@ -61,8 +58,6 @@ NONE = Tolerances(
     transverse=0,
     offset=0,
     damping=1,
-    load_point=0,
-    load_direction=0,
     model=0,
     treat="consider",
 )

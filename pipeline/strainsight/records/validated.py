@@ -97,7 +97,6 @@ class Validated(Histories):
     field: Field = group("/field")
     noise: NoiseStudy = group("/noise", what="noise level")
     repeats: Starts = group("/repeats", what="seed and start")
-    starts: Starts = group("/starts", what="start on one measurement")
     screened: RandomSets = group("/random_sets/screened", what="random set of the screened pool")
     all: RandomSets = group("/random_sets/all", what="random set of all candidates")
     sweep: SweepTable | None = group("/sweep", default=None)

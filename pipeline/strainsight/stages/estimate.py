@@ -41,13 +41,14 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=4,
+    version=5,
     reads=(
         "seed",
         "loads",
         "parameters",
         "process_noise",
         "train",
+        "tolerances",
         "place.estimate",
         "place.instants",
         "validate.initial_std",

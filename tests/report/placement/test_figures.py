@@ -121,5 +121,5 @@ def test_repeats_are_judged_all_together():
     error = np.array([0.001, -0.001, 0.03, -0.05])
     claim = Claim("repeats", 4, 29.2, (0.16, 2.11), "overconfident")
     drawing = repeats_figure(Repeats("E", error, np.full(4, 0.001), "not identified"), claim)
-    assert "end apart: not identified. RMS of error over claimed σ 29.2, 0.16 to 2.1 where" in drawing.caption
+    assert "than before: not identified. RMS of error over claimed σ 29.2, 0.16 to 2.1 where" in drawing.caption
     assert drawing.caption.endswith("overconfident.")

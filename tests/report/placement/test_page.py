@@ -79,7 +79,7 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     assert "0.052\u00a0%" in first
     said = words(first)
     assert "4 gauges, chosen from 30 candidates tell tip to within ± 16 % of its RMS (claimed σ)." in said
-    for phrase in ("not identified (other starts end elsewhere)", "Temperature.", "1 warning : read it"):
+    for phrase in ("not identified (the measurements hardly narrow it)", "Temperature.", "1 warning : read it"):
         assert phrase in said
     assert "G1 and G2 are 200 mm apart." in page(report).split('id="warnings"')[1]
 
@@ -136,10 +136,41 @@ def test_sections_come_in_the_order_in_which_questions_do(full):
     titles = [words(title) for title in re.findall(r"<h2[^>]*>(.*?)</h2>", text)]
     below = titles[titles.index("Warnings") + 1 :]
     assert below == [
-        "The structure in space", "What to do with this layout", "Gauge by gauge", "How good the set is", "What they tell",
-        "Gauge strains", "Beside random sets", "How sure one can be", "Observability, consistency, modes",
+        "The structure in space", "What to do with this layout", "Gauge by gauge", "What the uncertainty is made of",
+        "How good the set is", "What they tell", "Gauge strains", "Beside random sets", "How sure one can be",
+        "Observability, consistency, modes",
         "What it rests on", "Warnings",
     ]  # fmt: skip
+
+
+def section_of_budget(text):
+    return text.split("<h2>What the uncertainty is made of</h2>")[1].split("<h2>")[0]
+
+
+def test_every_share_of_the_variance_is_as_wide_as_it_is_and_stands_in_words_and_numbers(full, bare):
+    report = full()
+    text = section_of_budget(page(report))
+    exact = [float(value) for value in re.findall(r'<data value="([^"]+)"', text)]
+    assert sorted(exact) == sorted(value for shares in report.budget.values() for value in shares.values())
+    bars = re.findall(r'<div class="bar" role="img" aria-label="([^"]+)">(.*?)</div>', text)
+    for (said, pieces), (name, shares) in zip(bars, report.budget.items(), strict=True):
+        width = [float(value) for value in re.findall(r"width:([\d.]+)%", pieces)]
+        assert sorted(width) == pytest.approx(sorted(100 * value for value in shares.values() if value > 0.01))
+        largest = max(shares, key=shares.get)
+        assert said.startswith(f"Variance of {name}: {largest} ")
+        assert all((source in said) == (value > 0.01) for source, value in shares.items())
+    assert "What the uncertainty is made of" not in page(bare)
+
+
+def test_sources_beyond_the_colours_are_one_part_of_a_bar(full):
+    shares = {f"source {i}": (i + 1) / 45 for i in range(9)}
+    text = section_of_budget(page(full(budget={"E": shares})))
+    width = [float(value) for value in re.findall(r"width:([\d.]+)%", text)]
+    assert sum(width) == pytest.approx(100, abs=0.05)
+    assert width[-1] == pytest.approx(100 * (1 + 2) / 45, abs=0.01)
+    assert "all others" in words(text)
+    colours = re.findall(r"background:var\(--(\w+)\)", text.split('class="key"')[1])
+    assert len(colours) == len(set(colours)) == 8
 
 
 def test_where_the_time_went(full, bare):
@@ -175,7 +206,7 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(full):
     said = words(text.split('id="in-short">')[1].split("</p>")[0]).replace("\u00a0", " ")
     assert said.startswith(
         "E: overconfident (RMS error of the repeats 6.6 times the claimed σ, at most 1.49 where it holds), not identified "
-        "(other starts end elsewhere); it is 0.052 % off. 4 gauges,"
+        "(the measurements hardly narrow it); it is 0.052 % off. 4 gauges,"
     )
     assert "E to within" not in said
     assert said.index("overconfident") < said.index("tell tip to within")

@@ -12,6 +12,7 @@ from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.measured import Measured, measured_of
+from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, tolerated
 from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, scheme_in_words
 from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import parameters_of, unknown_units
@@ -19,6 +20,8 @@ from strainsight.cases.structure.surface import surface_in_time, virtual_labels,
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.biased import Biased
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.core import StepModel
@@ -85,7 +88,8 @@ def estimation_of(
         problem, {**config.validation.initial_std, **settings.initial_std}, moving=settings.start == "moving"
     )
     model, tuning = _model(problem, test, settings, start, using)
-    run, smoothed = _filtered(problem, model, test, start)
+    tolerances = tolerated(config, mesh, reduced, training, test.channels)
+    run, smoothed = _filtered(problem, tolerances, model, test, start)
     using.progress("field", 0.7)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
@@ -127,7 +131,9 @@ def _model(
     return scale_noise(model, tuning.factors), tuning
 
 
-def _filtered(problem: Problem, model: FilterModel, test: Measured, start: np.ndarray) -> tuple[FilterRun, Smoothed]:
+def _filtered(
+    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray
+) -> tuple[FilterRun, Smoothed]:
     """Filter and smoother, with the offsets of channels as unknowns behind x*."""
     at = np.flatnonzero(test.bias > 0)
     core: StepModel = Driven(model, test.known)
@@ -137,6 +143,11 @@ def _filtered(problem: Problem, model: FilterModel, test: Measured, start: np.nd
     # covariances of filter and smoother, and the Jacobians between them
     require_memory(8.0 * kept * steps * core.size**2, f"{steps} steps of {core.size} states", SHORTER)
     covariance = np.diag(np.concatenate([np.diag(start), test.bias[at] ** 2]))
+    if problem.method == "bank":
+        nuisances, rest = nuisances_of(tolerances, model, test.channels), np.zeros(len(covariance))
+        bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at)
+        later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at)
+        return bank.run, later
     samples = np.full((steps, len(test.channels)), np.nan)
     samples[test.every - 1 :: test.every] = test.values
     form, iterations = problem.form, problem.iterations

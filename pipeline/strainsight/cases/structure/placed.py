@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from strainsight.cases.layout.budget import budget_table
 from strainsight.cases.layout.output import layout_output, layout_record
 from strainsight.cases.structure.placement import Placement
-from strainsight.records.placed import PbhNumbers, Placed
+from strainsight.records.placed import Budget, PbhNumbers, Placed
 from strainsight.workflow.output import Output, Scalar
 
 
@@ -14,14 +17,20 @@ def placement_output(found: Placement) -> Output:
     """Datasets, numbers, tables and files."""
     condition, lost, unknowns = found.condition, found.condition.null_direction, found.task.unknowns
     scale = dict(zip(unknowns.names, unknowns.scale.tolist(), strict=True))
+    budget = found.expected.budget
+    sources = tuple(budget[unknowns.names[0]])
     record = Placed(
         **vars(layout_record(found)),
         expected_std={name: std * scale[name] for name, std in found.expected.std.items()},
         without=found.expected.without,
+        budget=Budget(
+            source=sources, share={name: np.array([own[s] for s in sources]) for name, own in budget.items()}
+        ),
         observability=PbhNumbers(
             condition=condition.condition, sigma_min=condition.sigma_min, condition_raw=condition.condition_raw
         ),
     )
     numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})
-    output = layout_output(found, record, numbers, {f"/expected_std/{n}": {"scale": size} for n, size in scale.items()})
+    attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
+    output = layout_output(found, record, numbers, attributes, (budget_table(budget),))
     return replace(output, message=f"{output.message}, hardly observable: {lost}") if lost else output

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +30,7 @@ REST_SHARE = 1e-3
 """Initial σ of every state as a share of its largest training amplitude: the structure is known to be at rest."""
 
 
+Method = Literal["bank", "extended"]
 SILENT = 1e12
 """Factor on a channel's noise intensity that makes it say nothing."""
 
@@ -40,7 +42,8 @@ class Problem:
     model; unknowns; signals of all inputs by name; settle: how motions under them begin; x (steps + 1, 2n) and loading of
     the training run; Q (n*, n*) process intensity of the filter, frozen_Q that of the placement, which differs where the
     thesis's printed numbers are asked for; printed: whether they are; channels of all candidates; scheme of the time step,
-    form of the covariance and iterations of the update of the filter.
+    form of the covariance and iterations of the update of the extended filter; method of the filter, in which a bank's parameters
+    are constants.
     """
 
     model: ReducedModel
@@ -56,6 +59,7 @@ class Problem:
     scheme: Scheme
     form: Form
     iterations: int
+    method: Method
 
     @property
     def u(self) -> np.ndarray:
@@ -109,6 +113,9 @@ def problem_of(
         )
     channels = channels_of(training, screened)
     own = config.filter
+    if own.method == "bank":
+        constant = range(len(Q) - len(unknowns.parameters), len(Q))
+        Q[constant, constant] = 0.0
     return Problem(
         model,
         unknowns,
@@ -123,6 +130,7 @@ def problem_of(
         own.scheme,
         own.form,
         own.iterations,
+        own.method,
     )
 
 

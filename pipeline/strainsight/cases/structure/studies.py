@@ -13,7 +13,6 @@ from strainsight.config.validation import Validate
 from strainsight.estimation.filter import all_lost
 from strainsight.estimation.model import physical
 from strainsight.estimation.reduced import Driven
-from strainsight.estimation.verdict import not_identified
 from strainsight.records.validated import NoiseStudy, RandomSets, Starts
 from strainsight.sweep.sweep import Sweep, serial
 
@@ -47,14 +46,12 @@ class Studies:
 
     noise      other noise levels
     repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
-    starts     other starting values on one measurement, which must agree in the end
     screened   random sets of the screened pool, on the layout's own noise
     all        random sets of all candidates
     """
 
     noise: Study
     repeats: Study
-    starts: Study
     screened: Study
     all: Study
 
@@ -71,11 +68,10 @@ def studies_of(trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sw
     factors = np.array(settings.noise_factors, dtype=float)
     starts = spread * rng.standard_normal((repeats, len(spread)))
     home, others = np.zeros_like(spread), np.arange(1, repeats + 1)
-    own = np.zeros(max(len(factors), repeats, count), dtype=int)
+    own = np.zeros(max(len(factors), count), dtype=int)
     parts = {
         "noise": _runs(trial.chosen, factors, home, own[: len(factors)]),
         "repeats": replace(_runs(trial.chosen, 1.0, starts, others), drawn=others),
-        "starts": _runs(trial.chosen, 1.0, starts, own[:repeats]),
     }
     every = trial.problem.channels
     size = len(np.unique(every.gauge[trial.chosen]))
@@ -84,26 +80,6 @@ def studies_of(trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sw
         channels = every.of(np.array(sets, dtype=int).reshape(count, size))
         parts[key] = _runs(channels.reshape(count, size * channels.shape[-1]), 1.0, home, own[:count])
     return Studies(**_studied(trial, parts, seed, sweep))
-
-
-def identified(trial: Trial, starts: Study) -> dict[str, bool]:
-    """For every unknown, whether runs that differ only by their start end within what one draw may be off (3.2 σ).
-
-    A parameter by its mean over the last half; an input by RMS over the last half, of (largest − smallest) and of σ.
-    Empty for fewer than two runs.
-    """
-    if len(starts.runs.seed) < 2:
-        return {}
-    late = slice(len(trial.time) // 2, None)
-    found = {}
-    for name in trial.names:
-        value, std = starts.estimate[name][late], starts.std[name][late]
-        if name in trial.problem.unknowns.parameters:
-            found[name] = not bool(not_identified(value.mean(axis=0), std.mean(axis=0)))
-        else:
-            spread, rms = np.sqrt(np.mean(np.ptp(value, axis=1) ** 2)), np.sqrt(np.mean(std**2))
-            found[name] = not bool(not_identified(np.array([0.0, spread]), np.array([rms, rms])))
-    return found
 
 
 FEWEST_SETS = 10
@@ -160,9 +136,8 @@ def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndar
     )
 
 
-BATCH = 64
-"""Runs that are filtered at once: a run more in a batch costs a fourteenth of what a batch costs by itself, so that many
-share that cost well. Never the number of processes: a batch's size may change the last bit of its results."""
+BATCH = 8
+"""Runs that are one task of a sweep. Never the number of processes: the size of a batch may change the last bit of results."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +200,7 @@ def _batch(trial: Trial, batch: _Batch) -> Answer:
     measured = batch.true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
     mean = np.zeros((len(runs.seed), model.size))
     mean[:, model.position] = runs.start
-    found = trial.filtered(model, measured, mean, refuse=False)
+    found = trial.filtered(model, runs.channels, measured, mean, refuse=False).run
     real, claimed = real_and_claimed(trial, model, found.mean, found.std)
     values = physical(model, found.mean, found.std)
     estimate, std = ({name: values[name][i] for name in trial.names} for i in (0, 1))

@@ -90,7 +90,7 @@ def _swept(own: Trial, changed: tuple[Point, _Task]) -> tuple[dict[str, float], 
         truth = trial.truth.theta[point.key]
         model = replace(model, fixed={**model.fixed, point.key: point.value * truth})
     try:
-        run = trial.filtered(model, measured)
+        run = trial.filtered(model, trial.chosen, measured).run
     except NumericalError:
         diverged = dict.fromkeys(trial.names, float("nan"))
         return diverged, diverged

@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.structure.filtering import Filtered, filtered, smoothed
+from strainsight.cases.structure.nuisances import Tolerated
 from strainsight.cases.structure.problem import Problem, initial_covariance, sample_std
 from strainsight.cases.structure.settings import unknown_units
 from strainsight.cases.structure.start import Loading, loading_of
 from strainsight.cases.structure.truth import Motion, ReadMotion, Truth
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
-from strainsight.estimation.filter import run_filter
-from strainsight.estimation.metrics import input_error, load_scale, parameter_error
+from strainsight.estimation.metrics import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.run import FilterRun, Keep
+from strainsight.estimation.run import Keep
+from strainsight.estimation.smoother import Smoothed
 from strainsight.signals.histories import instant_values
 
 
@@ -25,8 +27,9 @@ class Trial:
     """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N], loads that the filter is given;
     truth and its motion; history: unknown's name → (T + 1,) [SI]; gauges: numbers of those of the layout, chosen (k,) their
     channels, stopped: how many of them a sharp edge has kept from being misplaced as far as stated; covariance P₀ (n*, n*);
-    units: unknown's name → unit; again: number of a realisation → what the layout reads without noise (T + 1, k) where the
-    truth is drawn anew, None where nothing is drawn."""
+    units: unknown's name → unit; tolerated: what σ allows of the channels that are filtered;
+    again: number of a realisation → what the layout reads without noise (T + 1, k) where the truth is drawn anew, None where
+    nothing is drawn."""
 
     problem: Problem
     h: float
@@ -40,12 +43,17 @@ class Trial:
     stopped: int
     covariance: np.ndarray
     units: Mapping[str, str]
+    tolerated: Tolerated
     again: Callable[[int], np.ndarray] | None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The unknowns."""
         return self.problem.unknowns.names
+
+    def constant_from(self, instants: int) -> int:
+        """The instant from which a parameter's estimate is averaged: the last, as all samples before it are in a bank's."""
+        return instants // 2 if self.problem.method == "extended" else instants - 1
 
     def scale(self, name: str) -> tuple[float, bool]:
         """What errors of an unknown are relative to [SI]: the true value of a parameter, a load's own RMS, or its amplitude
@@ -68,15 +76,21 @@ class Trial:
     def filtered(
         self,
         model: FilterModel,
+        channels: np.ndarray,
         measured: np.ndarray,
         start: np.ndarray | None = None,
         keep: Keep = "mean",
         refuse: bool = True,
-    ) -> FilterRun:
-        """The filter of the config on measurements (T, k) or (T, B, k); start (B, n*), None: zero."""
-        mean, P, form = np.zeros(model.size) if start is None else start, self.covariance, self.problem.form
-        turns = self.problem.iterations
-        return run_filter(model, mean, P, self.known, measured, keep, form=form, iterations=turns, refuse=refuse)
+    ) -> Filtered:
+        """The filter of the config on measurements (T, k) or (T, B, k) of channels (k,) or (B, k); start (B, n*), None: zero."""
+        mean, P = np.zeros(model.size) if start is None else start, self.covariance
+        return filtered(
+            self.problem, self.tolerated, model, channels, mean, P, self.known, measured, keep, refuse=refuse
+        )
+
+    def smoothed(self, model: FilterModel, measured: np.ndarray, found: Filtered) -> Smoothed:
+        """What `filtered` has found of the layout's measurements (T, k), by all samples."""
+        return smoothed(self.problem, self.tolerated, model, self.chosen, self.covariance, self.known, measured, found)
 
 
 def without_truth(trial: Trial) -> Trial:
@@ -89,17 +103,21 @@ def _gone(_loading: Loading) -> Motion:
     raise AssertionError("the truth stays in the process that simulated it")
 
 
-def trial_of(config: PlacementConfig, problem: Problem, truth: Truth, gauges: np.ndarray) -> Trial:
+def trial_of(
+    config: PlacementConfig, problem: Problem, truth: Truth, tolerated: Tolerated, gauges: np.ndarray
+) -> Trial:
     """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
-    settings = config.validation
+    settings, units = config.validation, unknown_units(config)
     P = initial_covariance(problem, settings.initial_std, problem.loading.moving)
     with blame("validate.duration"):
-        return _simulated(problem, truth, gauges, P, unknown_units(config), settings.time_step, settings.duration)
+        return _simulated(problem, truth, gauges, P, units, tolerated, settings.time_step, settings.duration)
 
 
 def at_step(trial: Trial, h: float, duration: float) -> Trial:
     """The same trial with the truth simulated, and sampled, at another time step [s]."""
-    return _simulated(trial.problem, trial.truth, trial.gauges, trial.covariance, trial.units, h, duration)
+    return _simulated(
+        trial.problem, trial.truth, trial.gauges, trial.covariance, trial.units, trial.tolerated, h, duration
+    )
 
 
 def _simulated(
@@ -108,6 +126,7 @@ def _simulated(
     gauges: np.ndarray,
     P: np.ndarray,
     units: Mapping[str, str],
+    tolerated: Tolerated,
     h: float,
     duration: float,
 ) -> Trial:
@@ -129,6 +148,7 @@ def _simulated(
         stopped=int(truth.held[gauges].sum()),
         covariance=P,
         units=units,
+        tolerated=tolerated,
         again=_again(truth, gauges, int(np.count_nonzero(channels >= 0)), loading),
     )
 
@@ -155,16 +175,18 @@ def real_and_claimed(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Real and claimed error of every unknown for each run: two mappings name → (B,), relative.
 
-    A parameter: |mean over the last half − truth| and mean σ there. An input: RMS error and RMS σ after the first tenth.
-    All over the unknown's own `Trial.scale`. mean, std (T + 1, B, n*) of x*.
+    A parameter: |estimate at the end − truth| and σ there; of the extended filter, which lets it drift, their means over the
+    last half. An input: RMS error and RMS σ after the first tenth. All over the unknown's own `Trial.scale`.
+    mean, std (T + 1, B, n*) of x*.
     """
     values = physical(model, mean, std)
     real, claimed = {}, {}
     for name in trial.names:
         (value, sigma), (scale, _), truth = values[name], trial.scale(name), trial.history[name]
         if name in trial.problem.unknowns.parameters:
-            real[name] = parameter_error(value, truth[0])
-            claimed[name] = np.mean(sigma[len(sigma) // 2 :], axis=0) / scale
+            late = trial.constant_from(len(value))
+            real[name] = np.abs(np.mean(value[late:], axis=0) - truth[0]) / scale
+            claimed[name] = np.mean(sigma[late:], axis=0) / scale
         else:
             real[name], claimed[name] = input_error(value - truth[:, None], scale), input_error(sigma, scale)
     return real, claimed

@@ -8,11 +8,12 @@ import numpy as np
 
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
+from strainsight.cases.structure.filtering import widths_left
+from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.problem import filter_model, problem_of
 from strainsight.cases.structure.studies import (
     Rank,
     Studies,
-    identified,
     noise_levels,
     random_sets,
     rank_of,
@@ -27,7 +28,7 @@ from strainsight.estimation.consistency import nees, nis, verdict, whiteness
 from strainsight.estimation.metrics import after_start
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.estimation.verdict import Benefit, band_of, benefit_of, samples_alike
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
@@ -46,8 +47,8 @@ class Accuracy:
     estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
     smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
     scale is its amplitude; draws, smoothed_draws: how many independent draws error and smoothed are the RMS of, 1 of a
-    parameter; identified: whether other starts end alike, None for a single one; rank and benefit: among the random sets of all
-    candidates, None for few.
+    parameter; left: of a bank's parameter, its σ by the samples alone over its initial σ; rank and benefit: among the random
+    sets of all candidates, None for few.
     """
 
     estimate: float
@@ -59,7 +60,7 @@ class Accuracy:
     zero: bool
     draws: int
     smoothed_draws: int
-    identified: bool | None
+    left: float | None
     rank: Rank | None
     benefit: Benefit | None
 
@@ -105,12 +106,13 @@ def validation_of(
     using.progress("truth", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
     truth = truth_of(config, mesh, spectrum, reduced, training, problem, using)
-    trial = trial_of(config, problem, truth, gauges)
+    tolerances = tolerated(config, mesh, reduced, training, np.arange(len(training.candidates)))
+    trial = trial_of(config, problem, truth, tolerances, gauges)
     using.progress("filter", 0.2)
     model = filter_model(problem, trial.chosen, trial.h)
     measured, true = trial.measured(seed)
-    run = trial.filtered(model, measured, keep="all")
-    smoothed = smooth(model, run)
+    found = trial.filtered(model, trial.chosen, measured, keep="all")
+    run, smoothed = found.run, trial.smoothed(model, measured, found)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
@@ -118,7 +120,7 @@ def validation_of(
     return Validation(
         trial,
         _validated(trial, model, run, smoothed, measured, true, studies, swept),
-        _accuracy(trial, model, run, smoothed, studies),
+        _accuracy(trial, model, run, smoothed, studies, widths_left(problem, trial.covariance, found)),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
         int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
@@ -131,17 +133,23 @@ def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
 
 
 def _accuracy(
-    trial: Trial, model: FilterModel, run: FilterRun, smoothed: Smoothed, studies: Studies
+    trial: Trial,
+    model: FilterModel,
+    run: FilterRun,
+    smoothed: Smoothed,
+    studies: Studies,
+    left: dict[str, float],
 ) -> dict[str, Accuracy]:
     error, std = real_and_claimed(trial, model, run.mean, run.std)
     later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
-    alike = identified(trial, studies.starts)
     found, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
     for name, (value, sigma) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
         constant = name in trial.problem.unknowns.parameters
         scale, zero = trial.scale(name)
         found[name] = Accuracy(
-            estimate=float(np.mean(value[len(value) // 2 :]) if constant else np.sqrt(np.mean(value**2))),
+            estimate=float(
+                np.mean(value[trial.constant_from(len(value)) :]) if constant else np.sqrt(np.mean(value**2))
+            ),
             error=float(error[name][0]),
             std=float(std[name][0]),
             smoothed=float(later_error[name][0]),
@@ -150,7 +158,7 @@ def _accuracy(
             zero=zero,
             draws=1 if constant else _draws(value - trial.history[name], sigma),
             smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
-            identified=alike.get(name),
+            left=left.get(name),
             rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
             benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
         )
@@ -194,7 +202,6 @@ def _validated(
         field=_field(trial, run),
         noise=noise_levels(studies.noise),
         repeats=repeated(studies.repeats),
-        starts=repeated(studies.starts),
         screened=random_sets(studies.screened),
         all=random_sets(studies.all),
         sweep=swept,

@@ -10,6 +10,9 @@ from strainsight.cases.structure.problem import scheme_in_words
 from strainsight.cases.structure.validation import Validation
 from strainsight.workflow.output import Scalar, Table
 
+IDENTIFIED = 0.5
+"""Share of its initial σ that the samples may leave of a parameter that they identify."""
+
 
 def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
     """Every number by its name, model: that of the truth in the config."""
@@ -25,8 +28,8 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
             numbers[f"{key}.{name}"] = getattr(own, key)
         if name in trial.problem.unknowns.inputs:
             numbers[f"zero.{name}"] = own.zero
-        if own.identified is not None:
-            numbers[f"identified.{name}"] = own.identified
+        if own.left is not None:
+            numbers |= {f"left.{name}": own.left, f"identified.{name}": own.left <= IDENTIFIED}
         if own.benefit is not None:
             numbers[f"benefit.{name}"] = own.benefit.verdict
         if own.rank is not None:
@@ -45,7 +48,8 @@ def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
     trial, words = found.trial, []
     for name, own in found.accuracy.items():
         words += [f"{name} is {doubts[name]}"] if name in doubts else []
-        words += [f"{name} is not identified: other starts end elsewhere"] * (own.identified is False)
+        if own.left is not None and own.left > IDENTIFIED:
+            words.append(f"{name} is not identified: the measurements leave {100 * own.left:.0f} % of its initial σ")
     words += [
         f"placement brings no benefit for {name} here: {own.benefit.as_well} of {own.benefit.sets} random layouts of the same "
         "size do as well"

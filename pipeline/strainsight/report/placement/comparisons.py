@@ -169,7 +169,7 @@ def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
 
 
 def _agreement(verdict: str, claim: Claim | None) -> str:
-    agree = "The starting values " + (f"end apart: {LOST}." if verdict == LOST else "agree.")
+    agree = f"Little more is known of it than before: {LOST}." if verdict == LOST else ""
     if claim is None:
         return agree
     low, high = (number(edge, 2) for edge in claim.band)

@@ -218,6 +218,7 @@ class PlacementReport:
     name of the config, title for people; frequencies [Hz] of the model at the reference;
     metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be
     distinguished; observability: name → number;
+    budget: unknown's name → source → share of the variance expected, empty where that is not known;
     advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
@@ -238,6 +239,7 @@ class PlacementReport:
     metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()
     cases: tuple[Case, ...] = ()
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     advice: tuple[str, ...] = ()
     observability: Mapping[str, float] = field(default_factory=dict)
     truth_description: str = ""

@@ -12,7 +12,7 @@ from strainsight.report.picture.card import pictured
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
 from strainsight.report.placement.gauge_table import SINGLE, names_without
 from strainsight.report.placement.verdicts import (
-    ELSEWHERE,
+    HARDLY,
     LOST,
     OVER,
     denominator,
@@ -115,7 +115,7 @@ def _card(name: str, value: str, rows: Sequence[tuple[str, str]], after: str = "
 def _mark(unknown: Unknown, lost: bool) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
     if lost:
-        return f'<p class="mark bad">✕ {LOST}: {ELSEWHERE}</p>'
+        return f'<p class="mark bad">✕ {LOST}: {HARDLY}</p>'
     if not unknown.claims:
         return ""
     claim = unknown.claims[0]

@@ -8,6 +8,7 @@ from html import escape
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, share, table
+from strainsight.report.placement.budget import budget_section
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.first import answer, first_screen, lost_of
 from strainsight.report.placement.gauge_table import gauge_table
@@ -40,6 +41,7 @@ def placement_page(
         space_section([("", report.layout)], shapes),
         _advice(report),
         _gauges(report),
+        budget_section(report.budget),
         _trend(report, drawings),
         _estimates(report, drawings),
         _random(drawings),

@@ -12,7 +12,7 @@ from strainsight.report.text import number
 
 OVER, CAUTIOUS, HELD = "overconfident", "too cautious", "consistent"
 LOST, DIVERGED = "not identified", "diverged"
-ELSEWHERE = "other starts end elsewhere"
+HARDLY = "the measurements hardly narrow it"
 
 Shown = Callable[[float, int], str]
 """How a number is written: `number` for people, `plain` for a page."""
@@ -37,7 +37,7 @@ def why(fault: str, unknown: Unknown) -> str:
     """A fault and what it stands on, as HTML."""
     if fault == OVER:
         return in_words(unknown.claims[0], plain)
-    return f"{LOST} ({ELSEWHERE})" if fault == LOST else fault
+    return f"{LOST} ({HARDLY})" if fault == LOST else fault
 
 
 def headline(found: Iterable[tuple[str, Sequence[str]]]) -> str:

@@ -18,7 +18,7 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
-from strainsight.report.placement.verdicts import ELSEWHERE, OVER, in_words
+from strainsight.report.placement.verdicts import OVER, in_words
 from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import layout_of_page
 from strainsight.stages.pages.page_numbers import (
@@ -61,6 +61,7 @@ def placement_report(context: Context) -> PlacementReport:
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
+        budget={name: dict(zip(place.budget.source, place.budget.share[name].tolist(), strict=True)) for name in names},
         advice=place.advice,
         observability={
             name: getattr(place.observability, name) for name in ("condition", "condition_raw", "sigma_min")
@@ -94,7 +95,8 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     summary = validate.summary
     for name in names:
         if summary.get(f"identified.{name}") is False:
-            notes.append(f"{name} is not identified: {ELSEWHERE}, further apart than one draw may be off (3.2 σ).")
+            left = 100 * float(summary[f"left.{name}"])
+            notes.append(f"{name} is not identified: the measurements leave {left:.0f} % of its initial σ.")
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
         if claims and claims[0].verdict == OVER:

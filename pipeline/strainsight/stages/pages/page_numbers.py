@@ -90,10 +90,10 @@ def repeats_of(names: list[str], validate: Artefact) -> tuple[Repeats, ...]:
         Repeats(
             name,
             *repeated(name, validate),
-            "identified" if validate.summary[f"identified.{name}"] else "not identified",
+            "not identified" if validate.summary.get(f"identified.{name}") is False else "identified",
         )
         for name in names
-        if f"identified.{name}" in validate.summary
+        if len(repeated(name, validate)[0]) > 1
     )
 
 

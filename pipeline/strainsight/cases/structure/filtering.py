@@ -1,0 +1,144 @@
+"""The filter of the config on measurements: a bank over constant parameters, or the extended filter of the thesis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
+from strainsight.cases.structure.problem import Problem
+from strainsight.errors import NumericalError
+from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.lattice import moments
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.run import FilterRun, Keep
+from strainsight.estimation.smoother import Smoothed, smooth
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """run: B runs of a filter; banks: what each run's bank found, none of the extended filter, None for one that failed."""
+
+    run: FilterRun
+    banks: tuple[BankRun | None, ...]
+
+
+def filtered(
+    problem: Problem,
+    tolerated: Tolerated,
+    model: FilterModel,
+    channels: np.ndarray,
+    start: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measured: np.ndarray,
+    keep: Keep = "mean",
+    refuse: bool = True,
+) -> Filtered:
+    """Filter the measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none, as the config asks for.
+
+    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether the extended
+    filter keeps what its smoother needs; refuse: raise NumericalError where every run fails, and not mark them lost.
+    """
+    if problem.method == "extended":
+        form, turns = problem.form, problem.iterations
+        run = run_filter(model, start, covariance, known, measured, keep, form=form, iterations=turns, refuse=refuse)
+        return Filtered(run, ())
+    data = measured if measured.ndim == 3 else measured[:, None]
+    runs = data.shape[1]
+    sets = np.broadcast_to(channels, (runs, channels.shape[-1]))
+    starts = np.broadcast_to(start, (runs, model.size))
+    found: list[BankRun | None] = []
+    failure: NumericalError | None = None
+    for b in range(runs):
+        there = sets[b] >= 0
+        own = _of_run(model, b, there)
+        nuisances = nuisances_of(tolerated, own, sets[b][there])
+        try:
+            found.append(filter_bank(own, starts[b], covariance, known, data[:, b, there], nuisances))
+        except NumericalError as error:
+            failure = error
+            found.append(None)
+    if failure is not None and refuse and all(own is None for own in found):
+        raise failure
+    return Filtered(_together(model, found, sets >= 0, len(known)), tuple(found))
+
+
+def _of_run(model: FilterModel, b: int, there: np.ndarray) -> FilterModel:
+    """The model of one run, with the channels that it has."""
+    H, quantity = model.H, model.quantity
+    H = H[b] if H.ndim == 3 else H
+    r = model.r[b] if model.r.ndim == 2 and model.H.ndim == 3 else model.r
+    if quantity is not None:
+        quantity = (quantity[b] if quantity.ndim == 2 else quantity)[there]
+    return replace(model, H=H[there], r=r[..., there], quantity=quantity)
+
+
+def _together(model: FilterModel, found: list[BankRun | None], there: np.ndarray, steps: int) -> FilterRun:
+    """Runs of many banks as one, NaN where one failed or has no channel."""
+    if len(found) == 1 and found[0] is not None:
+        return found[0].run
+    runs, n, u, m = len(found), model.size, len(model.position), there.shape[1]
+    mean, std = np.full((2, steps + 1, runs, n), np.nan)
+    unknown = np.full((steps + 1, runs, u, u), np.nan)
+    gauge_mean, gauge_std, innovation, whitened = np.full((4, steps, runs, m), np.nan)
+    fit, last = np.full(runs, -np.inf), np.full((runs, n, n), np.nan)
+    for b, bank in enumerate(found):
+        if bank is None:
+            continue
+        own = bank.run
+        mean[:, b], std[:, b], unknown[:, b] = own.mean[:, 0], own.std[:, 0], own.unknown_covariance[:, 0]
+        gauge_mean[:, b, there[b]], gauge_std[:, b, there[b]] = own.gauge_mean[:, 0], own.gauge_std[:, 0]
+        innovation[:, b, there[b]], whitened[:, b, there[b]] = own.innovation[:, 0], own.whitened[:, 0]
+        fit[b], last[b] = own.log_likelihood[0], own.last[0]
+    return FilterRun(
+        time=model.h * np.arange(steps + 1),
+        mean=mean,
+        std=std,
+        unknown_covariance=unknown,
+        gauge_mean=gauge_mean,
+        gauge_std=gauge_std,
+        innovation=innovation,
+        whitened=whitened,
+        nis=np.nansum(whitened**2, axis=2),
+        lost=np.where([own is None for own in found], 1, -1),
+        log_likelihood=fit,
+        last=last,
+        covariance=None,
+        jacobian=None,
+        rows=None,
+        adjusted=None,
+    )
+
+
+def smoothed(
+    problem: Problem,
+    tolerated: Tolerated,
+    model: FilterModel,
+    channels: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measured: np.ndarray,
+    found: Filtered,
+) -> Smoothed:
+    """What all samples say of every instant; arguments as of `filtered`, which found the one run, from a start at zero."""
+    if problem.method == "extended":
+        return smooth(model, found.run)
+    bank = found.banks[0]
+    assert bank is not None  # a bank that fails alone is refused
+    start = np.zeros(model.size)
+    nuisances = nuisances_of(tolerated, model, channels)
+    return smooth_bank(model, start, covariance, known, measured, nuisances, bank)
+
+
+def widths_left(problem: Problem, covariance: np.ndarray, found: Filtered) -> dict[str, float]:
+    """Of every parameter of a bank, its σ by the samples alone over its initial σ; covariance (n*, n*) at t = 0."""
+    bank = found.banks[0] if found.banks else None
+    if bank is None:
+        return {}
+    _, _, after = moments(bank.lattice.point, np.log(np.maximum(bank.weight, 1e-300)))
+    before = np.diag(covariance)[len(covariance) - len(after) :]
+    return dict(zip(problem.unknowns.parameters, np.sqrt(np.diag(after) / before).tolist(), strict=True))
