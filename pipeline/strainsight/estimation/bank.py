@@ -32,6 +32,8 @@ NARROW = 0.5
 """and so where the posterior's variance has fallen to this share in some direction."""
 COLLAPSED = 0.1
 """Share below which the lattice is too coarse to tell the posterior's covariance."""
+PATIENCE = 4
+"""Layers that are added on the way uphill before a wider lattice is laid there."""
 MOST_POINTS = 4000
 SHORTEST, SHARE = 8, 8
 """Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
@@ -161,7 +163,9 @@ class _Now:
     def good(self, log_weight: np.ndarray, spacing: float) -> np.ndarray:
         """Whether the lattice still holds the posterior of log-weights (..., B): not too narrow for it, nor at its edge."""
         _, _, covariance = moments(self.lattice.point, log_weight)
-        wide = self.lattice.spread(covariance).min(axis=-1, initial=np.inf) * spacing**2 >= NARROW
+        all_of_it = self.lattice.spread(covariance).min(axis=-1, initial=np.inf)
+        highest = self.lattice.width(log_weight).min(axis=-1, initial=np.inf)
+        wide = np.minimum(all_of_it, highest) * spacing**2 >= NARROW
         edge = np.max(log_weight[..., self.lattice.edge], axis=-1, initial=-np.inf)
         return np.asarray(wide & (edge < log_weight.max(axis=-1) - LEFT))
 
@@ -182,27 +186,34 @@ def _data(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> _Da
     )
 
 
-def _laid(problem: _Problem, mean: np.ndarray, covariance: np.ndarray, step: int) -> _Now:
+def _laid(
+    problem: _Problem, mean: np.ndarray, covariance: np.ndarray, step: int, other: np.ndarray | None = None
+) -> _Now:
     """A lattice about a guess of the posterior after `step` steps, grown until it holds it, with its filters there.
 
-    Where the largest density is at its edge the posterior lies elsewhere: it is laid about that point, three times as wide.
+    Where the largest density stays at its edge the posterior lies elsewhere: it is laid about that point, three times as wide.
+    other (q, k): points of other peaks, which it is to hold as well.
     """
     radius = np.sqrt(2 * problem.depth)
-    now = _filtered(problem, lattice_about(mean, covariance, problem.spacing, radius), step)
+    lattice = lattice_about(mean, covariance, problem.spacing, radius)
+    if other is not None and len(other):
+        lattice = lattice.with_nodes(lattice.nearest(other))
+    now, outside = _filtered(problem, lattice, step), 0
     while True:
         log_weight, edge = now.log_weight, now.lattice.edge
         heavy = edge & (log_weight > log_weight.max() - problem.depth)
         if not heavy.any():
             return now
         best = int(np.argmax(log_weight))
-        if edge[best]:
+        outside = outside + 1 if edge[best] else 0
+        if outside > PATIENCE:
             centre, covariance = now.lattice.point[best], 9 * covariance
             if np.abs(centre - problem.mean[problem.model.parameter_states]).max() > LOST:
                 raise NumericalError(
                     f"the measurements ask for parameters that differ from the guess by more than a factor of {np.exp(LOST):.0f}",
                     remedy="check which channel is which gauge, their units and signs, and the loads",
                 )
-            now = _filtered(problem, lattice_about(centre, covariance, problem.spacing, radius), step)
+            now, outside = _filtered(problem, lattice_about(centre, covariance, problem.spacing, radius), step), 0
             continue
         more = replace(now.lattice, node=now.lattice.beside(heavy))
         if len(now.lattice.node) + len(more.node) > MOST_POINTS:
@@ -217,14 +228,16 @@ def _laid_anew(problem: _Problem, now: _Now) -> _Now:
     """A lattice for the posterior as it is now; where that is too narrow for the old one, by way of wider ones, those of a power
     of its density."""
     while True:
-        log_weight, share = now.log_weight, 1.0
+        log_weight, share, lattice = now.log_weight, 1.0, now.lattice
         while True:
-            _, mean, covariance = moments(now.lattice.point, share * log_weight)
-            spread = now.lattice.spread(covariance).min(initial=np.inf) * problem.spacing**2
+            first, *others = lattice.peaks(share * log_weight, problem.depth)
+            _, mean, covariance = moments(lattice.point[first], share * log_weight[first])
+            spread = lattice.spread(covariance).min(initial=np.inf) * problem.spacing**2
             if spread >= COLLAPSED:
                 break
             share *= 0.5
-        now = _laid(problem, mean, covariance, now.step)
+        other = lattice.point[np.concatenate(others)] if others else lattice.point[:0]
+        now = _laid(problem, mean, covariance, now.step, other)
         if share == 1.0:
             return now
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,11 +26,18 @@ class Lattice:
         """(B, k)."""
         return self.centre + self.node @ self.frame.T
 
+    @cached_property
+    def neighbour(self) -> np.ndarray:
+        """Of every point the next ones along the axes (B, 2, k), ahead and behind; −1 where there is none."""
+        there = {tuple(z): i for i, z in enumerate(self.node.tolist())}
+        unit = np.eye(self.node.shape[1], dtype=int)
+        found = [[[there.get(tuple(own), -1) for own in (z + s * unit).tolist()] for s in (1, -1)] for z in self.node]
+        return np.array(found, dtype=int).reshape(len(self.node), 2, self.node.shape[1])
+
     @property
     def edge(self) -> np.ndarray:
         """Which points (B,) have a neighbour that is not in the lattice."""
-        there = {tuple(z) for z in self.node.tolist()}
-        return np.array([any(tuple(own) not in there for own in _beside(z).tolist()) for z in self.node])
+        return np.asarray((self.neighbour < 0).any(axis=(1, 2)))
 
     def beside(self, which: np.ndarray) -> np.ndarray:
         """Neighbours z (any, k) of some points (B,) of bool that are not in the lattice, each once, in order."""
@@ -37,10 +45,53 @@ class Lattice:
         wanted = {tuple(own) for z in self.node[which] for own in _beside(z).tolist()} - there
         return np.array(sorted(wanted), dtype=int).reshape(-1, self.node.shape[1])
 
+    def width(self, log_weight: np.ndarray) -> np.ndarray:
+        """Variance (..., k) of a density about its largest point, along the axes in units of the lattice's own steps, from the
+        second differences of its logarithm (..., B): exact for a normal one, infinite where they do not fall or are not known.
+
+        Of a density with several peaks it is that of the highest, which the covariance of all hides.
+        """
+        best = np.argmax(log_weight, axis=-1)
+        beside = self.neighbour[best]
+        values = np.take_along_axis(log_weight, beside.reshape(*best.shape, -1), axis=-1).reshape(beside.shape)
+        values = np.where(beside >= 0, values, np.inf)
+        top = np.take_along_axis(log_weight, best[..., None], axis=-1)
+        drop = top - 0.5 * (values[..., 0, :] + values[..., 1, :])
+        return np.asarray(np.where(drop > 0, 0.5 / np.where(drop > 0, drop, 1.0), np.inf))
+
+    def peaks(self, log_weight: np.ndarray, depth: float) -> list[np.ndarray]:
+        """Points within exp(−depth) of the largest density that hang together, indices by peak, the highest first."""
+        heavy = log_weight > log_weight.max() - depth
+        left, found = set(np.flatnonzero(heavy).tolist()), []
+        for start in np.argsort(-log_weight).tolist():
+            if start not in left:
+                continue
+            left.discard(start)
+            own, open_ = [start], [start]
+            while open_:
+                for other in self.neighbour[open_.pop()].ravel().tolist():
+                    if other in left:
+                        left.discard(other)
+                        own.append(other)
+                        open_.append(other)
+            found.append(np.array(sorted(own)))
+        return found
+
+    def nearest(self, point: np.ndarray) -> np.ndarray:
+        """Nodes (any, k) nearest to points (q, k), each once, in order."""
+        z = np.rint(np.linalg.solve(self.frame, (point - self.centre).T).T).astype(int)
+        return np.unique(z, axis=0)
+
     def spread(self, covariance: np.ndarray) -> np.ndarray:
         """Eigenvalues (k,) of a covariance (..., k, k) of p in units of the lattice's own steps."""
         inverse = np.linalg.inv(self.frame)
         return np.linalg.eigvalsh(inverse @ covariance @ inverse.T)
+
+    def with_nodes(self, node: np.ndarray) -> Lattice:
+        """With those of some nodes (any, k) that it does not have yet."""
+        there = {tuple(z) for z in self.node.tolist()}
+        new = [z for z in node.tolist() if tuple(z) not in there]
+        return self.grown(np.array(new, dtype=int).reshape(-1, self.node.shape[1]))
 
     def grown(self, node: np.ndarray) -> Lattice:
         """With more nodes, behind the others."""
