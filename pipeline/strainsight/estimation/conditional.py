@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +13,8 @@ from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_blocks,
 from strainsight.rom.oscillator import HOLD
 from strainsight.rom.schemes import scheme_step
 
-DIFFERENCE = 1e-5
-"""Relative step of the central differences of a step of time in damping and stiffness."""
+DIFFERENCE = 1e-3
+"""Relative step of the differences of a step of time in damping and stiffness: of fourth order, exact to 1e-11."""
 
 
 @dataclass(frozen=True)
@@ -170,24 +170,17 @@ def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances)
 
     Every mode of a step is a function of its own λ and c: of the damping of mode j its row of the step alone depends.
     """
-    own, n = model.model.damping, model.model.size
+    own, n, lam = model.model.damping, model.model.size, modal.eigenvalue
     slopes: list[tuple[np.ndarray, np.ndarray]] = []
     if nuisances.damping > 0:
-        ends = [
-            scheme_step(modal.eigenvalue, own.scaled(1 + s), model.h, model.scheme)[0]
-            for s in (DIFFERENCE, -DIFFERENCE)
-        ]
-        slope = (ends[0] - ends[1]) * (nuisances.damping / (2 * DIFFERENCE))
+        table = nuisances.damping * _slope(lambda s: scheme_step(lam, own.scaled(1 + s), model.h, model.scheme)[0])
         slopes += [
-            _step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, slope, [j])) for j in range(n)
+            _step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, table, [j])) for j in range(n)
         ]
     if nuisances.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ
-        ends = [
-            scheme_step(modal.eigenvalue * (1 + s), own, model.h, model.scheme)[0] for s in (DIFFERENCE, -DIFFERENCE)
-        ]
-        slope = (ends[0] - ends[1]) * (nuisances.stiffness / (2 * DIFFERENCE))
-        slopes.append(_step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, slope)))
+        table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), own, model.h, model.scheme)[0])
+        slopes.append(_step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, table)))
     B, states = len(modal.transition), model.parameter_states.start
     A, G = (
         np.zeros((B, len(slopes), states, states)),
@@ -196,3 +189,9 @@ def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances)
     for k, (on_states, on_known) in enumerate(slopes):
         A[:, k], G[:, k] = on_states, on_known
     return A, G
+
+
+def _slope(of: Callable[[float], np.ndarray]) -> np.ndarray:
+    """Derivative at zero, by central differences of fourth order."""
+    near, far = (of(k * DIFFERENCE) - of(-k * DIFFERENCE) for k in (1, 2))
+    return (8 * near - far) / (12 * DIFFERENCE)
