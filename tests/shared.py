@@ -38,6 +38,8 @@ SHORT = (
     "validate.truth.modes=20",
 )
 """A placement, shortened where length does not matter."""
+PLACED_EXACTLY = tuple(f"tolerances.{name}=0" for name in ("position", "angle", "transverse"))
+"""For comparisons with gauges of given rows, which know of no strain beside their place."""
 _held: list[object] = []
 
 

@@ -153,3 +153,18 @@ def test_operators_at_arrays_of_values_and_projection():
     basis = rng.standard_normal((4, 2))
     one = {"E": 0.3, "rho": 2.0}
     np.testing.assert_allclose(X.project(basis).at(one), basis.T @ X.at(one) @ basis, rtol=1e-12)
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-12])
+def test_factors_of_the_modes_of_one_frequency_do_not_depend_on_which_pair_of_modes_is_taken(apart):
+    """C of two equal oscillators and a third turns as its coordinates do, though each of the three has a factor."""
+    damping = MODAL.scaled((2.0, 3.0, 5.0))
+    lam = np.array([4.0, 4.0 * (1 + apart), 9.0])
+    Q = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+
+    def model(K: np.ndarray) -> ReducedModel:
+        return ReducedModel(AffineOperator(np.eye(3), {}), AffineOperator(K, {}), np.ones((3, 1)), ("F",), {}, damping)
+
+    expected = 0.06 * np.diag([4.0, 4.0, 15.0])
+    np.testing.assert_allclose(damping_matrix(model(np.diag(lam)), {}), expected, atol=1e-9)
+    np.testing.assert_allclose(damping_matrix(model(Q @ np.diag(lam) @ Q.T), {}), Q @ expected @ Q.T, atol=1e-9)

@@ -17,7 +17,8 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.records.record import read
 from strainsight.records.training import Training
 
-from .conftest import ROOT, SHORT, finished, job_of
+from ..shared import PLACED_EXACTLY
+from .conftest import ROOT, SHORT, finished, job_of, made
 from .test_ready import numbering
 
 DECK = ROOT / "meshes" / "cantilever.bdf"
@@ -58,7 +59,8 @@ def condensed(folder: Path, pool) -> None:
 
 
 @pytest.mark.slow
-def test_a_condensed_model_gives_the_layout_of_the_whole(artefacts, config, tmp_path):
+def test_a_condensed_model_gives_the_layout_of_the_whole(config, tmp_path):
+    artefacts = made(config, *SHORT, *PLACED_EXACTLY)
     pool = read(Training, artefacts["train"]).candidates
     condensed(tmp_path, pool)
     text = (
@@ -70,7 +72,7 @@ def test_a_condensed_model_gives_the_layout_of_the_whole(artefacts, config, tmp_
         "  direction: {type: axis, axis: [1, 0, 0], angles: [0]}\n", "  given: {rows: strain.npz, table: gauges.csv}\n"
     )
     (tmp_path / "condensed.yaml").write_text(text)
-    job = job_of(tmp_path / "condensed.yaml", tmp_path / "results", *SHORT)
+    job = job_of(tmp_path / "condensed.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY)
     found = {stage: artefact for stage, (_, _, artefact) in finished(job).items()}
     assert np.allclose(found["rom"]["/frequency"], artefacts["rom"]["/frequency"], rtol=1e-3)
     strain = artefacts["train"]["/strain"]

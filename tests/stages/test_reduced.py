@@ -15,7 +15,8 @@ from strainsight.records.record import read
 from strainsight.records.training import Training
 from strainsight.stages.placement import PLACEMENT
 
-from .conftest import ROOT, SHORT, finished, job_of
+from ..shared import PLACED_EXACTLY
+from .conftest import ROOT, SHORT, finished, job_of, made
 
 MODES = 30
 MESH = """mesh:
@@ -41,7 +42,8 @@ def edited(text, *changes):
 
 
 @pytest.mark.slow
-def test_modes_of_another_program_give_the_layout_of_the_whole_model(artefacts, config, tmp_path, monkeypatch):
+def test_modes_of_another_program_give_the_layout_of_the_whole_model(config, tmp_path, monkeypatch):
+    artefacts = made(config, *SHORT, *PLACED_EXACTLY, until="place")
     mesh = read_mesh(ROOT / "meshes" / "cantilever.bdf")
     model = build_model(mesh)
     K, M = (X.at({}).tocsc() for X in (model.stiffness, model.mass))
@@ -63,7 +65,7 @@ def test_modes_of_another_program_give_the_layout_of_the_whole_model(artefacts, 
     )
     (tmp_path / "own.yaml").write_text(text)
     stages = [stage for stage in PLACEMENT if stage.name in ("import", "modes", "rom", "train", "screen", "place")]
-    job = job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT)
+    job = job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY)
     found = {stage: artefact for stage, (_, _, artefact) in finished(job, stages).items()}
     assert found["rom"].summary["unknowns"] == MODES + 1
     assert np.allclose(found["rom"]["/frequency"], artefacts["rom"]["/frequency"], rtol=1e-9)

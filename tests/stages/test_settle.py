@@ -177,18 +177,22 @@ def test_an_estimate_is_found_from_the_first_period_of_a_motion_under_way(tmp_pa
 
 @pytest.fixture(scope="module")
 def hub():
-    """settle → artefacts of E and ρ of the hub under 20 Hz, up to place."""
+    """settle → artefacts of E and ρ of the hub under 20 Hz, up to place, with gauges installed exactly."""
     config = ROOT / "configs" / "hub" / "hub-youngs-modulus-density.yaml"
-    return {s: made(config, f"train.settle={s}", until="place", beside="hub-settle") for s in ("auto", "none")}
+    return {
+        s: made(config, f"train.settle={s}", "tolerances=none", until="place", beside="hub-settle") for s in ("auto", "none")
+    }
 
 
 @pytest.mark.slow
 def test_a_slow_load_tells_no_density_of_the_hub_but_by_the_vibration_of_its_start(hub):
-    """The first mode, 485 Hz, rings for 3/(ζω₁) = 0.1 s of 0.5 s. Without it a load of 20 Hz knows E ten times better than ρ."""
+    """The first mode, f₁ = 485 Hz, rings for 3/(ζω₁) = 0.1 s of 0.5 s. Without it the readings of a load of 20 Hz hold ρ by its
+    share (20 Hz/f₁)² alone, which E has to be known without."""
     settled, rest = (hub[s]["place"].summary for s in ("auto", "none"))
+    share = (20 / hub["auto"]["rom"]["/frequency"][0]) ** 2
     assert settled["std.rho"] > 0.15
     assert rest["std.rho"] < 0.05
-    assert settled["std.E"] == pytest.approx(rest["std.E"], rel=0.1)
+    assert np.sqrt(settled["std.E"] ** 2 - rest["std.E"] ** 2) == pytest.approx(share * settled["std.rho"], rel=0.3)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_blocks, modal_step
+from strainsight.rom.model import first_of_equal
 from strainsight.rom.oscillator import HOLD
 from strainsight.rom.schemes import scheme_step
 
@@ -168,14 +169,17 @@ def _step_matrices(model: FilterModel, moved: np.ndarray, pushed: np.ndarray) ->
 def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances) -> tuple[np.ndarray, np.ndarray]:
     """σ times the derivative of a step in ln c of each mode, and in the logarithm of the stiffness: (B, e, n, n), (B, e, n, p).
 
-    Every mode of a step is a function of its own λ and c: of the damping of mode j its row of the step alone depends.
+    Every mode of a step is a function of its own λ and c: of the damping of mode j its row of the step alone depends, and those
+    of the same frequency.
     """
     own, n, lam = model.model.damping, model.model.size, modal.eigenvalue
     slopes: list[tuple[np.ndarray, np.ndarray]] = []
     if nuisances.damping > 0:
         table = nuisances.damping * _slope(lambda s: scheme_step(lam, own.scaled(1 + s), model.h, model.scheme)[0])
+        same = first_of_equal(lam)
         slopes += [
-            _step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, table, [j])) for j in range(n)
+            _step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, table * (same == j)))
+            for j in range(n)
         ]
     if nuisances.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ

@@ -57,15 +57,13 @@ def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> Mo
 
 
 def modal_blocks(
-    model: ReducedModel, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray, modes: Sequence[int] | None = None
+    model: ReducedModel, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A (..., i n, 2n) and B (..., i n, J, n_u) of a modal map by its table T (i, 2 + J, ..., n), or what some modes add to it.
+    """A (..., i n, 2n) and B (..., i n, J, n_u) of a modal map by its table T (i, 2 + J, ..., n).
 
     Phi (..., n, n), dual ΦᵀM (..., n, n).
     """
     n, n_u = model.input_shape.shape
-    own = slice(None) if modes is None else list(modes)
-    Phi, dual, T = Phi[..., own], dual[..., own, :], T[..., own]
     blocks, held = T.shape[0], T.shape[1] - 2
     batch = Phi.shape[:-2]
     A = np.empty((*batch, blocks * n, 2 * n))

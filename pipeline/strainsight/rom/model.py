@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from strainsight.fem.affine import AffineOperator
+from strainsight.ordering import TIE
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class Damping:
     """Viscous damping that commutes with the modes: each has c(λ) = 2ζ√λ (modal) or α + βλ (Rayleigh), λ = ω².
 
     ratio ζ [-] stays the same along the parameters; alpha α [1/s]; beta β [s]; factors [-] on c of every mode in ascending
-    order of λ, none: 1.
+    order of λ, none: 1; modes of one frequency have the factor of the first of them, since any rotation of them are modes too.
     """
 
     kind: Literal["modal", "rayleigh"] = "modal"
@@ -28,7 +29,7 @@ class Damping:
 
     def viscous(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """c(λ) and dc/dλ; lam (...) [rad²/s²], with factors (..., n) ascending of all n modes."""
-        f = np.array(self.factors) if self.factors else 1.0
+        f = np.array(self.factors)[first_of_equal(lam)] if self.factors else 1.0
         if self.kind == "modal":
             c = f * 2 * self.ratio * np.sqrt(lam)
             return c, c / (2 * lam)
@@ -39,6 +40,16 @@ class Damping:
         if isinstance(factor, Sequence):
             return replace(self, factors=tuple(factor))
         return replace(self, ratio=factor * self.ratio, alpha=factor * self.alpha, beta=factor * self.beta)
+
+
+def first_of_equal(lam: np.ndarray) -> np.ndarray:
+    """For each of the eigenvalues (..., n), ascending, the place of the first of those that it is a tie with."""
+    first = np.zeros(lam.shape, dtype=int)
+    for j in range(1, lam.shape[-1]):
+        before = first[..., j - 1]
+        lowest = np.take_along_axis(lam, before[..., None], -1)[..., 0]
+        first[..., j] = np.where(lam[..., j] <= lowest * (1 + TIE), before, j)
+    return first
 
 
 @dataclass(frozen=True)
