@@ -11,7 +11,7 @@ import pytest
 from strainsight.cases.layout.advice import advice
 from strainsight.cases.layout.budget import budget_table, helps
 from strainsight.cases.layout.expectation import Expectation
-from strainsight.cases.layout.layout import layout_of
+from strainsight.cases.layout.layout import layout_of, proved
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.limits import limits_of
@@ -37,7 +37,8 @@ def layout(pools, greedy=(0, 1, 2), **asked):
         "prove": 0.0,
     }
     own = SimpleNamespace(**settings | asked)
-    return layout_of(pools, np.array(greedy), limits_of(12, 3), own, "mean", lambda *_: None)
+    rest = (limits_of(12, 3), own, "mean", lambda *_: None)
+    return proved(layout_of(pools, np.array(greedy), *rest), pools, *rest)
 
 
 def failures(pools, gauges):

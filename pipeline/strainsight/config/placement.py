@@ -141,6 +141,11 @@ class Place(LayoutSettings):
         "normalised",
         description="Of the trace. normalised: every unknown starts at 1; thesis: the plain trace, which orders by units.",
     )
+    installation: Literal["avoid", "ignore"] = Field(
+        "avoid",
+        description="Errors of installation, by `tolerances`. avoid: of the layouts for exact gauges and for such errors as "
+        "noise of the readings, the one of least expected σ; ignore: the layout for exact gauges, as the thesis has it.",
+    )
     symmetry: Symmetry | None = Field(
         None, description="Place gauges in mirrored pairs; those without a mirror are left out."
     )

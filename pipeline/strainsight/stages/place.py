@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=8,
+    version=9,
     reads=(
         "seed",
         "loads.*.signal",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from strainsight.cases.layout.task import Task
 from strainsight.errors import at_least
 from strainsight.ordering import first_of_largest
 from strainsight.placement.certificate import Certificate
-from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.elimination import Elimination
 from strainsight.placement.recommendation import WORTH, gains, worth_keeping
 from strainsight.workflow.output import Table
@@ -33,15 +32,15 @@ def advice(
     groups: Sequence[tuple[int, ...]],
 ) -> tuple[str, ...]:
     """Sentences on a layout, the most useful first; expected and loss (k,) in the order of listed, groups of it are redundant."""
-    criterion, labels, plain = task.metric.criterion, listed.labels, task.limits.plain
+    labels, plain = listed.labels, task.limits.plain
     # Where limits rule the size, no smaller or larger set is beside the layout.
     cost = elimination.cost if plain else elimination.cost[-1:]
     price, alone, ties = task.cost_of(layout.gauges), task.pool.alone, sum(1 for tied in elimination.ties if tied)
     return (
-        *_how_many(sigma_of(criterion, task.over), cost, len(layout.gauges), labels, task.settings.keep),
+        *_how_many(task.sigma, cost, len(layout.gauges), labels, task.settings.keep),
         *(_weakest(expected.std) if task.relative else ()),
         *helps(expected.budget),
-        *best_possible(layout.certificate, criterion, task.over),
+        *best_possible(layout.certificate, task),
         *(
             f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise, and can replace "
             "each other."
@@ -65,13 +64,6 @@ def advice_table(sentences: Sequence[str]) -> Table:
     return Table("advice", ("",), tuple((sentence,) for sentence in sentences))
 
 
-def sigma_of(criterion: Criterion, over: Sequence[str]) -> str:
-    """What the root of the metric is: the σ of one unknown, or the criterion's mean of several."""
-    if len(over) == 1:
-        return f"the steady-state σ of {over[0]}"
-    return f"{criterion.sigma} of {', '.join(over[:-1])} and {over[-1]}"
-
-
 def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
     if len(labels) < keep:
         yield f"{len(labels)} gauges, not {keep}: within the limits of the layout no further one was found that fits and helps."
@@ -92,17 +84,25 @@ def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], ke
         )
 
 
+def moved_in_words(exact: Expectation, found: Expectation, over: Collection[str]) -> str:
+    """What a layout that is chosen with installation errors gains over the one that is chosen without."""
+    name = max(over, key=lambda key: exact.std[key] / found.std[key])
+    return (
+        "Placed with errors of installation as noise: off the steep gradients σ of "
+        f"{name} is expected to be {exact.std[name] / found.std[name]:.2f} times lower than on the layout for exact gauges."
+    )
+
+
 def _weakest(std: Mapping[str, float]) -> Iterator[str]:
     if len(std) > 1:
         name = max(std, key=lambda key: std[key])
         yield f"{name} is what this layout knows least: ± {100 * std[name]:.2g} % of its guess or amplitude."
 
 
-def best_possible(certificate: Certificate | None, criterion: Criterion, over: Sequence[str]) -> Iterator[str]:
+def best_possible(certificate: Certificate | None, task: Task) -> Iterator[str]:
     """What the lower bound says of every other layout of the size: the metric is at least (1 − gap) of ours, its root √(1 − gap).
 
-    over: the unknowns that the metric weighs; of several it bounds no single σ. Shares are rounded up: what nothing exceeds
-    must not be said too small.
+    Of several unknowns it bounds no single σ. Shares are rounded up: what nothing exceeds must not be said too small.
     """
     if certificate is None:
         return
@@ -112,12 +112,12 @@ def best_possible(certificate: Certificate | None, criterion: Criterion, over: S
         at_least(100 * gap) if gap > 0.001 else "0.1",
         at_least(100 * root) if root > 0.0005 else "0.05",
     )
-    if len(over) == 1:
-        yield f"With no other layout within the limits is {sigma_of(criterion, over)} lower by more than {deviation} %."
+    if len(task.over) == 1:
+        yield f"With no other layout within the limits is {task.sigma} lower by more than {deviation} %."
     else:
         yield (
-            f"With no other layout within the limits is {criterion.symbol} lower by more than {variance} %, or its root, "
-            f"{sigma_of(criterion, over)}, by more than {deviation} %; σ of one of them alone may be lower by more."
+            f"With no other layout within the limits is {task.metric.criterion.symbol} lower by more than {variance} %, or its "
+            f"root, {task.sigma}, by more than {deviation} %; σ of one of them alone may be lower by more."
         )
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+
+from strainsight.ordering import tied_order
+
+WORSE = 1.05
+"""Factor by which σ of an unknown may be above that of the first layout where that of the others is lower for it."""
 
 
 @dataclass(frozen=True)
@@ -26,3 +31,11 @@ class Expectation:
     def ordered(self, order: np.ndarray) -> Expectation:
         """The same with the gauges in another order."""
         return replace(self, without={name: values[order] for name, values in self.without.items()})
+
+
+def least_expected(found: Sequence[Expectation], over: Collection[str]) -> int:
+    """Which of several layouts has the least geometric mean of σ over these unknowns, none of which is worse than in the first
+    by more than `WORSE`; the first of ties."""
+    ratio = np.array([[own.std[name] / found[0].std[name] for name in over] for own in found])
+    mean = np.where(ratio.max(axis=1) <= WORSE, np.exp(np.mean(np.log(ratio), axis=1)), np.inf)
+    return int(tied_order(mean)[0])

@@ -1,4 +1,4 @@
-"""From the elimination's set to the layout: exchanges, a proof, failures, and a bound on what any layout could reach."""
+"""From the elimination's set to the layout: exchanges or failures; then a proof, and a bound on what any could reach."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Layout:
 
     gauges: np.ndarray
     cost: float
-    exchange: Exchange | None
-    certificate: Certificate | None
-    proof: BranchAndBound | None
+    exchange: Exchange | None = None
+    certificate: Certificate | None = None
+    proof: BranchAndBound | None = None
 
 
 def layout_of(
@@ -45,20 +45,33 @@ def layout_of(
     progress("exchange", 0.5)
     # Under a budget the elimination leaves money over.
     greedy = fill(pools, greedy, limits, aggregate)
-    swapped, proof = None, None
+    swapped = None
     if settings.optimise == "worst_failure":
         gauges = robust_set(pools, limits, aggregate).gauges
     else:
         swapped = exchange(pools, greedy, aggregate, limits=limits) if settings.exchange else None
         gauges = swapped.gauges if swapped else greedy
+    return Layout(gauges, score(pools, gauges, aggregate), swapped)
+
+
+def proved(
+    layout: Layout,
+    pools: Sequence[Pool],
+    limits: Limits,
+    settings: LayoutSettings,
+    aggregate: Aggregate,
+    progress: Callable[[str, float], None],
+) -> Layout:
+    """The best layout as far as `place.prove` lets it be sought, and the bound on all others."""
+    gauges, cost, proof = layout.gauges, layout.cost, None
     if settings.prove > 0:  # never beside worst_failure: the config refuses that
         progress("proof", 0.6)
         proof = branch_and_bound(pools, limits, aggregate, start=gauges, time_limit=settings.prove)
         gauges = proof.gauges
-    cost = score(pools, gauges, aggregate)
+        cost = score(pools, gauges, aggregate)
     progress("certificate", 0.7)
     certificate = certify(pools, gauges, cost, aggregate, limits=limits) if settings.certificate else None
     if certificate and proof and proof.lower_bound > certificate.lower_bound:
         lower = min(proof.lower_bound, cost)
         certificate = replace(certificate, lower_bound=lower, gap=(cost - lower) / cost)
-    return Layout(gauges, cost, swapped, certificate, proof)
+    return Layout(gauges, cost, layout.exchange, certificate, proof)

@@ -46,7 +46,8 @@ class Readings:
 class Task:
     """unknowns; pools: every scenario solved with all gauges of the pool, still without a metric; candidates, and which of them
     are the pool, with price (p,) of its rows; limits, settings: `place` of a config; readings; seed of random sets; aggregate
-    over the scenarios; weights of the trace; relative: whether σ is claimed relative to `scale`, or in its unit."""
+    over the scenarios; weights of the trace; relative: whether σ is claimed relative to `scale`, or in its unit; coherence τ [s]
+    of the white noise that stands for errors of installation in the pools, 0: they are taken as exact."""
 
     unknowns: Unknowns
     pools: tuple[Pool, ...]
@@ -60,6 +61,7 @@ class Task:
     aggregate: Aggregate = "mean"
     weights: str = "normalised"
     relative: bool = True
+    coherence: float = 0.0
 
     @property
     def over(self) -> tuple[str, ...]:
@@ -84,6 +86,14 @@ class Task:
     def metric(self) -> Metric:
         """What the layout is chosen by."""
         return self.metrics[self.settings.criterion]
+
+    @property
+    def sigma(self) -> str:
+        """What the root of the metric is: the σ of one unknown, or the criterion's mean of several."""
+        over, noise = self.over, ", with installation as noise" if self.coherence else ""
+        if len(over) == 1:
+            return f"the steady-state σ of {over[0]}{noise}"
+        return f"{self.metric.criterion.sigma} of {', '.join(over[:-1])} and {over[-1]}{noise}"
 
     def cost_of(self, rows: np.ndarray) -> tuple[float, float] | None:
         """What a layout (k,) of pool rows costs and may cost; None without a budget."""

@@ -16,6 +16,7 @@ from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import largest_of_quantity
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.gauges import listed_gauges
+from strainsight.cases.structure.installation_noise import installation_intensity
 from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.pool import pool_of, prices
 from strainsight.cases.structure.problem import Problem
@@ -29,6 +30,10 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
 from strainsight.signals.histories import instant_values
+
+COHERENCE = (0.01, 1.0)
+"""Over the length of the training run: how long errors of installation are correlated in the white noise that stands for them. A
+constant error weighs as white noise of its variance over the whole of a record; less where little of it is used at a time."""
 
 
 @dataclass(frozen=True)
@@ -62,44 +67,53 @@ def placement_of(
         limits = layout_limits(settings, pool, mesh, candidates, price)
     ranges = {name: entry.range for name, entry in config.parameters.items()}
 
-    def scenarios(channels: np.ndarray) -> tuple[Scenario, ...]:
-        return scenarios_of(problem, channels, settings, ranges, config.seed)
+    # of one second, of which every other coherence is a multiple
+    installation = installation_intensity(config, mesh, reduced, training, problem, pool.channels, 1.0)
 
-    with blame("place.estimate"):
-        linear = scenarios(pool.channels)
-        pools = using.sweep(solved, linear, unknowns.state_names)
-    task = Task(
-        Unknowns(
-            unknowns.names,
-            unknowns.state_names,
-            np.asarray(unknowns.position(problem.model)),
-            unknowns.scale,
-            np.ones(len(unknowns.names)),
-        ),
-        tuple(pools),
-        candidates,
-        pool,
-        price,
-        limits,
-        settings,
-        _readings(problem, pool.channels),
-        config.seed,
-        settings.aggregate,
-        settings.weights,
-    )
+    def scenarios(channels: np.ndarray, coherence: float) -> tuple[Scenario, ...]:
+        noise = coherence * installation if coherence else None
+        return scenarios_of(problem, channels, settings, ranges, config.seed, noise)
+
+    def task(coherence: float) -> Task:
+        with blame("place.estimate"):
+            pools = using.sweep(solved, scenarios(pool.channels, coherence), unknowns.state_names)
+        return Task(
+            Unknowns(
+                unknowns.names,
+                unknowns.state_names,
+                np.asarray(unknowns.position(problem.model)),
+                unknowns.scale,
+                np.ones(len(unknowns.names)),
+            ),
+            tuple(pools),
+            candidates,
+            pool,
+            price,
+            limits,
+            settings,
+            _readings(problem, pool.channels),
+            config.seed,
+            settings.aggregate,
+            settings.weights,
+            coherence=coherence,
+        )
+
+    avoided = settings.installation == "avoid" and not problem.printed and bool(installation.any())
     found = placed(
-        task,
+        [task(share * config.train.duration) for share in ((0.0, *COHERENCE) if avoided else (0.0,))],
         lambda gauges: expectation(
             problem, gauges, tolerated(config, mesh, reduced, training, problem.channels.of(gauges))
         ),
         lambda gauges: listed_gauges(gauges, training, screened),
         using.progress,
         alike=lambda gauges: alike_gauges(problem, gauges),
-        alone=lambda gauges: [solve_pool(own) for own in scenarios(problem.channels.of(gauges))],
+        alone=lambda gauges, coherence: [solve_pool(own) for own in scenarios(problem.channels.of(gauges), coherence)],
     )
     if ringing := _ringing(problem, settings, config.seed):
         found = replace(found, advice=(ringing, *found.advice))
-    return Placement(**vars(found), problem=problem, condition=_observability(problem, training, linear[0], pool))
+    return Placement(
+        **vars(found), problem=problem, condition=_observability(problem, training, found.task.pools[0].scenario, pool)
+    )
 
 
 def _readings(problem: Problem, channels: np.ndarray) -> Readings:

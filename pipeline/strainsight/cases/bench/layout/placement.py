@@ -100,7 +100,7 @@ def placement_of(
     strained = Strained(linear, rows, noise, float(asked(config).disturbance))
     peak = np.abs(on.rows @ q[modal])
     found = placed(
-        _task(place, config.seed, meshes[place.body], on, inputs, strained),
+        [_task(place, config.seed, meshes[place.body], on, inputs, strained)],
         lambda gauges: _expectation(strained, gauges, inputs),
         lambda gauges: gauge_list(on.candidates, gauges, ("gauges",), peak, np.full(len(peak), np.inf)),
         using.progress,

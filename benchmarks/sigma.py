@@ -1,4 +1,4 @@
-"""Does σ hold where gauges are not where they are meant to be? `python benchmarks/coverage.py [draws] [case …]`.
+"""Does σ hold where gauges are not where they are meant to be? `python benchmarks/sigma.py [draws] [case …]`.
 
 Every draw has a truth `rich` of its own: installation of the gauges, gains and damping drawn from the tolerances, and other
 noise. A table says, for every unknown, how often the truth lies within 2σ, and the RMS of error over that of σ. Draws of one
