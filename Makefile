@@ -65,7 +65,7 @@ hub-fine: $(READY)
 	@$(VENV)/$(BIN)/strainsight run configs/hub/suite.yaml $(FINE) $(ARGS)
 
 lug: $(READY)
-	@set -e; for config in configs/lug/*.yaml; do $(VENV)/$(BIN)/strainsight run $$config $(ARGS); done
+	@set -e; for name in lug-input lug-input-youngs-modulus; do $(VENV)/$(BIN)/strainsight run configs/lug/$$name.yaml $(ARGS); done
 
 bench: $(READY)
 	@$(VENV)/$(BIN)/strainsight run configs/bench/suite.yaml $(ARGS)
