@@ -21,7 +21,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Modules that are compiled once start a worker in half the time.
 TESTS := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q
 
-.PHONY: help run status test test-all lint all-configs hub hub-fine bench manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
+.PHONY: help run status test test-all lint all-configs hub hub-fine lug bench manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -31,6 +31,7 @@ help:
 	@echo 'make all-configs    run on every file of configs/'
 	@echo 'make hub            the hub of thesis 6.2: 25 runs of configs/hub/ and one page, results/hub/report.html'
 	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html (a quarter of an hour)'
+	@echo 'make lug            three loads on a lug bracket with bolt holes, then these and its modulus: configs/lug/'
 	@echo 'make bench          chapters 2 to 4 of the thesis: 100 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make test           set up, then the tests, but for the long ones'
 	@echo 'make test-all       all tests, as CI runs them; ARGS=--times says where the processor time went'
@@ -62,6 +63,9 @@ hub: $(READY)
 
 hub-fine: $(READY)
 	@$(VENV)/$(BIN)/strainsight run configs/hub/suite.yaml $(FINE) $(ARGS)
+
+lug: $(READY)
+	@set -e; for name in lug-input lug-input-youngs-modulus; do $(VENV)/$(BIN)/strainsight run configs/lug/$$name.yaml $(ARGS); done
 
 bench: $(READY)
 	@$(VENV)/$(BIN)/strainsight run configs/bench/suite.yaml $(ARGS)

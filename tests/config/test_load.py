@@ -33,7 +33,10 @@ def line_of(text: str, part: str) -> int:
     return text[: text.index(part)].count("\n") + 1
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+EXAMPLES = sorted(path for names in ("*.yaml", "hub/hub-*.yaml", "lug/*.yaml") for path in CONFIGS.glob(names))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_every_example_is_valid_and_named_like_its_file(path):
     assert load_config(path).model.name == path.stem
 
