@@ -197,6 +197,8 @@ def test_a_given_gauge_is_called_by_its_number_in_the_table(beam):
         numbers = [int(row["element"]) for row in csv.DictReader(lines)]
     assert set(numbers) <= set(range(103, 121))
     placed = Artefact(results / "beam" / "place.h5")
+    advised = "\n".join(row[0] for table in placed.tables if table.title == "advice" for row in table.rows)
+    assert "σ holds no errors of place, direction and transverse sensitivity of the given gauges" in advised
     listed = next(table for table in placed.tables if table.title == "gauges")
     assert [row[listed.columns.index("number")] for row in listed.rows] == [str(number) for number in numbers]
     by_label, _ = estimated("G1", "G2", "G3")

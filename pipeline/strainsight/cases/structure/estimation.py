@@ -12,7 +12,7 @@ from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.measured import Measured, measured_of
-from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, tolerated
+from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, nuisances_of, tolerated
 from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, scheme_in_words
 from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import parameters_of, unknown_units
@@ -99,7 +99,8 @@ def estimation_of(
         surface = surface_in_time(mesh, reduced.basis, parameters, model, smoothed, settings.field)
     judged = verdict(run.whitened[:, 0])
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
-    notes = (*test.notes, *filter(None, [scheme_in_words(problem, test.h)]), *_doubts(hidden, tuning))
+    words = scheme_in_words(problem, test.h), not_held_in_words(config, training)
+    notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
     kinds = problem.channels.quantity[test.channels]
     units = unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(

@@ -72,6 +72,17 @@ def tolerated(
     )
 
 
+def not_held_in_words(config: PlacementConfig, training: Training) -> str:
+    """Which tolerances σ does not hold; empty where it holds all of them."""
+    own = installation_std(config)
+    if training.given is None or not (own.position or own.angle or own.transverse):
+        return ""
+    return (
+        "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
+        "strain is beside them (tolerances.position, angle, transverse)"
+    )
+
+
 def _slopes(
     mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray, std: float
 ) -> dict[str, np.ndarray]:

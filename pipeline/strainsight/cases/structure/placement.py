@@ -17,7 +17,7 @@ from strainsight.cases.structure.channels import largest_of_quantity
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.gauges import listed_gauges
 from strainsight.cases.structure.installation_noise import installation_intensity
-from strainsight.cases.structure.nuisances import tolerated
+from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
 from strainsight.cases.structure.pool import pool_of, prices
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.scenarios import placed_instants, scenarios_of
@@ -110,8 +110,8 @@ def placement_of(
         alike=lambda gauges: alike_gauges(problem, gauges),
         alone=lambda gauges, coherence: [solve_pool(own) for own in scenarios(problem.channels.of(gauges), coherence)],
     )
-    if ringing := _ringing(problem, settings, config.seed):
-        found = replace(found, advice=(ringing, *found.advice))
+    first = _ringing(problem, settings, config.seed), not_held_in_words(config, training)
+    found = replace(found, advice=(*filter(None, first), *found.advice))
     return Placement(
         **vars(found), problem=problem, condition=_observability(problem, training, found.task.pools[0].scenario, pool)
     )
