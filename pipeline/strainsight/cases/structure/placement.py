@@ -31,7 +31,7 @@ from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
 from strainsight.signals.histories import instant_values
 
-COHERENCE = 0.1
+COHERENCE = 0.01
 """Over the length of the training run: how long errors of installation are correlated in the white noise that stands for them. A
 constant error weighs as white noise of its variance over all that is averaged: the record for a parameter, less for a load. Where
 such errors are larger than the noise of a gauge, its size hardly changes the layout."""
