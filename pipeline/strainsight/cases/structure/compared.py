@@ -20,6 +20,7 @@ from strainsight.records.estimated import Compared
 from strainsight.workflow.output import Scalar, Table
 
 BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
+DIVERGED = "diverged"
 
 
 def compared(
@@ -36,8 +37,7 @@ def compared(
     of `expected_ratio`.
 
     Arguments as of `filter_bank`, which found `bank` from a start at zero, with these tolerances. A filter that diverges is NaN.
-    None without a bank or a parameter, and where tolerances are learned, of which the others
-    know nothing.
+    None without a bank or a parameter, and where tolerances are learned, of which the others know nothing.
     """
     if bank is None or not model.unknowns.parameters or tolerated.learned:
         return None
@@ -78,11 +78,16 @@ def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:
     return np.stack([own.mean[-1, 0, at], own.std[-1, 0, at]])
 
 
+def comparison_verdict(ratio: float) -> str:
+    """consistent, overconfident, too cautious or diverged."""
+    return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
+
+
 def disagreements(own: Compared) -> Iterator[tuple[str, str, float]]:
     """(filter, parameter, ratio) of every claim that does not allow for what the bank finds."""
     for name, ratio in own.ratio.items():
         for i, filter_ in enumerate(own.filter):
-            if filter_ != BANK and word_of(float(ratio[i]), ALLOWED) == OVERCONFIDENT:
+            if filter_ != BANK and comparison_verdict(float(ratio[i])) in (OVERCONFIDENT, DIVERGED):
                 yield filter_, name, float(ratio[i])
 
 
@@ -116,11 +121,12 @@ def comparison_table(own: Compared, units: Mapping[str, str]) -> Table:
         std, ratio = own.std[name], own.ratio[name]
         cells = [name]
         for i, filter_ in enumerate(own.filter):
-            said = f"{estimate[i]:.5g} ± {100 * std[i] / estimate[i]:.2g} %" if np.isfinite(estimate[i]) else "diverged"
+            value, size = f"{estimate[i]:.5g}", f"± {100 * std[i] / estimate[i]:.2g} %"
             if filter_ == BANK:
-                cells.append(f"{estimate[i]:.5g} {units[name]} ± {100 * std[i] / estimate[i]:.2g} %")
+                cells.append(f"{value} {units[name]} {size}")
             else:
-                cells.append(f"{said}, {word_of(float(ratio[i]), ALLOWED)} ({ratio[i]:.2g})")
+                said = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
+                cells.append(said if np.isfinite(ratio[i]) else DIVERGED)
         rows.append(tuple(cells))
     return Table(TITLE, ("parameter", *own.filter), tuple(rows))
 

@@ -37,6 +37,8 @@ from strainsight.records.estimated import Channels, Compared, Estimated, Offsets
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 
+LONGEST_COMPARED = 20_000
+"""Steps of a record that is filtered by the other methods, too, without being asked for."""
 SHORTER = "give a part of the record at a time, or a larger machine"
 
 
@@ -132,7 +134,7 @@ def _model(
 
 
 def _filtered(
-    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray, compare: bool
+    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray, compare: bool | None
 ) -> tuple[FilterRun, Smoothed, Compared | None]:
     """Filter and smoother, with the offsets of channels as unknowns behind x*; and what other filters make of the samples."""
     at = np.flatnonzero(test.bias > 0)
@@ -145,7 +147,7 @@ def _filtered(
         nuisances, rest = nuisances_of(tolerances, model, test.channels), np.zeros(len(covariance))
         bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at)
         later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at)
-        asked = bank if compare else None
+        asked = bank if compare or (compare is None and steps <= LONGEST_COMPARED) else None
         beside = compared(problem, model, covariance, test.known, test.values, asked, tolerances, at)
         return bank.run, later, beside
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)

@@ -114,7 +114,7 @@ def validation_of(
     measured, true = trial.measured(seed)
     found = trial.filtered(model, trial.chosen, measured, keep="all")
     run, smoothed = found.run, trial.smoothed(model, measured, found)
-    bank = found.banks[0] if found.banks and config.filter.compare else None
+    bank = found.banks[0] if found.banks and config.filter.compare is not False else None
     beside = compared(problem, model, trial.covariance, trial.known, measured, bank, tolerances)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, seed, watch)
