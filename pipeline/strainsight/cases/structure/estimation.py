@@ -90,7 +90,9 @@ def estimation_of(
     )
     model, tuning = _model(problem, test, settings, start, using)
     tolerances = tolerated(config, mesh, reduced, training, test.channels)
-    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, config.filter.compare)
+    long = len(test.values) * test.every > LONGEST_COMPARED
+    compare = not long if config.filter.compare is None else config.filter.compare
+    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, compare)
     using.progress("field", 0.7)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
@@ -102,6 +104,8 @@ def estimation_of(
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     words = scheme_in_words(problem, test.h), not_held_in_words(config, training)
     notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
+    if long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
+        notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)
     kinds = problem.channels.quantity[test.channels]
     units = unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(
@@ -134,7 +138,7 @@ def _model(
 
 
 def _filtered(
-    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray, compare: bool | None
+    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray, compare: bool
 ) -> tuple[FilterRun, Smoothed, Compared | None]:
     """Filter and smoother, with the offsets of channels as unknowns behind x*; and what other filters make of the samples."""
     at = np.flatnonzero(test.bias > 0)
@@ -147,7 +151,7 @@ def _filtered(
         nuisances, rest = nuisances_of(tolerances, model, test.channels), np.zeros(len(covariance))
         bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at)
         later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at)
-        asked = bank if compare or (compare is None and steps <= LONGEST_COMPARED) else None
+        asked = bank if compare else None
         beside = compared(problem, model, covariance, test.known, test.values, asked, tolerances, at)
         return bank.run, later, beside
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
