@@ -12,11 +12,15 @@ from scipy.stats import binom, chi2
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.verdict import (
+    ALLOWED,
     LEVEL,
+    OVERCONFIDENT,
+    TOO_CAUTIOUS,
     band_of,
     benefit_of,
     chi_square_band,
     claim_of,
+    expected_ratio,
     judged,
     not_identified,
     samples_alike,
@@ -145,6 +149,24 @@ def test_lost_draws_and_claims_of_nothing_are_no_draws():
     assert (claim.draws, claim.ratio) == (1, 1.0)
     assert claim_of(np.array([np.nan]), np.array([1.0])) is None
     assert claim_of(np.zeros(0), np.zeros(0)) is None
+
+
+def test_the_expected_ratio_is_what_draws_of_the_posterior_would_be_off():
+    rng = np.random.default_rng(4)
+    for mean, std, posterior, width in ((0.0, 1.0, 0.0, 1.0), (0.3, 0.2, -0.5, 0.7), (2.0, 5.0, 1.0, 0.1)):
+        error = posterior + width * rng.standard_normal(1_000_000) - mean
+        assert expected_ratio(mean, std, posterior, width) == pytest.approx(np.sqrt(np.mean(error**2)) / std, rel=5e-3)
+
+
+def test_a_claim_is_overconfident_whose_mean_is_2_sigma_off_or_whose_sigma_is_half():
+    for far in (-3.0, -2.01, 0.0, 1.0, 2.01):
+        for width in (0.3, 0.9, 2.01, 9.0):
+            wrong = word_of(expected_ratio(7.0, 0.01, 7.0 + 0.01 * far, 0.01 * width), ALLOWED) == OVERCONFIDENT
+            assert wrong == (far**2 + width**2 > 4)
+            assert wrong or (abs(far) <= 2 and width <= 2)
+    assert word_of(expected_ratio(0.0, 0.0, 0.0, 1.0), ALLOWED) == OVERCONFIDENT
+    assert word_of(expected_ratio(np.nan, np.nan, 0.0, 1.0), ALLOWED) == OVERCONFIDENT
+    assert word_of(expected_ratio(0.0, 3.0, 0.0, 1.0), ALLOWED) == TOO_CAUTIOUS
 
 
 def test_starts_must_agree_within_what_one_draw_may_be_off():

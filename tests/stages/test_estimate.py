@@ -320,6 +320,7 @@ def test_validate_ranks_the_layout_and_sweeps_the_filter(project):
 def test_every_dataset_of_estimate_is_listed(project, plain):
     listed = rows("estimate")
     found = result(project)
+    assert "/compared/ratio/E" in found
     for path in found.paths():
         if path.startswith("/VTKHDF"):
             continue

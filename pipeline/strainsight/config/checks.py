@@ -30,6 +30,7 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _optimum(config)
     yield from _input_models(config)
     yield from _fast(config)
+    yield from _filter(config)
     yield from _drifting(config)
     yield from _validation(config)
     yield from _measurements(config)
@@ -147,6 +148,13 @@ def _fast(config: PlacementConfig) -> Iterator[Problem]:
                 f"{frequency:g} Hz, of which train.time_step takes {1 / (step * frequency):.3g} steps a period",
                 f"take at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or a shorter step",
             )
+
+
+def _filter(config: PlacementConfig) -> Iterator[Problem]:
+    if config.filter.method == "bank" and config.filter.drift:
+        yield Problem(
+            "filter.drift", "parameters are constants in a bank", "leave it out, or take method extended or sigma-point"
+        )
 
 
 def _drifting(config: PlacementConfig) -> Iterator[Problem]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.estimation.core import StepModel
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import Driven
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,12 @@ class Biased:
 
     def lost(self, x: np.ndarray) -> np.ndarray:
         return self.base.lost(x[:, : self.base.size])
+
+
+def driven_with_offsets(model: FilterModel, known: np.ndarray, biased: np.ndarray | None = None) -> StepModel:
+    """The reduced model under known loads (T, HOLD, n_known) [N]; biased (b,): channels with an offset, None for none."""
+    driven = Driven(model, known)
+    return driven if biased is None or not len(biased) else Biased(driven, biased)
 
 
 def _bordered(A: np.ndarray, corner: np.ndarray) -> np.ndarray:

@@ -8,11 +8,11 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.belief import belief_of
+from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.iterated import refine
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun, Keep, Record
 from strainsight.estimation.update import Form, apply, output_std, predict, update, whiten
 
@@ -43,12 +43,32 @@ def run_filter(
     form: Form = "joseph",
     iterations: int = 1,
     through_step: bool = False,
+    biased: np.ndarray | None = None,
     refuse: bool = True,
 ) -> FilterRun:
     """`filter_runs` of the reduced model under known loads.
 
-    known (T, HOLD, n_known) hold coefficients [N]; measurement (T/every, m) or (T/every, B, m), one row a sample.
+    known (T, HOLD, n_known) hold coefficients [N]; measurement (T/every, m) or (T/every, B, m), one row a sample;
+    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found.
     Raises ValueError where the known loads end before the samples.
+    """
+    return filter_runs(
+        driven_with_offsets(model, known, biased),
+        mean,
+        covariance,
+        samples_by_step(model, known, measurement),
+        keep,
+        form=form,
+        iterations=iterations,
+        through_step=through_step,
+        refuse=refuse,
+    )
+
+
+def samples_by_step(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> np.ndarray:
+    """Samples (T, …, m) of every step, NaN where none is taken, of a measurement (T/every, …, m).
+
+    Raises ValueError where the known loads (T, HOLD, n_known) end before the samples.
     """
     samples = np.asarray(measurement, dtype=float)
     if model.every > 1:
@@ -57,18 +77,7 @@ def run_filter(
         samples = spread
     if len(known) < len(samples):
         raise ValueError(f"known loads for {len(known)} steps, samples for {len(samples)}")
-    driven = Driven(model, known)
-    return filter_runs(
-        driven,
-        mean,
-        covariance,
-        samples,
-        keep,
-        form=form,
-        iterations=iterations,
-        through_step=through_step,
-        refuse=refuse,
-    )
+    return samples
 
 
 def filter_runs(

@@ -25,7 +25,9 @@ class FilterRun:
     lost (B,) index of the step that lost the run (NaN from there on), −1 for none;
     last (b, n*, n*) covariance at the end, from which a next run may go on;
     only where kept: covariance (T + 1, b, n*, n*), jacobian (T, b, n*, n*) of the step, rows (T, b, m, n*) of the
-    measurement, adjusted (T, B, m) the whitened innovation of the linear model along these; b is 1 where runs share them.
+    measurement, adjusted (T, B, m) the whitened innovation of the linear model along these; b is 1 where runs share them;
+    process (T, b, n*, n*) and noise (T, b, m, m): covariances of step and measurement where what the filter found decides on
+    them, else None.
     A missing measurement (NaN) leaves NaN in innovation and whitened and adds nothing to nis.
     """
 
@@ -45,13 +47,24 @@ class FilterRun:
     jacobian: np.ndarray | None
     rows: np.ndarray | None
     adjusted: np.ndarray | None
+    process: np.ndarray | None = None
+    noise: np.ndarray | None = None
 
 
 class Record:
     """The arrays of a FilterRun while it runs: B runs, b covariances, T steps of a model; iterating: whether the
-    innovations of the last linearisation are other than the first."""
+    innovations of the last linearisation are other than the first; regressed: whether `noises` are to be kept, too."""
 
-    def __init__(self, model: StepModel, steps: int, runs: int, b: int, keep: Keep, iterating: bool = False):
+    def __init__(
+        self,
+        model: StepModel,
+        steps: int,
+        runs: int,
+        b: int,
+        keep: Keep,
+        iterating: bool = False,
+        regressed: bool = False,
+    ):
         n, m, k = model.size, model.channels, len(model.position)
         self.model, self.steps = model, steps
         self.mean, self.std = np.empty((steps + 1, runs, n)), np.empty((steps + 1, b, n))
@@ -67,6 +80,8 @@ class Record:
         self.covariance = np.empty((steps + 1, b, n, n)) if kept else None
         self.jacobian = np.empty((once, b, n, n)) if kept else None
         self.rows = np.zeros((once, b, m, n)) if kept else None
+        self.process = np.empty((steps, b, n, n)) if kept and regressed else None
+        self.noise = np.empty((steps, b, m, m)) if kept and regressed else None
 
     def state(self, k: int, x: np.ndarray, P: np.ndarray | None) -> None:
         """x (B, n) and P (b, n, n) at instant k; P None: as before."""
@@ -93,6 +108,12 @@ class Record:
                 self.rows[min(k, len(self.rows) - 1)] = H
         if adjusted is not None and self.adjusted is not self.whitened:
             self.adjusted[k] = adjusted
+
+    def noises(self, k: int, process: np.ndarray, noise: np.ndarray) -> None:
+        """Covariances (b, n, n) of step k and of its measurement, (b, m) variances or (b, m, m)."""
+        if self.process is not None and self.noise is not None:
+            self.process[k] = process
+            self.noise[k] = noise if noise.ndim == 3 else noise[:, None, :] * np.eye(noise.shape[1])
 
     def finished(self, P: np.ndarray, there: np.ndarray) -> FilterRun:
         """The run, P its last covariance and there (T, b, m) what was measured; a diverged run is NaN from its divergence on."""
@@ -125,6 +146,8 @@ class Record:
             jacobian=_every_step(self.jacobian, steps),
             rows=_every_step(self.rows, steps),
             adjusted=self.adjusted if kept else None,
+            process=self.process,
+            noise=self.noise,
         )
 
 

@@ -32,8 +32,9 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
 
     backwards from λ = 0, Λ = 0 at the last instant.
 
-    run: `run_filter(..., keep="all")` of the same model, in any form and by any update. A singular P⁻ (states without
-    process noise) needs no care. A nonlinear model is smoothed along the Jacobians that its filter used.
+    run: `run_filter(..., keep="all")` or `run_sigma_points` of the same model, in any form and by any update. A singular
+    P⁻ (states without process noise) needs no care.
+    A nonlinear model is smoothed along the Jacobians, or the regressions, that its filter used.
     Raises ValueError where the run was not kept.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
@@ -61,8 +62,9 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
             H, before = run.rows[k - 1], core.before(k - 1)
             H = np.where(missing[k - 1][..., None], 0.0, H) if missing[k - 1].any() else H
             P = run.covariance[k - 1] if before is None else run.covariance[k - 1] + before
-            R = np.broadcast_to(core.noise(k - 1), (b, channels))
-            K, L = gain(predict(P, A, core.process(k - 1)), H, R, instant=run.time[k])
+            R = np.broadcast_to(core.noise(k - 1), (b, channels)) if run.noise is None else run.noise[k - 1]
+            process = core.process(k - 1) if run.process is None else run.process[k - 1]
+            K, L = gain(predict(P, A, process), H, R, instant=run.time[k])
             whitened_rows = np.linalg.solve(L, np.broadcast_to(H, (b, channels, size)))
             left = np.eye(size) - K @ H
             adjoint = apply(transposed(left), adjoint) - apply(transposed(whitened_rows), whitened[k - 1])

@@ -21,13 +21,16 @@ def whitened_gain(
 ) -> tuple[np.ndarray, np.ndarray]:
     """G = PHᵀL⁻ᵀ and the Cholesky factor L of S = HPHᵀ + R = LLᵀ: the gain is K = G L⁻¹ (1.58).
 
-    P (b, n, n); H (m, n) or (b, m, n); R (b, m) variances. Returns G (b, n, m), L (b, m, m).
+    P (b, n, n); H (m, n) or (b, m, n); R (b, m) variances, or (b, m, m). Returns G (b, n, m), L (b, m, m).
     Raises NumericalError, with the instant [s], where S is not positive definite.
     """
     HP = H @ P
     S = symmetric(HP @ transposed(H))
-    diagonal = range(R.shape[-1])
-    S[..., diagonal, diagonal] += R
+    if R.ndim == 3:
+        S += R
+    else:
+        diagonal = range(R.shape[-1])
+        S[..., diagonal, diagonal] += R
     try:
         L = np.linalg.cholesky(S)
     except np.linalg.LinAlgError as error:
@@ -52,9 +55,10 @@ def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple
 
 
 def corrected(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """(I − KH)P(I − KH)ᵀ + KRKᵀ, the covariance after an update by any gain K (b, n, m), symmetrised."""
+    """(I − KH)P(I − KH)ᵀ + KRKᵀ, the covariance after an update by any gain K (b, n, m), symmetrised; R as of `whitened_gain`."""
     left = np.eye(P.shape[-1]) - K @ H
-    return symmetric(left @ P @ transposed(left) + (K * R[..., None, :]) @ transposed(K))
+    KR = K @ R if R.ndim == 3 else K * R[..., None, :]
+    return symmetric(left @ P @ transposed(left) + KR @ transposed(K))
 
 
 def update(
@@ -81,13 +85,16 @@ def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.nda
 def update_factor(F: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, ...]:
     """The array form of the update: the QR factors of [[R½, H F], [0, F]]ᵀ are [[L, 0], [G, F⁺]]ᵀ.
 
-    F (b, n, n) with P = F Fᵀ; H (m, n) or (b, m, n); R (b, m) variances. Returns F⁺ and G, L as of `whitened_gain`.
+    F (b, n, n) with P = F Fᵀ; H (m, n) or (b, m, n); R as of `whitened_gain`. Returns F⁺ and G, L as of that.
     Orthogonal steps alone: F has twice the digits of P, and P = F Fᵀ cannot lose its sign.
     Source: Kailath, Sayed and Hassibi, Linear Estimation (2000), section 12.3.
     """
     b, n, m = len(F), F.shape[-1], R.shape[-1]
     array = np.zeros((b, m + n, m + n))
-    array[:, range(m), range(m)] = np.sqrt(R)
+    if R.ndim == 3:
+        array[:, :m, :m] = np.linalg.cholesky(R)
+    else:
+        array[:, range(m), range(m)] = np.sqrt(R)
     array[:, :m, m:], array[:, m:, m:] = H @ F, F
     post = _lower(array)
     post *= np.where(np.diagonal(post, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[:, None, :]

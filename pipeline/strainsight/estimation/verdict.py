@@ -88,6 +88,23 @@ def samples_alike(scaled: np.ndarray) -> float:
     return float(1 + 2 * np.sum(np.maximum(products**2 - chance, 0.0) / late))
 
 
+ALLOWED = (0.5, 2.0)
+"""Where the error that a posterior expects of another filter's estimate lies over that filter's σ, if the σ allows for it."""
+
+
+def expected_ratio(mean: float, std: float, posterior_mean: float, posterior_std: float) -> float:
+    """An approximate filter's claim against the exact posterior of the same samples, to be judged by `word_of` and ALLOWED:
+
+        √(E[(p − mean)² | y]) / std = √(posterior_std² + (posterior_mean − mean)²) / std
+
+    the RMS error that the posterior expects of the estimate, over the σ claimed for it: 1 where the two agree. Overconfident
+    (above 2) is every claim whose mean is off by more than 2σ of its own, every σ of less than half the posterior's, and what
+    is both in part. All four in one unit; NaN of a filter that diverged is overconfident.
+    """
+    with np.errstate(divide="ignore"):
+        return float(np.hypot(posterior_std, posterior_mean - mean) / np.float64(std))
+
+
 def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float | None = None) -> np.ndarray:
     """Where the starts disagree by more than one draw may be off: (max − min over the starts) > factor · (mean σ).
 

@@ -50,6 +50,23 @@ class VirtualStrain:
 
 
 @record
+class Compared:
+    """The filters of a structure on the same samples, tolerances left out."""
+
+    filter: tuple[str, ...] = dataset("/filter", "1", "/filter", "bank, sigma-point and extended filter")
+    estimate: dict[str, np.ndarray] = dataset(
+        "/estimate/<name>",
+        "unit of <name>",
+        "/filter",
+        "estimate of <name> at the end by every filter, NaN of one that diverged",
+    )
+    std: dict[str, np.ndarray] = dataset("/std/<name>", "unit of <name>", "/filter", "its claimed standard deviation")
+    ratio: dict[str, np.ndarray] = dataset(
+        "/ratio/<name>", "1", "/filter", "RMS error that the bank's posterior expects of the estimate, over that"
+    )
+
+
+@record
 class Histories:
     """Every unknown in time."""
 
@@ -65,6 +82,7 @@ class Histories:
     smoothed_std: dict[str, np.ndarray] = dataset(
         "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
     )
+    compared: Compared | None = group("/compared", default=None)
 
 
 @record

@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=5,
+    version=6,
     reads=(
         "seed",
         "loads",

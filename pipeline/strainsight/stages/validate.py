@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from strainsight.cases.structure.compared import comparison_table
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.measured_csv import measured_csv
 from strainsight.cases.structure.sweeps import sweep_table
@@ -41,14 +42,18 @@ def run(context: Context) -> Output:
         attributes=attributes,
         summary=numbers,
         message=validation_message(found, doubts),
-        tables=(validation_table(found), *([] if own.sweep is None else [sweep_table(own.sweep)])),
+        tables=(
+            validation_table(found),
+            *([] if own.compared is None else [comparison_table(own.compared, found.units)]),
+            *([] if own.sweep is None else [sweep_table(own.sweep)]),
+        ),
         files={"measured.csv": measured_csv(found.trial, own.gauge.measured)},
     )
 
 
 VALIDATE = Stage(
     "validate",
-    version=9,
+    version=10,
     reads=(
         *(
             "seed",

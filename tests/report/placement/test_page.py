@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from strainsight.report.page.document import own
-from strainsight.report.placement.data import Benefit
+from strainsight.report.placement.data import Benefit, OtherFilter
 from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.placement.signals import signal_figure
@@ -160,6 +160,23 @@ def test_every_share_of_the_variance_is_as_wide_as_it_is_and_stands_in_words_and
         assert said.startswith(f"Variance of {name}: {largest} ")
         assert all((source in said) == (value > 0.01) for source, value in shares.items())
     assert "What the uncertainty is made of" not in page(bare)
+
+
+def test_other_filters_stand_beside_the_bank_with_their_verdicts(full, bare):
+    beside = (
+        OtherFilter("E", "Pa", "bank", 2.1e11, 0.01, 1.0),
+        OtherFilter("E", "Pa", "extended", 2.2e11, 0.004, 11.6, "overconfident"),
+        OtherFilter("<b>&", "Pa", "sigma-point", np.nan, np.nan, np.nan, "overconfident"),
+    )
+    text = page(full(filters=beside)).split("<h2>By other filters</h2>")[1].split("<h2>")[0]
+    shown = [words(row) for row in re.findall(r"<tr>(.*?)</tr>", text)]
+    assert "✓" not in shown[1]
+    assert "✕" not in shown[1]
+    assert "✕ overconfident" in shown[2]
+    assert "11.6" in shown[2]
+    assert "✕ overconfident" in shown[3]
+    assert "<b>&" not in text
+    assert "By other filters" not in page(full()) + page(bare)
 
 
 def test_sources_beyond_the_colours_are_one_part_of_a_bar(full):

@@ -10,7 +10,9 @@ import numpy as np
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
+from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.detectable import undetectable
+from strainsight.cases.structure.filtering import by_moments
 from strainsight.cases.structure.measured import Measured, measured_of
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, nuisances_of, tolerated
 from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, scheme_in_words
@@ -22,22 +24,21 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.biased import Biased
+from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.consistency import Verdict, verdict
-from strainsight.estimation.core import StepModel
-from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.records.estimated import Channels, Estimated, Offsets, Resultant, VirtualStrain
+from strainsight.records.estimated import Channels, Compared, Estimated, Offsets, Resultant, VirtualStrain
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 
+LONGEST_COMPARED = 20_000
+"""Steps of a record that is filtered by the other methods, too, without being asked for."""
 SHORTER = "give a part of the record at a time, or a larger machine"
 
 
@@ -89,7 +90,9 @@ def estimation_of(
     )
     model, tuning = _model(problem, test, settings, start, using)
     tolerances = tolerated(config, mesh, reduced, training, test.channels)
-    run, smoothed = _filtered(problem, tolerances, model, test, start)
+    long = len(test.values) * test.every > LONGEST_COMPARED
+    compare = not long if config.filter.compare is None else config.filter.compare
+    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, compare)
     using.progress("field", 0.7)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
@@ -101,11 +104,13 @@ def estimation_of(
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     words = scheme_in_words(problem, test.h), not_held_in_words(config, training)
     notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
+    if long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
+        notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)
     kinds = problem.channels.quantity[test.channels]
     units = unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(
         problem.unknowns,
-        _estimated(model, test, run, smoothed, resultants, virtual, notes),
+        replace(_estimated(model, test, run, smoothed, resultants, virtual, notes), compared=beside),
         units | {"the biased channel": units_in_words(kinds[test.bias > 0])},
         judged,
         tuning,
@@ -133,13 +138,11 @@ def _model(
 
 
 def _filtered(
-    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray
-) -> tuple[FilterRun, Smoothed]:
-    """Filter and smoother, with the offsets of channels as unknowns behind x*."""
+    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray, compare: bool
+) -> tuple[FilterRun, Smoothed, Compared | None]:
+    """Filter and smoother, with the offsets of channels as unknowns behind x*; and what other filters make of the samples."""
     at = np.flatnonzero(test.bias > 0)
-    core: StepModel = Driven(model, test.known)
-    if len(at):
-        core = Biased(core, at)
+    core = driven_with_offsets(model, test.known, at)
     steps, kept = len(test.values) * test.every, 2 if core.linear else 3
     # covariances of filter and smoother, and the Jacobians between them
     require_memory(8.0 * kept * steps * core.size**2, f"{steps} steps of {core.size} states", SHORTER)
@@ -148,12 +151,11 @@ def _filtered(
         nuisances, rest = nuisances_of(tolerances, model, test.channels), np.zeros(len(covariance))
         bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at)
         later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at)
-        return bank.run, later
-    samples = np.full((steps, len(test.channels)), np.nan)
-    samples[test.every - 1 :: test.every] = test.values
-    form, iterations = problem.form, problem.iterations
-    run = filter_runs(core, np.zeros(core.size), covariance, samples, keep="all", form=form, iterations=iterations)
-    return run, smooth(core, run, covariance=True)
+        asked = bank if compare else None
+        beside = compared(problem, model, covariance, test.known, test.values, asked, tolerances, at)
+        return bank.run, later, beside
+    run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
+    return run, smooth(core, run, covariance=True), None
 
 
 def _estimated(

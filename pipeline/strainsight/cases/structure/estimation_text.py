@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.cases.structure.compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.workflow.output import Scalar, Table
 
@@ -26,7 +27,7 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
         numbers |= {f"factor.{part}": float(value) for part, value in found.tuning.factors.items()}
     if found.undetectable:
         numbers["unobservable"] = found.undetectable
-    return numbers
+    return numbers | ratios(own.compared)
 
 
 def estimation_message(found: Estimation) -> str:
@@ -38,11 +39,12 @@ def estimation_message(found: Estimation) -> str:
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g} ± {numbers[f'std.{name}']:.2g} {units[name]}{what}")
     if not found.verdict.consistent:
         parts.append("the noise does not fit the innovations")
+    parts += disagreements_in_words(found.estimated.compared)
     return ", ".join(parts)
 
 
-def estimation_tables(found: Estimation) -> tuple[Table, Table]:
-    """Every unknown as smoothed; what was done to the measurements, and the verdict on them."""
+def estimation_tables(found: Estimation) -> tuple[Table, ...]:
+    """Every unknown as smoothed; by other filters; what was done to the measurements, and the verdict on them."""
     rows = []
     for name, value in found.estimated.smoothed.items():
         std, unit = found.estimated.smoothed_std[name], found.units[name]
@@ -53,8 +55,10 @@ def estimation_tables(found: Estimation) -> tuple[Table, Table]:
             share = f"{100 * std[-1] / value[-1]:.2g} %"
             rows.append((name, f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({share})"))
     notes = tuple((note,) for note in (*found.estimated.notes, found.verdict.text))
+    beside = found.estimated.compared
     return (
         Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),
+        *([] if beside is None else [comparison_table(beside, found.units)]),
         Table("measurements", ("",), notes),
     )
 

@@ -1,4 +1,4 @@
-"""The filter of the config on measurements: a bank over constant parameters, or the extended filter of the thesis."""
+"""The filter of the config on measurements: a bank over constant parameters, the sigma-point or the extended filter."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.lattice import moments
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.run import FilterRun, Keep
+from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoother import Smoothed, smooth
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """run: B runs of a filter; banks: what each run's bank found, none of the extended filter, None for one that failed."""
+    """run: B runs of a filter; banks: what each run's bank found, none of another filter, None for one that failed."""
 
     run: FilterRun
     banks: tuple[BankRun | None, ...]
@@ -40,13 +41,11 @@ def filtered(
 ) -> Filtered:
     """Filter the measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none, as the config asks for.
 
-    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether the extended
-    filter keeps what its smoother needs; refuse: raise NumericalError where every run fails, and not mark them lost.
+    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether a filter
+    that is no bank keeps what its smoother needs; refuse: raise NumericalError where every run fails, and not mark them lost.
     """
-    if problem.method == "extended":
-        form, turns = problem.form, problem.iterations
-        run = run_filter(model, start, covariance, known, measured, keep, form=form, iterations=turns, refuse=refuse)
-        return Filtered(run, ())
+    if problem.method != "bank":
+        return Filtered(by_moments(problem, model, start, covariance, known, measured, keep, refuse=refuse), ())
     data = measured if measured.ndim == 3 else measured[:, None]
     runs = data.shape[1]
     sets = np.broadcast_to(channels, (runs, channels.shape[-1]))
@@ -65,6 +64,29 @@ def filtered(
     if failure is not None and refuse and all(own is None for own in found):
         raise failure
     return Filtered(_together(model, found, sets >= 0, len(known)), tuple(found))
+
+
+def by_moments(
+    problem: Problem,
+    model: FilterModel,
+    start: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measured: np.ndarray,
+    keep: Keep = "mean",
+    biased: np.ndarray | None = None,
+    refuse: bool = True,
+) -> FilterRun:
+    """The sigma-point or the extended filter of the config, which carry mean and covariance; biased: as of `run_filter`."""
+    form = problem.form
+    if problem.method == "sigma-point":
+        return run_sigma_points(
+            model, start, covariance, known, measured, keep, form=form, biased=biased, refuse=refuse
+        )
+    turns = problem.iterations
+    return run_filter(
+        model, start, covariance, known, measured, keep, form=form, iterations=turns, biased=biased, refuse=refuse
+    )
 
 
 def _of_run(model: FilterModel, b: int, there: np.ndarray) -> FilterModel:
@@ -125,7 +147,7 @@ def smoothed(
     found: Filtered,
 ) -> Smoothed:
     """What all samples say of every instant; arguments as of `filtered`, which found the one run, from a start at zero."""
-    if problem.method == "extended":
+    if problem.method != "bank":
         return smooth(model, found.run)
     bank = found.banks[0]
     assert bank is not None  # a bank that fails alone is refused

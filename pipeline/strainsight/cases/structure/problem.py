@@ -30,7 +30,7 @@ REST_SHARE = 1e-3
 """Initial σ of every state as a share of its largest training amplitude: the structure is known to be at rest."""
 
 
-Method = Literal["bank", "extended"]
+Method = Literal["bank", "extended", "sigma-point"]
 SILENT = 1e12
 """Factor on a channel's noise intensity that makes it say nothing."""
 
@@ -42,8 +42,8 @@ class Problem:
     model; unknowns; signals of all inputs by name; settle: how motions under them begin; x (steps + 1, 2n) and loading of
     the training run; Q (n*, n*) process intensity of the filter, frozen_Q that of the placement, which differs where the
     thesis's printed numbers are asked for; printed: whether they are; channels of all candidates; scheme of the time step,
-    form of the covariance and iterations of the update of the extended filter; method of the filter, in which a bank's parameters
-    are constants.
+    form of the covariance and iterations of the update of the extended filter; method of the filter; drifting: whether
+    parameters drift in it, or are constants.
     """
 
     model: ReducedModel
@@ -60,6 +60,7 @@ class Problem:
     form: Form
     iterations: int
     method: Method
+    drifting: bool
 
     @property
     def u(self) -> np.ndarray:
@@ -113,7 +114,8 @@ def problem_of(
         )
     channels = channels_of(training, screened)
     own = config.filter
-    if own.method == "bank":
+    drifting = own.method == "extended" if own.drift is None else own.drift
+    if not drifting:
         constant = range(len(Q) - len(unknowns.parameters), len(Q))
         Q[constant, constant] = 0.0
     return Problem(
@@ -131,6 +133,7 @@ def problem_of(
         own.form,
         own.iterations,
         own.method,
+        drifting,
     )
 
 

@@ -52,8 +52,8 @@ class Trial:
         return self.problem.unknowns.names
 
     def constant_from(self, instants: int) -> int:
-        """The instant from which a parameter's estimate is averaged: the last, as all samples before it are in a bank's."""
-        return instants // 2 if self.problem.method == "extended" else instants - 1
+        """The instant from which a parameter's estimate is averaged: the last, as all samples are in that of a constant."""
+        return instants // 2 if self.problem.drifting else instants - 1
 
     def scale(self, name: str) -> tuple[float, bool]:
         """What errors of an unknown are relative to [SI]: the true value of a parameter, a load's own RMS, or its amplitude
@@ -175,8 +175,8 @@ def real_and_claimed(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Real and claimed error of every unknown for each run: two mappings name → (B,), relative.
 
-    A parameter: |estimate at the end − truth| and σ there; of the extended filter, which lets it drift, their means over the
-    last half. An input: RMS error and RMS σ after the first tenth. All over the unknown's own `Trial.scale`.
+    A parameter: |estimate at the end − truth| and σ there; of a filter that lets it drift, their means over the last half.
+    An input: RMS error and RMS σ after the first tenth. All over the unknown's own `Trial.scale`.
     mean, std (T + 1, B, n*) of x*.
     """
     values = physical(model, mean, std)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
+from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.filtering import widths_left
 from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.problem import filter_model, problem_of
@@ -113,13 +114,15 @@ def validation_of(
     measured, true = trial.measured(seed)
     found = trial.filtered(model, trial.chosen, measured, keep="all")
     run, smoothed = found.run, trial.smoothed(model, measured, found)
+    bank = found.banks[0] if found.banks and config.filter.compare is not False else None
+    beside = compared(problem, model, trial.covariance, trial.known, measured, bank, tolerances)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
     last = trial.names[-1]
     return Validation(
         trial,
-        _validated(trial, model, run, smoothed, measured, true, studies, swept),
+        replace(_validated(trial, model, run, smoothed, measured, true, studies, swept), compared=beside),
         _accuracy(trial, model, run, smoothed, studies, widths_left(problem, trial.covariance, found)),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,

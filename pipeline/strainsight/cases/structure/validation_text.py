@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.cases.structure.compared import disagreements_in_words, ratios
 from strainsight.cases.structure.problem import scheme_in_words
 from strainsight.cases.structure.validation import Validation
 from strainsight.workflow.output import Scalar, Table
@@ -34,13 +35,17 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
             numbers[f"benefit.{name}"] = own.benefit.verdict
         if own.rank is not None:
             numbers |= {f"rank_{key}.{name}": value for key, value in vars(own.rank).items()}
-    return numbers | {
-        "nees": float(np.mean(consistency.nees)),
-        "nis": float(np.mean(consistency.nis)),
-        "whiteness": found.whiteness,
-        "verdict": found.verdict,
-        "lost_runs": found.diverged,
-    }
+    return (
+        numbers
+        | ratios(found.validated.compared)
+        | {
+            "nees": float(np.mean(consistency.nees)),
+            "nis": float(np.mean(consistency.nis)),
+            "whiteness": found.whiteness,
+            "verdict": found.verdict,
+            "lost_runs": found.diverged,
+        }
+    )
 
 
 def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
@@ -63,6 +68,7 @@ def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
         else:
             over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
             words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
+    words += disagreements_in_words(found.validated.compared)
     return "; ".join(words)
 
 

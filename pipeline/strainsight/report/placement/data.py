@@ -197,6 +197,20 @@ class Consistency:
     nis_verdict: str = ""
 
 
+@dataclass(frozen=True)
+class OtherFilter:
+    """A parameter by one filter: estimate [unit]; std relative, claimed; ratio: RMS error that the bank expects of it over that,
+    and the verdict, empty of the bank itself."""
+
+    parameter: str
+    unit: str
+    filter: str
+    estimate: float
+    std: float
+    ratio: float
+    verdict: str = ""
+
+
 class Compared(Protocol):
     """A layout beside those of other rules: its trend; criteria: layouts by every rule, ours first; metrics: every one, that of
     the layout first; units: of every unknown."""
@@ -220,6 +234,7 @@ class PlacementReport:
     distinguished; observability: name → number;
     budget: unknown's name → source → share of the variance expected, empty where that is not known;
     advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
+    filters: parameters by the bank and the filters that were compared with it;
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
     provenance: versions, seed, keys.
@@ -243,6 +258,7 @@ class PlacementReport:
     advice: tuple[str, ...] = ()
     observability: Mapping[str, float] = field(default_factory=dict)
     truth_description: str = ""
+    filters: tuple[OtherFilter, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
     warnings: tuple[str, ...] = ()
     not_tested: tuple[str, ...] = ()

@@ -10,6 +10,7 @@ from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, share, table
 from strainsight.report.placement.budget import budget_section
 from strainsight.report.placement.data import PlacementReport
+from strainsight.report.placement.filters import filters_section
 from strainsight.report.placement.first import answer, first_screen, lost_of
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table
@@ -46,6 +47,7 @@ def placement_page(
         _estimates(report, drawings),
         _random(drawings),
         _noise(report, drawings),
+        filters_section(report.filters),
         _observability(report),
         _facts(report),
         _warnings(report),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from strainsight import __version__
+from strainsight.cases.structure.compared import disagreements_in_words
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
@@ -25,6 +26,7 @@ from strainsight.stages.pages.page_numbers import (
     cases_of,
     consistency_of,
     criteria_of,
+    filters_of,
     history_of,
     metrics_of,
     noise_rows,
@@ -67,6 +69,7 @@ def placement_report(context: Context) -> PlacementReport:
             name: getattr(place.observability, name) for name in ("condition", "condition_raw", "sigma_min")
         },
         truth_description=str(validate.summary["description"]),
+        filters=filters_of(validate),
         consistency=consistency_of(validate),
         warnings=warnings_of(up, names, mesh),
         not_tested=_not_tested(up["train"], config),
@@ -107,6 +110,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
                 f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
                 f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
             )
+    notes += [f"{text[0].upper()}{text[1:]}." for text in disagreements_in_words(read(Validated, validate).compared)]
     if lost := int(summary["lost_runs"]):
         notes.append(f"{lost} runs of the studies diverged and are left out of the medians.")
     return notes

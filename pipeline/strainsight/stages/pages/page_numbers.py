@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.cases.layout.comparison import RULES
 from strainsight.cases.layout.gauge_list import channel_labels
+from strainsight.cases.structure.compared import BANK, comparison_verdict
 from strainsight.estimation.verdict import word_of
 from strainsight.placement.criteria.choices import criterion_of
 from strainsight.placement.criteria.criterion import Criterion
@@ -24,6 +25,7 @@ from strainsight.report.placement.data import (
     GaugeSignal,
     Metric,
     NoiseRow,
+    OtherFilter,
     RandomSets,
     Repeats,
     Trend,
@@ -173,6 +175,26 @@ def noise_rows(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, 
         error, std = ({n: float(by[n][i]) for n in names} for by in (study.error, study.std))
         rows.append(NoiseRow(level * factor, factor, error, std))
     return tuple(sorted(rows, key=lambda row: row.factor))
+
+
+def filters_of(validate: Artefact) -> tuple[OtherFilter, ...]:
+    """Every parameter by every filter, the bank first."""
+    own = read(Validated, validate).compared
+    if own is None:
+        return ()
+    return tuple(
+        OtherFilter(
+            name,
+            unit_of(own, "estimate", name),
+            filter_,
+            float(values[i]),
+            float(own.std[name][i] / values[i]),
+            float(own.ratio[name][i]),
+            "" if filter_ == BANK else comparison_verdict(float(own.ratio[name][i])),
+        )
+        for name, values in own.estimate.items()
+        for i, filter_ in enumerate(own.filter)
+    )
 
 
 def consistency_of(validate: Artefact) -> Consistency:

@@ -1,0 +1,134 @@
+"""The approximate filters beside the bank on the same samples: where their σ does not allow for what it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from strainsight.cases.structure.nuisances import Tolerated
+from strainsight.cases.structure.problem import Problem
+from strainsight.errors import NumericalError
+from strainsight.estimation.bank import BankRun
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.lattice import moments
+from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.sigma_point import run_sigma_points
+from strainsight.estimation.verdict import ALLOWED, OVERCONFIDENT, expected_ratio, word_of
+from strainsight.records.estimated import Compared
+from strainsight.workflow.output import Scalar, Table
+
+BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
+DIVERGED = "diverged"
+
+
+def compared(
+    problem: Problem,
+    model: FilterModel,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measured: np.ndarray,
+    bank: BankRun | None,
+    tolerated: Tolerated,
+    biased: np.ndarray | None = None,
+) -> Compared | None:
+    """Every parameter at the end by the bank, its posterior by the samples alone, and by the approximate filters, with the ratio
+    of `expected_ratio`.
+
+    Arguments as of `filter_bank`, which found `bank` from a start at zero, with these tolerances. A filter that diverges is NaN.
+    None without a bank or a parameter, and where tolerances are learned, of which the others know nothing.
+    """
+    if bank is None or not model.unknowns.parameters or tolerated.learned:
+        return None
+    start, form, at = np.zeros(len(covariance)), problem.form, model.parameter_states
+    _, middle, spread = moments(bank.lattice.point, np.log(np.maximum(bank.weight, 1e-300)))
+
+    def by_extended() -> FilterRun:
+        turns = problem.iterations
+        return run_filter(model, start, covariance, known, measured, form=form, iterations=turns, biased=biased)
+
+    def by_sigma_points() -> FilterRun:
+        return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
+
+    found = np.array(
+        [(middle, np.sqrt(np.diag(spread))), *(_at_end(run, at) for run in (by_sigma_points, by_extended))]
+    )
+    mean, std = np.zeros((2, len(found), model.size))
+    mean[:, at], std[:, at] = found[:, 0], found[:, 1]
+    values, names = physical(model, mean, std), model.unknowns.parameters
+    ratio = {
+        name: np.array([expected_ratio(*own, *found[0, :, i]) for own in found[:, :, i]])
+        for i, name in enumerate(names)
+    }
+    return Compared(
+        filter=(BANK, SIGMA_POINT, EXTENDED),
+        estimate={name: values[name][0] for name in names},
+        std={name: values[name][1] for name in names},
+        ratio=ratio,
+    )
+
+
+def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:
+    """Mean and σ (2, k) of p at the end, NaN of a filter that diverges."""
+    try:
+        own = run()
+    except NumericalError:
+        return np.full((2, at.stop - at.start), np.nan)
+    return np.stack([own.mean[-1, 0, at], own.std[-1, 0, at]])
+
+
+def comparison_verdict(ratio: float) -> str:
+    """consistent, overconfident, too cautious or diverged."""
+    return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
+
+
+def disagreements(own: Compared) -> Iterator[tuple[str, str, float]]:
+    """(filter, parameter, ratio) of every claim that does not allow for what the bank finds."""
+    for name, ratio in own.ratio.items():
+        for i, filter_ in enumerate(own.filter):
+            if filter_ != BANK and comparison_verdict(float(ratio[i])) in (OVERCONFIDENT, DIVERGED):
+                yield filter_, name, float(ratio[i])
+
+
+def disagreements_in_words(own: Compared | None) -> list[str]:
+    """One sentence each, without a full stop."""
+    return [
+        f"the {filter_} filter "
+        + (
+            f"is overconfident of {name}: the bank expects an error of {ratio:.2g} times its σ"
+            if np.isfinite(ratio)
+            else f"diverges, of {name} it says nothing"
+        )
+        for filter_, name, ratio in (disagreements(own) if own is not None else ())
+    ]
+
+
+def ratios(own: Compared | None) -> dict[str, Scalar]:
+    """Numbers by name: "ratio.extended.E"."""
+    return {
+        f"ratio.{filter_}.{name}": float(value)
+        for name, ratio in (own.ratio if own is not None else {}).items()
+        for filter_, value in zip(own.filter if own is not None else (), ratio, strict=True)
+        if filter_ != BANK
+    }
+
+
+def comparison_table(own: Compared, units: Mapping[str, str]) -> Table:
+    """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones."""
+    rows = []
+    for name, estimate in own.estimate.items():
+        std, ratio = own.std[name], own.ratio[name]
+        cells = [name]
+        for i, filter_ in enumerate(own.filter):
+            value, size = f"{estimate[i]:.5g}", f"± {100 * std[i] / estimate[i]:.2g} %"
+            if filter_ == BANK:
+                cells.append(f"{value} {units[name]} {size}")
+            else:
+                said = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
+                cells.append(said if np.isfinite(ratio[i]) else DIVERGED)
+        rows.append(tuple(cells))
+    return Table(TITLE, ("parameter", *own.filter), tuple(rows))
+
+
+TITLE = "filters compared, σ without tolerances; in brackets: the error that the bank expects over the claimed σ"

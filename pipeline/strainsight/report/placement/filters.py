@@ -1,0 +1,37 @@
+"""What other filters make of the same samples, and whether their σ allows for what the bank finds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from strainsight.report.page.markup import measure, plain, share, table
+from strainsight.report.placement.data import OtherFilter
+from strainsight.report.placement.verdicts import HELD
+
+LEAD = "The same samples and model, tolerances left out: the filters differ in what they approximate."
+CAPTION = (
+    "The bank is Bayes' rule but for quadrature; sigma-point and extended filter take parameter and motion as normal, and the "
+    "extended one neglects the product of their errors. Ratio: the RMS error that the bank expects of an estimate, over "
+    "the σ claimed for it; above 2 overconfident, below 0.5 too cautious."
+)
+
+
+def filters_section(claims: Sequence[OtherFilter]) -> str:
+    """A row for every parameter and filter; nothing where none were compared."""
+    if not claims:
+        return ""
+    rows = [
+        [
+            escape(own.parameter),
+            escape(own.filter),
+            measure(own.estimate, own.unit),
+            share(own.std),
+            plain(own.ratio, 3) if own.verdict else "–",
+            f"{'✓' if own.verdict == HELD else '✕'} {own.verdict}" * bool(own.verdict),
+        ]
+        for own in claims
+    ]
+    head = ("parameter", "filter", "estimate", "claimed σ", "ratio", "verdict")
+    text = table("filters compared", head, rows, caption=CAPTION, numeric=(2, 3, 4))
+    return f'<h2>By other filters</h2><p class="lead">{LEAD}</p><div class="card">{text}</div>'

@@ -1,0 +1,95 @@
+"""The filters of a structure beside the bank: each by itself ends where the comparison has it, and the verdicts follow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from strainsight import api
+from strainsight.cases.structure.compared import comparison_table, disagreements_in_words
+from strainsight.records.estimated import Compared
+
+from ..edges.beam import PLACEMENT_CONFIG, bricks
+
+SHORT = ("validate.repeats=1", "validate.random_sets=0", "validate.noise_factors=[]")
+
+
+@pytest.fixture(scope="module")
+def validated(tmp_path_factory):
+    """What validates three gauges of a small beam, with overrides."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
+    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
+
+    def case(*overrides):
+        return api.load(folder / "edge.yaml", [*SHORT, *overrides])
+
+    plain = case()
+    mesh = api.mesh(plain)
+    reduced = api.reduce(plain, mesh)
+    training = api.train(plain, mesh, reduced)
+    screened = api.screen(plain, training)
+
+    def run(*overrides):
+        return api.validate(case(*overrides), mesh, reduced, training, screened, screened.kept[:3])
+
+    return run
+
+
+def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
+    """Without tolerances, so that the bank's σ is that of the samples alone; parameters are constants in all three."""
+    found = validated("tolerances=none").validated.compared
+    assert found.filter == ("bank", "sigma-point", "extended")
+    for i, method in enumerate(found.filter):
+        drift = [] if method == "bank" else ["filter.drift=false"]
+        alone = validated("tolerances=none", f"filter.method={method}", "filter.compare=false", *drift).validated
+        assert alone.compared is None
+        for name, estimate in found.estimate.items():
+            assert alone.estimate[name][-1] == pytest.approx(estimate[i], rel=1e-9)
+            assert alone.std[name][-1] == pytest.approx(found.std[name][i], rel=1e-6)
+    for name, estimate in found.estimate.items():
+        # of the logarithm, in which the filters have their means
+        off, std = np.log(estimate / estimate[0]), found.std[name] / estimate
+        np.testing.assert_allclose(found.ratio[name], np.hypot(std[0], off) / std, rtol=1e-9)
+
+
+def test_the_comparison_is_of_the_samples_alone_whatever_the_tolerances(validated):
+    """Its filters know of none, and the weights of the bank hold none: the same samples have the same comparison."""
+    settings = ("validate.truth.model=rom", "filter.compare=true")
+    wide, exact = (
+        validated(*settings, f"tolerances={own}").validated for own in ("{gain: 0.05}", "none")
+    )
+    np.testing.assert_array_equal(wide.gauge.measured, exact.gauge.measured)
+    for name in exact.compared.std:
+        np.testing.assert_allclose(wide.compared.std[name], exact.compared.std[name], rtol=1e-9)
+        assert wide.std[name][-1] > exact.std[name][-1]
+
+
+def test_sigma_points_let_a_parameter_drift_only_if_asked(validated):
+    """A constant is never known less well from one sample to the next; one that drifts is in the end known worse than that."""
+    constant, drifting = (
+        validated("filter.method=sigma-point", *own).validated.std["E"] for own in ((), ("filter.drift=true",))
+    )
+    assert np.all(np.diff(constant) <= 1e-9 * constant[0])
+    assert drifting[-1] > constant[-1]
+
+
+def test_what_disagrees_is_reported_in_words_and_stands_in_the_table():
+    own = Compared(
+        filter=("bank", "sigma-point", "extended"),
+        estimate={"rho": np.array([7800.0, 7790.0, 8100.0]), "E": np.array([2e11, 2e11, np.nan])},
+        std={"rho": np.array([300.0, 310.0, 90.0]), "E": np.array([1e9, 2.4e9, np.nan])},
+        ratio={"rho": np.array([1.0, 0.97, 4.7]), "E": np.array([1.0, 0.42, np.nan])},
+    )
+    said = disagreements_in_words(own)
+    assert said == [
+        "the extended filter is overconfident of rho: the bank expects an error of 4.7 times its σ",
+        "the extended filter diverges, of E it says nothing",
+    ]
+    assert disagreements_in_words(None) == []
+    rows = {row[0]: row[1:] for row in comparison_table(own, {"rho": "kg/m³", "E": "Pa"}).rows}
+    assert "consistent" in rows["rho"][1]
+    assert "overconfident (4.7)" in rows["rho"][2]
+    assert "too cautious (0.42)" in rows["E"][1]
+    assert rows["E"][2] == "diverged"
