@@ -30,6 +30,10 @@ LEFT = 3.5
 """a point at its edge within exp(−LEFT) later on, and it is laid anew;"""
 NARROW = 0.5
 """and so where the posterior's variance has fallen to this share in some direction."""
+SHARP = 0.25
+"""and where the variance of its highest peak has, along an axis of the lattice: with it sums are right to 1e-2 of σ;"""
+FRESH = 0.4
+"""when it is laid, that peak has at least this."""
 COLLAPSED = 0.1
 """Share below which the lattice is too coarse to tell the posterior's covariance."""
 PATIENCE = 4
@@ -165,7 +169,7 @@ class _Now:
         _, _, covariance = moments(self.lattice.point, log_weight)
         all_of_it = self.lattice.spread(covariance).min(axis=-1, initial=np.inf)
         highest = self.lattice.width(log_weight).min(axis=-1, initial=np.inf)
-        wide = np.minimum(all_of_it, highest) * spacing**2 >= NARROW
+        wide = (all_of_it * spacing**2 >= NARROW) & (highest * spacing**2 >= SHARP)
         edge = np.max(log_weight[..., self.lattice.edge], axis=-1, initial=-np.inf)
         return np.asarray(wide & (edge < log_weight.max(axis=-1) - LEFT))
 
@@ -231,7 +235,10 @@ def _laid_anew(problem: _Problem, now: _Now) -> _Now:
         log_weight, share, lattice = now.log_weight, 1.0, now.lattice
         while True:
             first, *others = lattice.peaks(share * log_weight, problem.depth)
-            _, mean, covariance = moments(lattice.point[first], share * log_weight[first])
+            # of the square of the density: twice that is the covariance of a normal one, and of a curved one nearer to that at
+            # its peak
+            _, mean, covariance = moments(lattice.point[first], 2 * share * log_weight[first])
+            covariance = 2 * covariance
             spread = lattice.spread(covariance).min(initial=np.inf) * problem.spacing**2
             if spread >= COLLAPSED:
                 break
@@ -239,7 +246,17 @@ def _laid_anew(problem: _Problem, now: _Now) -> _Now:
         other = lattice.point[np.concatenate(others)] if others else lattice.point[:0]
         now = _laid(problem, mean, covariance, now.step, other)
         if share == 1.0:
+            return _sharpened(problem, now, mean, covariance, other)
+
+
+def _sharpened(problem: _Problem, now: _Now, mean: np.ndarray, covariance: np.ndarray, other: np.ndarray) -> _Now:
+    """The lattice laid anew, as finely as its highest peak asks for."""
+    while True:
+        narrow = now.lattice.width(now.log_weight).min(initial=np.inf) * problem.spacing**2
+        if narrow >= FRESH:
             return now
+        covariance = narrow / (2 * SHARP) * covariance
+        now = _laid(problem, mean, covariance, now.step, other)
 
 
 def _filtered(problem: _Problem, lattice: Lattice, step: int) -> _Now:
