@@ -310,3 +310,22 @@ def test_constants_that_are_learned_are_states_of_the_filter():
     np.testing.assert_allclose(one.std[:, 0] / std, 1.0, atol=0.01)
     for name, tolerance in (("whitened", 1e-5), ("log_likelihood", 1e-3)):
         np.testing.assert_allclose(getattr(bank.run, name), getattr(states.run, name), atol=tolerance)
+
+
+def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step():
+    """The end of the chain under a slow force reads 1/k₁ + 1/k₂ and hardly more: a crescent, narrower at its peak than its
+    covariance says. Against the same on a lattice twice as fine."""
+    model = chain()
+    model = replace(model, H=model.H[:1] + model.H[1:], r=model.r[:1])
+    P = start()
+    P[4, 4], P[5, 5], P[6, 6] = 1e-12, 0.3**2, 0.3**2
+    slow = np.zeros((4 * STEPS, 3, 1))
+    slow[:, 0, 0] = 20 * np.sin(np.pi * np.arange(4 * STEPS) / (4 * STEPS)) ** 2
+    quiet = replace(model, Q=np.diag([0, 0, 1e-6, 1e-6, 1e-12, 0, 0]))
+    _, y = draw_truth(quiet, np.zeros(7), P, slow, [2])
+    found = filter_bank(quiet, np.zeros(7), P, slow, y[:, 0])
+    fine = filter_bank(quiet, np.zeros(7), P, slow, y[:, 0], spacing=0.4, depth=12.0)
+    across = fine.run.std[-1, 0, 5:]
+    np.testing.assert_allclose(found.run.mean[-1, 0, 5:], fine.run.mean[-1, 0, 5:], atol=0.05 * across.min())
+    np.testing.assert_allclose(found.run.std[-1, 0, 5:], across, rtol=0.05)
+    assert found.laid < 30

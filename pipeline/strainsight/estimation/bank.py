@@ -39,6 +39,9 @@ COLLAPSED = 0.1
 PATIENCE = 4
 """Layers that are added on the way uphill before a wider lattice is laid there."""
 MOST_POINTS = 4000
+MOST_FINE = 1000
+"""Points of a lattice that is laid more finely for the sake of its peak; beyond them it stays as it is, and the posterior of a long
+narrow crescent is right to a tenth of its σ."""
 SHORTEST, SHARE = 8, 8
 """Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
 narrows as the record grows."""
@@ -150,7 +153,8 @@ class _Problem:
 
 @dataclass(frozen=True)
 class _Now:
-    """A lattice with its filters after some steps: fit (B,) of all samples so far."""
+    """A lattice with its filters after some steps: fit (B,) of all samples so far; sharp, the least variance of its highest
+    peak along an axis that it is good for."""
 
     lattice: Lattice
     prior: np.ndarray
@@ -158,6 +162,7 @@ class _Now:
     filters: Filters
     fit: np.ndarray
     step: int
+    sharp: float = SHARP
 
     @property
     def log_weight(self) -> np.ndarray:
@@ -169,7 +174,7 @@ class _Now:
         _, _, covariance = moments(self.lattice.point, log_weight)
         all_of_it = self.lattice.spread(covariance).min(axis=-1, initial=np.inf)
         highest = self.lattice.width(log_weight).min(axis=-1, initial=np.inf)
-        wide = (all_of_it * spacing**2 >= NARROW) & (highest * spacing**2 >= SHARP)
+        wide = (all_of_it * spacing**2 >= NARROW) & (highest * spacing**2 >= self.sharp)
         edge = np.max(log_weight[..., self.lattice.edge], axis=-1, initial=-np.inf)
         return np.asarray(wide & (edge < log_weight.max(axis=-1) - LEFT))
 
@@ -190,8 +195,17 @@ def _data(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> _Da
     )
 
 
+class _TooMany(NumericalError):
+    """The lattice would need more points than it may have."""
+
+
 def _laid(
-    problem: _Problem, mean: np.ndarray, covariance: np.ndarray, step: int, other: np.ndarray | None = None
+    problem: _Problem,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    step: int,
+    other: np.ndarray | None = None,
+    most: int = MOST_POINTS,
 ) -> _Now:
     """A lattice about a guess of the posterior after `step` steps, grown until it holds it, with its filters there.
 
@@ -220,9 +234,9 @@ def _laid(
             now, outside = _filtered(problem, lattice_about(centre, covariance, problem.spacing, radius), step), 0
             continue
         more = replace(now.lattice, node=now.lattice.beside(heavy))
-        if len(now.lattice.node) + len(more.node) > MOST_POINTS:
-            raise NumericalError(
-                f"the posterior of the parameters spreads over more than {MOST_POINTS} points of its lattice",
+        if len(now.lattice.node) + len(more.node) > most:
+            raise _TooMany(
+                f"the posterior of the parameters spreads over more than {most} points of its lattice",
                 remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial standard deviation",
             )
         now = _joined(now, _filtered(problem, more, step))
@@ -250,13 +264,16 @@ def _laid_anew(problem: _Problem, now: _Now) -> _Now:
 
 
 def _sharpened(problem: _Problem, now: _Now, mean: np.ndarray, covariance: np.ndarray, other: np.ndarray) -> _Now:
-    """The lattice laid anew, as finely as its highest peak asks for."""
+    """The lattice laid anew, as finely as its highest peak asks for and MOST_FINE allows."""
     while True:
         narrow = now.lattice.width(now.log_weight).min(initial=np.inf) * problem.spacing**2
         if narrow >= FRESH:
             return now
         covariance = narrow / (2 * SHARP) * covariance
-        now = _laid(problem, mean, covariance, now.step, other)
+        try:
+            now = _laid(problem, mean, covariance, now.step, other, MOST_FINE)
+        except _TooMany:
+            return replace(now, sharp=min(SHARP, 0.5 * narrow))
 
 
 def _filtered(problem: _Problem, lattice: Lattice, step: int) -> _Now:
