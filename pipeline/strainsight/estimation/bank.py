@@ -40,8 +40,8 @@ PATIENCE = 4
 """Layers that are added on the way uphill before a wider lattice is laid there."""
 MOST_POINTS = 4000
 MOST_FINE = 1000
-"""Points of a lattice that is laid more finely for the sake of its peak; beyond them it stays as it is, and the posterior of a long
-narrow crescent is right to a tenth of its σ."""
+"""Points of a lattice that is laid more finely for the sake of its peak; beyond them it stays as it is, and the posterior of a
+long narrow crescent is right to a tenth of its σ."""
 SHORTEST, SHARE = 8, 8
 """Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
 narrows as the record grows."""

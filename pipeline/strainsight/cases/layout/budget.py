@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -38,5 +38,9 @@ def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
         largest = list(shares)[first_of_largest(np.array(list(shares.values())))]
         led.setdefault(largest, []).append(name)
     for source, names in led.items():
-        much = " and ".join(f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names)
-        yield f"What would help {' and '.join(names)} most: {REMEDY[source]} ({source}: {much})."
+        much = _listed([f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names])
+        yield f"What would help {_listed(names)} most: {REMEDY[source]} ({source}: {much})."
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))

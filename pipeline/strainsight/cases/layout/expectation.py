@@ -9,8 +9,8 @@ import numpy as np
 
 from strainsight.ordering import tied_order
 
-WORSE = 1.05
-"""Factor by which σ of an unknown may be above that of the first layout where that of the others is lower for it."""
+MATTERS = 1.05
+"""Factor that another layout than the first has to be better by, and that σ of no unknown may be worse by."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,10 @@ class Expectation:
 
 
 def least_expected(found: Sequence[Expectation], over: Collection[str]) -> int:
-    """Which of several layouts has the least geometric mean of σ over these unknowns, none of which is worse than in the first
-    by more than `WORSE`; the first of ties."""
+    """Which of several layouts has the least geometric mean of σ over these unknowns; the first one unless another is better
+    by the factor MATTERS, and worse by it in no unknown."""
     ratio = np.array([[own.std[name] / found[0].std[name] for name in over] for own in found])
-    mean = np.where(ratio.max(axis=1) <= WORSE, np.exp(np.mean(np.log(ratio), axis=1)), np.inf)
-    return int(tied_order(mean)[0])
+    mean = np.exp(np.mean(np.log(ratio), axis=1))
+    allowed = (mean * MATTERS <= 1) & (ratio.max(axis=1) <= MATTERS)
+    allowed[0] = True
+    return int(tied_order(np.where(allowed, mean, np.inf))[0])

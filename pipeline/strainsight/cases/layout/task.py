@@ -90,7 +90,7 @@ class Task:
     @property
     def sigma(self) -> str:
         """What the root of the metric is: the σ of one unknown, or the criterion's mean of several."""
-        over, noise = self.over, ", with installation as noise" if self.coherence else ""
+        over, noise = self.over, " (installation as noise)" if self.coherence else ""
         if len(over) == 1:
             return f"the steady-state σ of {over[0]}{noise}"
         return f"{self.metric.criterion.sigma} of {', '.join(over[:-1])} and {over[-1]}{noise}"
