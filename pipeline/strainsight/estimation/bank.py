@@ -42,6 +42,8 @@ MOST_POINTS = 4000
 MOST_FINE = 1000
 """Points of a lattice that is laid more finely for the sake of its peak; beyond them it stays as it is, and the posterior of a
 long narrow crescent is right to a tenth of its σ."""
+MOST_LAID = 60
+"""Lattices on the way to one that resolves the posterior."""
 SHORTEST, SHARE = 8, 8
 """Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
 narrows as the record grows."""
@@ -243,24 +245,45 @@ def _laid(
 
 
 def _laid_anew(problem: _Problem, now: _Now) -> _Now:
-    """A lattice for the posterior as it is now; where that is too narrow for the old one, by way of wider ones, those of a power
-    of its density."""
-    while True:
-        log_weight, share, lattice = now.log_weight, 1.0, now.lattice
+    """A lattice for the posterior as it is now; where that is too narrow for the old one, by way of finer ones, for a power of
+    its density. Raises NumericalError where no lattice resolves it."""
+    for _ in range(MOST_LAID):
+        share, lattice = 1.0, now.lattice
         while True:
-            first, *others = lattice.peaks(share * log_weight, problem.depth)
-            # of the square of the density: twice that is the covariance of a normal one, and of a curved one nearer to that at
-            # its peak
-            _, mean, covariance = moments(lattice.point[first], 2 * share * log_weight[first])
-            covariance = 2 * covariance
-            spread = lattice.spread(covariance).min(initial=np.inf) * problem.spacing**2
-            if spread >= COLLAPSED:
+            first, *others = lattice.peaks(share * now.log_weight, problem.depth)
+            mean, covariance, narrow = _spread(problem, lattice, first, share * now.log_weight[first])
+            if narrow >= COLLAPSED:
                 break
             share *= 0.5
+        if share < 1.0:
+            covariance = min(1.0, NARROW / narrow) * covariance
         other = lattice.point[np.concatenate(others)] if others else lattice.point[:0]
         now = _laid(problem, mean, covariance, now.step, other)
         if share == 1.0:
             return _sharpened(problem, now, mean, covariance, other)
+    raise NumericalError(
+        f"the posterior of the parameters is too uneven for {MOST_LAID} lattices one finer than the other",
+        remedy="state a larger noise of the gauges, or a smaller initial standard deviation of the parameters",
+    )
+
+
+def _spread(
+    problem: _Problem, lattice: Lattice, which: np.ndarray, log_weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean and covariance to lay a lattice for, of points (q,) of this one, and the least variance in its own steps.
+
+    The covariance is that of the density or twice that of its square, whichever is the narrower: of a normal density they are the
+    same, of a curved one the second is nearer to that at its peak.
+    """
+
+    def least(covariance: np.ndarray) -> float:
+        return float(lattice.spread(covariance).min(initial=np.inf) * problem.spacing**2)
+
+    _, mean, plain = moments(lattice.point[which], log_weight)
+    squared = 2 * moments(lattice.point[which], 2 * log_weight)[2]
+    if COLLAPSED <= least(squared) < least(plain):
+        return mean, squared, least(squared)
+    return mean, plain, least(plain)
 
 
 def _sharpened(problem: _Problem, now: _Now, mean: np.ndarray, covariance: np.ndarray, other: np.ndarray) -> _Now:
