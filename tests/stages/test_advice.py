@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.cases.layout.advice import best_possible
+from strainsight.cases.layout.task import root_of
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.elimination import eliminate
@@ -25,7 +26,7 @@ def everything(inputs, parameters, seed):
     greedy = eliminate(scenarios, KEEP)
     swapped = exchange(greedy.pools, greedy.kept)
     names = (*inputs, *parameters)
-    (sentence,) = best_possible(certify(greedy.pools, swapped.gauges, swapped.cost[-1]), TRACE, names)
+    (sentence,) = best_possible(certify(greedy.pools, swapped.gauges, swapped.cost[-1]), TRACE, names, root_of(TRACE, names))
     (pool,) = greedy.pools
     at = last(len(pool.scenario.F), len(names))
 
@@ -71,8 +72,8 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
 )
 def test_shares_are_rounded_up(gap, names, said):
     certificate = Certificate(1 - gap, gap, 1.0, np.ones(1), 1)
-    assert said in next(best_possible(certificate, TRACE, names))
+    assert said in next(best_possible(certificate, TRACE, names, root_of(TRACE, names)))
 
 
 def test_without_a_bound_nothing_is_reported():
-    assert list(best_possible(None, TRACE, ("E",))) == []
+    assert list(best_possible(None, TRACE, ("E",), "")) == []

@@ -54,7 +54,7 @@ def written(project: Path) -> set[str]:
         ("cantilever.bdf", "cantilevr.bdf", "mesh.file", "cantilevr.bdf"),
         ("keep: 4,", "keep: 101,", "place.keep", "100"),
         ("guess: 1.89e+11", "guess: -1.89e+11", "parameters.E.guess", "above 0"),
-        ("estimate: [E], keep: 4", "estimate: [E, tip], keep: 1", "place", "tip"),
+        ("estimate: [E], installation: ignore, keep: 4", "estimate: [E, tip], keep: 1", "place", "tip"),
         ("estimate: [E]", "estimate: [Ee]", "place.estimate", "E"),
         ("relative_to_strongest: 0.01", "relative_to_strongest: 0", "gauges.noise_std", "above 0"),
     ],
@@ -118,7 +118,7 @@ def test_fewer_gauges_than_unknowns_is_refused_with_both_numbers(project):
     config = project / "configs" / "own.yaml"
     change(config, "known: true", "known: false")
     change(config, "initial_std: {E: 0.1}", "initial_std: {E: 0.1, tip: 0.1}")
-    line = change(config, "estimate: [E], keep: 4", "estimate: [E, tip], keep: 1")
+    line = change(config, "estimate: [E], installation: ignore, keep: 4", "estimate: [E, tip], keep: 1")
     message = refused(project)
     assert f"own.yaml:{line}:" in message
     assert "place.keep" in message

@@ -14,6 +14,7 @@ from strainsight.cases.layout.task import Task
 from strainsight.errors import at_least
 from strainsight.ordering import first_of_largest
 from strainsight.placement.certificate import Certificate
+from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.elimination import Elimination
 from strainsight.placement.recommendation import WORTH, gains, worth_keeping
 from strainsight.workflow.output import Table
@@ -40,7 +41,7 @@ def advice(
         *_how_many(task.sigma, cost, len(layout.gauges), labels, task.settings.keep),
         *(_weakest(expected.std) if task.relative else ()),
         *helps(expected.budget),
-        *best_possible(layout.certificate, task),
+        *best_possible(layout.certificate, task.metric.criterion, task.over, task.sigma),
         *(
             f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise, and can replace "
             "each other."
@@ -99,8 +100,11 @@ def _weakest(std: Mapping[str, float]) -> Iterator[str]:
         yield f"{name} is what this layout knows least: ± {100 * std[name]:.2g} % of its guess or amplitude."
 
 
-def best_possible(certificate: Certificate | None, task: Task) -> Iterator[str]:
-    """What the lower bound says of every other layout of the size: the metric is at least (1 − gap) of ours, its root √(1 − gap).
+def best_possible(
+    certificate: Certificate | None, criterion: Criterion, over: Sequence[str], sigma: str
+) -> Iterator[str]:
+    """What the lower bound says of every other layout of the size: the metric is at least (1 − gap) of ours, its root, which is
+    named sigma, √(1 − gap).
 
     Of several unknowns it bounds no single σ. Shares are rounded up: what nothing exceeds must not be said too small.
     """
@@ -112,12 +116,12 @@ def best_possible(certificate: Certificate | None, task: Task) -> Iterator[str]:
         at_least(100 * gap) if gap > 0.001 else "0.1",
         at_least(100 * root) if root > 0.0005 else "0.05",
     )
-    if len(task.over) == 1:
-        yield f"With no other layout within the limits is {task.sigma} lower by more than {deviation} %."
+    if len(over) == 1:
+        yield f"With no other layout within the limits is {sigma} lower by more than {deviation} %."
     else:
         yield (
-            f"With no other layout within the limits is {task.metric.criterion.symbol} lower by more than {variance} %, or its "
-            f"root, {task.sigma}, by more than {deviation} %; σ of one of them alone may be lower by more."
+            f"With no other layout within the limits is {criterion.symbol} lower by more than {variance} %, or its "
+            f"root, {sigma}, by more than {deviation} %; σ of one of them alone may be lower by more."
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,7 @@ from strainsight.cases.layout.pool import PoolRows
 from strainsight.config.layout import LayoutSettings
 from strainsight.gauges.candidates import Candidates
 from strainsight.placement.criteria.choices import CRITERIA
+from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.limits import Limits
 from strainsight.placement.metric import Metric
@@ -90,12 +92,16 @@ class Task:
     @property
     def sigma(self) -> str:
         """What the root of the metric is: the σ of one unknown, or the criterion's mean of several."""
-        over, noise = self.over, " (installation as noise)" if self.coherence else ""
-        if len(over) == 1:
-            return f"the steady-state σ of {over[0]}{noise}"
-        return f"{self.metric.criterion.sigma} of {', '.join(over[:-1])} and {over[-1]}{noise}"
+        return root_of(self.metric.criterion, self.over) + (" (installation as noise)" if self.coherence else "")
 
     def cost_of(self, rows: np.ndarray) -> tuple[float, float] | None:
         """What a layout (k,) of pool rows costs and may cost; None without a budget."""
         budget = self.settings.budget
         return None if budget is None else (float(self.price[rows].sum()), budget)
+
+
+def root_of(criterion: Criterion, over: Sequence[str]) -> str:
+    """The name of the root of a criterion: the σ of one unknown, or the criterion's mean of several."""
+    if len(over) == 1:
+        return f"the steady-state σ of {over[0]}"
+    return f"{criterion.sigma} of {', '.join(over[:-1])} and {over[-1]}"
