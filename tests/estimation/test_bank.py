@@ -199,7 +199,7 @@ def test_a_point_of_the_bank_is_the_filter_at_these_parameters(make_beam, make_f
     bank = filter_bank(model, mean, P, u, y[:, 0])
     inner = model.parameter_states.start
     posterior = []
-    for p in bank.lattice.point:
+    for p in bank.point:
         theta = {name: model.unknowns.guess[name] * np.exp(own) for name, own in zip(("E", "rho"), p, strict=True)}
         alone = replace(
             model,

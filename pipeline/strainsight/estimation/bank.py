@@ -56,17 +56,24 @@ class BankRun:
     """What the bank found.
 
     run: as a filter's, of one run; its σ holds what the nuisances add. shift (T + 1, d, n*): what one of every ν adds to the
-    error of x*, nothing where they are learned; lattice and weight (B,): the posterior of the parameters at the end; nu (B, d)
-    and left (B, d, d): mean and covariance of ν at each of its points; laid: how often the lattice was.
+    error of x*, nothing where they are learned; point (B, k) and weight (B,): the posterior of the parameters at the end;
+    nu (B, d) and left (B, d, d): mean and covariance of ν at each point; laid: how often the lattice was.
     """
 
     run: FilterRun
     shift: np.ndarray
-    lattice: Lattice
+    point: np.ndarray
     weight: np.ndarray
     nu: np.ndarray
     left: np.ndarray
     laid: int
+
+    @property
+    def posterior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (k,) and covariance (k, k) of the parameters, by the samples alone."""
+        mean = self.weight @ self.point
+        off = self.point - mean
+        return mean, (off * self.weight[:, None]).T @ off
 
 
 def filter_bank(
@@ -97,8 +104,7 @@ def filter_bank(
     offsets = np.zeros(0, dtype=int) if biased is None else biased
     problem = _Problem(model, mean, covariance, data, own, offsets, spacing, depth, threads)
     states = model.parameter_states
-    prior = mean[states], covariance[states, states]
-    now, laid = _laid(problem, *prior, 0), 1
+    now, laid = _laid(problem, mean[states], covariance[states, states], 0), 1
     mixture = Mixture(model, mean, covariance, len(known), now.models.nuisances, own.learned)
     while now.step < len(known):
         ahead = min(max(SHORTEST, now.step // SHARE), len(known) - now.step, max(1, KEPT // _numbers(now.models)))
@@ -121,7 +127,7 @@ def filter_bank(
             )
     weight, _, _ = moments(now.lattice.point, now.log_weight)
     run, shift = mixture.finished()
-    return BankRun(run, shift, now.lattice, weight, now.filters.nu, now.filters.left, laid)
+    return BankRun(run, shift, now.lattice.point, weight, now.filters.nu, now.filters.left, laid)
 
 
 @dataclass(frozen=True)

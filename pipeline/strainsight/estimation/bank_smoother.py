@@ -11,7 +11,6 @@ from strainsight.estimation.biased import Biased
 from strainsight.estimation.conditional import Nuisances, conditional_states, linear_models, theta_at
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.lattice import moments
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoother import Smoothed, smooth
@@ -42,7 +41,7 @@ def smooth_bank(
     every, steps, m = model.every, len(known), model.H.shape[-2]
     samples = np.full((steps, m), np.nan)
     samples[every - 1 :: every] = measurement
-    _, centre, spread = moments(bank.lattice.point, np.log(np.maximum(bank.weight, 1e-300)))
+    centre, spread = bank.posterior
     k = len(centre)
     ends = np.sqrt(k) * np.linalg.cholesky(spread).T
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
@@ -72,7 +71,7 @@ def smooth_bank(
     cov[:, parameters[:, None], parameters] = spread
     if nuisances.learned:
         # ν has a covariance with itself and with the parameters that the samples leave
-        off_nu, off_p = bank.nu - bank.weight @ bank.nu, bank.lattice.point - centre
+        off_nu, off_p = bank.nu - bank.weight @ bank.nu, bank.point - centre
         rest = np.einsum("b,bdk->dk", bank.weight, bank.left) + (off_nu * bank.weight[:, None]).T @ off_nu
         with_p = (off_p * bank.weight[:, None]).T @ off_nu
         joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)

@@ -11,7 +11,6 @@ from strainsight.cases.structure.problem import Problem
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.lattice import moments
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.sigma_point import run_sigma_points
@@ -42,7 +41,7 @@ def compared(
     if bank is None or not model.unknowns.parameters or tolerated.learned:
         return None
     start, form, at = np.zeros(len(covariance)), problem.form, model.parameter_states
-    _, middle, spread = moments(bank.lattice.point, np.log(np.maximum(bank.weight, 1e-300)))
+    middle, spread = bank.posterior
 
     def by_extended() -> FilterRun:
         turns = problem.iterations

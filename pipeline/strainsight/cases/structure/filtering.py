@@ -12,7 +12,6 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.lattice import moments
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
@@ -161,6 +160,7 @@ def widths_left(problem: Problem, covariance: np.ndarray, found: Filtered) -> di
     bank = found.banks[0] if found.banks else None
     if bank is None:
         return {}
-    _, _, after = moments(bank.lattice.point, np.log(np.maximum(bank.weight, 1e-300)))
-    before = np.diag(covariance)[len(covariance) - len(after) :]
-    return dict(zip(problem.unknowns.parameters, np.sqrt(np.diag(after) / before).tolist(), strict=True))
+    names = problem.unknowns.parameters
+    _, after = bank.posterior
+    before = np.diag(covariance)[len(covariance) - len(names) :]
+    return dict(zip(names, np.sqrt(np.diag(after) / before).tolist(), strict=True))
