@@ -87,6 +87,7 @@ def test_next_to_no_noise_finds_the_modulus_of_the_filter_s_own_model(tmp_path):
     changes = {
         "gauges.noise_std": {"relative_to_strongest": 1e-7},
         "process_noise.model_error": 0.0,
+        "tolerances": "none",
         "parameters.E.process_noise_scale": 1e-6,
         "validate.truth.model": "rom",
         "filter.form": "square_root",

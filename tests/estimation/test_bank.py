@@ -12,7 +12,7 @@ from scipy.linalg import block_diag, eigh, expm
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.conditional import Nuisances, no_nuisances
+from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
@@ -215,23 +215,30 @@ def test_a_point_of_the_bank_is_the_filter_at_these_parameters(make_beam, make_f
     np.testing.assert_allclose(bank.weight, w / w.sum(), atol=1e-6)
 
 
-def test_what_the_constants_add_is_the_slope_of_the_estimate(measured):
-    """Offsets of channels enter a reading whatever the motion, so that the shift is a plain derivative in the data."""
-    model, P, _, y = measured
-    offset = np.array([[NOISE, 0.0], [0.0, NOISE]])
+def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
+    """Offsets of both channels that no sample corrects the motion for: at every parameter the plain filter's states, and σ that
+    holds how an offset of one σ moves them."""
+    whole = chain()
+    model = replace(
+        whole, unknowns=replace(whole.unknowns, parameters=()), fixed=REFERENCE, H=whole.H[:, :5], Q=whole.Q[:5, :5]
+    )
+    P = start()[:5, :5]
+    _, y = draw_truth(model, np.zeros(5), P, forces(), [5])
+    offset = np.array([[NOISE, 0.0], [0.0, 3 * NOISE]])
     nuisances = Nuisances(("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), offset)
-    options = {"spacing": 0.6, "depth": 20.0}
-    bank = filter_bank(model, np.zeros(7), P, forces(), y, nuisances, **options)
-    for k in range(2):
-        step = 1e-3
-        ahead, back = (filter_bank(model, np.zeros(7), P, forces(), y + s * step * offset[k], **options) for s in (1, -1))
-        slope = (ahead.run.mean[:, 0] - back.run.mean[:, 0]) / (2 * step)
-        scale = np.abs(slope[STEPS // 4 :]).max(axis=0)
-        np.testing.assert_allclose(bank.shift[STEPS // 4 :, k] / scale, slope[STEPS // 4 :] / scale, atol=2e-4)
+
+    def run(values, own=None):
+        return filter_bank(model, np.zeros(5), P, forces(), values, own).run
+
+    plain, found = run(y[:, 0]), run(y[:, 0], nuisances)
+    moved = np.stack([run(y[:, 0] + own).mean - plain.mean for own in offset])
+    scale = plain.std.max(axis=0)
+    np.testing.assert_allclose(found.mean / scale, plain.mean / scale, atol=1e-9)
+    np.testing.assert_allclose(found.std, np.sqrt(plain.std**2 + np.sum(moved**2, axis=0)), rtol=1e-7)
 
 
 def test_sigma_holds_where_gauges_read_too_much():
-    """Over draws of gain errors of both gauges: σ holds what the filter does not estimate, and does not without."""
+    """Over draws of gain errors of both gauges: σ of the parameters holds them integrated out, and does not hold without."""
     model, P, gain, draws = chain(noise=5e-5), start(), 0.02, 60
     truth, y = draw_truth(model, np.zeros(7), P, forces(), range(100, 100 + draws))
     D = np.zeros((2, 2, 5))
@@ -242,9 +249,9 @@ def test_sigma_holds_where_gauges_read_too_much():
     for b in range(draws):
         wrong = y[:, b] + (truth[1:, b, :2] @ ROWS.T) * gain * rng.standard_normal(2)
         bank = filter_bank(model, np.zeros(7), P, forces(), wrong, nuisances)
-        error, added = bank.run.mean[-1, 0, 5:] - truth[-1, b, 5:], np.sum(bank.shift[-1, :, 5:] ** 2, axis=0)
-        with_it.append(error / bank.run.std[-1, 0, 5:])
-        without.append(error / np.sqrt(bank.run.std[-1, 0, 5:] ** 2 - added))
+        exact = filter_bank(model, np.zeros(7), P, forces(), wrong)
+        for run, found in ((bank.run, with_it), (exact.run, without)):
+            found.append((run.mean[-1, 0, 5:] - truth[-1, b, 5:]) / run.std[-1, 0, 5:])
     ratio = np.sqrt(np.mean(np.square(with_it), axis=0))
     np.testing.assert_allclose(ratio, 1.0, atol=3 / np.sqrt(2 * draws))
     assert np.sqrt(np.mean(np.square(without), axis=0)).max() > 1.5
@@ -260,25 +267,28 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
     P, steps, size = start()[:5, :5], 80, 1e-3
     nuisances = replace(no_nuisances(model), damping=sizes[0], stiffness=sizes[1])
 
-    def error(factors, stiffer):
-        """Of the filter on what a chain reads without noise that begins at rest, no unknown load acting."""
+    def readings(factors, stiffer):
+        """What a chain reads without noise that begins at rest, no unknown load acting, and its motion."""
         F, column = continuous({name: stiffer * value for name, value in REFERENCE.items()}, factors)
         whole = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)
         x = np.zeros((steps + 1, 5))
         for k, u in enumerate(forces(steps)[:, 0, 0]):
             x[k + 1] = whole[:5, :5] @ x[k] + whole[:5, 5] * u
-        bank = filter_bank(model, np.zeros(5), P, forces(steps), x[1:, :2] @ ROWS.T, nuisances)
-        return bank.run.mean[:, 0] - x, bank.shift
+        return x[1:, :2] @ ROWS.T, x
 
-    _, shift = error(np.ones(2), 1.0)
+    def error(factors, stiffer):
+        y, x = readings(factors, stiffer)
+        return filter_bank(model, np.zeros(5), P, forces(steps), y).run.mean[:, 0] - x
+
     if source == "damping":
-        ends = [[error(np.exp(s * size * 0.1 * mode), 1.0)[0] for s in (1, -1)] for mode in np.eye(2)]
+        ends = [[error(np.exp(s * size * 0.1 * mode), 1.0) for s in (1, -1)] for mode in np.eye(2)]
     else:
-        ends = [[error(np.ones(2), np.exp(s * size * 0.1))[0] for s in (1, -1)]]
+        ends = [[error(np.ones(2), np.exp(s * size * 0.1)) for s in (1, -1)]]
     slope = np.stack([(ahead - back) / (2 * size) for ahead, back in ends], axis=1)
-    assert shift.shape == slope.shape
-    scale = np.abs(slope).max(axis=(0, 1))
-    np.testing.assert_allclose(shift / scale, slope / scale, atol=1e-4)
+    y, _ = readings(np.ones(2), 1.0)
+    found, plain = (filter_bank(model, np.zeros(5), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None))
+    added = np.sum(slope**2, axis=1)
+    np.testing.assert_allclose((found**2 - plain**2) / added.max(axis=0), added / added.max(axis=0), atol=2e-4)
 
 
 def test_constants_that_are_learned_are_states_of_the_filter():
@@ -310,6 +320,43 @@ def test_constants_that_are_learned_are_states_of_the_filter():
     np.testing.assert_allclose(one.std[:, 0] / std, 1.0, atol=0.01)
     for name, tolerance in (("whitened", 1e-5), ("log_likelihood", 1e-3)):
         np.testing.assert_allclose(getattr(bank.run, name), getattr(states.run, name), atol=tolerance)
+
+
+def test_whether_the_motion_is_corrected_is_nothing_to_the_parameters():
+    """Their posterior has the offsets integrated out either way; the motion has all of them in σ, or what the samples leave."""
+    model, P, std = chain(noise=2e-4), start(), np.array([2e-3, 5e-3])
+    _, y = draw_truth(model, np.zeros(7), P, forces(), [3])
+    read = Nuisances(("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), np.diag(std))
+    one, other = (
+        filter_bank(model, np.zeros(7), P, forces(), y[:, 0] + [1.5e-3, -4e-3], own)
+        for own in (read, replace(read, learned=True))
+    )
+    np.testing.assert_array_equal(one.weight, other.weight)
+    np.testing.assert_array_equal(one.run.mean[:, 0, 5:], other.run.mean[:, 0, 5:])
+    np.testing.assert_array_equal(one.run.std[:, 0, 5:], other.run.std[:, 0, 5:])
+    assert (one.run.std[5:, 0, :2] > 1.5 * other.run.std[5:, 0, :2]).all()
+
+
+def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged(make_beam, make_filter, sine):
+    model = make_filter(make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4)
+    u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
+    mean, P = np.zeros(model.size), prior(model, 0.05)
+    _, y = draw_truth(model, mean, P, u, [2])
+    y = y[:, 0]
+    y[3, 1] = np.nan
+    size = 0.3 * np.sqrt(np.nanmean(y**2, axis=0))
+    noisier = replace(model, r=model.r + size**2 * model.h)
+    found, plain = (
+        filter_bank(own, mean, P, u, y, replace(no_nuisances(own), discrepancy=share))
+        for own, share in ((model, 0.3), (noisier, 0.0))
+    )
+    np.testing.assert_allclose(found.weight, plain.weight, rtol=1e-9)
+    for name in ("mean", "innovation"):
+        own, other = getattr(found.run, name), getattr(plain.run, name)
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(other)))
+    assert np.nansum(found.run.whitened**2) > 1.2 * np.nansum(plain.run.whitened**2)
+    # a load that is unknown has to follow its samples
+    assert not discrepancy(chain(), replace(no_nuisances(chain()), discrepancy=0.3), y[:, :2]).any()
 
 
 def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step():

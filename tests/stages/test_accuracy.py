@@ -27,11 +27,14 @@ def run(tmp_path_factory):
     return place_and_validate
 
 
-@pytest.mark.parametrize(("truth", "limit"), [("modes", 0.002), ("rich", 0.01)])
+@pytest.mark.parametrize("truth", ["modes", "rich"])
 @pytest.mark.parametrize(("case", "name"), [("youngs-modulus", "E"), ("density", "rho"), ("density-35hz", "rho")])
-def test_a_single_parameter_from_a_known_load(run, case, name, truth, limit):
+def test_a_single_parameter_from_a_known_load(run, case, name, truth):
+    """To 0.2 % by exact gauges; by gauges with a gain of 1 % and more as well as σ says, which is below 2 %."""
     place, validate = run(case, truth)
-    assert validate.summary[f"error.{name}"] <= limit
+    error, std = validate.summary[f"error.{name}"], validate.summary[f"std.{name}"]
+    assert error <= (0.002 if truth == "modes" else 3.2 * std)
+    assert std <= 0.02
     assert place.summary["riccati_residual"] <= 1e-10
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import strainsight.estimation.verdict as kernel
 import strainsight.report.placement.verdicts as words
+from strainsight.cases.structure.problem import rests_on_loads_in_words
 from strainsight.stages.pages.claims import claims_of
 
 
@@ -60,3 +63,12 @@ def test_pages_and_kernels_use_the_same_words():
     """A page knows no kernel: its words stand in a file of its own."""
     ours = (kernel.OVERCONFIDENT, kernel.TOO_CAUTIOUS, kernel.CONSISTENT)
     assert ours == (words.OVER, words.CAUTIOUS, words.HELD)
+
+
+@pytest.mark.parametrize(("known", "inputs", "parameters"), [(("tip",), ("x",), ("E",)), ((), ("x",), ()), ((), (), ("E",))])
+def test_parameters_rest_on_unknown_loads_only_where_no_load_is_known(known, inputs, parameters):
+    unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
+    assert rests_on_loads_in_words(SimpleNamespace(known=known, unknowns=unknowns)) == ""
+    both = SimpleNamespace(inputs=("x", "y"), parameters=("E", "rho"))
+    said = rests_on_loads_in_words(SimpleNamespace(known=(), unknowns=both))
+    assert "E, rho rests on what process_noise states of x, y" in said

@@ -106,12 +106,13 @@ class ProcessNoise(Section):
         description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is; as_printed: "
         "those numbers, and σ² of the gauges, put into the Riccati equation as if they were intensities.",
     )
-    model_error: float = Field(
-        0.01,
+    model_error: float | None = Field(
+        None,
         ge=0,
         le=1e6,
-        description="Noise on the velocities as a share of the training acceleration [-]: without it the filter is sure and "
-        "wrong as soon as the damping is not exact.",
+        description="Noise on the velocities as a share of the training acceleration [-]; null: 0.01, without which a "
+        "filter is overconfident where the damping is not exact; but 0 in a bank under known loads for which the damping has "
+        "a tolerance: the size of a noise that is not there would tell it of the parameters.",
     )
 
 

@@ -39,10 +39,19 @@ class Tolerances(Section):
         le=0.5,
         description="σ of the logarithm of one scale of the whole stiffness, where no modulus is estimated [-].",
     )
+    discrepancy: float = Field(
+        0.02,
+        ge=0,
+        le=0.5,
+        description="σ of what else a reading is off by at every sample, over the RMS of its channel [-]: second order of all "
+        "of these, and what the reduced model leaves out. Under known loads a bank estimates parameters as if by gauges of that "
+        "noise beside their own; not where a load is unknown, which has to follow the readings.",
+    )
     treat: Literal["consider", "estimate"] = Field(
         "consider",
-        description="consider: σ of the estimates covers them; estimate: the filter estimates them beside the unknowns, which "
-        "readings that the model cannot explain otherwise mislead.",
+        description="Of motion and loads; parameters are estimated with all tolerances integrated out. consider: as the gauges "
+        "read, and σ covers it; estimate: corrected by what the samples say of them, which readings that the model cannot "
+        "explain otherwise mislead.",
     )
 
 
@@ -59,6 +68,7 @@ NONE = Tolerances(
     offset=0,
     damping=1,
     model=0,
+    discrepancy=0,
     treat="consider",
 )
 """Everything exact."""

@@ -2,8 +2,9 @@
 
     p(θ | y) ∝ p(θ) Πₖ p(yₖ | y₁ … yₖ₋₁, θ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
 
-At fixed parameters the reduced model is linear, and the innovations of a Kalman filter give the likelihood of the parameters.
-The extended filter linearises the product of parameter and motion instead, and is sure of what it does not know.
+At fixed parameters the reduced model is linear, and the innovations of a Kalman filter give the likelihood of the parameters,
+with errors of installation and damping integrated out. The extended filter linearises the product of parameter and motion
+instead, and is sure of what it does not know.
 """
 
 from __future__ import annotations
@@ -14,7 +15,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import Nuisances, conditional_states, linear_models, no_nuisances
+from strainsight.estimation.conditional import (
+    Nuisances,
+    conditional_states,
+    discrepancy,
+    linear_models,
+    no_nuisances,
+)
 from strainsight.estimation.lattice import Lattice, lattice_about, moments
 from strainsight.estimation.mixture import Mixture
 from strainsight.estimation.model import FilterModel
@@ -55,13 +62,11 @@ KEPT = 4_000_000
 class BankRun:
     """What the bank found.
 
-    run: as a filter's, of one run; its σ holds what the nuisances add. shift (T + 1, d, n*): what one of every ν adds to the
-    error of x*, nothing where they are learned; point (B, k) and weight (B,): the posterior of the parameters at the end;
-    nu (B, d) and left (B, d, d): mean and covariance of ν at each point; laid: how often the lattice was.
+    run: as a filter's, of one run; its σ holds what the nuisances add. point (B, k) and weight (B,): the posterior of the
+    parameters at the end; nu (B, d) and left (B, d, d): mean and covariance of ν at each point; laid: how often the lattice was.
     """
 
     run: FilterRun
-    shift: np.ndarray
     point: np.ndarray
     weight: np.ndarray
     nu: np.ndarray
@@ -70,10 +75,17 @@ class BankRun:
 
     @property
     def posterior(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (k,) and covariance (k, k) of the parameters, by the samples alone."""
+        """Mean (k,) and covariance (k, k) of the parameters."""
         mean = self.weight @ self.point
         off = self.point - mean
         return mean, (off * self.weight[:, None]).T @ off
+
+    @property
+    def nuisances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (d,) and covariance (d, d) of ν."""
+        mean = self.weight @ self.nu
+        off = self.nu - mean
+        return mean, np.einsum("b,bdk->dk", self.weight, self.left) + (off * self.weight[:, None]).T @ off
 
 
 def filter_bank(
@@ -99,13 +111,13 @@ def filter_bank(
     narrowed or moved to its edge. Raises NumericalError where it would need more than MOST_POINTS points, and where the
     posterior leaves the guess by a factor of exp(LOST).
     """
-    data = _data(model, known, measurement)
     own = no_nuisances(model) if nuisances is None else nuisances
+    data = _data(model, known, measurement, discrepancy(model, own, measurement))
     offsets = np.zeros(0, dtype=int) if biased is None else biased
     problem = _Problem(model, mean, covariance, data, own, offsets, spacing, depth, threads)
     states = model.parameter_states
     now, laid = _laid(problem, mean[states], covariance[states, states], 0), 1
-    mixture = Mixture(model, mean, covariance, len(known), now.models.nuisances, own.learned)
+    mixture = Mixture(model, mean, covariance, len(known), own.learned)
     while now.step < len(known):
         ahead = min(max(SHORTEST, now.step // SHARE), len(known) - now.step, max(1, KEPT // _numbers(now.models)))
         before = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
@@ -126,18 +138,19 @@ def filter_bank(
                 now.step - 1, now.lattice.point, now.log_weight[:, None], now.filters.states, now.models, ends[-1:]
             )
     weight, _, _ = moments(now.lattice.point, now.log_weight)
-    run, shift = mixture.finished()
-    return BankRun(run, shift, now.lattice.point, weight, now.filters.nu, now.filters.left, laid)
+    return BankRun(mixture.finished(), now.lattice.point, weight, now.filters.nu, now.filters.left, laid)
 
 
 @dataclass(frozen=True)
 class _Data:
-    """known (T, p) and known_end (T, p₁) of every step, samples (T, m) with NaN where none, noise (T, m) variances."""
+    """known (T, p) and known_end (T, p₁) of every step, samples (T, m) with NaN where none, noise (T, m) and
+    discrepancy (m,) their variances."""
 
     known: np.ndarray
     known_end: np.ndarray
     samples: np.ndarray
     noise: np.ndarray
+    discrepancy: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -193,14 +206,14 @@ def _numbers(models: LinearModels) -> int:
     return models.count * (n * (n + 1 + models.nuisances) + models.nuisances**2)
 
 
-def _data(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> _Data:
+def _data(model: FilterModel, known: np.ndarray, measurement: np.ndarray, more: np.ndarray) -> _Data:
+    """more (m,): variance of the discrepancy of every channel."""
     steps, m = len(known), model.H.shape[-2]
     samples = np.full((steps, m), np.nan)
     samples[model.every - 1 :: model.every] = measurement
     noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, (steps, m))
-    return _Data(
-        known.reshape(steps, known.shape[1] * known.shape[2]), known.sum(axis=1), samples, np.ascontiguousarray(noise)
-    )
+    held = known.reshape(steps, known.shape[1] * known.shape[2])
+    return _Data(held, known.sum(axis=1), samples, np.ascontiguousarray(noise), more)
 
 
 class _TooMany(NumericalError):
@@ -327,8 +340,8 @@ def _passed(problem: _Problem, now: _Now, steps: int, keep: bool) -> Passage:
         data.known_end[span],
         data.samples[span],
         data.noise[span],
+        data.discrepancy,
         keep,
-        problem.nuisances.learned,
         problem.threads,
     )
 

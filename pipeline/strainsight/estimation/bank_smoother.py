@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.biased import Biased
-from strainsight.estimation.conditional import Nuisances, conditional_states, linear_models, theta_at
+from strainsight.estimation.conditional import Nuisances, conditional_states, discrepancy, linear_models, theta_at
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.model import FilterModel
@@ -46,17 +46,16 @@ def smooth_bank(
     ends = np.sqrt(k) * np.linalg.cholesky(spread).T
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
     P0 = covariance[np.ix_(at, at)]
+    model = replace(model, r=model.r + every * model.h * discrepancy(model, nuisances, measurement))
+    nu, left = bank.nuisances
     found = [smoothed_at(model, point, mean[at], P0, known, samples[:, None], offsets) for point in points]
     middle = np.mean([own.mean[:, 0] for own in found], axis=0)
     caused, own, V = _effects(model, centre, P0, known, middle, nuisances, offsets)
-    x = np.stack([each.mean[:, 0] for each in found])
-    if nuisances.learned:
-        # once more without what the mean of ν makes of samples and motion
-        nu = bank.weight @ bank.nu
-        samples -= caused @ nu
-        found = [smoothed_at(model, point, mean[at], P0, known, samples[:, None], offsets) for point in points]
-        x = np.stack([each.mean[:, 0] for each in found]) + np.einsum("tda,d->ta", own, nu)
-        middle = x.mean(axis=0)
+    # once more without what the mean of ν makes of samples and motion
+    samples -= caused @ nu
+    found = [smoothed_at(model, point, mean[at], P0, known, samples[:, None], offsets) for point in points]
+    x = np.stack([each.mean[:, 0] for each in found]) + np.einsum("tda,d->ta", own, nu)
+    middle = x.mean(axis=0)
     P = np.stack([_covariance(each) for each in found])
     off = x - middle
     # regression of the motion on the parameters over the points, for what a nuisance does by way of them
@@ -69,23 +68,19 @@ def smooth_bank(
     cov[:, at[:, None], at] = P.mean(axis=0) + np.einsum("bta,btc->tac", off, off, optimize=True) / len(points)
     cov[:, at[:, None], parameters], cov[:, parameters[:, None], at] = cross, np.swapaxes(cross, 1, 2)
     cov[:, parameters[:, None], parameters] = spread
-    if nuisances.learned:
-        # ν has a covariance with itself and with the parameters that the samples leave
-        off_nu, off_p = bank.nu - bank.weight @ bank.nu, bank.point - centre
-        rest = np.einsum("b,bdk->dk", bank.weight, bank.left) + (off_nu * bank.weight[:, None]).T @ off_nu
-        with_p = (off_p * bank.weight[:, None]).T @ off_nu
-        joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)
-        cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, rest, V, optimize=True)
-        cov[:, at[:, None], at] -= joint + np.swapaxes(joint, 1, 2)
-        by_p = np.einsum("tda,id->tai", V, with_p)
-        cov[:, at[:, None], parameters] -= by_p
-        cov[:, parameters[:, None], at] -= np.swapaxes(by_p, 1, 2)
-        return Smoothed(bank.run.time, whole[:, None], standard_deviation(cov)[:, None], cov[:, None])
-    shift = np.zeros((steps + 1, bank.shift.shape[1], n))
-    moved = bank.shift[-1][:, parameters]
-    shift[:, :, parameters] = moved
-    shift[:, :, at] = V + np.einsum("tai,di->tda", slope, moved)
-    cov += np.einsum("tda,tdc->tac", shift, shift, optimize=True)
+    # ν has a covariance with itself and with the parameters that the samples leave
+    off_nu, off_p = bank.nu - nu, bank.point - centre
+    with_p = (off_p * bank.weight[:, None]).T @ off_nu
+    joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)
+    cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, left, V, optimize=True)
+    cov[:, at[:, None], at] -= joint + np.swapaxes(joint, 1, 2)
+    by_p = np.einsum("tda,id->tai", V, with_p)
+    cov[:, at[:, None], parameters] -= by_p
+    cov[:, parameters[:, None], at] -= np.swapaxes(by_p, 1, 2)
+    if not nuisances.learned:
+        # as the samples read: what they say of ν is neither in the motion nor in its σ
+        whole[:, at] += np.einsum("tda,d->ta", V, nu)
+        cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, np.eye(len(nu)) - left, V, optimize=True)
     return Smoothed(bank.run.time, whole[:, None], standard_deviation(cov)[:, None], cov[:, None])
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.conditional import Nuisances, linear_models
+from strainsight.estimation.conditional import Nuisances, discrepancy, linear_models
 from strainsight.estimation.model import FilterModel, theta_of
 from strainsight.estimation.motion import augmented_jacobian, measured_jacobian
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
@@ -52,8 +52,10 @@ def covariance_recursion(
     """
     b = max(model.sets, len(covariance) if covariance.ndim == 3 else 1)
     P = np.broadcast_to(covariance, (b, model.size, model.size)).astype(float)
-    R = np.broadcast_to(model.noise, (*model.noise.shape[:-2], b, model.H.shape[-2]))
     constants = None if nuisances is None else _Constants(model, nuisances)
+    R = np.broadcast_to(model.noise, (*model.noise.shape[:-2], b, model.H.shape[-2]))
+    if nuisances is not None and constants is not None:
+        R = R + discrepancy(model, nuisances, constants.reading(trajectory[1:], u))
     V = np.zeros((b, 0 if constants is None else len(constants.source), model.size))
     first_set = np.zeros((3, model.size, model.size))
     first_set[2] = P[0]
@@ -119,6 +121,11 @@ class _Constants:
         pushed[:, :moving, :states] += np.einsum("eij,tj->tei", own.G_nu[0], w, optimize=True)
         read = np.einsum("dmj,tj->tdm", own.D, self._states(end, last), optimize=True) + own.offset
         return pushed, read + np.einsum("dmj,tj->tdm", own.E, last[:, self.known], optimize=True)
+
+    def reading(self, end: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Of the channels (L, m) at the ends [q, q̇] (L, 2n) of L steps, u (L, HOLD, n_u)."""
+        last = u.sum(axis=1)
+        return np.asarray(self._states(end, last) @ self.linear.H[0].T + last[:, self.known] @ self.linear.F[0].T)
 
     def _states(self, motion: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """[q, q̇, ζ] (L, n) at instants with loads (L, n_u) [N]."""

@@ -27,7 +27,11 @@ class Nuisances:
 
     source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading. Of the motion: damping, σ of
     ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither.
-    learned: whether the samples are asked what ν is, so that σ holds what they leave open, and not all of it.
+    The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
+    corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it. discrepancy: σ of what else
+    a reading is off by, over its RMS, white: second order of all these, and what the model leaves out. It matters where
+    parameters are estimated under known loads from readings of small noise, which would be believed beyond what the model can
+    say of them.
     """
 
     source: tuple[str, ...]
@@ -37,6 +41,7 @@ class Nuisances:
     damping: float = 0.0
     stiffness: float = 0.0
     learned: bool = False
+    discrepancy: float = 0.0
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """What every ν stands for, those of the motion first."""
@@ -54,6 +59,15 @@ def no_nuisances(model: FilterModel) -> Nuisances:
 def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:
     """Where the states of the filters of a bank, [q, q̇, ζ] and the offsets of channels, stand in x* and what is behind it."""
     return np.concatenate([np.arange(model.parameter_states.start), np.arange(model.size, model.size + offsets)])
+
+
+def discrepancy(model: FilterModel, nuisances: Nuisances, measurement: np.ndarray) -> np.ndarray:
+    """Variance (m,) of the discrepancy of a measurement's samples (T, m), NaN where missing; zero where a load is unknown, which
+    has to follow the samples, and where no parameter is."""
+    if model.unknowns.inputs or not model.unknowns.parameters:
+        return np.zeros(measurement.shape[1])
+    there = np.maximum(np.isfinite(measurement).sum(axis=0), 1)
+    return nuisances.discrepancy**2 * np.nansum(measurement**2, axis=0) / there
 
 
 def linear_models(

@@ -15,9 +15,7 @@ from strainsight.estimation.update import standard_deviation
 class Mixture:
     """The arrays of a bank while it runs: T steps of a model with d nuisances."""
 
-    def __init__(
-        self, model: FilterModel, mean: np.ndarray, covariance: np.ndarray, steps: int, nuisances: int, learned: bool
-    ):
+    def __init__(self, model: FilterModel, mean: np.ndarray, covariance: np.ndarray, steps: int, learned: bool):
         n, m = len(mean), model.H.shape[-2]
         at = conditional_states(model, n - model.size)
         self.model, self.steps, self.states_of_filters, self.learned = model, steps, len(at), learned
@@ -25,7 +23,6 @@ class Mixture:
         self.order = np.concatenate([at, np.arange(n)[model.parameter_states]])
         self.mean, self.covariance = np.zeros((steps + 1, n)), np.zeros((steps + 1, n, n))
         self.mean[0], self.covariance[0] = mean[self.order], covariance[np.ix_(self.order, self.order)]
-        self.shift = np.zeros((steps + 1, nuisances, n))
         self.gauge_mean, self.gauge_variance = np.zeros((steps, m)), np.zeros((steps, m))
         self.innovation, self.whitened = np.full((steps, m), np.nan), np.full((steps, m), np.nan)
         self.log_likelihood = 0.0
@@ -44,11 +41,10 @@ class Mixture:
         L, states = log_weight.shape[1], self.states_of_filters
         span, after = slice(first, first + L), slice(first + 1, first + L + 1)
         w, _, _ = moments(point, log_weight.T)
-        x, P, V = found.x, found.P, found.V
-        if self.learned:
-            # what the samples say of ν moves every estimate, and leaves the rest of it in P
-            x = x - np.einsum("btda,btd->bta", V, found.nu)
-            P = P + np.einsum("btda,btdk,btkc->btac", V, found.left, V, optimize=True)
+        V = found.V
+        # what the samples say of ν moves every estimate, and leaves the rest of it in P
+        x = found.x - np.einsum("btda,btd->bta", V, found.nu)
+        P = found.P + np.einsum("btda,btdk,btkc->btac", V, found.left, V, optimize=True)
         y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
         whole = np.concatenate([x, np.broadcast_to(point[:, None], (len(point), L, point.shape[1]))], axis=2)
         self.mean[after] = np.einsum("tb,btn->tn", w, whole)
@@ -61,11 +57,24 @@ class Mixture:
         own = np.einsum("bmn,btnk,bmk->btm", models.H, P, models.H, optimize=True) + y**2
         self.gauge_variance[span] = np.einsum("tb,btm->tm", w, own)
         if not self.learned:
-            self.shift[after] = -np.einsum("btd,bta->tda", found.score, weighted, optimize=True)
-            self.shift[after, :, :states] += np.einsum("tb,btda->tda", w, V, optimize=True)
-            moved = np.einsum("tb,bmn,btdn->tdm", w, models.H, V, optimize=True)
-            moved -= np.einsum("tb,btm,btd->tdm", w, y, found.score, optimize=True)
-            self.gauge_variance[span] += np.sum(moved**2, axis=1)
+            self._as_they_read(after, w, found, models.H)
+
+    def _as_they_read(self, after: slice, w: np.ndarray, found: States, H: np.ndarray) -> None:
+        """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:
+
+        x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them
+        """
+        span, states = slice(after.start - 1, after.stop - 1), self.states_of_filters
+        nu = np.einsum("tb,btd->td", w, found.nu)
+        off = found.nu - nu
+        left = np.einsum("tb,btdk->tdk", w, found.left) + np.einsum("tb,btd,btk->tdk", w, off, off, optimize=True)
+        gone = np.eye(nu.shape[1]) - left
+        V = np.einsum("tb,btda->tda", w, found.V)
+        self.mean[after, :states] += np.einsum("tda,td->ta", V, nu)
+        self.covariance[after, :states, :states] += np.einsum("tda,tdk,tkc->tac", V, gone, V, optimize=True)
+        sensed = np.einsum("tb,bmn,btdn->tdm", w, H, found.V, optimize=True)
+        self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
+        self.gauge_variance[span] += np.einsum("tdm,tdk,tkm->tm", sensed, gone, sensed, optimize=True)
 
     def innovations(
         self,
@@ -98,13 +107,12 @@ class Mixture:
                 factor = np.linalg.cholesky(S[t][np.ix_(there, there)])
                 self.whitened[first + t, there] = np.linalg.solve(factor, self.innovation[first + t, there])
 
-    def finished(self) -> tuple[FilterRun, np.ndarray]:
-        """As a filter's run, of one run, with σ and covariances that hold what the nuisances add; and that, (T + 1, d, n*)."""
+    def finished(self) -> FilterRun:
+        """As a filter's run, of one run, with σ and covariances that hold what the nuisances add."""
         back = np.argsort(self.order)
-        mean, shift = self.mean[:, back], self.shift[:, :, back]
-        covariance = self.covariance[:, back[:, None], back] + np.einsum("tda,tdc->tac", shift, shift, optimize=True)
+        mean, covariance = self.mean[:, back], self.covariance[:, back[:, None], back]
         at = self.model.position
-        run = FilterRun(
+        return FilterRun(
             time=self.model.h * np.arange(self.steps + 1),
             mean=mean[:, None],
             std=standard_deviation(covariance)[:, None],
@@ -122,4 +130,3 @@ class Mixture:
             rows=None,
             adjusted=None,
         )
-        return run, shift

@@ -50,7 +50,7 @@ class Filters:
     """Where B filters stand; `advance` moves them: x (B, n), P (B, n, n); V (B, d, n) what one of ν adds to the error x̂ − x;
     gain (B, m, n), variance (B, m) of every channel in the last step, one channel after the other, and S (B, m, m) of all of
     them before it; calm (B,) steady steps; nu (B, d) and left (B, d, d): mean and covariance of ν
-    by the samples so far; score (B, d) = ∂ ln p(y | ν)/∂ν at ν = 0."""
+    by the samples so far."""
 
     x: np.ndarray
     P: np.ndarray
@@ -61,36 +61,34 @@ class Filters:
     calm: np.ndarray
     nu: np.ndarray
     left: np.ndarray
-    score: np.ndarray
 
     @property
     def states(self) -> States:
         """As they are, at one instant."""
-        return States(*(own[:, None] for own in (self.x, self.P, self.V, self.nu, self.left, self.score)))
+        return States(*(own[:, None] for own in (self.x, self.P, self.V, self.nu, self.left)))
 
 
 @dataclass(frozen=True)
 class States:
-    """B filters at L instants: x (B, L, n), P (B, L, n, n), V (B, L, d, n), nu (B, L, d), left (B, L, d, d), score (B, L, d),
-    each as in `Filters`."""
+    """B filters at L instants: x (B, L, n), P (B, L, n, n), V (B, L, d, n), nu (B, L, d), left (B, L, d, d), each as in
+    `Filters`."""
 
     x: np.ndarray
     P: np.ndarray
     V: np.ndarray
     nu: np.ndarray
     left: np.ndarray
-    score: np.ndarray
 
     def first(self, count: int) -> States:
         """At the first instants."""
-        return States(*(own[:, :count] for own in (self.x, self.P, self.V, self.nu, self.left, self.score)))
+        return States(*(own[:, :count] for own in (self.x, self.P, self.V, self.nu, self.left)))
 
 
 @dataclass(frozen=True)
 class Passage:
-    """What B filters found in L steps. fit (B, L): log-likelihood of each step's samples, over ν where it is learned, at ν = 0
-    where not; where kept, else of length 0 in L: states after each update; before it, expected (B, L, m) and S (B, L, m, m) of
-    the samples at ν = 0, and slope (B, L, m, d) of their innovations in ν."""
+    """What B filters found in L steps. fit (B, L): log-likelihood of each step's samples, with ν integrated out; where kept, else
+    of length 0 in L: states after each update; before it, expected (B, L, m) and S (B, L, m, m) of the samples at ν = 0, and
+    slope (B, L, m, d) of their innovations in ν."""
 
     fit: np.ndarray
     states: States
@@ -112,7 +110,6 @@ def filters_of(models: LinearModels, mean: np.ndarray, covariance: np.ndarray) -
         np.zeros(B, dtype=np.int64),
         np.zeros((B, models.nuisances)),
         np.tile(np.eye(models.nuisances), (B, 1, 1)),
-        np.zeros((B, models.nuisances)),
     )
 
 
@@ -123,8 +120,8 @@ def advance(
     known_end: np.ndarray,
     measurement: np.ndarray,
     noise: np.ndarray,
+    discrepancy: np.ndarray,
     keep: bool,
-    learned: bool = False,
     threads: int = 1,
 ) -> Passage:
     """Take the filters L steps on, each a prediction and an update by every channel that measured (1.57-1.60):
@@ -132,12 +129,13 @@ def advance(
         V⁻ = A V − (A_ν x̃ + G_ν w),   ε = D x̃⁻ + E w₁ + o − H V⁻,   V = V⁻ + K ε,   x̃ = x̂ − V ν̂
 
     the error that constants ν make in a filter that does not know of them. Its innovations are e = ε ν + white noise, and least
-    squares on them give mean ν̂ and covariance of ν (Friedland's separate filter of a bias). Where ν is not learned these serve
-    to judge innovations only: x̃ = x̂ (Schmidt's consider parameters), and the score Σ ε e/S² says how ν moves the likelihood.
-    Linear in ν about the motion that is predicted: an innovation is independent of that, so that noise makes no bias.
-    known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples.
-    keep: whether states are returned. Changes `filters` in place.
-    Source: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
+    squares on them give mean ν̂ and covariance of ν (Friedland's separate filter of a bias), and the likelihood of the samples
+    with ν integrated out. Linear in ν about the motion that is predicted: an innovation is independent of that, so that noise
+    makes no bias.
+    known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples, with
+    discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned. Changes `filters`
+    in place.
+    Source: Friedland, IEEE Trans. Automatic Control 14 (1969).
     """
     B, m, n = models.H.shape
     L, d, kept = len(measurement), models.nuisances, len(measurement) if keep else 0
@@ -147,7 +145,6 @@ def advance(
         np.zeros((B, kept, d, n)),
         np.zeros((B, kept, d)),
         np.zeros((B, kept, d, d)),
-        np.zeros((B, kept, d)),
     )
     found = Passage(
         np.zeros((B, L)), states, np.zeros((B, kept, m)), np.zeros((B, kept, m, m)), np.zeros((B, kept, m, d))
@@ -168,12 +165,10 @@ def advance(
                 filters.calm,
                 filters.nu,
                 filters.left,
-                filters.score,
             ),
-            (known, known_end, measurement, noise),
+            (known, known_end, measurement, noise, discrepancy),
             keep,
-            learned,
-            (found.fit, states.nu, states.left, states.score, states.x, states.P, states.V),
+            (found.fit, states.nu, states.left, states.x, states.P, states.V),
             (found.expected, found.S, found.slope),
         )
 
@@ -187,11 +182,11 @@ def advance(
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _advance(span, system, state, data, keep, learned, out, ahead):  # type: ignore[no-untyped-def]
+def _advance(span, system, state, data, keep, out, ahead):  # type: ignore[no-untyped-def]
     AT, G, Q, H, F, A_nu, G_nu, D, E, offset = system
-    xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts, scores = state
-    known, known_end, y, R = data
-    fits, nu_kept, left_kept, score_kept, x_kept, P_kept, V_kept = out
+    xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
+    known, known_end, y, R, more = data
+    fits, nu_kept, left_kept, x_kept, P_kept, V_kept = out
     y_kept, S_kept, slope_kept = ahead
     m, n, d = H.shape[1], H.shape[2], D.shape[0]
     before, work, row, row2 = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
@@ -204,13 +199,13 @@ def _advance(span, system, state, data, keep, learned, out, ahead):  # type: ign
             if not complete or (t > 0 and (R[t] != R[t - 1]).any()):
                 calms[i] = 0
             steady = calms[i] >= CALM
-            _corrected(x, V, nus[i], learned, likely)
+            _corrected(x, V, nus[i], likely)
             _moved_nuisances(likely, V, AT[i], A_nu[i], G_nu[i], known[t], moved)
             _moved_mean(x, AT[i], G[i], known[t], row)
             if not steady:
                 before[:] = P
                 _predicted(P, AT[i], Q[i], work)
-            _corrected(x, V, nus[i], learned, likely)
+            _corrected(x, V, nus[i], likely)
             _sensed(likely, D, E, offset, known_end[t], sensed)
             if keep:
                 if not steady:
@@ -225,20 +220,18 @@ def _advance(span, system, state, data, keep, learned, out, ahead):  # type: ign
                 if np.isnan(y[t, c]):
                     continue
                 if not steady:
-                    S[c] = _updated(P, H[i, c], R[t, c], K[c], row, row2, work)
+                    S[c] = _updated(P, H[i, c], R[t, c] + more[c], K[c], row, row2, work)
                 innovation = y[t, c] - _dot(F[i, c], known_end[t]) - _dot(H[i, c], x)
                 for a in range(n):
                     x[a] += K[c, a] * innovation
                 whitened[c] = innovation / np.sqrt(S[c])
                 fits[i, t] -= 0.5 * np.log(2 * np.pi * S[c])
-            fits[i, t] += _updated_nuisances(
-                V, H[i], sensed, K, S, y[t], whitened, slope, gain_nu, nus[i], lefts[i], scores[i], learned
-            )
+            fits[i, t] += _updated_nuisances(V, H[i], sensed, K, S, y[t], whitened, slope, gain_nu, nus[i], lefts[i])
             if not steady:
                 calms[i] = calms[i] + 1 if complete and _unmoved(P, before) else 0
             if keep:
                 x_kept[i, t], P_kept[i, t], V_kept[i, t] = x, P, V
-                nu_kept[i, t], left_kept[i, t], score_kept[i, t] = nus[i], lefts[i], scores[i]
+                nu_kept[i, t], left_kept[i, t] = nus[i], lefts[i]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
@@ -350,19 +343,18 @@ def _sensed(x, D, E, offset, w, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _corrected(x, V, nu, learned, out):  # type: ignore[no-untyped-def]
-    """x less what ν makes of it, as far as that is learned."""
+def _corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
+    """x less what ν makes of it."""
     for a in range(len(x)):
         out[a] = x[a]
-    if learned:
-        for k in range(len(nu)):
-            for a in range(len(x)):
-                out[a] -= V[k, a] * nu[k]
+    for k in range(len(nu)):
+        for a in range(len(x)):
+            out[a] -= V[k, a] * nu[k]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _updated_nuisances(V, H, sensed, K, S, y, whitened, slope, gain_nu, nu, left, score, learned):  # type: ignore[no-untyped-def]
-    """V ← V + K ε, score, and ν by least squares on the innovations; returns what the squares add to the log-likelihood."""
+def _updated_nuisances(V, H, sensed, K, S, y, whitened, slope, gain_nu, nu, left):  # type: ignore[no-untyped-def]
+    """V ← V + K ε, and ν by least squares on the innovations; returns what the squares add to the log-likelihood."""
     d, n = V.shape
     fit = 0.0
     for c in range(len(H)):
@@ -373,7 +365,6 @@ def _updated_nuisances(V, H, sensed, K, S, y, whitened, slope, gain_nu, nu, left
             for a in range(n):
                 V[k, a] += K[c, a] * change
             slope[k] = change / np.sqrt(S[c])
-            score[k] += whitened[c] * slope[k]
         for k in range(d):
             gain_nu[k] = _dot(left[k], slope)
         size, rest = 1.0 + _dot(gain_nu, slope), whitened[c] - _dot(nu, slope)
@@ -381,10 +372,7 @@ def _updated_nuisances(V, H, sensed, K, S, y, whitened, slope, gain_nu, nu, left
             nu[k] += gain_nu[k] * rest / size
             for j in range(d):
                 left[k, j] -= gain_nu[k] * gain_nu[j] / size
-        if learned:
-            fit -= 0.5 * (rest * rest / size + np.log(size))
-        else:
-            fit -= 0.5 * whitened[c] * whitened[c]
+        fit -= 0.5 * (rest * rest / size + np.log(size))
     return fit
 
 

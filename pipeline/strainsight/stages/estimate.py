@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=6,
+    version=7,
     reads=(
         "seed",
         "loads",

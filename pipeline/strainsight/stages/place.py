@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=9,
+    version=10,
     reads=(
         "seed",
         "loads.*.signal",

@@ -53,7 +53,7 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=10,
+    version=11,
     reads=(
         *(
             "seed",

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from strainsight.cases.structure.nuisances import Tolerated
-from strainsight.cases.structure.problem import Problem
+from strainsight.cases.structure.problem import Problem, exactly_damped
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import BankRun
+from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
@@ -28,20 +27,20 @@ def compared(
     covariance: np.ndarray,
     known: np.ndarray,
     measured: np.ndarray,
-    bank: BankRun | None,
-    tolerated: Tolerated,
     biased: np.ndarray | None = None,
 ) -> Compared | None:
-    """Every parameter at the end by the bank, its posterior by the samples alone, and by the approximate filters, with the ratio
-    of `expected_ratio`.
+    """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
+    without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
 
-    Arguments as of `filter_bank`, which found `bank` from a start at zero, with these tolerances. A filter that diverges is NaN.
-    None without a bank or a parameter, and where tolerances are learned, of which the others know nothing.
+    Arguments as of `filter_bank`, from a start at zero. A filter that diverges is NaN. None without a parameter.
     """
-    if bank is None or not model.unknowns.parameters or tolerated.learned:
+    if not model.unknowns.parameters:
         return None
     start, form, at = np.zeros(len(covariance)), problem.form, model.parameter_states
-    middle, spread = bank.posterior
+    model = exactly_damped(problem, model)
+
+    def by_bank() -> FilterRun:
+        return filter_bank(model, start, covariance, known, measured, biased=biased).run
 
     def by_extended() -> FilterRun:
         turns = problem.iterations
@@ -50,9 +49,7 @@ def compared(
     def by_sigma_points() -> FilterRun:
         return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
 
-    found = np.array(
-        [(middle, np.sqrt(np.diag(spread))), *(_at_end(run, at) for run in (by_sigma_points, by_extended))]
-    )
+    found = np.array([_at_end(run, at) for run in (by_bank, by_sigma_points, by_extended)])
     mean, std = np.zeros((2, len(found), model.size))
     mean[:, at], std[:, at] = found[:, 0], found[:, 1]
     values, names = physical(model, mean, std), model.unknowns.parameters

@@ -15,7 +15,14 @@ from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.filtering import by_moments
 from strainsight.cases.structure.measured import Measured, measured_of
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, nuisances_of, tolerated
-from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, scheme_in_words
+from strainsight.cases.structure.problem import (
+    Problem,
+    filter_model,
+    initial_covariance,
+    problem_of,
+    rests_on_loads_in_words,
+    scheme_in_words,
+)
 from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import parameters_of, unknown_units
 from strainsight.cases.structure.surface import surface_in_time, virtual_labels, virtual_strain
@@ -102,7 +109,7 @@ def estimation_of(
         surface = surface_in_time(mesh, reduced.basis, parameters, model, smoothed, settings.field)
     judged = verdict(run.whitened[:, 0])
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
-    words = scheme_in_words(problem, test.h), not_held_in_words(config, training)
+    words = scheme_in_words(problem, test.h), not_held_in_words(config, training), rests_on_loads_in_words(problem)
     notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
     if long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
         notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)
@@ -151,8 +158,7 @@ def _filtered(
         nuisances, rest = nuisances_of(tolerances, model, test.channels), np.zeros(len(covariance))
         bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at)
         later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at)
-        asked = bank if compare else None
-        beside = compared(problem, model, covariance, test.known, test.values, asked, tolerances, at)
+        beside = compared(problem, model, covariance, test.known, test.values, at) if compare else None
         return bank.run, later, beside
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
     return run, smooth(core, run, covariance=True), None

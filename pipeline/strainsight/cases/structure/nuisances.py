@@ -35,7 +35,8 @@ class Tolerated:
     """σ times the derivatives of some channels with respect to their installation.
 
     channels (k,) of train.h5, ascending; gauge (k,) of each; quantity (k,); slope: name → (k, n) per reduced coordinate, those
-    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; damping, stiffness, learned: of `Nuisances`.
+    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; damping, stiffness, learned, discrepancy: of
+    `Nuisances`.
     """
 
     channels: np.ndarray
@@ -46,6 +47,7 @@ class Tolerated:
     damping: float
     stiffness: float
     learned: bool
+    discrepancy: float
 
 
 def tolerated(
@@ -69,6 +71,7 @@ def tolerated(
         float(np.log(own.damping)),
         0.0 if modulus_estimated(config) else own.model,
         own.treat == "estimate",
+        own.discrepancy,
     )
 
 
@@ -135,6 +138,7 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nu
         own.damping,
         own.stiffness,
         own.learned,
+        own.discrepancy,
     )
 
 

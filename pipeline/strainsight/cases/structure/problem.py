@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +16,7 @@ from strainsight.cases.structure.channels import Channels, accelerations, channe
 from strainsight.cases.structure.settings import characteristic, unknowns_of
 from strainsight.cases.structure.start import Loading, loading_of
 from strainsight.config.placement import PlacementConfig, Settle
+from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.update import Form
@@ -96,10 +97,10 @@ def problem_of(
     rules: tuple[Rule, Rule] = (
         ("intensity", "intensity")
         if rule == "continuous"
-        else ("thesis", "as_printed" if rule == "as_printed" else "thesis")
+        else ("as_printed" if rule == "as_printed" else "thesis", "thesis")
     )
     with blame("process_noise"):
-        Q, frozen_Q = (
+        frozen_Q, Q = (
             process_intensity(
                 model.size,
                 unknowns,
@@ -108,9 +109,9 @@ def problem_of(
                 rule=one,
                 h=h,
                 kappa=np.array([config.loads[name].process_noise.kappa or KAPPA for name in unknowns.inputs]),
-                velocity=model_error_intensity(model, x, loading.held[:, 0], config.process_noise.model_error),
+                velocity=model_error_intensity(model, x, loading.held[:, 0], share),
             )
-            for one in rules
+            for one, share in zip(rules, _model_error(config, unknowns), strict=True)
         )
     channels = channels_of(training, screened)
     own = config.filter
@@ -139,6 +140,22 @@ def problem_of(
 
 KAPPA = 0.1
 """κ of a random walk where the config gives none."""
+MODEL_ERROR = 0.01
+"""Noise on the velocities where the config gives none."""
+
+
+def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, float]:
+    """Share of the training acceleration that is noise in the layout, and in the filter.
+
+    A bank under known loads whose damping has a tolerance needs none, and is misled by it: readings that are quieter than the
+    noise says speak for parameters at which the same noise makes quieter readings.
+    """
+    stated = config.process_noise.model_error
+    if stated is not None:
+        return stated, stated
+    tolerant = tolerances_of(config.tolerances).damping > 1
+    by_bank = config.filter.method == "bank" and not unknowns.inputs
+    return MODEL_ERROR, 0.0 if by_bank and tolerant else MODEL_ERROR
 
 
 def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, share: float) -> np.ndarray:
@@ -167,6 +184,29 @@ def filter_model(
     fixed = {name: value for name, value in problem.model.reference.items() if name not in problem.unknowns.parameters}
     return FilterModel(
         problem.model, problem.unknowns, problem.known, fixed, H, problem.Q, r, h, quantity, problem.scheme
+    )
+
+
+def exactly_damped(problem: Problem, model: FilterModel) -> FilterModel:
+    """The model of a filter that takes the damping for exact, with the noise on the velocities that this asks for."""
+    Q, moving = model.Q.copy(), slice(model.model.size, 2 * model.model.size)
+    Q[..., moving, moving] = problem.frozen_Q[moving, moving]
+    return replace(model, Q=Q)
+
+
+def rests_on_loads_in_words(problem: Problem) -> str:
+    """What parameters owe to how the unknown loads are modelled, where no load is known; empty where one is.
+
+    Without a known load a parameter is seen by how large and how fast the readings are alone, which a load of another size and
+    speed explains as well (docs/measured.md, Coverage).
+    """
+    unknowns = problem.unknowns
+    if problem.known or not unknowns.inputs or not unknowns.parameters:
+        return ""
+    names, loads = ", ".join(unknowns.parameters), ", ".join(unknowns.inputs)
+    return (
+        f"no load is known: {names} rests on what process_noise states of {loads}, and its σ does not hold for a load that is "
+        "none such; measure one load and state it as known"
     )
 
 

@@ -114,8 +114,8 @@ def validation_of(
     measured, true = trial.measured(seed)
     found = trial.filtered(model, trial.chosen, measured, keep="all")
     run, smoothed = found.run, trial.smoothed(model, measured, found)
-    bank = found.banks[0] if found.banks and config.filter.compare is not False else None
-    beside = compared(problem, model, trial.covariance, trial.known, measured, bank, tolerances)
+    compare = problem.method == "bank" and config.filter.compare is not False
+    beside = compared(problem, model, trial.covariance, trial.known, measured) if compare else None
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))

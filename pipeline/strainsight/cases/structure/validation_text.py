@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from strainsight.cases.structure.compared import disagreements_in_words, ratios
-from strainsight.cases.structure.problem import scheme_in_words
+from strainsight.cases.structure.problem import rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.validation import Validation
 from strainsight.workflow.output import Scalar, Table
 
@@ -24,6 +24,8 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
         "truth": model,
         "description": "; ".join(filter(None, (trial.truth.description, scheme, stopped))),
     }
+    if rests := rests_on_loads_in_words(trial.problem):
+        numbers["rests_on_loads"] = rests
     for name, own in found.accuracy.items():
         for key in ("estimate", "error", "std", "draws", "smoothed", "smoothed_std", "smoothed_draws", "scale"):
             numbers[f"{key}.{name}"] = getattr(own, key)
@@ -69,6 +71,7 @@ def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
             over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
             words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
     words += disagreements_in_words(found.validated.compared)
+    words += filter(None, (rests_on_loads_in_words(trial.problem),))
     return "; ".join(words)
 
 

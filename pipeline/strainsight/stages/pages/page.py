@@ -111,6 +111,8 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
                 f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
             )
     notes += [f"{text[0].upper()}{text[1:]}." for text in disagreements_in_words(read(Validated, validate).compared)]
+    if rests := str(summary.get("rests_on_loads", "")):
+        notes.append(f"{rests[0].upper()}{rests[1:]}.")
     if lost := int(summary["lost_runs"]):
         notes.append(f"{lost} runs of the studies diverged and are left out of the medians.")
     return notes
