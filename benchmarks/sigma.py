@@ -31,6 +31,7 @@ KNOWN_MODULUS = "parameters.E.guess=2.1e+11"
 CASES = {
     "cantilever E": "cantilever-youngs-modulus.yaml",
     "cantilever ρ": "cantilever-density.yaml",
+    "cantilever ρ, 35 Hz": "cantilever-density-35hz.yaml",
     "cantilever load": "cantilever-input.yaml",
     "cantilever load + E": "cantilever-input-youngs-modulus.yaml",
     "hub E": "hub/hub-youngs-modulus.yaml",

@@ -7,7 +7,9 @@ import pytest
 import yaml
 
 from strainsight import api
+from strainsight.cases.structure import compared
 from strainsight.cases.structure.compared import comparison_table, disagreements_in_words
+from strainsight.errors import NumericalError
 from strainsight.records.estimated import Compared
 
 from ..edges.beam import PLACEMENT_CONFIG, bricks
@@ -54,8 +56,16 @@ def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
         np.testing.assert_allclose(found.ratio[name], np.hypot(std[0], off) / std, rtol=1e-9)
 
 
+def test_where_exact_readings_have_no_posterior_nothing_is_compared(validated, monkeypatch):
+    def refuses(*_, **__):
+        raise NumericalError("no lattice")
+
+    monkeypatch.setattr(compared, "filter_bank", refuses)
+    assert validated().validated.compared is None
+
+
 def test_the_comparison_is_of_the_samples_alone_whatever_the_tolerances(validated):
-    """Its filters know of none, and the weights of the bank hold none: the same samples have the same comparison."""
+    """None of its filters knows of any: the same samples have the same comparison."""
     settings = ("validate.truth.model=rom", "filter.compare=true")
     wide, exact = (
         validated(*settings, f"tolerances={own}").validated for own in ("{gain: 0.05}", "none")

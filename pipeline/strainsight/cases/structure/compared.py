@@ -32,7 +32,8 @@ def compared(
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
 
-    Arguments as of `filter_bank`, from a start at zero. A filter that diverges is NaN. None without a parameter.
+    Arguments as of `filter_bank`, from a start at zero. A filter that diverges is NaN. None without a parameter,
+    and where readings that were taken for exact have no posterior.
     """
     if not model.unknowns.parameters:
         return None
@@ -49,7 +50,10 @@ def compared(
     def by_sigma_points() -> FilterRun:
         return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
 
-    found = np.array([_at_end(run, at) for run in (by_bank, by_sigma_points, by_extended)])
+    exact = _at_end(by_bank, at)
+    if not np.isfinite(exact).all():
+        return None
+    found = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
     mean, std = np.zeros((2, len(found), model.size))
     mean[:, at], std[:, at] = found[:, 0], found[:, 1]
     values, names = physical(model, mean, std), model.unknowns.parameters
