@@ -52,7 +52,8 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
 
 def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
     """One line, first what does not hold; doubts: unknown → that its claimed σ does not hold, and by how much."""
-    trial, words = found.trial, []
+    trial, rests = found.trial, rests_on_loads_in_words(found.trial.problem)
+    words = [rests] if rests else []
     for name, own in found.accuracy.items():
         words += [f"{name} is {doubts[name]}"] if name in doubts else []
         if own.left is not None and own.left > IDENTIFIED:
@@ -71,7 +72,6 @@ def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
             over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
             words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
     words += disagreements_in_words(found.validated.compared)
-    words += filter(None, (rests_on_loads_in_words(trial.problem),))
     return "; ".join(words)
 
 

@@ -94,8 +94,9 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tup
 
 
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
-    notes = []
     summary = validate.summary
+    rests = str(summary.get("rests_on_loads", ""))
+    notes = [f"{rests[0].upper()}{rests[1:]}."] if rests else []
     for name in names:
         if summary.get(f"identified.{name}") is False:
             left = 100 * float(summary[f"left.{name}"])
@@ -111,8 +112,6 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
                 f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
             )
     notes += [f"{text[0].upper()}{text[1:]}." for text in disagreements_in_words(read(Validated, validate).compared)]
-    if rests := str(summary.get("rests_on_loads", "")):
-        notes.append(f"{rests[0].upper()}{rests[1:]}.")
     if lost := int(summary["lost_runs"]):
         notes.append(f"{lost} runs of the studies diverged and are left out of the medians.")
     return notes
