@@ -44,6 +44,13 @@ def chain(noise=NOISE):
     return FilterModel(model, unknowns, ("known",), {}, H_star, Q, np.full(2, noise**2 * H), H)
 
 
+def loaded_chain(noise=NOISE):
+    """The same with both stiffnesses known."""
+    whole = chain(noise)
+    unknowns = replace(whole.unknowns, parameters=())
+    return replace(whole, unknowns=unknowns, fixed=REFERENCE, H=whole.H[:, :5], Q=whole.Q[:5, :5])
+
+
 def forces(steps=STEPS):
     """A known force that is constant within every step (T, HOLD, 1)."""
     held = np.zeros((steps, 3, 1))
@@ -218,10 +225,7 @@ def test_a_point_of_the_bank_is_the_filter_at_these_parameters(make_beam, make_f
 def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
     """Offsets of both channels that no sample corrects the motion for: at every parameter the plain filter's states, and σ that
     holds how an offset of one σ moves them."""
-    whole = chain()
-    model = replace(
-        whole, unknowns=replace(whole.unknowns, parameters=()), fixed=REFERENCE, H=whole.H[:, :5], Q=whole.Q[:5, :5]
-    )
+    model = loaded_chain()
     P = start()[:5, :5]
     _, y = draw_truth(model, np.zeros(5), P, forces(), [5])
     offset = np.array([[NOISE, 0.0], [0.0, 3 * NOISE]])
@@ -260,10 +264,7 @@ def test_sigma_holds_where_gauges_read_too_much():
 @pytest.mark.parametrize(("source", "sizes"), [("damping", (0.1, 0.0)), ("stiffness", (0.0, 0.1))])
 def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
     """Exact readings of chains whose damping, mode by mode, or stiffness is a little off; only a load is estimated."""
-    whole = chain(noise=5e-5)
-    model = replace(
-        whole, unknowns=replace(whole.unknowns, parameters=()), fixed=REFERENCE, H=whole.H[:, :5], Q=whole.Q[:5, :5]
-    )
+    model = loaded_chain(noise=5e-5)
     P, steps, size = start()[:5, :5], 80, 1e-3
     nuisances = replace(no_nuisances(model), damping=sizes[0], stiffness=sizes[1])
 

@@ -30,11 +30,11 @@ def run(tmp_path_factory):
 @pytest.mark.parametrize("truth", ["modes", "rich"])
 @pytest.mark.parametrize(("case", "name"), [("youngs-modulus", "E"), ("density", "rho"), ("density-35hz", "rho")])
 def test_a_single_parameter_from_a_known_load(run, case, name, truth):
-    """To 0.2 % by exact gauges; by gauges with a gain of 1 % and more as well as σ says, which is below 2 %."""
+    """To 0.2 % by exact gauges; by gauges with a gain of 1 % and more to 1 %, and ρ at 20 Hz, σ 1.3 %, as σ says."""
     place, validate = run(case, truth)
     error, std = validate.summary[f"error.{name}"], validate.summary[f"std.{name}"]
-    assert error <= (0.002 if truth == "modes" else 3.2 * std)
     assert std <= 0.02
+    assert error <= (0.002 if truth == "modes" else 3.2 * std if case == "density" else 0.01)
     assert place.summary["riccati_residual"] <= 1e-10
 
 

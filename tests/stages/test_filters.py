@@ -9,7 +9,9 @@ import yaml
 from strainsight import api
 from strainsight.cases.structure import compared
 from strainsight.cases.structure.compared import comparison_table, disagreements_in_words
+from strainsight.cases.structure.problem import exactly_damped, filter_model, problem_of
 from strainsight.errors import NumericalError
+from strainsight.gauges.candidates import ACCELERATION
 from strainsight.records.estimated import Compared
 
 from ..edges.beam import PLACEMENT_CONFIG, bricks
@@ -36,6 +38,12 @@ def validated(tmp_path_factory):
     def run(*overrides):
         return api.validate(case(*overrides), mesh, reduced, training, screened, screened.kept[:3])
 
+    def problem(*overrides):
+        own = case(*overrides)
+        trained = api.train(own, mesh, reduced)
+        return problem_of(own.config, own.files, reduced, trained, api.screen(own, trained))
+
+    run.problem = problem
     return run
 
 
@@ -56,12 +64,34 @@ def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
         np.testing.assert_allclose(found.ratio[name], np.hypot(std[0], off) / std, rtol=1e-9)
 
 
-def test_where_exact_readings_have_no_posterior_nothing_is_compared(validated, monkeypatch):
+def test_where_exact_readings_have_no_posterior_nothing_is_compared_and_it_is_said(validated, monkeypatch):
     def refuses(*_, **__):
         raise NumericalError("no lattice")
 
     monkeypatch.setattr(compared, "filter_bank", refuses)
-    assert validated().validated.compared is None
+    own = validated().validated.compared
+    assert disagreements_in_words(own) == [
+        "filters are not compared: without tolerances the readings leave no posterior of the parameters"
+    ]
+    assert compared.ratios(own) == {}
+    for row in comparison_table(own, dict.fromkeys(own.estimate, "Pa")).rows:
+        assert row[1] == "no posterior"
+        assert not any(word in cell for cell in row for word in ("consistent", "overconfident", "cautious"))
+
+
+def test_filters_that_take_damping_for_exact_have_the_noise_of_the_motion_on_accelerometers_too(validated):
+    """What a bank leaves out is added again: the model is that of a config which states the noise."""
+    models = []
+    for stated in ("null", "0.01"):
+        sensors = "motion_sensors={acc: {quantity: acceleration, noise_std: {value: 0.5}}}"
+        problem = validated.problem(f"process_noise.model_error={stated}", sensors)
+        moving = np.flatnonzero(problem.channels.quantity == ACCELERATION)[:2]
+        models.append((problem, filter_model(problem, np.concatenate([[0], moving]), problem.h)))
+    (left_out, bank), (_, stated) = models
+    damped = exactly_damped(left_out, bank)
+    assert (bank.r < stated.r)[1:].all()
+    np.testing.assert_allclose(damped.r, stated.r, rtol=1e-12)
+    np.testing.assert_allclose(damped.Q, stated.Q, rtol=1e-12)
 
 
 def test_the_comparison_is_of_the_samples_alone_whatever_the_tolerances(validated):

@@ -111,8 +111,8 @@ class ProcessNoise(Section):
         ge=0,
         le=1e6,
         description="Noise on the velocities as a share of the training acceleration [-]; null: 0.01, without which a "
-        "filter is overconfident where the damping is not exact; but 0 in a bank under known loads for which the damping has "
-        "a tolerance: the size of a noise that is not there would tell it of the parameters.",
+        "filter is overconfident where the damping is not exact; but 0 in a bank over parameters for which the damping has a "
+        "tolerance: the size of a noise that is not there would tell it of the parameters.",
     )
 
 

@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=7,
+    version=8,
     reads=(
         "seed",
         "loads",

@@ -53,7 +53,7 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=11,
+    version=12,
     reads=(
         *(
             "seed",

@@ -32,8 +32,8 @@ def compared(
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
 
-    Arguments as of `filter_bank`, from a start at zero. A filter that diverges is NaN. None without a parameter,
-    and where readings that were taken for exact have no posterior.
+    Arguments as of `filter_bank`, from a start at zero. A filter that diverges is NaN, and so is a bank where readings that are
+    taken for exact have no posterior. None without a parameter.
     """
     if not model.unknowns.parameters:
         return None
@@ -51,8 +51,6 @@ def compared(
         return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
 
     exact = _at_end(by_bank, at)
-    if not np.isfinite(exact).all():
-        return None
     found = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
     mean, std = np.zeros((2, len(found), model.size))
     mean[:, at], std[:, at] = found[:, 0], found[:, 1]
@@ -78,13 +76,20 @@ def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:
     return np.stack([own.mean[-1, 0, at], own.std[-1, 0, at]])
 
 
+def _posterior(own: Compared) -> bool:
+    """Whether the bank has one, with which the others are compared."""
+    return all(np.isfinite(own.estimate[name][own.filter.index(BANK)]) for name in own.estimate)
+
+
 def comparison_verdict(ratio: float) -> str:
     """consistent, overconfident, too cautious or diverged."""
     return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
 
 
 def disagreements(own: Compared) -> Iterator[tuple[str, str, float]]:
-    """(filter, parameter, ratio) of every claim that does not allow for what the bank finds."""
+    """(filter, parameter, ratio) of every claim that does not allow for what the bank finds; none where it finds nothing."""
+    if not _posterior(own):
+        return
     for name, ratio in own.ratio.items():
         for i, filter_ in enumerate(own.filter):
             if filter_ != BANK and comparison_verdict(float(ratio[i])) in (OVERCONFIDENT, DIVERGED):
@@ -93,6 +98,8 @@ def disagreements(own: Compared) -> Iterator[tuple[str, str, float]]:
 
 def disagreements_in_words(own: Compared | None) -> list[str]:
     """One sentence each, without a full stop."""
+    if own is not None and not _posterior(own):
+        return ["filters are not compared: without tolerances the readings leave no posterior of the parameters"]
     return [
         f"the {filter_} filter "
         + (
@@ -106,24 +113,28 @@ def disagreements_in_words(own: Compared | None) -> list[str]:
 
 def ratios(own: Compared | None) -> dict[str, Scalar]:
     """Numbers by name: "ratio.extended.E"."""
+    if own is None or not _posterior(own):
+        return {}
     return {
         f"ratio.{filter_}.{name}": float(value)
-        for name, ratio in (own.ratio if own is not None else {}).items()
-        for filter_, value in zip(own.filter if own is not None else (), ratio, strict=True)
+        for name, ratio in own.ratio.items()
+        for filter_, value in zip(own.filter, ratio, strict=True)
         if filter_ != BANK
     }
 
 
 def comparison_table(own: Compared, units: Mapping[str, str]) -> Table:
-    """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones."""
-    rows = []
+    """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones where the bank has a posterior."""
+    rows, exact = [], _posterior(own)
     for name, estimate in own.estimate.items():
         std, ratio = own.std[name], own.ratio[name]
         cells = [name]
         for i, filter_ in enumerate(own.filter):
             value, size = f"{estimate[i]:.5g}", f"± {100 * std[i] / estimate[i]:.2g} %"
             if filter_ == BANK:
-                cells.append(f"{value} {units[name]} {size}")
+                cells.append(f"{value} {units[name]} {size}" if exact else "no posterior")
+            elif not exact:
+                cells.append(f"{value} {units[name]} {size}" if np.isfinite(estimate[i]) else DIVERGED)
             else:
                 said = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
                 cells.append(said if np.isfinite(ratio[i]) else DIVERGED)

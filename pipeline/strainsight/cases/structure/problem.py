@@ -147,14 +147,14 @@ MODEL_ERROR = 0.01
 def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, float]:
     """Share of the training acceleration that is noise in the layout, and in the filter.
 
-    A bank under known loads whose damping has a tolerance needs none, and is misled by it: readings that are quieter than the
+    A bank over parameters whose damping has a tolerance needs none, and is misled by it: readings that are quieter than the
     noise says speak for parameters at which the same noise makes quieter readings.
     """
     stated = config.process_noise.model_error
     if stated is not None:
         return stated, stated
     tolerant = tolerances_of(config.tolerances).damping > 1
-    by_bank = config.filter.method == "bank" and not unknowns.inputs
+    by_bank = config.filter.method == "bank" and bool(unknowns.parameters)
     return MODEL_ERROR, 0.0 if by_bank and tolerant else MODEL_ERROR
 
 
@@ -188,10 +188,17 @@ def filter_model(
 
 
 def exactly_damped(problem: Problem, model: FilterModel) -> FilterModel:
-    """The model of a filter that takes the damping for exact, with the noise on the velocities that this asks for."""
-    Q, moving = model.Q.copy(), slice(model.model.size, 2 * model.model.size)
-    Q[..., moving, moving] = problem.frozen_Q[moving, moving]
-    return replace(model, Q=Q)
+    """The model of a filter that takes the damping for exact, with the noise on the velocities that this asks for, and that on
+    accelerometers."""
+    n, Q = model.model.size, model.Q.copy()
+    moving = slice(n, 2 * n)
+    more = problem.frozen_Q[moving, moving] - Q[..., moving, moving]
+    Q[..., moving, moving] += more
+    if model.accelerometers is None:
+        return replace(model, Q=Q)
+    shape = model.H[..., :n]
+    sensed = np.einsum("...i,...ij,...j->...", shape, more, shape)
+    return replace(model, Q=Q, r=model.r + np.where(model.accelerometers, sensed, 0.0))
 
 
 def rests_on_loads_in_words(problem: Problem) -> str:
