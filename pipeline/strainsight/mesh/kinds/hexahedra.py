@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.mesh.kinds import quadrangles
 from strainsight.mesh.kinds.functions import multilinear, serendipity
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, mirrored, with_midsides
+from strainsight.mesh.kinds.kind import HYBRID, ElementKind, alike, halves, mirrored, with_midsides
 from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8
 from strainsight.mesh.kinds.rules import gauss
 from strainsight.mesh.model import FloatArray
@@ -53,6 +53,7 @@ HEX8 = ElementKind(
     regular=1.0,
     mirrored=MIRRORED,
     vtk=12,
+    split=alike("hex8", halves(CORNERS)),
     nastran="CHEXA",
     gmsh=5,
     abaqus={
@@ -89,6 +90,7 @@ HEX20 = ElementKind(
     regular=1.0,
     mirrored=mirrored(MIRRORED, EDGES),
     vtk=25,
+    split=alike("hex20", halves(CORNERS)),
     nastran="CHEXA",
     nastran_order=UPRIGHTS_SECOND,
     gmsh=17,

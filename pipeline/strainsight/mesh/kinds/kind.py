@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,8 @@ Order = tuple[int, ...]
 """Node a of ours is node order[a] of another numbering; () where the two agree."""
 Rule = tuple[FloatArray, FloatArray]
 """∫ f dξ ≈ Σ w_q f(ξ_q): points (q, d) [-] and positive weights (q,) [-] that sum to the domain's measure."""
+Split = tuple[tuple[str, FloatArray], ...]
+"""Name of the kind and corners (c, d) [-] of each part."""
 Values = tuple[FloatArray, FloatArray]
 """Of shape functions: N_a (q, k) [-] and ∂N_a/∂ξ_d (q, k, d) [-]."""
 
@@ -27,7 +29,7 @@ class Kind:
     nodes (k, d) [-] of the reference domain, first those at its corners; edges: the corners between which each of the
     others lies; centre (d,) [-], the centroid; functions: ξ (q, d) [-] → N_a (q, k) and ∂N_a/∂ξ_d (q, k, d), with
     N_a(ξ_b) = δ_ab; stiffness, mass: rules that integrate ∇N ∇Nᵀ and N Nᵀ exactly where the Jacobian is constant; vtk: the
-    number of the cell there.
+    number of the cell there; split: the parts that it is cut into at the middle of its edges, in the reference domain.
     Reference domains: simplices 0 ≤ ξᵢ, Σξᵢ ≤ 1; squares and cubes [−1, 1]ᵈ; wedges triangle × [−1, 1]; pyramids
     |ξ|, |η| ≤ 1 − ζ, 0 ≤ ζ.
     """
@@ -40,6 +42,7 @@ class Kind:
     stiffness: Rule
     mass: Rule
     vtk: int
+    split: Split
 
     @property
     def corners(self) -> int:
@@ -83,6 +86,16 @@ class ElementKind(Kind):
     abaqus: Mapping[str, str] = field(default_factory=dict)
     meshio: Mapping[str, Order] = field(default_factory=dict)
     orders: Mapping[str, Order] = field(default_factory=dict)
+
+
+def halves(corners: FloatArray) -> tuple[FloatArray, ...]:
+    """The domain at half its size, drawn to each of its corners (c, d)."""
+    return tuple(0.5 * (corner + corners) for corner in corners)
+
+
+def alike(name: str, parts: Iterable[FloatArray]) -> Split:
+    """Parts that are all of one kind."""
+    return tuple((name, part) for part in parts)
 
 
 def with_midsides(corners: FloatArray, edges: Edges) -> FloatArray:

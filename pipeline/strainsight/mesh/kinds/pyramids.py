@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import roots_jacobi
 
 from strainsight.mesh.kinds import quadrangles
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, Values
+from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, Split, Values, alike, halves
 from strainsight.mesh.kinds.quadrangles import QUAD4
 from strainsight.mesh.kinds.rules import gauss
 from strainsight.mesh.kinds.triangles import TRI3
@@ -39,10 +39,21 @@ def _rule(points: int) -> Rule:
     return np.column_stack([np.tile(plane, (points, 1)) * t[:, None], 1 - t]), np.outer(w / 8, weight).ravel()
 
 
+NODES = np.vstack([np.column_stack([BASE, np.zeros(4)]), APEX])
+
+
+def _parts() -> Split:
+    """Pyramids at the five corners and one upside down below the apex, four tetrahedra between."""
+    foot, upright, side = np.zeros(3), 0.5 * (NODES[:4] + APEX), 0.5 * (NODES[:4] + np.roll(NODES[:4], -1, axis=0))
+    pyramids = (*halves(NODES), np.vstack([upright[::-1], foot]))
+    between = [np.array([foot, side[a], upright[(a + 1) % 4], upright[a]]) for a in range(4)]
+    return (*alike("pyra5", pyramids), *alike("tet4", between))
+
+
 PYRA5 = ElementKind(
     name="pyra5",
     family="pyramids",
-    nodes=np.vstack([np.column_stack([BASE, np.zeros(4)]), APEX]),
+    nodes=NODES,
     centre=0.25 * APEX,
     functions=linear,
     stiffness=_rule(1),
@@ -55,6 +66,7 @@ PYRA5 = ElementKind(
     regular=0.5**0.5,
     mirrored=(0, 3, 2, 1, 4),
     vtk=14,
+    split=_parts(),
     nastran="CPYRAM",
     gmsh=7,
     abaqus={"C3D5": "", "C3D5H": HYBRID},

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from strainsight.mesh.kinds.functions import multilinear, serendipity
-from strainsight.mesh.kinds.kind import Kind, with_midsides
+from strainsight.mesh.kinds.kind import Kind, alike, halves, with_midsides
 from strainsight.mesh.kinds.rules import gauss
 
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
@@ -23,6 +23,7 @@ QUAD4 = Kind(
     stiffness=gauss(2, 2),
     mass=gauss(2, 2),
     vtk=9,
+    split=alike("quad4", halves(CORNERS)),
 )
 QUAD8 = Kind(
     name="quad8",
@@ -33,4 +34,5 @@ QUAD8 = Kind(
     stiffness=gauss(3, 2),
     mass=gauss(3, 2),
     vtk=23,
+    split=alike("quad8", halves(CORNERS)),
 )

@@ -8,14 +8,27 @@ import numpy as np
 
 from strainsight.mesh.kinds import triangles
 from strainsight.mesh.kinds.functions import barycentric, quadratic_simplex
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, mirrored, with_midsides
+from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, alike, halves, mirrored, with_midsides
 from strainsight.mesh.kinds.rules import orbits
 from strainsight.mesh.kinds.triangles import TRI3, TRI6
+from strainsight.mesh.model import FloatArray
 
 CORNERS = np.vstack([np.zeros(3), np.eye(3)])
 EDGES = (*triangles.EDGES, (0, 3), (1, 3), (2, 3))
 SIDES = ((0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 1, 0, 2))
 MIRRORED = (0, 2, 1, 3)
+
+
+def _parts() -> tuple[FloatArray, ...]:
+    """Four at the corners, and the octahedron between them cut along the middles of edges 02 and 13."""
+    middle = {(a, b): 0.5 * (CORNERS[a] + CORNERS[b]) for a in range(4) for b in range(a + 1, 4)}
+    ring = [middle[edge] for edge in ((0, 1), (1, 2), (2, 3), (0, 3))]
+    between = [np.array([middle[0, 2], middle[1, 3], ring[i], ring[(i + 1) % 4]]) for i in range(4)]
+    assert all(np.linalg.det(part[1:] - part[0]) > 0 for part in between)
+    return (*halves(CORNERS), *between)
+
+
+PARTS = _parts()
 
 
 def _rule(degree: int) -> Rule:
@@ -49,6 +62,7 @@ TET4 = ElementKind(
     regular=0.5**0.5,
     mirrored=MIRRORED,
     vtk=10,
+    split=alike("tet4", PARTS),
     nastran="CTETRA",
     gmsh=4,
     abaqus={"C3D4": "", "C3D4H": HYBRID},
@@ -73,6 +87,7 @@ TET10 = ElementKind(
     regular=0.5**0.5,
     mirrored=mirrored(MIRRORED, EDGES),
     vtk=24,
+    split=alike("tet10", PARTS),
     nastran="CTETRA",
     gmsh=11,
     gmsh_order=(0, 1, 2, 3, 4, 5, 6, 7, 9, 8),

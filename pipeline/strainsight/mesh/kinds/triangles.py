@@ -7,12 +7,13 @@ from functools import partial
 import numpy as np
 
 from strainsight.mesh.kinds.functions import barycentric, quadratic_simplex
-from strainsight.mesh.kinds.kind import Kind, with_midsides
+from strainsight.mesh.kinds.kind import Kind, alike, halves, with_midsides
 from strainsight.mesh.kinds.rules import triangle
 
 CORNERS = np.vstack([np.zeros(2), np.eye(2)])
 EDGES = ((0, 1), (1, 2), (2, 0))
 CENTRE = np.full(2, 1 / 3)
+PARTS = (*halves(CORNERS), np.array([[0.5, 0.5], [0.0, 0.5], [0.5, 0.0]]))
 
 TRI3 = Kind(
     name="tri3",
@@ -22,6 +23,7 @@ TRI3 = Kind(
     stiffness=triangle(2),
     mass=triangle(2),
     vtk=5,
+    split=alike("tri3", PARTS),
 )
 TRI6 = Kind(
     name="tri6",
@@ -32,4 +34,5 @@ TRI6 = Kind(
     stiffness=triangle(4),
     mass=triangle(4),
     vtk=22,
+    split=alike("tri6", PARTS),
 )

@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.mesh.kinds import triangles
 from strainsight.mesh.kinds.functions import barycentric
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, Values, mirrored, with_midsides
+from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, Values, alike, mirrored, with_midsides
 from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8
 from strainsight.mesh.kinds.rules import gauss, triangle
 from strainsight.mesh.kinds.triangles import TRI3, TRI6
@@ -17,6 +17,11 @@ EDGES = (*triangles.EDGES, (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
 CENTRE = np.array([1 / 3, 1 / 3, 0.0])
 SIDES = ((0, 1, 2, 3), (1, 2, 0, 4), (2, 0, 1, 5), (3, 5, 4, 0), (4, 3, 5, 1), (5, 4, 3, 2))
 MIRRORED = (0, 2, 1, 3, 5, 4)
+PARTS = tuple(
+    np.vstack([np.column_stack([part, np.full(3, level)]) for level in (low, low + 1)])
+    for low in (-1.0, 0.0)
+    for part in triangles.PARTS
+)
 
 
 def linear(xi: FloatArray) -> Values:
@@ -80,6 +85,7 @@ WEDGE6 = ElementKind(
     mirrored=MIRRORED,
     either_way=True,
     vtk=13,
+    split=alike("wedge6", PARTS),
     nastran="CPENTA",
     gmsh=6,
     abaqus={"C3D6": "", "C3D6H": HYBRID},
@@ -106,6 +112,7 @@ WEDGE15 = ElementKind(
     mirrored=mirrored(MIRRORED, EDGES),
     either_way=True,
     vtk=26,
+    split=alike("wedge15", PARTS),
     nastran="CPENTA",
     # mid-sides bottom, uprights, top; ours are bottom, top, uprights
     nastran_order=(*range(9), 12, 13, 14, 9, 10, 11),

@@ -1,0 +1,109 @@
+"""A mesh whose elements are all cut at the middle of their edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.mesh.kinds import kind_of
+from strainsight.mesh.kinds.kind import Kind, with_midsides
+from strainsight.mesh.model import CellBlock, Mesh
+
+UNIT = 2**20
+"""Of a weight, as an integer: at halves and quarters of edges all weights are multiples of 2⁻⁸."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """mesh with its parts as elements, without supports, ties and sets; interpolation P, CSR (m, n): the value of each of its
+    nodes from those of the n nodes of the coarse mesh; parent: element id → id of the element it is a part of; code (n,) of
+    the coarse nodes and keys, node: where to find one of the fine."""
+
+    mesh: Mesh
+    interpolation: sparse.csr_array
+    parent: np.ndarray
+    code: np.ndarray
+    keys: np.ndarray
+
+    def nodes_at(self, kind: Kind, nodes: np.ndarray, xi: np.ndarray) -> np.ndarray:
+        """Fine nodes (e, q) at points ξ (q, d) of coarse elements or facets (e, k), each a node of the fine mesh."""
+        return np.asarray(np.searchsorted(self.keys, _keys(self.code, nodes, kind.shape(xi))))
+
+
+def refined(mesh: Mesh) -> Refined:
+    """Every element cut into the `split` of its kind, nodes where its own shape functions have them:
+
+        x_f = P x,    P_fa = N_a(ξ_f)
+
+    A straight mesh, linear or quadratic, is nested in it; curved ones keep their shape. Two nodes are one where they are the same
+    mean of the same coarse nodes, so that parts which only touch stay apart.
+    """
+    random = np.random.default_rng(0)
+    code = random.integers(0, 2**63, len(mesh.position), dtype=np.uint64)
+    raw: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]] = []
+    entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for block in mesh.blocks:
+        kind = kind_of(block.kind)
+        for name, corners in kind.split:
+            xi = with_midsides(corners, kind_of(name).edges)
+            N = kind.shape(xi)
+            key = _keys(code, block.nodes, N)
+            raw.append((name, key, block.ids, block.region))
+            entries.append((key, block.nodes, N))
+    keys = np.unique(np.concatenate([own.ravel() for _, own, _, _ in raw]))
+    blocks, parents, number = [], [], 0
+    for name in dict.fromkeys(own for own, *_ in raw):
+        parts = [own for own in raw if own[0] == name]
+        nodes = np.concatenate([np.searchsorted(keys, key) for _, key, _, _ in parts])
+        ids = np.arange(number + 1, number + 1 + len(nodes))
+        number += len(nodes)
+        parents.append(np.concatenate([own for *_, own, _ in parts]))
+        blocks.append(CellBlock(name, ids, nodes, np.concatenate([region for *_, region in parts])))
+    P = _interpolation(keys, entries, len(mesh.position))
+    fine = replace(
+        mesh,
+        node_ids=np.arange(1, len(keys) + 1),
+        position=P @ mesh.position,
+        blocks=tuple(blocks),
+        fixed=np.zeros((0, 2), dtype=np.int64),
+        rigid=(),
+        averaging=(),
+        point_masses=(),
+        axes={},
+        node_sets={},
+        element_sets={},
+        loads={},
+        origin={},
+    )
+    return Refined(fine, P, np.concatenate(parents), code, keys)
+
+
+def _keys(code: np.ndarray, nodes: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """(e, q): a number that is the same for the same mean of the same nodes; nodes (e, k), weights N (q, k)."""
+    weight = np.rint(N * UNIT).astype(np.int64).astype(np.uint64)
+    return np.asarray((weight[None] * code[nodes][:, None, :]).sum(axis=2, dtype=np.uint64))
+
+
+def _interpolation(
+    keys: np.ndarray, entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]], nodes: int
+) -> sparse.csr_array:
+    """P from what every element says of its own nodes, once for each."""
+    first = np.full(len(keys), -1)
+    rows, columns, values = [], [], []
+    for key, own, N in entries:
+        place = np.searchsorted(keys, key)
+        element, point = np.nonzero(first[place] < 0)
+        fresh, once = np.unique(place[element, point], return_index=True)
+        first[fresh] = 0
+        e, q = element[once], point[once]
+        rows.append(np.repeat(fresh, N.shape[1]))
+        columns.append(own[e].ravel())
+        values.append((np.rint(N * UNIT) / UNIT)[q].ravel())
+    matrix = sparse.coo_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(len(keys), nodes)
+    )
+    P = sparse.csr_array(matrix)
+    P.eliminate_zeros()
+    return P
