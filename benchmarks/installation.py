@@ -38,12 +38,13 @@ class Tried:
 
 def tried(config: str, draws: int, pool: object) -> tuple[Tried, Tried]:
     """Both layouts of a config, on one truth."""
-    settings = [[f"place.installation={way}", "validate.truth.model=rich"] for way in WAYS]
+    common = ["validate.truth.model=rich", "gauges.clearance=none"]
+    settings = [[f"place.installation={way}", *common] for way in WAYS]
     plain, avoiding = (api.load(ROOT / "configs" / config, own) for own in settings)
     mesh = api.mesh(plain)
     reduced = api.reduce(plain, mesh)
     training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, training)
+    screened = api.screen(plain, mesh, training)
     problem = problem_of(plain.config, plain.files, reduced, training, screened)
     truth = truth_of(plain.config, mesh, None, reduced, training, problem, plain)
     light = replace(truth, motion=none, again=None)

@@ -62,7 +62,7 @@ def trials_of(config: str, noise: float) -> Trial:
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, training)
+    screened = api.screen(case, mesh, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
     problem = problem_of(case.config, case.files, reduced, training, screened)
     truth = truth_of(case.config, mesh, None, reduced, training, problem, case)

@@ -6,7 +6,7 @@
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, training)
+    screened = api.screen(case, mesh, training)
     layout = api.place(case, mesh, reduced, training, screened)
     validation = api.validate(case, mesh, reduced, training, screened, layout.gauges)
 
@@ -136,11 +136,11 @@ def train(case: Case, mesh: Mesh, reduced: Reduced) -> Training:
     return trained(case.config, mesh, reduced, case).training
 
 
-def screen(case: Case, training: Training) -> Screened:
-    """The noise of every channel, and which candidates go on."""
+def screen(case: Case, mesh: Mesh, training: Training) -> Screened:
+    """The clearance from edges, supports and loads, the noise of every channel, and which candidates go on."""
     from strainsight.cases.structure.training import screened_of
 
-    return screened_of(case.config, training)
+    return screened_of(case.config, mesh, training)
 
 
 def observe(case: Case, reduced: Reduced, training: Training, screened: Screened) -> Observed:
@@ -154,7 +154,8 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
     """The layout: elimination, exchanges, a bound on any other, and what it is expected to know.
 
     `.gauges` are its numbers, the most missed first, `.listed` where they are, `.expected.std` σ of every unknown relative to
-    its scale, `.advice` sentences. Raises InfeasibleError where no layout within the limits detects every unknown.
+    its scale, `.advice` sentences.
+    Raises InfeasibleError where no layout within the limits detects every unknown.
     """
     from strainsight.cases.structure.placement import placement_of
     from strainsight.cases.structure.problem import problem_of

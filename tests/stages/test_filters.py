@@ -33,7 +33,7 @@ def validated(tmp_path_factory):
     mesh = api.mesh(plain)
     reduced = api.reduce(plain, mesh)
     training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, training)
+    screened = api.screen(plain, mesh, training)
 
     def run(*overrides):
         return api.validate(case(*overrides), mesh, reduced, training, screened, screened.kept[:3])

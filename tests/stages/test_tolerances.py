@@ -38,7 +38,7 @@ def beam(tmp_path_factory):
     mesh = api.mesh(plain)
     reduced = api.reduce(plain, mesh)
     training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, training)
+    screened = api.screen(plain, mesh, training)
     gauges = screened.kept[:3]
 
     def validated(*overrides):

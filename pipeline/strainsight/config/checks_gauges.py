@@ -55,6 +55,7 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
         ("gauges.direction", gauges.direction is not None),
         ("gauges.rosette", gauges.rosette),
         ("gauges.grid_length", gauges.grid_length > 0),
+        ("gauges.clearance", isinstance(gauges.clearance, float)),
         ("gauges.fixed", bool(gauges.fixed)),
         ("motion_sensors", bool(config.motion_sensors)),
         ("place.symmetry", config.place.symmetry is not None),

@@ -71,6 +71,7 @@ gauges:
   surface: all                    # all exterior facets, or the name of an element or node set
   direction: {{type: axis, axis: [1, 0, 0], angles: [0]}}   # ← projected on the facet; angles [deg]
   noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the strongest; or {{value: 1.0e-7}} [strain]
+  # clearance: 0.005              # [m] from edges, supports and loads, or none; default: half the diagonal of the carrier
   exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
     - normal_cone: {{axis: [1, 0, 0], angle: 10}}           # an axis says nothing on facets that face along it
 

@@ -39,6 +39,24 @@ class Training:
         return np.arange(self.candidates.gauges) if self.given is None else self.candidates.element
 
 
+STATED, CARRIER = "stated", "carrier"
+"""Where a clearance comes from: the config, or the carrier of the gauge."""
+
+
+@record
+class Clearance:
+    """How far gauges stay from edges, supports and loads."""
+
+    distance: float = dataset("/distance", "m", "", "clearance that was kept from the centre of a gauge, 0: none")
+    wanted: float = dataset(
+        "/wanted", "m", "", "clearance that was to be kept, where the part leaves the choice for it"
+    )
+    rule: str = dataset("/rule", "1", "", "whose it is: stated, or carrier, the default")
+    near: dict[str, int] = dataset(
+        "/near/<name>", "1", "", "how many candidates are nearer to <name>: edges, supports, loads"
+    )
+
+
 @record
 class Screened:
     """screen.h5."""
@@ -46,6 +64,7 @@ class Screened:
     kept: np.ndarray = dataset("/kept", "1", "kept", "number of every kept gauge, ascending")
     snr: np.ndarray = dataset("/snr", "1", "gauge", "RMS training reading over noise of every gauge")
     reason: np.ndarray = dataset("/reason", "1", "gauge", "why a gauge was dropped; empty where it was kept")
+    clearance: Clearance | None = group("/clearance", default=None)
     noise_std: np.ndarray = dataset(
         "/noise_std",
         "strain",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 
+from strainsight.cases.structure.clearance import clearance_in_words, clearance_warning
 from strainsight.cases.structure.training import screened_of
+from strainsight.gauges.screening import CLEARANCE
 from strainsight.records.record import written
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output
@@ -14,29 +17,42 @@ from strainsight.workflow.stage import Context, Stage
 def run(context: Context) -> Output:
     """Which candidates go on, and why the others do not."""
     training = inputs.training(context)
-    found, pool = screened_of(context.config, training), training.candidates
+    found, pool = screened_of(context.config, inputs.mesh(context), training), training.candidates
     dropped = Counter(str(code) for code in found.reason if code)
     noise, strain = float(found.noise_std[0]), pool.quantity[0] == 0
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
+    said = [f"{pool.gauges} → {len(found.kept)}", f"noise {shown}"]
+    own, numbers = found.clearance, {}
+    if own is not None:
+        said.append(clearance_in_words(own, dropped[CLEARANCE]))
+        numbers = {"clearance": own.distance}
+        if warning := clearance_warning(own):
+            warnings.warn(warning, stacklevel=2)
     return Output(
         datasets=written(found),
         summary={"candidates": pool.gauges, "kept": len(found.kept), "noise_std": noise}
-        | {f"dropped.{code}": count for code, count in dropped.items()},
-        message=f"{pool.gauges} → {len(found.kept)}, noise {shown}",
+        | {f"dropped.{code}": count for code, count in dropped.items()}
+        | numbers,
+        message=", ".join(said),
     )
 
 
 SCREEN = Stage(
     "screen",
-    version=4,
+    version=5,
     reads=(
         "screen",
+        "loads.*.node",
+        "loads.*.set",
+        "loads.*.deck_load",
+        "gauges.clearance",
+        "gauges.grid_length",
         "gauges.noise_std",
         "gauges.range",
         "motion_sensors.*.noise_std",
         "motion_sensors.*.range",
     ),
-    upstream=("train",),
+    upstream=("import", "train"),
     files=(),
     run=run,
 )

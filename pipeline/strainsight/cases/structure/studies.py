@@ -60,8 +60,11 @@ CHOICES = 1 << 31
 """Stream of the random numbers that choose starts and sets, apart from those of the noise."""
 
 
-def studies_of(trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sweep: Sweep = serial) -> Studies:
-    """Filtered in batches of at most BATCH runs; settings: the config's validate section, kept: the screened pool."""
+def studies_of(
+    trial: Trial, settings: Validate, kept: np.ndarray, allowed: np.ndarray, seed: int, sweep: Sweep = serial
+) -> Studies:
+    """Filtered in batches of at most BATCH runs; settings: the config's validate section, kept: the screened pool, allowed: every
+    gauge that keeps the clearance."""
     rng = np.random.default_rng([seed, CHOICES])
     spread = np.array([settings.initial_std[name] for name in trial.names])
     repeats, count = settings.repeats, settings.random_sets
@@ -75,7 +78,7 @@ def studies_of(trial: Trial, settings: Validate, kept: np.ndarray, seed: int, sw
     }
     every = trial.problem.channels
     size = len(np.unique(every.gauge[trial.chosen]))
-    for key, pool in (("screened", kept), ("all", np.arange(every.gauges))):
+    for key, pool in (("screened", kept), ("all", allowed)):
         sets = [rng.choice(pool, size, replace=False) for _ in range(count)]
         channels = every.of(np.array(sets, dtype=int).reshape(count, size))
         parts[key] = _runs(channels.reshape(count, size * channels.shape[-1]), 1.0, home, own[:count])

@@ -12,6 +12,7 @@ from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface
 from strainsight.cases.structure.channels import readings
+from strainsight.cases.structure.clearance import clearance_of
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.scales import refuse_noise, refuse_readings, refuse_times
 from strainsight.cases.structure.settings import families
@@ -19,17 +20,17 @@ from strainsight.cases.structure.start import loading_of, motion_of
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.decks.matrices.files import read_numbering
-from strainsight.errors import ConfigError, blame
+from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.fem.memory import require_memory
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
 from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.screening import Screening, screen
+from strainsight.gauges.screening import CLEARANCE, Screening, screen
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
-from strainsight.records.training import Screened, Training
+from strainsight.records.training import STATED, Clearance, Screened, Training
 from strainsight.signals.histories import instant_values
 
 FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
@@ -103,16 +104,19 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
     return given.pool, given.rows
 
 
-def screened_of(config: PlacementConfig, training: Training) -> Screened:
-    """Settle the noise of every channel, drop the weak and the overloaded, thin the clusters."""
+def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Screened:
+    """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the weak and the
+    overloaded, thin the clusters."""
     pool, reading = training.candidates, training.reading
     rms, peak = np.sqrt(np.mean(reading**2, axis=0)), np.abs(reading).max(axis=0)
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
+    clearance, near = clearance_of(config, mesh, training)
+    clear = ~near[pool.gauge]
     best = {}
     for i, (key, family) in enumerate(families(config).items()):
         own = pool.array == i
-        # Of candidates: one bonded in a loud place must not make all others noisier.
-        free = own & ~pool.bonded if (own & ~pool.bonded).any() else own
+        # Of candidates: one bonded in a loud place, or a corner of no finite strain, must not make all others noisier.
+        free = own & ~pool.bonded & clear if (own & ~pool.bonded).any() else own
         noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
         if own.any():
             best[key] = float(rms[own].max()), float(noise_std[own][0])
@@ -120,11 +124,12 @@ def screened_of(config: PlacementConfig, training: Training) -> Screened:
             limit[own] = family.range
     refuse_noise(best)
     with blame("screen.keep"):
-        result = _screened(config.screen, pool, rms, peak, noise_std, limit)
+        result = _screened(config.screen, pool, near, rms, peak, noise_std, limit, clearance)
     return Screened(
         kept=result.kept,
         snr=result.snr,
         reason=np.asarray(result.reason, dtype=np.str_),
+        clearance=clearance,
         noise_std=noise_std,
         range=limit,
         family=tuple(key.removeprefix("motion_sensors.") for key in families(config)),
@@ -132,27 +137,46 @@ def screened_of(config: PlacementConfig, training: Training) -> Screened:
 
 
 def _screened(
-    settings: Screen, pool: Candidates, rms: np.ndarray, peak: np.ndarray, noise_std: np.ndarray, limit: np.ndarray
+    settings: Screen,
+    pool: Candidates,
+    near: np.ndarray,
+    rms: np.ndarray,
+    peak: np.ndarray,
+    noise_std: np.ndarray,
+    limit: np.ndarray,
+    clearance: Clearance | None,
 ) -> Screening:
-    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge."""
+    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. near (gauges,): too near to
+    something for the clearance."""
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
-    kept, snr, reason = [], np.empty(pool.gauges), np.empty(pool.gauges, dtype="<U7")
+    # A number that was asked for is kept or refused, unless a clearance that nobody stated has taken places.
+    exact = len(np.unique(kinds)) == 1 and (clearance is None or clearance.rule == STATED or not near.any())
+    kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
+    snr = np.sqrt(np.bincount(pool.gauge, (rms / noise_std) ** 2, pool.gauges))
     for kind in np.unique(kinds):
-        gauges, own = np.flatnonzero(kinds == kind), np.flatnonzero(pool.array == kind)
-        # Of a kind that has fewer all are kept; of one alone that is an error, as it was asked for.
-        most = keep if keep is None or len(np.unique(kinds)) == 1 else min(keep, len(gauges))
-        found = screen(
-            rms[own],
-            noise_std[own],
-            pool.position[own],
-            most,
-            settings.minimum_spacing,
-            gauge=np.searchsorted(gauges, pool.gauge[own]),
-            bonded=pool.bonded[own],
-            largest=peak[own],
-            limit=limit[own],
-        )
+        gauges = np.flatnonzero((kinds == kind) & ~near)
+        own = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
+
+        def screening(most: int | None, own: np.ndarray = own, gauges: np.ndarray = gauges) -> Screening:
+            return screen(
+                rms[own],
+                noise_std[own],
+                pool.position[own],
+                most,
+                settings.minimum_spacing,
+                gauge=np.searchsorted(gauges, pool.gauge[own]),
+                bonded=pool.bonded[own],
+                largest=peak[own],
+                limit=limit[own],
+            )
+
+        try:
+            found = screening(keep if keep is None or exact else min(keep, len(gauges)))
+        except InfeasibleError:
+            if exact or not near.any():
+                raise
+            found = screening(None)  # fewer than asked for lie so far apart: all of them
         kept.append(gauges[found.kept])
         snr[gauges], reason[gauges] = found.snr, found.reason
     return Screening(np.sort(np.concatenate(kept)), snr, reason)

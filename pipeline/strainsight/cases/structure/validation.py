@@ -33,6 +33,7 @@ from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.estimation.verdict import Benefit, band_of, benefit_of, samples_alike
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
+from strainsight.gauges.screening import CLEARANCE
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.records.reduced import Modes, Reduced
@@ -117,7 +118,7 @@ def validation_of(
     compare = problem.method == "bank" and config.filter.compare is not False
     beside = compared(problem, model, trial.covariance, trial.known, measured) if compare else None
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
-    studies = studies_of(trial, settings, screened.kept, seed, watch)
+    studies = studies_of(trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
     last = trial.names[-1]
     return Validation(

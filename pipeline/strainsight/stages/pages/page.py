@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from strainsight import __version__
+from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.compared import disagreements_in_words
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
@@ -16,7 +17,7 @@ from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
-from strainsight.records.training import Training
+from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.verdicts import OVER, in_words
@@ -90,6 +91,9 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tup
     if cards:
         but = ": what they add must be in the matrices" * (ready is not None)
         notes.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
+    clearance = read(Screened, up["screen"]).clearance if "screen" in up else None
+    if clearance is not None and (warning := clearance_warning(clearance)):
+        notes.append(warning)
     return (*notes, *(_doubts(up["validate"], names) if "validate" in up else ()))
 
 

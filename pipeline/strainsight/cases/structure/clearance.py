@@ -1,0 +1,109 @@
+"""How far gauges stay from edges, supports and loads: as stated, or as their carrier asks where that leaves a choice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import InfeasibleError
+from strainsight.gauges.candidates import STRAIN
+from strainsight.gauges.clearance import carrier_clearance, crowded, obstacles, room_for
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.records.training import CARRIER, STATED, Clearance, Training
+
+CHOICE = 50
+"""Places that the default has to leave: with fewer it would be the clearance that places the gauges. It does not depend on how
+many these are, so that another `place.keep` leaves the screening as it is."""
+STEPS = (1.0, 0.5, 0.25)
+"""Of the carrier's clearance: what is tried on a part that is too small for it, before there is none."""
+
+
+def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tuple[Clearance | None, np.ndarray]:
+    """The clearance that is kept, None where none was to be, and which gauges (gauges,) are too near to something for it.
+
+    Only strain gauges that are still to be bonded on the mesh keep one: where the others are is not ours to choose, and a sensor
+    of motion reads no strain. A default that does not leave `CHOICE` places, so far apart as screening asks, is halved, halved
+    again, then left out.
+    Raises InfeasibleError where a stated one leaves no place.
+    """
+    pool, stated = training.candidates, config.gauges.clearance
+    first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
+    own = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
+    if stated == "none" or training.given is not None or not len(own):
+        return None, blocked
+    facets, points = exterior_facets(mesh), pool.position[first[own]]
+    around = obstacles(mesh, facets, loaded_nodes(config, mesh, facets))
+    if stated is not None:
+        wanted = float(stated)
+        near = crowded(points, around, wanted)
+        blocked[own] = _any(near)
+        if blocked[own].all():
+            raise InfeasibleError(
+                f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every edge, support and load",
+                key="gauges.clearance",
+                remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
+            )
+        return Clearance(distance=wanted, wanted=wanted, rule=STATED, near=_counts(near)), blocked
+    wanted = carrier_clearance(config.gauges.grid_length)
+    for step in STEPS:
+        near = crowded(points, around, step * wanted)
+        if room_for(points[~_any(near)], config.screen.minimum_spacing, CHOICE):
+            blocked[own] = _any(near)
+            return Clearance(distance=step * wanted, wanted=wanted, rule=CARRIER, near=_counts(near)), blocked
+    return Clearance(distance=0.0, wanted=wanted, rule=CARRIER, near={}), blocked
+
+
+def _any(near: Mapping[str, np.ndarray]) -> np.ndarray:
+    return np.asarray(np.any(list(near.values()), axis=0))
+
+
+def _counts(near: Mapping[str, np.ndarray]) -> dict[str, int]:
+    return {name: int(np.count_nonzero(mask)) for name, mask in near.items()}
+
+
+def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:
+    """Nodes (l,) (indices) of the surface on which loads of the config act. A load that acts inside the body too, as weight does,
+    has no place to stay clear of."""
+    outside, solid = (np.zeros(len(mesh.position), dtype=bool) for _ in range(2))
+    outside[facets.nodes[facets.nodes >= 0]] = True
+    for block in mesh.blocks:
+        solid[block.nodes] = True
+    found = np.zeros(len(mesh.position), dtype=bool)
+    for load in config.loads.values():
+        own = np.zeros(len(mesh.position), dtype=bool)
+        if load.deck_load is not None:
+            forces = mesh.loads[load.deck_load]
+            own[forces.nodes[forces.force.any(axis=1)]] = True
+        elif load.set is not None:
+            own[np.isin(mesh.node_ids, mesh.node_sets[load.set])] = True
+        elif load.node is not None:
+            own[mesh.node_ids == load.node] = True
+        if not np.any(own & solid & ~outside):
+            found |= own & outside
+    return np.flatnonzero(found)
+
+
+def clearance_in_words(found: Clearance, taken: int) -> str:
+    """The clearance, whose rule it is, and how many candidates it took."""
+    if found.distance == 0:
+        return "no clearance from edges, supports and loads"
+    near = ", ".join(f"{count} to {name}" for name, count in found.near.items() if count)
+    how = {STATED: "", CARRIER: ", half the diagonal of a carrier"}[found.rule]
+    if found.distance < found.wanted:
+        how = f", reduced from {1e3 * found.wanted:.3g} mm"
+    return f"clearance {1e3 * found.distance:.3g} mm{how}, {taken} nearer{near and f': {near}'}"
+
+
+def clearance_warning(found: Clearance) -> str:
+    """What a reader has to know of a default that the part is too small for; empty where it is kept."""
+    if found.distance == found.wanted:
+        return ""
+    kept = f"{1e3 * found.distance:.3g} mm is kept" if found.distance else "none is kept"
+    return (
+        f"A clearance of {1e3 * found.wanted:.3g} mm from edges, supports and loads, half the diagonal of a gauge's carrier, "
+        f"leaves fewer than {CHOICE} places here: {kept}. Mesh more finely, or state gauges.clearance (a length, or "
+        "none) for the gauge that you have."
+    )

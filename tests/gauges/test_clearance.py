@@ -1,0 +1,70 @@
+"""A gauge's carrier keeps off edges, supports and loads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.gauges.clearance import carrier, carrier_clearance, crowded, obstacles, room_for
+from strainsight.gauges.surface import facet_centres
+from strainsight.mesh.facets import exterior_facets
+
+L, W, H = 1.0, 0.3, 0.2
+
+
+@pytest.mark.parametrize(
+    ("grid", "longest", "shortest", "widest", "narrowest"),
+    [(1.5e-3, 8e-3, 5e-3, 5.5e-3, 3e-3), (3e-3, 10e-3, 6e-3, 6e-3, 4e-3), (6e-3, 13.5e-3, 9e-3, 8e-3, 5e-3)],
+)
+def test_a_carrier_is_of_the_size_that_catalogues_have(grid, longest, shortest, widest, narrowest):
+    """Linear foil gauges of 1.5, 3 and 6 mm."""
+    length, width = carrier(grid)
+    assert shortest <= length <= longest
+    assert narrowest <= width <= widest
+
+
+def test_the_clearance_holds_the_carrier_however_it_is_turned():
+    """The farthest of its corners, turned in steps of 1°, is on the circle of the clearance."""
+    length, width = carrier(0.006)
+    corners = 0.5 * np.array([[length, width], [length, -width], [-length, width], [-length, -width]])
+    turns = np.deg2rad(np.arange(360))
+    reach = [np.abs(corners @ [np.cos(t), np.sin(t)]).max() for t in turns]
+    assert carrier_clearance(0.006) == pytest.approx(max(reach), rel=1e-3)
+    assert carrier_clearance(0.0) == carrier_clearance(0.003)
+
+
+def to_box_edge(x):
+    """Distance to the nearest of the twelve edges of the box, in closed form: two of three coordinates on a side."""
+    aside = np.minimum(x, np.array([L, W, H]) - x)
+    return np.sqrt(np.sort(aside, axis=1)[:, 0] ** 2 + np.sort(aside, axis=1)[:, 1] ** 2)
+
+
+@pytest.mark.parametrize("distance", [0.049, 0.06, 0.11])
+def test_what_is_too_near_is_found_by_straight_lines(box_mesh, distance):
+    """Edges of the box, the held face x = 0, the tied one x = 1 m, a loaded patch of four nodes: distances in closed form."""
+    facets = exterior_facets(box_mesh)
+    centre, _ = facet_centres(box_mesh.position, facets.kind, facets.nodes)
+    x, y, z = box_mesh.position.T
+    loaded = np.flatnonzero((z == H) & (np.abs(x - 0.55) < 0.06) & (np.abs(y - 0.15) < 0.06))
+    assert len(loaded) == 4
+    near = crowded(centre, obstacles(box_mesh, facets, loaded), distance)
+    np.testing.assert_array_equal(near["edges"], to_box_edge(centre) < distance)
+    # the boundary of the patch and the ends of the bar: no facet's centre lies over the inside of a mesh line nearer than that
+    beside = np.linalg.norm(np.maximum(np.abs(centre - [0.55, 0.15, H]) - [0.05, 0.05, 0.0], 0), axis=1)
+    inside = beside == 0
+    np.testing.assert_array_equal(near["loads"][~inside], beside[~inside] < distance)
+    assert near["loads"][inside].all() == (distance > 0.05)
+    along = np.minimum(centre[:, 0], L - centre[:, 0])
+    on_face = along == 0
+    np.testing.assert_array_equal(near["supports"][~on_face], along[~on_face] < distance)
+
+
+def test_room_counts_places_that_are_so_far_apart():
+    """Eleven places 0.1 m apart: six of them 0.2 m apart; two gauges in one place are one place."""
+    line = np.zeros((11, 3))
+    line[:, 0] = 0.1 * np.arange(11)
+    twice = np.repeat(line, 2, axis=0)
+    assert room_for(twice, 0.2, 6)
+    assert not room_for(twice, 0.2, 7)
+    assert room_for(twice, 0.0, 11)
+    assert not room_for(twice, 0.0, 12)

@@ -1,0 +1,146 @@
+"""Candidates that keep a clearance, and what becomes of it on a part that is too small."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from strainsight import api
+from strainsight.cases.structure.clearance import (
+    CHOICE,
+    clearance_in_words,
+    clearance_of,
+    clearance_warning,
+    loaded_nodes,
+)
+from strainsight.errors import InfeasibleError
+from strainsight.gauges.clearance import carrier_clearance
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import NodalForces
+
+from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
+
+CELLS = (10, 10, 8)
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """A beam of 1 × 0.1 × 0.08 m held at x = 0, in bricks of 0.1 × 0.01 × 0.01 m: what is screened with overrides."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.bdf").write_text(bricks(CELLS), encoding="ascii")
+    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
+    plain = api.load(folder / "edge.yaml")
+    mesh = api.mesh(plain)
+    reduced = api.reduce(plain, mesh)
+
+    def screened(*overrides):
+        case = api.load(folder / "edge.yaml", ["screen.keep=all", "screen.minimum_spacing=0", "place.keep=2", *overrides])
+        training = api.train(case, mesh, reduced)
+        return training, api.screen(case, mesh, training)
+
+    screened.case = lambda *overrides: api.load(folder / "edge.yaml", list(overrides))
+    screened.mesh = mesh
+    return screened
+
+
+def aside(x):
+    """Distance of points on the sides of the beam to its nearest edge along it."""
+    y, z = np.minimum(x[:, 1], SIZE[1] - x[:, 1]), np.minimum(x[:, 2], SIZE[2] - x[:, 2])
+    return np.where(np.minimum(y, z) == 0, np.maximum(y, z), np.minimum(y, z))
+
+
+@pytest.mark.parametrize("clearance", [0.006, 0.02])
+def test_a_stated_clearance_is_kept_exactly(beam, clearance):
+    """Of the candidates on the four sides those stay that are so far from the edges along them, and no other."""
+    training, screened = beam(f"gauges.clearance={clearance}")
+    x = training.candidates.position[training.candidates.first]
+    x = x - np.array([0.0, x[:, 1].min(), x[:, 2].min()])
+    sides = (x[:, 0] > clearance) & (x[:, 0] < SIZE[0] - 0.2)
+    stays = screened.reason != "clearance"
+    np.testing.assert_array_equal(stays[sides], (aside(x) >= clearance - 1e-12)[sides])
+    assert screened.clearance.distance == screened.clearance.wanted == clearance
+    assert screened.clearance.rule == "stated"
+    assert 0 < screened.clearance.near["edges"] <= np.count_nonzero(~stays)
+
+
+def test_without_one_every_candidate_stays(beam):
+    _, screened = beam("gauges.clearance=none")
+    assert screened.clearance is None
+    assert not np.any(screened.reason == "clearance")
+
+
+def test_the_default_is_the_carrier_of_the_grid(beam):
+    _, screened = beam()
+    assert screened.clearance.distance == carrier_clearance(0.0)
+    assert screened.clearance.rule == "carrier"
+    assert clearance_warning(screened.clearance) == ""
+    assert "4.59 mm" in clearance_in_words(screened.clearance, 7)
+    _, longer = beam("gauges.grid_length=0.006")
+    assert longer.clearance.distance == carrier_clearance(0.006) > screened.clearance.distance
+
+
+def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_is_refused(beam):
+    """A carrier of 65 × 33 mm on a beam of 80 mm: 36 mm from every edge leave a line, a half of it strips on all sides; where
+    places are to be 0.3 m apart there is no choice whatever the clearance."""
+    training, _ = beam()
+    case = beam.case("screen.keep=all", "screen.minimum_spacing=0", "gauges.grid_length=0.06")
+    found, blocked = clearance_of(case.config, beam.mesh, training)
+    assert found.wanted == carrier_clearance(0.06)
+    assert found.distance == 0.5 * found.wanted
+    left = np.unique(training.candidates.position[training.candidates.first[~blocked]], axis=0)
+    assert len(left) >= CHOICE
+    assert f"{1e3 * found.distance:.3g} mm is kept" in clearance_warning(found)
+    sparse = beam.case("screen.keep=all", "screen.minimum_spacing=0.3")
+    found, blocked = clearance_of(sparse.config, beam.mesh, training)
+    assert found.distance == 0
+    assert not blocked.any()
+    assert "none is kept" in clearance_warning(found)
+    with pytest.raises(InfeasibleError, match=r"gauges\.clearance: none of \d+ candidates is 51"):
+        beam("gauges.clearance=0.051")
+
+
+def test_a_pool_that_the_default_has_made_smaller_than_asked_for_is_taken_whole(beam):
+    """screen.keep as large as all there were is not refused for a clearance that nobody stated; for a stated one it is."""
+    training, screened = beam()
+    count = training.candidates.gauges
+    _, asked = beam(f"screen.keep={count}")
+    np.testing.assert_array_equal(asked.kept, screened.kept)
+    with pytest.raises(InfeasibleError, match=r"screen\.keep"):
+        beam(f"screen.keep={count}", "gauges.clearance=0.006")
+
+
+def test_noise_relative_to_the_strongest_candidate_is_that_of_the_strongest_that_may_be_taken(beam):
+    training, screened = beam("gauges.noise_std={relative_to_strongest: 0.01}", "gauges.clearance=0.02")
+    rms = np.sqrt(np.mean(training.reading**2, axis=0))
+    assert screened.noise_std[0] == pytest.approx(0.01 * rms[(screened.reason != "clearance")[training.candidates.gauge]].max())
+
+
+def test_loads_at_a_node_on_a_set_and_of_the_deck_have_their_nodes_and_weight_has_none(beam):
+    """A load on every node of the body, as weight is, has no place to stay clear of."""
+    mesh, case = beam.mesh, beam.case()
+    facets = exterior_facets(mesh)
+    outside = np.unique(facets.nodes[facets.nodes >= 0])
+    top = mesh.node_ids[outside[:3]]
+    every = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    assert len(every) > len(outside)
+    marked = replace(
+        mesh,
+        node_sets={"top": top},
+        loads={
+            "patch": NodalForces(outside[5:7], np.array([[0, 0, 1.0], [0, 0, 0]])),
+            "weight": NodalForces(every, np.tile([0, 0, 1.0], (len(every), 1))),
+        },
+    )
+    name, load = next(iter(case.config.loads.items()))
+
+    def nodes(**update):
+        own = load.model_copy(update={"node": None, "set": None, "deck_load": None} | update)
+        return loaded_nodes(case.config.model_copy(update={"loads": {name: own}}), marked, facets)
+
+    np.testing.assert_array_equal(nodes(set="top"), np.sort(outside[:3]))
+    np.testing.assert_array_equal(nodes(node=int(top[1])), outside[1:2])
+    np.testing.assert_array_equal(nodes(deck_load="patch"), outside[5:6])
+    assert len(nodes(deck_load="weight")) == 0
