@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
     from strainsight.cases.layout.expectation import Expectation
     from strainsight.cases.structure.estimation import Estimation
+    from strainsight.cases.structure.hot_spots import HotSpotTest
     from strainsight.cases.structure.placement import Placement
     from strainsight.cases.structure.validation import Validation
 
@@ -56,6 +57,7 @@ __all__ = [
     "Run",
     "estimate",
     "expect",
+    "hot_spots",
     "load",
     "mesh",
     "modes",
@@ -154,7 +156,7 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
     """The layout: elimination, exchanges, a bound on any other, and what it is expected to know.
 
     `.gauges` are its numbers, the most missed first, `.listed` where they are, `.expected.std` σ of every unknown relative to
-    its scale, `.advice` sentences.
+    its scale, `.hot_spots` as of `hot_spots`, `.advice` sentences.
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
     from strainsight.cases.structure.placement import placement_of
@@ -179,6 +181,17 @@ def expect(
     problem = problem_of(case.config, case.files, reduced, training, screened)
     own = np.asarray(gauges, dtype=int)
     return expectation(problem, own, tolerated(case.config, mesh, reduced, training, problem.channels.of(own)))
+
+
+def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gauges: Gauges) -> HotSpotTest | None:
+    """Whether the strain at any gauges is that of the part or that of its mesh, at most 20 of them.
+
+    `.refined` and `.spread` are changes over the RMS reading in training, when the mesh around a gauge is refined and when forces
+    on nodes there are spread; `.hot` which are beyond `.share`. None where the model is not that of a mesh.
+    """
+    from strainsight.cases.structure.hot_spots import tested_hot_spots
+
+    return tested_hot_spots(case.config, mesh, reduced, training, np.asarray(gauges, dtype=int))
 
 
 def validate(

@@ -59,6 +59,19 @@ class Budget:
 
 
 @record
+class HotSpots:
+    """Whether the strain at the gauges of the final set is that of the part."""
+
+    refined: np.ndarray = dataset(
+        "/refined", "1", "gauge", "largest change of its strain when the mesh around it is refined, NaN: not tested"
+    )
+    spread: np.ndarray = dataset(
+        "/spread", "1", "gauge", "change when forces on nodes there are spread over the facets, NaN: not tested"
+    )
+    share: float = dataset("/share", "1", "", "change of its training RMS beyond which it is at a hot spot")
+
+
+@record
 class Placed(PlacedLayout):
     """place.h5."""
 
@@ -70,3 +83,4 @@ class Placed(PlacedLayout):
     )
     budget: Budget = group("/budget")
     observability: PbhNumbers = group("/observability")
+    hot_spots: HotSpots | None = group("/hot_spots", default=None)

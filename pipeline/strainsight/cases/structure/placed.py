@@ -8,9 +8,10 @@ import numpy as np
 
 from strainsight.cases.layout.budget import budget_table
 from strainsight.cases.layout.output import layout_output, layout_record
+from strainsight.cases.structure.hot_spots import hot_spot_table
 from strainsight.cases.structure.placement import Placement
-from strainsight.records.placed import Budget, PbhNumbers, Placed
-from strainsight.workflow.output import Output, Scalar
+from strainsight.records.placed import Budget, HotSpots, PbhNumbers, Placed
+from strainsight.workflow.output import Output, Scalar, Table
 
 
 def placement_output(found: Placement) -> Output:
@@ -29,8 +30,14 @@ def placement_output(found: Placement) -> Output:
         observability=PbhNumbers(
             condition=condition.condition, sigma_min=condition.sigma_min, condition_raw=condition.condition_raw
         ),
+        hot_spots=None if found.hot_spots is None else HotSpots(**vars(found.hot_spots)),
     )
     numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})
+    hot = found.hot_spots
+    tables: tuple[Table, ...] = (budget_table(budget),)
+    if hot is not None:
+        numbers |= {"hot_spots": int(hot.hot.sum())}
+        tables += (hot_spot_table(hot, found.listed.labels),)
     attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
-    output = layout_output(found, record, numbers, attributes, (budget_table(budget),))
+    output = layout_output(found, record, numbers, attributes, tables)
     return replace(output, message=f"{output.message}, hardly observable: {lost}") if lost else output

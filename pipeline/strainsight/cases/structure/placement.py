@@ -16,6 +16,7 @@ from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import largest_of_quantity
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.gauges import listed_gauges
+from strainsight.cases.structure.hot_spots import HotSpotTest, hot_spot_advice, tested_hot_spots
 from strainsight.cases.structure.installation_noise import installation_intensity
 from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
 from strainsight.cases.structure.pool import pool_of, prices
@@ -41,11 +42,13 @@ such errors are larger than the noise of a gauge, its size hardly changes the la
 class Placement(Placed):
     """All that a placement has found, with the problem that it is of; σ is relative to the scale of an unknown.
 
-    condition: whether the pool can tell the unknowns.
+    condition: whether the pool can tell the unknowns; hot_spots: whether the strain at its gauges is that of the part, None where
+    the model is not that of a mesh.
     """
 
     problem: Problem
     condition: Observability
+    hot_spots: HotSpotTest | None
 
 
 def placement_of(
@@ -110,11 +113,14 @@ def placement_of(
         alike=lambda gauges: alike_gauges(problem, gauges),
         alone=lambda gauges, coherence: [solve_pool(own) for own in scenarios(problem.channels.of(gauges), coherence)],
     )
+    using.progress("hot spots", 0.9)
+    hot = tested_hot_spots(config, mesh, reduced, training, found.gauges)
     first = _ringing(problem, settings, config.seed), not_held_in_words(config, training)
-    found = replace(found, advice=(*filter(None, first), *found.advice))
-    return Placement(
-        **vars(found), problem=problem, condition=_observability(problem, training, found.task.pools[0].scenario, pool)
-    )
+    listed = found.listed
+    spots = hot_spot_advice(hot, listed.labels, listed.bonded.tolist())
+    found = replace(found, advice=(*filter(None, first), *spots, *found.advice))
+    condition = _observability(problem, training, found.task.pools[0].scenario, pool)
+    return Placement(**vars(found), problem=problem, condition=condition, hot_spots=hot)
 
 
 def _readings(problem: Problem, channels: np.ndarray) -> Readings:

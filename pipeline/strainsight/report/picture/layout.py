@@ -21,7 +21,8 @@ class Gauge:
     kind ("strain gauge", "rosette", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the
     first is `direction`; bonded: it was there already; peak: largest training reading of its channels [unit]; range: what it
     can measure [unit], None where not stated; unit of its readings;
-    mirror: label of its mirror image, where the two were placed as one.
+    mirror: label of its mirror image, where the two were placed as one; refined, spread: change of its strain over its RMS
+    when the mesh around it is refined, when forces on nodes there are spread, None where not tested; hot: beyond its share.
     """
 
     label: str
@@ -40,6 +41,9 @@ class Gauge:
     range: float | None = None
     unit: str = "strain"
     mirror: str = ""
+    refined: float | None = None
+    spread: float | None = None
+    hot: bool = False
 
     @property
     def channels(self) -> FloatArray:

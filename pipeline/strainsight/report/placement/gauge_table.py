@@ -25,6 +25,7 @@ def gauge_table(report: PlacementReport) -> str:
     names = names_without(report)
     sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
     read = any(gauge.peak is not None for gauge in gauges)
+    tested = any(gauge.refined is not None for gauge in gauges)
 
     def row(index: int, gauge: Gauge) -> list[str]:
         nodes = " ".join(str(node) for node in gauge.nodes) or "–"
@@ -35,10 +36,12 @@ def gauge_table(report: PlacementReport) -> str:
             "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
         ]  # fmt: skip
         cells += [_reading(gauge)] * read
+        cells += [_changed(gauge)] * tested
         return cells + [share(gauge.without.get(name, math.nan)) for name in names]
 
     head = ["gauge", "kind", "number" if given(gauges) else "element", "facet", "nodes", *AXES, "direction", "angle"]
     head += ["training peak"] * read
+    head += ["strain on a finer mesh"] * tested
     first = len(head)
     head += [f"expected σ({escape(name)}) without it" for name in names]
     foot = (
@@ -46,7 +49,7 @@ def gauge_table(report: PlacementReport) -> str:
         if any(sigma[name] is not None for name in names)
         else []
     )
-    numeric = [2, 3, 5, 6, 7, 9, *range(first - read, len(head))]
+    numeric = [2, 3, 5, 6, 7, 9, *range(first - read - tested, len(head))]
     rows = map(row, range(len(gauges)), gauges)
     return table("gauges", head, rows, caption=_caption(gauges), numeric=numeric, foot=foot)
 
@@ -72,6 +75,11 @@ def _caption(gauges: tuple[Gauge, ...]) -> str:
         text.append("A gauge and its mirror image were placed as one.")
     if any(gauge.peak is not None for gauge in gauges):
         text.append("The peak is the largest reading of the training run, of what the sensor can measure.")
+    if any(gauge.refined is not None for gauge in gauges):
+        text.append(
+            "On a finer mesh: the change of the strain at the gauge, over its RMS in training, when the elements around it "
+            "are cut in half twice. A hot spot changes by more than its share: a corner, the end of a support, a load at a node."
+        )
     if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
         text.append("∞: without that gauge the unknown can no longer be observed.")
     return " ".join(text)
@@ -111,6 +119,20 @@ def _reading(gauge: Gauge) -> str:
         return f'{text}<br><strong class="mark bad">✕ beyond its range</strong>'
     used = gauge.peak / gauge.range if gauge.range > 0 else math.nan
     return f"{text}<br>{data(used, percent(used))}" if math.isfinite(used) else text
+
+
+def _changed(gauge: Gauge) -> str:
+    """How its strain changes on a finer mesh around it, and with forces on nodes spread, where there are any."""
+    if gauge.refined is None or gauge.spread is None:
+        return "–"
+    text = data(gauge.refined, _signed(gauge.refined))
+    if gauge.spread:
+        text += f"<br>loads spread: {data(gauge.spread, _signed(gauge.spread))}"
+    return text + '<br><strong class="mark bad">✕ hot spot</strong>' * gauge.hot
+
+
+def _signed(share: float) -> str:
+    return f"{'+' * (share > 0)}{percent(share)}"
 
 
 def _whole(text: str) -> str:

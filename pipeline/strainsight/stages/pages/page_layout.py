@@ -11,7 +11,7 @@ from strainsight.cases.layout.gauge_list import GaugeList
 from strainsight.cases.structure.gauges import listed_gauges as gauges_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.records.placed import Placed
+from strainsight.records.placed import HotSpots, Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
@@ -47,6 +47,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
             range=None if np.isnan(listed.range[i]) else float(listed.range[i]),
             unit=listed.unit[i],
             mirror=mirror[i],
+            **_tested(own.hot_spots, i),
         )
         for i in range(len(listed.labels))
     )
@@ -60,6 +61,14 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
         fixed=mesh.position[np.unique(mesh.fixed[:, 0])],
         loose=loose_nodes(mesh) if is_ready(up["rom"]) else np.empty((0, 3)),
     )
+
+
+def _tested(found: HotSpots | None, i: int) -> dict[str, Any]:
+    """Of gauge i the test for hot spots, as far as it was made."""
+    if found is None or np.isnan(found.refined[i]):
+        return {}
+    refined, spread = float(found.refined[i]), float(found.spread[i])
+    return {"refined": refined, "spread": spread, "hot": max(abs(refined), abs(spread)) > found.share}
 
 
 def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:

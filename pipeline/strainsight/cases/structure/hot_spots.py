@@ -1,0 +1,115 @@
+"""The gauges of a layout whose strain is that of the mesh or of a load at a node, and not that of the part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.material import named_regions
+from strainsight.cases.structure.clearance import loaded_nodes
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import tolerances_of
+from strainsight.gauges.hot_spots import hot_spots
+from strainsight.mesh.additions import region_ids
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
+from strainsight.workflow.output import Table
+
+SHARE = 0.05
+"""Of a reading: what a change is allowed. Errors of installation by the default tolerances are 1 to 1.5 % of a reading on smooth
+parts: a strain that is 5 % off is beyond three times what the σ of a layout allows for."""
+MOST = 20
+"""Gauges that are tested: of larger layouts the most missed."""
+
+
+@dataclass(frozen=True)
+class HotSpotTest:
+    """Of the gauges of a layout (k,), over their RMS reading in training [-]: refined, the largest change when the mesh around is
+    refined; spread, the change when forces at nodes there are spread over the facets around; NaN: not tested. share: what is
+    allowed."""
+
+    refined: np.ndarray
+    spread: np.ndarray
+    share: float
+
+    @property
+    def hot(self) -> np.ndarray:
+        """Which gauges change by more than the share (k,)."""
+        with np.errstate(invalid="ignore"):
+            return (np.abs(self.refined) > self.share) | (np.abs(self.spread) > self.share)
+
+
+def tested_hot_spots(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, gauges: np.ndarray
+) -> HotSpotTest | None:
+    """The test of gauges by their numbers (k,), at the guess and along the training run; None where the model is not that of a
+    mesh."""
+    if training.given is not None or reduced.matrices is not None or not mesh.blocks:
+        return None
+    tested, q = gauges[:MOST], training.coordinate
+    found = hot_spots(
+        at_guess(config, mesh, reduced),
+        training.candidates.take(training.candidates.channels(tested)),
+        reduced.basis,
+        q.T @ q / len(q),
+        loaded_nodes(config, mesh, exterior_facets(mesh)),
+    )
+    left = np.full(len(gauges) - len(tested), np.nan)
+    return HotSpotTest(np.append(found.change, left), np.append(found.spread, left), share_of(config))
+
+
+def share_of(config: PlacementConfig) -> float:
+    """`SHARE`, or σ of the gain where it is larger: so much of a reading σ covers anyway."""
+    return max(SHARE, float(tolerances_of(config.tolerances).gain))
+
+
+def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:
+    """The mesh with the moduli at which training was simulated."""
+    regions, materials = dict(mesh.regions), dict(mesh.materials)
+    for name, entry in config.parameters.items():
+        if entry.property == "youngs_modulus":
+            for number in region_ids(mesh, named_regions(entry.region)):
+                own = max(materials) + 1
+                material = mesh.materials[mesh.regions[number].material]
+                materials[own] = replace(material, id=own, youngs_modulus=reduced.model.reference[name])
+                regions[number] = replace(regions[number], material=own)
+    return replace(mesh, regions=regions, materials=materials)
+
+
+def hot_spot_advice(test: HotSpotTest | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
+    """A sentence for each gauge at a hot spot, and one where some were not tested."""
+    if test is None:
+        return
+    for i in np.flatnonzero(test.hot).tolist():
+        how = []
+        if abs(test.refined[i]) > test.share:
+            how.append(f"by {_percent(test.refined[i])} when the mesh around it is refined")
+        if abs(test.spread[i]) > test.share:
+            how.append(f"by {_percent(test.spread[i])} when forces on nodes beside it are spread over the facets there")
+        remedy = (
+            "mesh more finely there, with the fillet or the contact as it is"
+            if bonded[i]
+            else "move it (a larger gauges.clearance, gauges.exclude) or mesh more finely there"
+        )
+        yield f"{labels[i]} sits at a hot spot: its strain changes {' and '.join(how)}; {remedy}."
+    unknown = [label for label, value in zip(labels, test.refined, strict=True) if np.isnan(value)]
+    if unknown:
+        yield f"Not tested for hot spots: {', '.join(unknown)}."
+
+
+def hot_spot_table(test: HotSpotTest, labels: Sequence[str]) -> Table:
+    """The test of every gauge as it is printed."""
+    rows = tuple(
+        (label, _percent(refined), _percent(spread) if spread else "", "hot spot" if hot else "")
+        for label, refined, spread, hot in zip(labels, test.refined, test.spread, test.hot, strict=True)
+    )
+    columns = ("strain of", "mesh around it refined", "forces on nodes spread", "")
+    return Table(f"hot spots: change by more than {100 * test.share:.2g} %", columns, rows)
+
+
+def _percent(share: float) -> str:
+    return "–" if np.isnan(share) else f"{100 * share:+.1f} %" if abs(share) < 0.1 else f"{100 * share:+.0f} %"

@@ -1,0 +1,234 @@
+"""A part of a mesh by itself, moved at its cut boundary as the whole model moves there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.fem.assembly import assemble
+from strainsight.fem.factorisation import factorise
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.subdivision import Refined, refined
+
+
+@dataclass(frozen=True)
+class Incidence:
+    """Which node (n,) is in which element (e,), CSR both ways; elements in the order of the blocks."""
+
+    elements_of: sparse.csr_array
+    nodes_of: sparse.csr_array
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Incidence:
+        nodes = [block.nodes.ravel() for block in mesh.blocks]
+        width = np.concatenate([np.full(len(block.ids), block.nodes.shape[1]) for block in mesh.blocks])
+        indptr, columns = np.r_[0, np.cumsum(width)], np.concatenate(nodes)
+        shape = (len(width), len(mesh.position))
+        own = sparse.csr_array((np.ones(len(columns), dtype=np.int8), columns, indptr), shape=shape)
+        return cls(sparse.csr_array(own.T.tocsr()), own)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Some elements of a mesh: a mesh of them alone; nodes (k,) their indices in the whole mesh, ascending; cut (k,): nodes that
+    elements outside share."""
+
+    mesh: Mesh
+    nodes: np.ndarray
+    cut: np.ndarray
+
+    def local(self, nodes: np.ndarray) -> np.ndarray:
+        """Indices here of nodes of the whole mesh, −1 for padding and for those that are not here."""
+        at = np.minimum(np.searchsorted(self.nodes, nodes), len(self.nodes) - 1)
+        return np.where(self.nodes[at] == nodes, at, -1)
+
+
+def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: int) -> Patch:
+    """Elements that hold the nodes (s,), those that touch these, and so on for so many layers."""
+    chosen = np.zeros(incidence.nodes_of.shape[0], dtype=bool)
+    within = np.zeros(len(mesh.position), dtype=bool)
+    within[nodes] = True
+    for _ in range(layers):
+        chosen[incidence.elements_of[np.flatnonzero(within)].indices] = True
+        within[incidence.nodes_of[np.flatnonzero(chosen)].indices] = True
+    own = np.flatnonzero(within)
+    inside = np.asarray(incidence.nodes_of[np.flatnonzero(chosen)].sum(axis=0)).ravel()[own]
+    number = np.full(len(mesh.position), -1)
+    number[own] = np.arange(len(own))
+    blocks, start = [], 0
+    for block in mesh.blocks:
+        part = np.flatnonzero(chosen[start : start + len(block.ids)])
+        start += len(block.ids)
+        if len(part):
+            region = block.region[part]
+            blocks.append(replace(block, ids=block.ids[part], nodes=number[block.nodes[part]], region=region))
+    alone = Mesh(
+        mesh.node_ids[own],
+        mesh.position[own],
+        tuple(blocks),
+        mesh.regions,
+        mesh.materials,
+        np.zeros((0, 2), dtype=np.int64),
+        source=mesh.source,
+    )
+    return Patch(alone, own, inside < np.diff(incidence.elements_of.indptr)[own])
+
+
+def held_components(mesh: Mesh) -> np.ndarray:
+    """Which translations (n, 3) of the nodes are given from elsewhere: supports, and what rigid and averaging elements prescribe.
+
+    A node with axes of its own counts as held whole.
+    """
+    held = np.zeros((len(mesh.position), 3), dtype=bool)
+    fixed = mesh.fixed.reshape(-1, 2)
+    moving = fixed[fixed[:, 1] < 3]
+    held[moving[:, 0], moving[:, 1]] = True
+    for rigid in mesh.rigid:
+        for component in rigid.components:
+            held[rigid.nodes, component % 3] |= component < 3
+    for averaging in mesh.averaging:
+        if averaging.dependent is None:
+            held[averaging.reference] |= [c in averaging.components for c in range(3)]
+        else:
+            own = averaging.dependent[averaging.dependent[:, 1] < 3]
+            held[own[:, 0], own[:, 1]] = True
+    for node in mesh.axes:
+        held[node] = held[node].any()
+    return held
+
+
+def forced_nodes(mesh: Mesh) -> np.ndarray:
+    """Nodes (n,) bool on which ties and point masses put forces that are concentrated there."""
+    found = np.zeros(len(mesh.position), dtype=bool)
+    for averaging in mesh.averaging:
+        found[averaging.nodes] = True
+    for node in (*(rigid.reference for rigid in mesh.rigid), *(point.node for point in mesh.point_masses)):
+        found[node] = True
+    return found
+
+
+@dataclass(frozen=True)
+class Submodel:
+    """A patch in equilibrium: its mesh; field z (3k, r); held (k, 3): what is given; force (3k, r) at nodes, zero where held."""
+
+    mesh: Mesh
+    field: np.ndarray
+    held: np.ndarray
+    force: np.ndarray
+
+    def part(self, patch: Patch) -> Submodel:
+        """Some of its elements by themselves, moved at their cut boundary as it is."""
+        held = self.held[patch.nodes] | patch.cut[:, None]
+        rows = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
+        return Submodel(patch.mesh, self.field[rows], held, np.where(held.reshape(-1, 1), 0.0, self.force[rows]))
+
+
+def submodel(patch: Patch, field: np.ndarray, held: np.ndarray, forced: np.ndarray) -> Submodel:
+    """The patch for the motion of what is cut or held, under the forces that the field needs at forced nodes:
+
+        K_ii z_i = f − K_ib z_b,     f = (K z)_i at forced nodes, zero elsewhere
+
+    so that inertia within the patch is left out, which on the scale of a few elements bends nothing.
+    field z (3k, r) of the whole model at the nodes of the patch; held (k, 3) and forced (k,) of its nodes. Raises NumericalError
+    where a part of it hangs on nothing.
+    """
+    given = held | patch.cut[:, None]
+    K = assemble(patch.mesh)[0].constant
+    acting = forced[:, None] & ~given
+    force = np.where(acting.reshape(-1, 1), K @ field, 0.0) if acting.any() else np.zeros_like(field)
+    return Submodel(patch.mesh, _solved(K, given, field, force), given, force)
+
+
+def with_spread_forces(own: Submodel, facets: Facets) -> Submodel:
+    """The same with the force of each node as a traction of its resultant and moment over the exterior facets around it.
+
+    facets: exterior ones of the whole mesh that lie in it, with its node numbers.
+    """
+    forced = np.asarray(np.any(own.force.reshape(-1, 3 * own.force.shape[1]) != 0, axis=1))
+    force = _spread(own.mesh.position, facets, forced) @ own.force
+    K = assemble(own.mesh)[0].constant
+    return Submodel(own.mesh, _solved(K, own.held, own.field, force), own.held, force)
+
+
+def refined_submodel(own: Submodel) -> tuple[Submodel, Refined]:
+    """The same on a mesh of parts of its elements: what is held moves as its shape functions say, x_b = P z, forces stay at their
+    nodes. A new node is held where all nodes that it is a mean of are."""
+    fine = refined(own.mesh)
+    P = sparse.csr_array(sparse.kron(fine.interpolation, sparse.eye_array(3), format="csr"))
+    free = (~own.held).ravel().astype(float)
+    given = (np.asarray(abs(P) @ free) == 0).reshape(-1, 3)
+    force = np.zeros((P.shape[0], own.field.shape[1]))
+    force[(3 * fine_of_coarse(fine)[:, None] + np.arange(3)).ravel()] = own.force
+    K = assemble(fine.mesh)[0].constant
+    return Submodel(fine.mesh, _solved(K, given, P @ own.field, force), given, force), fine
+
+
+def fine_of_coarse(fine: Refined) -> np.ndarray:
+    """The fine node (k,) at every coarse one."""
+    P = fine.interpolation
+    alone = np.flatnonzero(np.diff(P.indptr) == 1)
+    at = np.full(P.shape[1], -1)
+    at[P.indices[P.indptr[alone]]] = alone
+    return at
+
+
+def _solved(K: sparse.csr_array, held: np.ndarray, z: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """z (3k, r) where it is held (k, 3), in equilibrium with the force (3k, r) elsewhere."""
+    given = held.ravel()
+    found, free = z.copy(), np.flatnonzero(~given)
+    if len(free):
+        rows = sparse.csr_array(K[free])
+        pushed = force[free] - rows[:, np.flatnonzero(given)] @ z[given]
+        found[free] = factorise(sparse.csr_array(rows[:, free])).solve(pushed)
+    return found
+
+
+def _spread(position: np.ndarray, facets: Facets, forced: np.ndarray) -> sparse.csr_array:
+    """(3k, 3k): what forces at nodes x₀ are when each is a traction p(x) over the facets around its node; of a node with no facet
+    they stay.
+
+        p = α + β·(x − x₀),    ∫ p dA = 1,    ∫ p (x − x₀) dA = 0,
+
+    so that resultant and moment stay: without β a force at the end of a beam would move along it.
+    """
+    parts, entries = list(_quadrature(position, facets, forced)), []
+    for node in np.flatnonzero(forced).tolist():
+        around = [(own, on) for own in parts if (on := np.any(own[0] == node, axis=1)).any()]
+        if not around:
+            entries.append((np.array([node]), np.array([node]), np.ones(1)))
+            continue
+        size = max(float(np.abs(x[on] - position[node]).max()) for (_, x, _, _), on in around)
+        base = [
+            np.concatenate([np.ones((*dA[on].shape, 1)), (x[on] - position[node]) / size], axis=2)
+            for (_, x, dA, _), on in around
+        ]
+        gram = np.zeros((4, 4))
+        for own, ((_, _, dA, _), on) in zip(base, around, strict=True):
+            gram += np.einsum("eqi,eq,eqj->ij", own, dA[on], own)
+        factor = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)[:, 0]
+        for own, ((nodes, _, dA, N), on) in zip(base, around, strict=True):
+            share = np.einsum("eqi,i,eq,qa->ea", own, factor, dA[on], N)
+            entries.append((nodes[on].ravel(), np.full(share.size, node), share.ravel()))
+    target, source, value = (np.concatenate(column) for column in zip(*entries, strict=True))
+    S = sparse.coo_array((value, (target, source)), shape=(len(position), len(position)))
+    return sparse.csr_array(sparse.kron(S, sparse.eye_array(3), format="csr"))
+
+
+def _quadrature(
+    position: np.ndarray, facets: Facets, forced: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Of the facets that have a forced node, kind by kind: nodes (e, a), points (e, q, 3) [m] with their areas (e, q) [m²], shape
+    functions (q, a)."""
+    for code in np.unique(facets.kind):
+        kind = FACETS[code]
+        nodes = facets.nodes[facets.kind == code][:, : len(kind.nodes)]
+        nodes = nodes[np.any(forced[nodes], axis=1)]
+        xi, w = kind.mass
+        N, J = kind.shape(xi), np.einsum("qka,ekc->eqca", kind.gradient(xi), position[nodes])
+        area = w * np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=-1)
+        yield nodes, np.einsum("qk,ekc->eqc", N, position[nodes]), area, N

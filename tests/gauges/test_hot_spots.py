@@ -1,0 +1,228 @@
+"""The strain at a gauge is that of the part where it hardly changes on a finer mesh, and with loads spread."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.model import build_model, nodal
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.hot_spots import hot_spots
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.zones import NormalCone
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.kinds import kind_of
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+
+E, NU, SHARE = 2.1e11, 0.3, 0.05
+CORNERS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+TETS = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
+WEDGES = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
+
+
+def body(kind, counts, chart, keep=lambda *cell: True):
+    """Cells of a grid as hexahedra, two wedges or six tetrahedra each, nodes at chart(u), u in cells."""
+    number, rows = {}, []
+    parts = {"hex": [tuple(range(8))], "wed": WEDGES, "tet": TETS}[kind[:3]]
+    for cell in np.ndindex(*counts):
+        if not keep(*cell):
+            continue
+        at = [tuple(2 * (np.array(cell) + corner)) for corner in CORNERS]
+        for part in parts:
+            own = [tuple(int(v) for v in at[i]) for i in part]
+            own += [tuple((np.add(own[a], own[b]) // 2).tolist()) for a, b in kind_of(kind).edges]
+            rows.append([number.setdefault(key, len(number)) for key in own])
+    x = np.array([chart(*(np.array(key) / 2)) for key in number], dtype=float)
+    ids = np.arange(1, len(rows) + 1)
+    block = CellBlock(kind, ids, np.array(rows), np.ones(len(rows), dtype=np.int64))
+    steel = {1: Material(1, E, NU, 7850.0)}
+    return Mesh(np.arange(1, len(x) + 1), x, (block,), {1: Region(1, "part", 1)}, steel, np.zeros((0, 2), dtype=np.int64))
+
+
+def held(mesh, where, components=(0, 1, 2)):
+    pairs = [(node, c) for node in np.flatnonzero(where) for c in components]
+    return replace(mesh, fixed=np.vstack([mesh.fixed, pairs]).astype(np.int64))
+
+
+def moved(mesh, force):
+    """Displacements (3n, 1) under forces at nodes (n, 3)."""
+    model = build_model(mesh)
+    T = model.constraint.transform
+    return nodal(model, factorise(model.stiffness.constant).solve(T.T @ force.reshape(-1, 1)))
+
+
+def gauges_at(mesh, places, normal, axis, within=10.0):
+    """The facets, of those that face along the normal within some degrees, whose centres are nearest."""
+    every = candidates(mesh, exterior_facets(mesh), axis, include=[NormalCone(normal, within)], on_constraints=True)
+    behind = every.normal @ np.array(normal) < 0
+    apart = [np.linalg.norm(every.position - np.array(place), axis=1) + 1e3 * behind for place in places]
+    return every.take(np.array([int(np.argmin(each)) for each in apart]))
+
+
+def found(mesh, field, gauges, loaded=()):
+    return hot_spots(mesh, gauges, field, np.eye(1), np.array(loaded, dtype=int))
+
+
+def cantilever(kind, n):
+    """1 × 0.1 × 0.1 m, n elements high, held at x = 0; the force at its end is shared by all nodes there."""
+    mesh = body(kind, (10 * n, n, n), lambda u, v, w: (0.1 * u / n, 0.1 * v / n, 0.1 * w / n))
+    mesh = held(mesh, mesh.position[:, 0] < 1e-9)
+    end = np.flatnonzero(mesh.position[:, 0] > 1 - 1e-9)
+    force = np.zeros((len(mesh.position), 3))
+    force[end, 2] = 1000 / len(end)
+    return mesh, moved(mesh, force), end
+
+
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 2), ("hex8", 4), ("hex20", 2), ("tet10", 2), ("wedge6", 2), ("wedge15", 2)])
+def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
+    mesh, field, end = cantilever(kind, n)
+    own = found(mesh, field, gauges_at(mesh, [(0.45, 0.05, 0.1), (0.55, 0.0, 0.1)], (0, 0, 1), (1, 0, 0)), end)
+    assert np.abs(own.refined).max() < SHARE
+    assert np.abs(own.spread).max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10", "wedge6", "wedge15"])
+def test_a_state_that_the_elements_hold_exactly_does_not_change(kind):
+    """Uniform strain of any direction, on a body whose surface moves so, of elements that are no bricks: nothing changes beyond
+    rounding."""
+    rng = np.random.default_rng(3)
+    shift = {}
+
+    def chart(u, v, w):
+        inside = 0 < u < 4 and 0 < v < 3 and 0 < w < 2 and float(u).is_integer()
+        free = inside and kind in ("hex8", "tet4", "wedge6")
+        return np.array([u, v, w]) + shift.setdefault((u, v, w), rng.uniform(-0.1, 0.1, 3) if free else np.zeros(3))
+
+    mesh = body(kind, (4, 3, 2), chart)
+    field = (mesh.position @ np.array([[1.0, 0.3, 0.2], [0.1, -0.4, 0.5], [0.2, 0.7, 0.6]]) * 1e-3).reshape(-1, 1)
+    facets = exterior_facets(mesh)
+    surface = np.zeros(len(mesh.position), dtype=bool)
+    surface[facets.nodes[facets.nodes >= 0]] = True
+    gauges = candidates(mesh, facets, None)
+    own = found(held(mesh, surface), field, gauges.take(np.arange(0, len(gauges), 7)))
+    assert np.abs(own.refined).max() < 1e-9
+
+
+def bracket(kind, n, thick=1):
+    """An L of 0.2 × 0.2 m without its quarter x > 0, y < 0, held below and pushed up at its right end; n elements in 0.1 m."""
+    size = 0.1 / n
+    mesh = body(
+        kind,
+        (2 * n, 2 * n, thick),
+        lambda u, v, w: (size * (u - n), size * (v - n), size * w),
+        keep=lambda i, j, k: i < n or j >= n,
+    )
+    mesh = held(mesh, mesh.position[:, 1] < -0.1 + 1e-9)
+    right = mesh.position[:, 0] > 0.1 - 1e-9
+    force = np.zeros((len(mesh.position), 3))
+    force[right, 1] = 1000 / np.count_nonzero(right)
+    return mesh, moved(mesh, force)
+
+
+@pytest.mark.parametrize(("kind", "sizes"), [("hex8", (4, 8, 16)), ("hex20", (4, 8)), ("tet10", (4, 8))])
+def test_a_reentrant_corner_is_a_hot_spot_however_fine_the_mesh(kind, sizes):
+    """Strain grows as r^−0.4555 (Williams 1952): beside it on every mesh, half the leg away on none."""
+    beside, away = [], []
+    for n in sizes:
+        mesh, field = bracket(kind, n)
+        own = found(mesh, field, gauges_at(mesh, [(0, -0.05 / n, 0), (0, -0.06, 0)], (1, 0, 0), (0, 1, 0))).change
+        beside.append(abs(own[0]))
+        away.append(abs(own[1]))
+    assert min(beside) > SHARE
+    assert beside[-1] > 0.9 * beside[0]
+    assert max(away[1:]) < SHARE
+
+
+def slope(mesh, field, place, axis, size):
+    """Strain along an axis at a node between two elements, the mean of what they have there, by differences of displacements."""
+    u, axis = field.reshape(-1, 3), np.array(axis, dtype=float)
+
+    def at(steps):
+        apart = np.linalg.norm(mesh.position - (place + steps * size * axis), axis=1)
+        assert apart.min() < 1e-9
+        return u[int(np.argmin(apart))] @ axis
+
+    if mesh.blocks[0].kind == "hex8":
+        return (at(1) - at(-1)) / (2 * size)
+    return (4 * (at(0.5) - at(-0.5)) - (at(1) - at(-1))) / (2 * size)
+
+
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), ("hex8", 8), ("hex20", 4)])
+def test_what_is_expected_of_refinement_is_what_a_finer_mesh_of_the_whole_brings(kind, n):
+    """Beside the corner, on whole meshes of half and a quarter of the size: the sign of both changes, and the one that decides
+    within a factor of two."""
+    mesh, field = bracket(kind, n)
+    own = gauges_at(mesh, [(0, -0.05 / n, 0)], (1, 0, 0), (0, 1, 0))
+    expected = found(mesh, field, own)
+    real = []
+    before = channel_rows(mesh.position, own, field)[0, 0]
+    for times in (2, 4):
+        finer, moves = bracket(kind, n * times, times)
+        real.append(slope(finer, moves, own.position[0], (0, 1, 0), 0.1 / n / times) / before - 1)
+    np.testing.assert_array_equal(np.sign(expected.refined[0]), np.sign(real))
+    assert 0.5 < expected.change[0] / real[int(np.argmax(np.abs(expected.refined[0])))] < 2
+
+
+def loaded_block(kind, n):
+    """A block of 0.2 × 0.2 × 0.1 m with a force on the node in the middle of its top."""
+    size = 0.1 / n
+    mesh = body(kind, (2 * n, 2 * n, n), lambda u, v, w: (size * (u - n), size * (v - n), size * w))
+    mesh = held(mesh, mesh.position[:, 2] < 1e-9)
+    node = int(np.argmin(np.linalg.norm(mesh.position - [0, 0, 0.1], axis=1)))
+    force = np.zeros((len(mesh.position), 3))
+    force[node, 2] = -1000
+    return mesh, moved(mesh, force), node
+
+
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 6), ("tet10", 4)])
+def test_a_load_on_one_node_makes_a_hot_spot_of_what_is_beside_it_alone(kind, n):
+    """Saint-Venant: 0.4 and 1.2 elements away it matters how the force is spread, five elements away it does not."""
+    mesh, field, node = loaded_block(kind, n)
+    size = 0.1 / n
+    places = [(0.5 * size, 0.5 * size, 0.1), (1.5 * size, 0.5 * size, 0.1), ((n - 0.5) * size, 0.5 * size, 0.1)]
+    own = found(mesh, field, gauges_at(mesh, places, (0, 0, 1), (1, 0, 0)), [node])
+    assert abs(own.spread[0]) > SHARE
+    assert abs(own.change[0]) > SHARE
+    assert np.maximum(np.abs(own.spread), np.abs(own.change))[1] > SHARE
+    assert abs(own.spread[2]) < 1e-3
+
+
+def plate(n):
+    """A quarter of a plate of 0.1 × 0.1 × 0.01 m with a hole of 10 mm radius, n elements about the quarter of the hole and as
+    many outwards, pulled along x at x = 0.1 m; held in thickness on one side alone."""
+    count, radius, half = n, 0.01, 0.1
+
+    def chart(u, v, w):
+        angle, out = 0.5 * np.pi * (1 - u / count), np.interp(v, np.arange(count + 1), (np.arange(count + 1) / count) ** 2)
+        way = np.array([np.cos(angle), np.sin(angle)])
+        outer = half * way / np.abs(way).max()
+        return *((1 - out) * radius * way + out * outer), 0.01 * w / 1
+
+    mesh = body("hex20", (count, count, 1), chart)
+    x, y, _ = mesh.position.T
+    for axis, where in ((0, x < 1e-9), (1, y < 1e-9), (2, mesh.position[:, 2] < 1e-9)):
+        mesh = held(mesh, where, (axis,))
+    facets = exterior_facets(mesh)
+    force = np.zeros((len(mesh.position), 3))
+    weight = np.array([-1 / 12] * 4 + [1 / 3] * 4)  # a uniform traction on a rectangle of eight nodes
+    for nodes in facets.nodes:
+        if np.all(x[nodes] > half - 1e-9):
+            force[nodes, 0] += 1e8 * np.ptp(y[nodes]) * 0.01 * weight
+    return mesh, moved(mesh, force), np.flatnonzero(force[:, 0])
+
+
+def test_the_side_of_a_hole_is_a_hot_spot_on_a_coarse_mesh_and_none_on_a_fine_one():
+    """Kirsch: on the bore at 90° to the load three times the strain far away, hardly less in a plate of ten radii."""
+    changes = []
+    for n in (2, 4, 12):
+        mesh, field, end = plate(n)
+        own = gauges_at(mesh, [(0.0, 0.01, 0.005)], (0, -1, 0), (1, 0, 0), within=40.0)
+        changes.append(found(mesh, field, own, end).change[0])
+        angle = np.arctan2(own.position[0, 1], own.position[0, 0])
+        strain = channel_rows(mesh.position, own, field)[0, 0]
+    assert abs(changes[0]) > SHARE
+    assert abs(changes[-1]) < 0.5 * SHARE
+    assert strain == pytest.approx(1e8 / E * (1 - 2 * np.cos(2 * angle)), rel=0.05)
