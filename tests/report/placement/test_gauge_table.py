@@ -81,3 +81,19 @@ def test_ranges_and_peaks_that_are_no_numbers(mixed):
     assert shown[0] == "∞ of 1000 µm/m|✕ beyond its range"
     assert shown[1].startswith("10 of ∞ µm/m")
     assert shown[2:] == ["0 of 0 µm/m", "– of – m/s²", "1×10⁻⁵ of – m/s²", "∞ m"]
+
+
+def test_changes_on_a_finer_mesh_stand_with_their_sign_and_a_mark_where_they_are_too_large(mixed):
+    layout = mixed().layout
+    none = (None, None, False)
+    tested = ((0.002, 0.0, False), (-0.23, 0.0, True), (0.01, 0.3, True), none, (0.0, 0.0, False), none)
+    gauges = tuple(
+        replace(gauge, refined=refined, spread=spread, hot=hot)
+        for gauge, (refined, spread, hot) in zip(layout.gauges, tested, strict=True)
+    )
+    report = mixed(layout=replace(layout, gauges=gauges))
+    assert [row["strain on a finer mesh"] for row in rows(report)] == [
+        "+0.20\u00a0%", "−23\u00a0%|✕ hot spot", "+1.0\u00a0%|loads spread: +30\u00a0%|✕ hot spot", "–", "0.000\u00a0%", "–",
+    ]  # fmt: skip
+    assert "A hot spot changes by more than its share" in gauge_table(report)
+    assert "finer mesh" not in gauge_table(mixed())
