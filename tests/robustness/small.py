@@ -25,6 +25,7 @@ train: {duration: 0.1, time_step: 1.0e-3}
 gauges:
   surface: all
   direction: {type: axis, axis: [1, 0, 0], angles: [0]}
+  clearance: none
   noise_std: {relative_to_strongest: 0.01}
 screen: {keep: 20, minimum_spacing: 0.02}
 place: {estimate: [E], keep: 3, instants: 2, aggregate: mean, certificate: true}
