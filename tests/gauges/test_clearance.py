@@ -12,15 +12,10 @@ from strainsight.mesh.facets import exterior_facets
 L, W, H = 1.0, 0.3, 0.2
 
 
-@pytest.mark.parametrize(
-    ("grid", "longest", "shortest", "widest", "narrowest"),
-    [(1.5e-3, 8e-3, 5e-3, 5.5e-3, 3e-3), (3e-3, 10e-3, 6e-3, 6e-3, 4e-3), (6e-3, 13.5e-3, 9e-3, 8e-3, 5e-3)],
-)
-def test_a_carrier_is_of_the_size_that_catalogues_have(grid, longest, shortest, widest, narrowest):
-    """Linear foil gauges of 1.5, 3 and 6 mm."""
-    length, width = carrier(grid)
-    assert shortest <= length <= longest
-    assert narrowest <= width <= widest
+def test_the_carrier_of_a_grid_whose_length_is_not_stated_is_the_one_that_the_manual_states():
+    """8 × 4.5 mm, and half its diagonal, 4.6 mm."""
+    assert carrier(0.0) == pytest.approx((0.008, 0.0045))
+    assert carrier_clearance(0.0) == pytest.approx(0.0046, abs=5e-5)
 
 
 def test_the_clearance_holds_the_carrier_however_it_is_turned():

@@ -112,8 +112,8 @@ class Gauges(GaugeSites):
     clearance: Positive | Literal["none"] | None = Field(
         None,
         description="How far a gauge's centre stays from sharp edges, from nodes that are held or tied and from nodes that carry "
-        "a load, in a straight line [m], or 'none'; null: half the diagonal of the carrier of its grid (3 mm where grid_length "
-        "is 0: 4.6 mm), less where the part leaves no choice of places.",
+        "a load, in a straight line [m], or 'none'; null: half the diagonal of the carrier that is assumed for its grid (3 mm "
+        "where grid_length is 0: 4.6 mm), less where the part leaves no choice of places.",
     )
     given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")

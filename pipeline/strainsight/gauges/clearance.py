@@ -12,7 +12,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 
 USUAL_GRID = 0.003
-"""[m] of a gauge whose grid is not stated: the most common one in the catalogues."""
+"""[m] of a gauge whose grid is not stated. This and the three below are assumptions of ours, of what is typical."""
 ENDS = 0.005
 """[m] by which a carrier is longer than the grid: end loops, solder tabs and margin, both ends together."""
 SIDES = 0.003
@@ -26,8 +26,7 @@ def carrier(grid: float) -> tuple[float, float]:
 
         l = L + 5 mm,     w = L/2 + 3 mm
 
-    3 mm: 8 × 4.5 mm; catalogues of Micro-Measurements and HBK have 6 to 10 mm × 4 to 6 mm for it. A rosette, or a gauge with
-    cables or cover, needs more.
+    3 mm: 8 × 4.5 mm. An assumption of ours, taken from no catalogue. A rosette, or a gauge with cables or cover, needs more.
     """
     own = grid if grid > 0 else USUAL_GRID
     return own + ENDS, SLIM * own + SIDES
