@@ -11,28 +11,26 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
-E, NU = 2.1e11, 0.3
-CORNERS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-TETS = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
-WEDGES = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
+from .solids import CUTS, HEX, SOLIDS
+
+E, NU, RHO = 2.1e11, 0.3, 7850.0
 
 
 def body(kind, counts, chart, keep=lambda *cell: True):
-    """Cells of a grid as hexahedra, two wedges or six tetrahedra each, nodes at chart(u), u in cells."""
-    number, rows = {}, []
-    parts = {"hex": [tuple(range(8))], "wed": WEDGES, "tet": TETS}[kind[:3]]
+    """Cells of a grid, each cut into solids of a kind; pyramids with a node in its middle; nodes at chart(u), u in cells."""
+    number, rows, corners = {}, [], [*HEX, (0.5, 0.5, 0.5)]
     for cell in np.ndindex(*counts):
         if not keep(*cell):
             continue
-        at = [tuple(2 * (np.array(cell) + corner)) for corner in CORNERS]
-        for part in parts:
-            own = [tuple(int(v) for v in at[i]) for i in part]
+        at = [tuple(int(v) for v in 2 * (np.array(cell) + corner)) for corner in corners]
+        for part in CUTS[SOLIDS[kind].corners]:
+            own = [at[i] for i in part]
             own += [tuple((np.add(own[a], own[b]) // 2).tolist()) for a, b in kind_of(kind).edges]
             rows.append([number.setdefault(key, len(number)) for key in own])
     x = np.array([chart(*(np.array(key) / 2)) for key in number], dtype=float)
     ids = np.arange(1, len(rows) + 1)
     block = CellBlock(kind, ids, np.array(rows), np.ones(len(rows), dtype=np.int64))
-    steel = {1: Material(1, E, NU, 7850.0)}
+    steel = {1: Material(1, E, NU, RHO)}
     return Mesh(np.arange(1, len(x) + 1), x, (block,), {1: Region(1, "part", 1)}, steel, np.zeros((0, 2), dtype=np.int64))
 
 

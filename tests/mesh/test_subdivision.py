@@ -9,29 +9,19 @@ import pytest
 
 from strainsight.fem.assembly import assemble, mass_properties
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.kinds import FACETS, kind_of
+from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import with_midsides
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.mesh.model import CellBlock
 from strainsight.mesh.subdivision import refined
 
-from ..solids import CUTS, HEX, SOLIDS
+from ..bodies import RHO, body
+from ..solids import SOLIDS
 
 PARTS = {"tet4": 8, "tet10": 8, "hex8": 8, "hex20": 8, "wedge6": 8, "wedge15": 8, "pyra5": 10}
 
 
-def block(kind, bend=lambda x: x):
-    """2 × 1 × 1 cells, each cut into solids of a kind; pyramids with a node in the middle of each cell."""
-    solid, number, rows = SOLIDS[kind], {}, []
-    for cell in ((0, 0, 0), (1, 0, 0)):
-        corners = [tuple(2 * (np.array(cell) + corner)) for corner in HEX] + [tuple(2 * np.array(cell) + 1)]
-        for cut in CUTS[solid.corners]:
-            own = [tuple(int(v) for v in corners[i]) for i in cut]
-            own += [tuple((np.add(own[a], own[b]) // 2).tolist()) for a, b in kind_of(kind).edges]
-            rows.append([number.setdefault(key, len(number)) for key in own])
-    x = np.array([bend(np.array(key) / 2) for key in number], dtype=float)
-    cells = CellBlock(kind, np.arange(1, len(rows) + 1), np.array(rows), np.ones(len(rows), dtype=np.int64))
-    none = np.zeros((0, 2), dtype=np.int64)
-    return Mesh(np.arange(1, len(x) + 1), x, (cells,), {1: Region(1, "part", 1)}, {1: Material(1, 1.0, 0.3, 1.0)}, none)
+def block(kind, chart=lambda u, v, w: (u, v, w)):
+    return body(kind, (2, 1, 1), chart)
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
@@ -41,7 +31,7 @@ def test_the_parts_fill_the_body_and_share_their_nodes(kind):
     fine = refined(mesh).mesh
     assert sum(len(own.ids) for own in fine.blocks) == PARTS[kind] * len(mesh.blocks[0].ids)
     np.testing.assert_allclose(mass_properties(fine)[1], mass_properties(mesh)[1], atol=1e-12)
-    assert mass_properties(fine)[0] == pytest.approx(2.0)
+    assert mass_properties(fine)[0] == pytest.approx(2 * RHO)
     coarse, facets = exterior_facets(mesh), exterior_facets(fine)
     assert len(facets.kind) == 4 * len(coarse.kind)
 
@@ -66,9 +56,9 @@ def test_a_field_of_the_coarse_mesh_has_its_energy_on_the_fine_one(kind):
 def test_a_curved_surface_keeps_its_shape(kind):
     """Nodes of the fine mesh lie on the quadratic surface of the coarse one: on the cylinder to a tenth of the sag of chords."""
 
-    def bend(x):
-        angle, radius = 0.5 * x[0], 1 + x[1]
-        return np.array([radius * np.sin(angle), radius * np.cos(angle), x[2]])
+    def bend(u, v, w):
+        angle, radius = 0.5 * u, 1 + v
+        return radius * np.sin(angle), radius * np.cos(angle), w
 
     mesh = block(kind, bend)
     fine = refined(mesh).mesh
