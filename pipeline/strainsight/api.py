@@ -31,7 +31,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.estimated import Estimated
 from strainsight.records.mesh import mesh_from
-from strainsight.records.placed import Observed, Placed
+from strainsight.records.placed import HotSpots, Observed, Placed
 from strainsight.records.record import Record, read
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
     from strainsight.cases.layout.expectation import Expectation
     from strainsight.cases.structure.estimation import Estimation
-    from strainsight.cases.structure.hot_spots import HotSpotTest
     from strainsight.cases.structure.placement import Placement
     from strainsight.cases.structure.validation import Validation
 
@@ -183,7 +182,7 @@ def expect(
     return expectation(problem, own, tolerated(case.config, mesh, reduced, training, problem.channels.of(own)))
 
 
-def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gauges: Gauges) -> HotSpotTest | None:
+def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gauges: Gauges) -> HotSpots | None:
     """Whether the strain at any gauges is that of the part or that of its mesh, at most 20 of them.
 
     `.refined` and `.spread` are changes over the RMS reading in training, when the mesh around a gauge is refined and when forces

@@ -9,8 +9,9 @@ import pytest
 import yaml
 
 from strainsight import api
-from strainsight.cases.structure.hot_spots import SHARE, HotSpotTest, at_guess, hot_spot_advice, share_of
+from strainsight.cases.structure.hot_spots import SHARE, at_guess, hot_spot_advice, share_of
 from strainsight.cases.structure.placed import placement_output
+from strainsight.records.placed import HotSpots
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, E, bricks
 
@@ -86,7 +87,7 @@ def test_the_share_is_five_per_cent_or_what_gains_are_allowed(beam):
 
 
 def test_sentences_say_both_changes_and_who_was_not_tested():
-    test = HotSpotTest(np.array([0.01, -0.23, np.nan]), np.array([0.3, 0.0, np.nan]), SHARE)
+    test = HotSpots(refined=np.array([0.01, -0.23, np.nan]), spread=np.array([0.3, 0.0, np.nan]), share=SHARE)
     first, second, third = hot_spot_advice(test, ("G1", "G2", "G3"), (False, False, False))
     assert "G1" in first
     assert "+30 % when forces" in first

@@ -163,12 +163,12 @@ def refined_submodel(own: Submodel) -> tuple[Submodel, Refined]:
     free = (~own.held).ravel().astype(float)
     given = (np.asarray(abs(P) @ free) == 0).reshape(-1, 3)
     force = np.zeros((P.shape[0], own.field.shape[1]))
-    force[(3 * fine_of_coarse(fine)[:, None] + np.arange(3)).ravel()] = own.force
+    force[(3 * _fine_of_coarse(fine)[:, None] + np.arange(3)).ravel()] = own.force
     K = assemble(fine.mesh)[0].constant
     return Submodel(fine.mesh, _solved(K, given, P @ own.field, force), given, force), fine
 
 
-def fine_of_coarse(fine: Refined) -> np.ndarray:
+def _fine_of_coarse(fine: Refined) -> np.ndarray:
     """The fine node (k,) at every coarse one."""
     P = fine.interpolation
     alone = np.flatnonzero(np.diff(P.indptr) == 1)

@@ -60,7 +60,7 @@ class Budget:
 
 @record
 class HotSpots:
-    """Whether the strain at the gauges of the final set is that of the part."""
+    """Whether the strain at gauges is that of the part: of the final set, or of any; changes over the RMS reading in training."""
 
     refined: np.ndarray = dataset(
         "/refined", "1", "gauge", "largest change of its strain when the mesh around it is refined, NaN: not tested"
@@ -69,6 +69,12 @@ class HotSpots:
         "/spread", "1", "gauge", "change when forces on nodes there are spread over the facets, NaN: not tested"
     )
     share: float = dataset("/share", "1", "", "change of its training RMS beyond which it is at a hot spot")
+
+    @property
+    def hot(self) -> np.ndarray:
+        """Which gauges change by more than the share (gauges,), by refinement or by spreading."""
+        with np.errstate(invalid="ignore"):
+            return (np.abs(self.refined) > self.share) | (np.abs(self.spread) > self.share)
 
 
 @record

@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=10,
+    version=11,
     reads=(
         "seed",
         "loads.*.node",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from strainsight.gauges.hot_spots import hot_spots
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.records.placed import HotSpots
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.workflow.output import Table
@@ -26,26 +27,9 @@ MOST = 20
 """Gauges that are tested: of larger layouts the most missed."""
 
 
-@dataclass(frozen=True)
-class HotSpotTest:
-    """Of the gauges of a layout (k,), over their RMS reading in training [-]: refined, the largest change when the mesh around is
-    refined; spread, the change when forces at nodes there are spread over the facets around; NaN: not tested. share: what is
-    allowed."""
-
-    refined: np.ndarray
-    spread: np.ndarray
-    share: float
-
-    @property
-    def hot(self) -> np.ndarray:
-        """Which gauges change by more than the share (k,)."""
-        with np.errstate(invalid="ignore"):
-            return (np.abs(self.refined) > self.share) | (np.abs(self.spread) > self.share)
-
-
 def tested_hot_spots(
     config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, gauges: np.ndarray
-) -> HotSpotTest | None:
+) -> HotSpots | None:
     """The test of gauges by their numbers (k,), at the guess and along the training run; None where the model is not that of a
     mesh."""
     if training.given is not None or reduced.matrices is not None or not mesh.blocks:
@@ -59,7 +43,8 @@ def tested_hot_spots(
         loaded_nodes(config, mesh, exterior_facets(mesh)),
     )
     left = np.full(len(gauges) - len(tested), np.nan)
-    return HotSpotTest(np.append(found.change, left), np.append(found.spread, left), share_of(config))
+    refined, spread = np.append(found.change, left), np.append(found.spread, left)
+    return HotSpots(refined=refined, spread=spread, share=share_of(config))
 
 
 def share_of(config: PlacementConfig) -> float:
@@ -80,7 +65,7 @@ def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:
     return replace(mesh, regions=regions, materials=materials)
 
 
-def hot_spot_advice(test: HotSpotTest | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
+def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
     """A sentence for each gauge at a hot spot, and one where some were not tested."""
     if test is None:
         return
@@ -101,7 +86,7 @@ def hot_spot_advice(test: HotSpotTest | None, labels: Sequence[str], bonded: Seq
         yield f"Not tested for hot spots: {', '.join(unknown)}."
 
 
-def hot_spot_table(test: HotSpotTest, labels: Sequence[str]) -> Table:
+def hot_spot_table(test: HotSpots, labels: Sequence[str]) -> Table:
     """The test of every gauge as it is printed."""
     rows = tuple(
         (label, _percent(refined), _percent(spread) if spread else "", "hot spot" if hot else "")

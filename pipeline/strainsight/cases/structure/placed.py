@@ -10,7 +10,7 @@ from strainsight.cases.layout.budget import budget_table
 from strainsight.cases.layout.output import layout_output, layout_record
 from strainsight.cases.structure.hot_spots import hot_spot_table
 from strainsight.cases.structure.placement import Placement
-from strainsight.records.placed import Budget, HotSpots, PbhNumbers, Placed
+from strainsight.records.placed import Budget, PbhNumbers, Placed
 from strainsight.workflow.output import Output, Scalar, Table
 
 
@@ -30,7 +30,7 @@ def placement_output(found: Placement) -> Output:
         observability=PbhNumbers(
             condition=condition.condition, sigma_min=condition.sigma_min, condition_raw=condition.condition_raw
         ),
-        hot_spots=None if found.hot_spots is None else HotSpots(**vars(found.hot_spots)),
+        hot_spots=found.hot_spots,
     )
     numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})
     hot = found.hot_spots

@@ -16,7 +16,7 @@ from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import largest_of_quantity
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.gauges import listed_gauges
-from strainsight.cases.structure.hot_spots import HotSpotTest, hot_spot_advice, tested_hot_spots
+from strainsight.cases.structure.hot_spots import hot_spot_advice, tested_hot_spots
 from strainsight.cases.structure.installation_noise import installation_intensity
 from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
 from strainsight.cases.structure.pool import pool_of, prices
@@ -27,6 +27,7 @@ from strainsight.config.placement import Place, PlacementConfig
 from strainsight.errors import blame
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
+from strainsight.records.placed import HotSpots
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
@@ -48,7 +49,7 @@ class Placement(Placed):
 
     problem: Problem
     condition: Observability
-    hot_spots: HotSpotTest | None
+    hot_spots: HotSpots | None
 
 
 def placement_of(

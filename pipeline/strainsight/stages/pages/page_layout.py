@@ -67,8 +67,7 @@ def _tested(found: HotSpots | None, i: int) -> dict[str, Any]:
     """Of gauge i the test for hot spots, as far as it was made."""
     if found is None or np.isnan(found.refined[i]):
         return {}
-    refined, spread = float(found.refined[i]), float(found.spread[i])
-    return {"refined": refined, "spread": spread, "hot": max(abs(refined), abs(spread)) > found.share}
+    return {"refined": float(found.refined[i]), "spread": float(found.spread[i]), "hot": bool(found.hot[i])}
 
 
 def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
