@@ -67,6 +67,8 @@ BLIND = {
     "  inputs: {tip: {channel: tip, unit: N}}\n": "",
 }
 """The changes that leave the one unknown load."""
+ALONE = {old: new for old, new in BLIND.items() if ", E" not in old} | {"name: test\n": "name: alone\n"}
+"""Those that leave it with the modulus."""
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +79,18 @@ def project(tmp_path_factory):
     done = CliRunner().invoke(app, ["validate", str(folder / "test.yaml"), "--results", str(folder / "results")])
     assert done.exit_code == 0, done.output
     return folder
+
+
+def changed(folder: Path, name: str, changes: dict[str, str]) -> Path:
+    """Results of `validate` of the config with these changes."""
+    text = CONFIG.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf"))
+    for old, new in changes.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (folder / f"{name}.yaml").write_text(text)
+    done = CliRunner().invoke(app, ["validate", str(folder / f"{name}.yaml"), "--results", str(folder / "results")])
+    assert done.exit_code == 0, done.output
+    return folder / "results" / name
 
 
 def table(folder: Path) -> tuple[list[str], np.ndarray]:
@@ -139,14 +153,7 @@ def test_estimate_finds_what_validate_found(project, plain):
 
 def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_file(project):
     """Nothing between samples is guessed then: the filter sees what that of validate saw."""
-    text = CONFIG.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf"))
-    for old, new in BLIND.items():
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    (project / "blind.yaml").write_text(text)
-    done = CliRunner().invoke(app, ["validate", str(project / "blind.yaml"), "--results", str(project / "results")])
-    assert done.exit_code == 0, done.output
-    results = project / "results" / "blind"
+    results = changed(project, "blind", BLIND)
     code, said = estimated(project, results / "measured.csv", config="blind.yaml")
     assert code == 0, said
     validate, found = (Artefact(results / f"{stage}.h5") for stage in ("validate", "estimate"))
@@ -296,6 +303,34 @@ def test_an_unobservable_case_is_estimated_on_request_and_reported(project):
     code, said = estimated(project, file, one, "--allow-unobservable")
     assert code == 0, said
     assert "cannot tell" in said
+
+
+def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_as_stated(project):
+    """Everything that rests on them is NaN, and the estimates are those that have it otherwise."""
+    sigmas = "/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"
+    estimates = "/estimate/E", "/smoothed/side", "/virtual/strain"
+    results, found = changed(project, "alone", ALONE), {}
+    for stated in ("false", "true"):
+        settings = f"estimate.loads_as_stated={stated}", "estimate.field={every: 0.1}"
+        code, said = estimated(project, results / "measured.csv", *settings, config="alone.yaml")
+        assert code == 0, said
+        own = Artefact(results / "estimate.h5")
+        found[stated] = {path: own[path].copy() for path in own.paths()}, dict(own.summary), said
+    (withheld, numbers, words), (given, all_numbers, other) = found["false"], found["true"]
+    assert "σ is withheld: no load is known: E rests on what process_noise states of side" in " ".join(words.split())
+    assert "withheld" not in other
+    assert "±" not in words
+    assert "std.E" in all_numbers
+    assert not any(name.startswith("std.") for name in numbers)
+    for path in sigmas:
+        assert np.isnan(withheld[path]).all()
+        assert (given[path] > 0).any()
+    field = "/VTKHDF/CellData/"
+    assert {path for path in given if path.startswith(field)} - {path for path in withheld if path.startswith(field)} == {
+        f"{field}strain_std", f"{field}von_mises_std"
+    }
+    for path in estimates:
+        np.testing.assert_array_equal(withheld[path], given[path])
 
 
 def test_a_finer_step_of_the_filter_changes_little(project, plain):

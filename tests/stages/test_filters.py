@@ -64,7 +64,7 @@ def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
         np.testing.assert_allclose(found.ratio[name], np.hypot(std[0], off) / std, rtol=1e-9)
 
 
-def test_where_exact_readings_have_no_posterior_nothing_is_compared_and_it_is_said(validated, monkeypatch):
+def test_where_exact_readings_have_no_posterior_nothing_is_compared_which_is_reported(validated, monkeypatch):
     def refuses(*_, **__):
         raise NumericalError("no lattice")
 

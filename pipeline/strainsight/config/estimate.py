@@ -116,4 +116,9 @@ class Estimate(Section):
     virtual: tuple[BondedGauge, ...] = Field((), description="Gauges that were never bonded, whose strain is wanted.")
     field: Field3D | None = Field(None, description="Strain and stress of the surface in time; null: none.")
     tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
+    loads_as_stated: bool = Field(
+        False,
+        description="Of parameters beside unknown loads, none known: true: the loads move as process_noise states of them, and σ "
+        "is given; false: it rests on that, and is withheld.",
+    )
     allow_unobservable: bool = Field(False, description="true: go on where the channels cannot tell all unknowns.")

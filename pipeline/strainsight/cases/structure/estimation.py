@@ -22,6 +22,7 @@ from strainsight.cases.structure.problem import (
     problem_of,
     rests_on_loads_in_words,
     scheme_in_words,
+    withheld_in_words,
 )
 from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import parameters_of, unknown_units
@@ -63,6 +64,7 @@ class Estimation:
     units: Mapping[str, str]
     verdict: Verdict
     tuning: Tuning | None
+    withheld: str
     undetectable: str
     places: tuple[str, ...]
     labels: tuple[str, ...]
@@ -98,8 +100,11 @@ def estimation_of(
     model, tuning = _model(problem, test, settings, start, using)
     tolerances = tolerated(config, mesh, reduced, training, test.channels)
     long = len(test.values) * test.every > LONGEST_COMPARED
+    withheld = "" if settings.loads_as_stated else withheld_in_words(problem)
     compare = not long if config.filter.compare is None else config.filter.compare
-    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, compare)
+    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, compare and not withheld)
+    if withheld:
+        run, smoothed = _without_sigma(run, smoothed)
     using.progress("field", 0.7)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
@@ -109,7 +114,8 @@ def estimation_of(
         surface = surface_in_time(mesh, reduced.basis, parameters, model, smoothed, settings.field)
     judged = verdict(run.whitened[:, 0])
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
-    words = scheme_in_words(problem, test.h), not_held_in_words(config, training), rests_on_loads_in_words(problem)
+    rests = withheld or rests_on_loads_in_words(problem)
+    words = scheme_in_words(problem, test.h), not_held_in_words(config, training), rests
     notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
     if long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
         notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)
@@ -121,6 +127,7 @@ def estimation_of(
         units | {"the biased channel": units_in_words(kinds[test.bias > 0])},
         judged,
         tuning,
+        withheld,
         hidden,
         tuple(resultants),
         virtual_labels(settings.virtual),
@@ -196,6 +203,13 @@ def _estimated(
         virtual=virtual,
         notes=notes,
     )
+
+
+def _without_sigma(run: FilterRun, smoothed: Smoothed) -> tuple[FilterRun, Smoothed]:
+    """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
+    assert smoothed.covariance is not None
+    none = replace(smoothed, std=np.nan * smoothed.std, covariance=np.nan * smoothed.covariance)
+    return replace(run, std=np.nan * run.std), none
 
 
 def _doubts(hidden: str, tuning: Tuning | None) -> list[str]:

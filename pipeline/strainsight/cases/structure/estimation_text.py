@@ -22,9 +22,12 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
     for name, value in own.smoothed.items():
         load = name in found.unknowns.inputs
         numbers[f"estimate.{name}"] = _rms(value) if load else float(np.mean(value))
-        numbers[f"std.{name}"] = _rms(own.smoothed_std[name])
+        if not found.withheld:
+            numbers[f"std.{name}"] = _rms(own.smoothed_std[name])
     if found.tuning:
         numbers |= {f"factor.{part}": float(value) for part, value in found.tuning.factors.items()}
+    if found.withheld:
+        numbers["withheld"] = found.withheld
     if found.undetectable:
         numbers["unobservable"] = found.undetectable
     return numbers | ratios(own.compared)
@@ -33,10 +36,12 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
 def estimation_message(found: Estimation) -> str:
     """One line."""
     numbers, units = estimation_numbers(found), found.units
-    parts = [f"{numbers['samples']} samples of {numbers['channels']} channels"]
+    parts = [found.withheld] if found.withheld else []
+    parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels")
     for name in found.unknowns.names:
         what = " RMS" if name in found.unknowns.inputs else ""
-        parts.append(f"{name} {numbers[f'estimate.{name}']:.4g} ± {numbers[f'std.{name}']:.2g} {units[name]}{what}")
+        sigma = "" if found.withheld else f" ± {numbers[f'std.{name}']:.2g}"
+        parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {units[name]}{what}")
     if not found.verdict.consistent:
         parts.append("the noise does not fit the innovations")
     parts += disagreements_in_words(found.estimated.compared)
@@ -50,10 +55,10 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
         std, unit = found.estimated.smoothed_std[name], found.units[name]
         if name in found.unknowns.inputs:
             span = f"{value.min():.5g} to {value.max():.5g} {unit}"
-            rows.append((name, f"RMS {_rms(value):.5g}, {span}", f"± {_rms(std):.3g} {unit}"))
+            estimate, sigma = f"RMS {_rms(value):.5g}, {span}", f"± {_rms(std):.3g} {unit}"
         else:
-            share = f"{100 * std[-1] / value[-1]:.2g} %"
-            rows.append((name, f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({share})"))
+            estimate, sigma = f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
+        rows.append((name, estimate, "withheld" if found.withheld else sigma))
     notes = tuple((note,) for note in (*found.estimated.notes, found.verdict.text))
     beside = found.estimated.compared
     return (

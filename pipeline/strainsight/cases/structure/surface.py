@@ -71,7 +71,7 @@ def surface_in_time(
     smoothed: Smoothed,
     stated: Field3D,
 ) -> VtkHdf:
-    """Displacement, strain and stress of every exterior facet in time, each with its claimed σ, as a grid with steps.
+    """Displacement, strain and stress of every exterior facet in time, as a grid with steps; with claimed σ where it is given.
 
     basis (3 nodes, n); stated: the time between pictures, a hundred of them where it says none. Stress and its σ to first
     order in the coordinates and the estimated moduli. Raises ConfigError where the mesh has no solids.
@@ -95,9 +95,10 @@ def surface_in_time(
         # θ = guess exp(p): to first order its covariance is that of p times θ.
         scale = np.concatenate([np.ones(n), [theta[name] for name in free]])
         P = smoothed.covariance[k, 0][np.ix_(at, at)] * np.outer(scale, scale)
-        state = surface_state(surface, theta, x[:n], P, free)
+        state = surface_state(surface, theta, x[:n], P if np.isfinite(P).all() else None, free)
         for name in SHOWN:
-            data.setdefault(name, []).append(getattr(state, name)[order].astype(np.float32))
+            if (shown := getattr(state, name)) is not None:
+                data.setdefault(name, []).append(shown[order].astype(np.float32))
     shapes = basis.reshape(len(mesh.position), 3, -1)[used]
     displacement = np.stack([(shapes @ smoothed.mean[k, 0, :n]).astype(np.float32) for k in frames])
     return unstructured_grid(
