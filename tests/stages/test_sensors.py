@@ -149,8 +149,8 @@ def test_the_filter_takes_all_of_them(mixed):
     assert validate["/gauge/measured"].shape[1] == (chosen >= 0).sum()
     assert np.isfinite(validate["/estimate/tip"]).all()
     assert np.isfinite(validate["/estimate/E"]).all()
-    # with no load known E is said to rest on what is stated of the tip's, and no error of it is right or wrong
-    assert "E rests on what process_noise states of tip" in validate.summary["rests_on_loads"]
+    # with no load known E rests on what is stated of the tip's, and no error of it is right or wrong
+    assert "E rests on what process_noise states of tip" in mixed["place"].summary["rests_on_loads"]
 
 
 def test_an_array_over_channels_has_the_units_of_what_they_measure(mixed):

@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=11,
+    version=12,
     reads=(
         "seed",
         "loads.*.node",

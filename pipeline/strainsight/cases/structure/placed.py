@@ -10,6 +10,7 @@ from strainsight.cases.layout.budget import budget_table
 from strainsight.cases.layout.output import layout_output, layout_record
 from strainsight.cases.structure.hot_spots import hot_spot_table
 from strainsight.cases.structure.placement import Placement
+from strainsight.cases.structure.problem import rests_on_loads_in_words
 from strainsight.records.placed import Budget, PbhNumbers, Placed
 from strainsight.workflow.output import Output, Scalar, Table
 
@@ -33,6 +34,8 @@ def placement_output(found: Placement) -> Output:
         hot_spots=found.hot_spots,
     )
     numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})
+    rests = rests_on_loads_in_words(found.problem)
+    numbers |= {"rests_on_loads": rests} if rests else {}
     hot = found.hot_spots
     tables: tuple[Table, ...] = (budget_table(budget),)
     if hot is not None:
@@ -40,4 +43,5 @@ def placement_output(found: Placement) -> Output:
         tables += (hot_spot_table(hot, found.listed.labels),)
     attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
     output = layout_output(found, record, numbers, attributes, tables)
-    return replace(output, message=f"{output.message}, hardly observable: {lost}") if lost else output
+    message = f"{output.message}, hardly observable: {lost}" if lost else output.message
+    return replace(output, message=f"{message}; {rests}" if rests else message)

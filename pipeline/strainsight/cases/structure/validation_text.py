@@ -24,8 +24,6 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
         "truth": model,
         "description": "; ".join(filter(None, (trial.truth.description, scheme, stopped))),
     }
-    if rests := rests_on_loads_in_words(trial.problem):
-        numbers["rests_on_loads"] = rests
     for name, own in found.accuracy.items():
         for key in ("estimate", "error", "std", "draws", "smoothed", "smoothed_std", "smoothed_draws", "scale"):
             numbers[f"{key}.{name}"] = getattr(own, key)

@@ -94,13 +94,13 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tup
     clearance = read(Screened, up["screen"]).clearance if "screen" in up else None
     if clearance is not None and (warning := clearance_warning(clearance)):
         notes.append(warning)
+    if "place" in up and (rests := str(up["place"].summary.get("rests_on_loads", ""))):
+        notes.append(f"{rests[0].upper()}{rests[1:]}.")
     return (*notes, *(_doubts(up["validate"], names) if "validate" in up else ()))
 
 
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
-    summary = validate.summary
-    rests = str(summary.get("rests_on_loads", ""))
-    notes = [f"{rests[0].upper()}{rests[1:]}."] if rests else []
+    summary, notes = validate.summary, []
     for name in names:
         if summary.get(f"identified.{name}") is False:
             left = 100 * float(summary[f"left.{name}"])
