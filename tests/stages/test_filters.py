@@ -41,7 +41,7 @@ def validated(tmp_path_factory):
     def problem(*overrides):
         own = case(*overrides)
         trained = api.train(own, mesh, reduced)
-        return problem_of(own.config, own.files, reduced, trained, api.screen(own, trained))
+        return problem_of(own.config, own.files, reduced, trained, api.screen(own, mesh, trained))
 
     run.problem = problem
     return run

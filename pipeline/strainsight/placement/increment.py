@@ -13,6 +13,9 @@ from strainsight.placement.information import information
 from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop, lyapunov, lyapunov_in_schur, solve_anew
 
 CONVERGED = 1e-13
+QUADRATIC, ROUNDING = 1e-4, 1e-10
+"""Relative size of a step of Newton's iteration from which on each is the square of the one before, but for rounding; and that
+of the rounding with which its result is taken."""
 DOUBT = 1e-10
 """Share of their largest parts by which the slopes of a bound may be wrong: their rounding, amplified by the loop."""
 
@@ -169,8 +172,12 @@ def _newton(loop: Loop, block: np.ndarray, sign: float, start: Loop) -> np.ndarr
             return None
         before, change = change, np.linalg.norm(new - D)
         D = new
-        if change <= CONVERGED * np.linalg.norm(D) or (change > 0.5 * before and change <= 1e-10 * np.linalg.norm(D)):
+        size = np.linalg.norm(D)
+        if change <= CONVERGED * size:
             return D
+        if change > 0.5 * before and before <= QUADRATIC * size:
+            # rounding has been reached: more steps change its sign, not its size
+            return D if change <= ROUNDING * size else None
         stage = close_loop(start.A, start.information, D)
     return None
 
