@@ -20,7 +20,7 @@ from strainsight.rom.model import Damping, ReducedModel
 
 from ..edges.beam import PLACEMENT_CONFIG, bricks
 
-EXACT = ("position", "angle", "gain", "transverse", "discrepancy")
+EXACT = ("position", "angle", "gain", "transverse", "load_angle", "load_position", "load_gain", "discrepancy")
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +164,8 @@ def test_the_stiffness_has_one_scale_unless_a_modulus_is_estimated(beam):
 
 
 def test_of_given_rows_only_gain_and_offset_are_drawn(beam):
-    words = in_words(beam.case("tolerances.offset=1.0e-6").config, given=True)
+    loads = [f"tolerances.{name}=0" for name in ("load_angle", "load_position", "load_gain")]
+    words = in_words(beam.case("tolerances.offset=1.0e-6", *loads).config, given=True)
     for text in ("exactly in place", "gain 1 %", "offset 1 µm/m"):
         assert text in words
     for text in ("mm", "°", "transverse"):

@@ -1,4 +1,4 @@
-"""How exactly gauges are installed and the model is known."""
+"""How exactly gauges are installed, loads are applied and the model is known."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from strainsight.config.base import NotNegative, Section
 
 
 class Tolerances(Section):
-    """Standard deviations of how gauges are installed and of what the model leaves open; 0 for what is exact. Every truth
-    `rich` draws its own installation and damping from them."""
+    """Standard deviations of how gauges are installed, how loads act and of what the model leaves open; 0 for what is exact.
+    Every truth `rich` draws its own from them."""
 
     position: NotNegative = Field(
         0.002,
@@ -30,6 +30,25 @@ class Tolerances(Section):
         0.005, ge=0, le=0.5, description="σ of the transverse sensitivity K_t of a strain gauge [-]."
     )
     offset: NotNegative = Field(0.0, description="σ of a constant offset of every channel of strain [strain].")
+    load_angle: float = Field(
+        1.0,
+        ge=0,
+        le=45,
+        description="σ of the direction of a load about each of two axes across it [deg]; 1° for a rod or an actuator that was "
+        "aligned by eye and spirit level.",
+    )
+    load_position: NotNegative = Field(
+        0.002,
+        description="σ of the point of action of a load along each of two directions across its line of action [m], which adds "
+        "the couple of the shift; 2 mm for a place that was marked out.",
+    )
+    load_gain: float = Field(
+        0.005,
+        ge=0,
+        le=0.5,
+        description="σ of the factor on a known load: load cell and amplifier [-]. ISO 7500-1 allows ±1 % of a force that is "
+        "measured in class 1, ±0.5 % in class 0.5.",
+    )
     damping: float = Field(
         1.5, ge=1, le=100, description="Factor, the logarithm of which is the σ of ln ζ of every mode [-]; 1: exact."
     )
@@ -66,6 +85,9 @@ NONE = Tolerances(
     gain=0,
     transverse=0,
     offset=0,
+    load_angle=0,
+    load_position=0,
+    load_gain=0,
     damping=1,
     model=0,
     discrepancy=0,

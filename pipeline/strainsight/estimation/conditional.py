@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,7 +26,9 @@ class Nuisances:
         y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ)
 
     source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading. Of the motion: damping, σ of
-    ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither.
+    ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
+    of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
+    are in D and E (`on_loads`).
     The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
     corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it. discrepancy: σ of what else
     a reading is off by, over its RMS, white: second order of all these, and what the model leaves out. It matters where
@@ -42,6 +44,7 @@ class Nuisances:
     stiffness: float = 0.0
     learned: bool = False
     discrepancy: float = 0.0
+    shape: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """What every ν stands for, those of the motion first."""
@@ -88,7 +91,9 @@ def linear_models(
         H[:, moving], F[:, moving] = acceleration_rows(model, theta, model.H[moving, : model.model.size])
     motion = _motion_nuisances(model, modal, nuisances)
     e = motion[0].shape[1]
-    ahead = [np.zeros((e, *array.shape[1:])) for array in (nuisances.D, nuisances.E, nuisances.offset)]
+    ahead = [
+        np.zeros((e - len(nuisances.shape), *array.shape[1:])) for array in (nuisances.D, nuisances.E, nuisances.offset)
+    ]
     models = LinearModels(
         A,
         G,
@@ -137,11 +142,22 @@ def acceleration_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What accelerometers of shape φ (k, n) read: rows (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known loads."""
     sensed = _with_batch(acceleration_map(model.model, theta))
-    unknown, known = _columns(model)
-    rows = np.zeros((len(sensed.transition), len(shape), model.parameter_states.start))
+    rows, on_known = on_loads(model, shape @ sensed.input[..., 0, :])
     rows[..., model.motion] = shape @ sensed.transition
-    rows[..., model.position[: len(unknown)]] = (shape @ sensed.input[..., 0, unknown]) * model.amplitude
-    return rows, shape @ sensed.input[..., 0, known]
+    return rows, on_known
+
+
+def on_loads(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What reads all loads at once by `direct` (..., k, n_u): rows (..., k, states) on [q, q̇, ζ], and (..., k, n_known)."""
+    unknown, known = _columns(model)
+    rows = np.zeros((*direct.shape[:-1], model.parameter_states.start))
+    rows[..., model.position[: len(unknown)]] = direct[..., unknown] * model.amplitude
+    return rows, direct[..., known]
+
+
+def acceleration_change(model: FilterModel, theta: Mapping[str, np.ndarray], change: np.ndarray) -> np.ndarray:
+    """M⁻¹ΔS (B, n, n_u): what a change ΔS (n, n_u) of the input shape adds to q̈ at once."""
+    return _with_batch(acceleration_map(replace(model.model, input_shape=change), theta)).input[..., 0, :]
 
 
 def _with_batch(modal: ModalMap) -> ModalMap:
@@ -181,7 +197,8 @@ def _step_matrices(model: FilterModel, moved: np.ndarray, pushed: np.ndarray) ->
 
 
 def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances) -> tuple[np.ndarray, np.ndarray]:
-    """σ times the derivative of a step in ln c of each mode, and in the logarithm of the stiffness: (B, e, n, n), (B, e, n, p).
+    """σ times the derivative of a step in ln c of each mode, in the logarithm of the stiffness, and in the input shape:
+    (B, e, n, n), (B, e, n, p).
 
     Every mode of a step is a function of its own λ and c: of the damping of mode j its row of the step alone depends, and those
     of the same frequency.
@@ -199,6 +216,10 @@ def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances)
         # λ → λ(1 + s) of every mode, damped as at that λ
         table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), own, model.h, model.scheme)[0])
         slopes.append(_step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, table)))
+    for change in nuisances.shape:
+        changed = replace(model.model, input_shape=change)
+        moved, pushed = modal_blocks(changed, modal.modes, modal.dual, modal.table)
+        slopes.append(_step_matrices(model, np.zeros_like(moved), pushed))
     B, states = len(modal.transition), model.parameter_states.start
     A, G = (
         np.zeros((B, len(slopes), states, states)),

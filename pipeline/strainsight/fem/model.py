@@ -16,7 +16,7 @@ from strainsight.fem.constraints import Constraint, constraint_transform
 from strainsight.fem.point_masses import point_mass_matrix, turning_masses
 from strainsight.fem.support import require_support
 from strainsight.mesh.kinds import FAMILIES
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import Mesh, NodalForces
 
 
 @dataclass(frozen=True)
@@ -88,52 +88,66 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
     """S = Tᵀe (n_free, n_u) [-]: e puts a unit force on the node, or 1/k of it on each of the k nodes of a set; a load f of the
     deck is e = f / |Σ f|.
 
-    Raises UserError for a node, set or load that is not there, a direction of no length, a load of the deck without
-    resultant, and a node that is clamped in the direction.
+    Raises the errors of `nodal_forces`, and UserError for a node that is clamped in the direction.
     """
     mesh, T = model.mesh, model.constraint.transform
     e = np.zeros((T.shape[0], len(loads)))
     for column, load in enumerate(loads):
-        if sum(given is not None for given in (load.node_id, load.node_set, load.deck_load)) != 1:
-            raise UserError(
-                f"load {load.name} needs a node or a node set, or a load of the deck", remedy="give one of them"
-            )
+        own = nodal_forces(mesh, load)
         if load.deck_load is not None:
-            e[: 3 * len(mesh.position), column] = _deck_load(mesh, load)
-            _check_acts(mesh, T, load, e[: 3 * len(mesh.position), column].reshape(-1, 3))
-            continue
-        direction = np.asarray(() if load.direction is None else load.direction, dtype=float)
-        length = np.linalg.norm(direction)
-        if direction.shape != (3,) or not (length > 0 and np.isfinite(length)):
-            raise UserError(
-                f"load {load.name} has the direction {load.direction}", remedy="give three numbers, not all zero"
-            )
-        nodes = _loaded_nodes(mesh, load)
-        for node in nodes:
-            rows = T[3 * node : 3 * node + 3]
-            if not np.any(rows.T @ direction):
-                raise UserError(
-                    f"load {load.name} acts on node {mesh.node_ids[node]}, which cannot move in its direction",
-                    remedy="it is clamped or in no element: load another node or direction",
-                )
-            e[3 * node : 3 * node + 3, column] += direction / length / len(nodes)
+            _check_acts(mesh, T, load, own)
+        else:
+            _check_all_act(mesh, T, load, own)
+        np.add.at(e[: 3 * len(mesh.position), column].reshape(-1, 3), own.nodes, own.force)
     return T.T @ e
 
 
-def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, force: np.ndarray) -> None:
-    """Raise UserError where none of a deck's forces (n, 3) acts on a free motion, warn where some do not."""
-    loaded = np.flatnonzero(force.any(axis=1))
-    idle = [i for i in loaded.tolist() if not np.any(T[3 * i : 3 * i + 3].T @ force[i])]
+def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
+    """The forces (k, 3) [N] of a load of unit resultant, on nodes (k,) (indices).
+
+    Raises UserError for a node, set or load that is not there, a direction of no length, and a load of the deck without
+    resultant.
+    """
+    if sum(given is not None for given in (load.node_id, load.node_set, load.deck_load)) != 1:
+        raise UserError(
+            f"load {load.name} needs a node or a node set, or a load of the deck", remedy="give one of them"
+        )
+    if load.deck_load is not None:
+        return _deck_load(mesh, load)
+    direction = np.asarray(() if load.direction is None else load.direction, dtype=float)
+    length = np.linalg.norm(direction)
+    if direction.shape != (3,) or not (length > 0 and np.isfinite(length)):
+        raise UserError(
+            f"load {load.name} has the direction {load.direction}", remedy="give three numbers, not all zero"
+        )
+    nodes = _loaded_nodes(mesh, load)
+    return NodalForces(np.array(nodes, dtype=np.int64), np.tile(direction / length / len(nodes), (len(nodes), 1)))
+
+
+def _check_all_act(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
+    """Raise UserError where one of the forces acts on a node that cannot move in its direction."""
+    for node, force in zip(own.nodes.tolist(), own.force, strict=True):
+        if not np.any(T[3 * node : 3 * node + 3].T @ force):
+            raise UserError(
+                f"load {load.name} acts on node {mesh.node_ids[node]}, which cannot move in its direction",
+                remedy="it is clamped or in no element: load another node or direction",
+            )
+
+
+def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
+    """Raise UserError where none of a deck's forces acts on a free motion, warn where some do not."""
+    loaded = np.flatnonzero(own.force.any(axis=1))
+    idle = [i for i in loaded.tolist() if not np.any(T[3 * own.nodes[i] : 3 * own.nodes[i] + 3].T @ own.force[i])]
     if len(idle) == len(loaded):
         raise UserError(
             f"load {load.name} ({load.deck_load}) acts on nodes which cannot move in its direction",
             remedy="they are clamped or in no element: take another load",
         )
     if idle:
-        share = np.linalg.norm(force[idle].sum(axis=0))
+        share = np.linalg.norm(own.force[idle].sum(axis=0))
         warnings.warn(
             f"load {load.name} ({load.deck_load}): {len(idle)} of its {len(loaded)} nodes cannot move in its direction "
-            f"(node {mesh.node_ids[idle[0]]}, …); {100 * share:.3g} % of its resultant moves nothing",
+            f"(node {mesh.node_ids[own.nodes[idle[0]]]}, …); {100 * share:.3g} % of its resultant moves nothing",
             stacklevel=2,
         )
 
@@ -143,8 +157,8 @@ def nodal(model: FiniteElementModel, free_vectors: np.ndarray) -> np.ndarray:
     return model.constraint.transform[: 3 * len(model.mesh.position)] @ free_vectors
 
 
-def _deck_load(mesh: Mesh, load: PointLoad) -> np.ndarray:
-    """f / |Σ f| (3n,)."""
+def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
+    """f / |Σ f|, a force a node."""
     if load.deck_load is None or load.deck_load not in mesh.loads:
         known = ", ".join(sorted(mesh.loads)) or "none"
         raise UserError(
@@ -162,9 +176,10 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> np.ndarray:
             f"load {load.name}: the forces of {load.deck_load} add up to nothing",
             remedy="a load has a unit resultant: take one whose forces do not balance, or load nodes one by one",
         )
-    f = np.zeros((len(mesh.position), 3))
-    np.add.at(f, forces.nodes, forces.force / total)
-    return f.ravel()
+    nodes, place = np.unique(forces.nodes, return_inverse=True)
+    f = np.zeros((len(nodes), 3))
+    np.add.at(f, place, forces.force / total)
+    return NodalForces(nodes, f)
 
 
 def _loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:

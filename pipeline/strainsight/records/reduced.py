@@ -109,7 +109,25 @@ class ReadyBasis:
     """Where stiffness and mass came as ready matrices."""
 
     basis: np.ndarray = dataset("/basis", "kg^-1/2", "row × coordinate", "basis Ψ on the rows of the matrices")
+    missed: np.ndarray = dataset(
+        "/missed", "m/N/rad or m/N/m", "row × input × misalignment", "static responses that Ψ misses, on those rows"
+    )
     notes: tuple[str, ...] = dataset("/notes", "1", "note", "how the matrices were read")
+
+
+@record
+class Misaligned:
+    """What one of each load's misalignments, two turns [rad] and two shifts [m], adds to its input shape."""
+
+    shape: np.ndarray = dataset(
+        "/shape", "kg^-1/2/rad or kg^-1/2/m", "coordinate × input × misalignment", "change of the input shape S"
+    )
+    static: np.ndarray = dataset(
+        "/static", "m/N/rad or m/N/m", "free unknown × input × misalignment", "change of the static response"
+    )
+    missed: np.ndarray = dataset(
+        "/missed", "m/N/rad or m/N/m", "3 nodes × input × misalignment", "what of it Ψ misses, on the nodes"
+    )
 
 
 @record
@@ -126,5 +144,6 @@ class Reduced:
     static: np.ndarray = dataset(
         "/static", "m/N", "free unknown × input", "static response to each input on the free unknowns"
     )
+    misaligned: Misaligned = group("/misaligned")
     error: HeldOut = group("/error")
     matrices: ReadyBasis | None = group("/matrices", default=None)

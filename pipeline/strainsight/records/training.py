@@ -21,6 +21,12 @@ class Training:
         "channel × coordinate",
         "strain, or displacement [m], per reduced coordinate",
     )
+    missed: np.ndarray = dataset(
+        "/gauges/missed",
+        "strain/N/rad or strain/N/m",
+        "channel × input × misalignment",
+        "static strain, or displacement [m], of a load's misalignments that no coordinate holds",
+    )
     given: sparse.csr_array | None = group("/gauges/given", GivenRows, default=None)
     moved: np.ndarray | None = dataset(
         "/glued/distance", "m", "bonded gauge", "how far every bonded gauge was moved to the surface", default=None

@@ -29,7 +29,7 @@ class Reduction:
     model (5.3); basis Ψ (n_free, r) [1/√kg]; frequency (modes,) [Hz] of the full model at the reference; samples the
     points of the parameter box, the reference first; singular_value (s,) [-] of the part of the other samples'
     snapshots (each of unit energy) that the reference's modes and static responses do not hold: those above the
-    tolerance are in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S.
+    tolerance are in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S; aside (n_free, k): static responses that are not in Ψ.
     """
 
     model: ReducedModel
@@ -38,6 +38,7 @@ class Reduction:
     static: np.ndarray
     samples: tuple[dict[str, float], ...]
     singular_value: np.ndarray
+    aside: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ def reduce_model(
     damping: Damping,
     known: tuple[np.ndarray, np.ndarray] | None = None,
     sweep: Sweep = serial,
+    aside: np.ndarray | None = None,
 ) -> Reduction:
     """Modes and static responses over the parameter box, compressed in the energy inner product ⟨a, b⟩ = aᵀK(θ₀)b:
 
@@ -69,26 +71,28 @@ def reduce_model(
         ΨᵀM(θ₀)Ψ = I,   ΨᵀK(θ₀)Ψ = Λ
 
     S (n_free, n_u) [-] input shapes; inputs their names; reference θ₀ and ranges name → (low, high) [SI]; modes per
-    sample; samples of the box, the reference among them; tolerance [-] beside snapshots of unit energy: every
-    snapshot is then held to tolerance·√(number dropped) in the energy norm; known: frequencies [Hz] and shapes of the
-    reference, where they have been found; sweep: runs the samples beside the reference. The reference is never
-    truncated, so its reduced frequencies are the full ones. Where one material is scaled as a whole the snapshots do not
-    change with θ and the reference is sampled alone.
+    sample; samples of the box, the reference among them; tolerance [-] beside snapshots of unit energy: every snapshot
+    is then held to tolerance·√(number dropped) in the energy norm; known: frequencies [Hz] and shapes of the reference,
+    where they have been found; sweep: runs the samples beside the reference; aside (n_free, k): forces whose static
+    responses at the reference are found as well, and left out of Ψ. The reference is never truncated, so its reduced
+    frequencies are the full ones. Where one material is scaled as a whole the snapshots do not change with θ and the
+    reference is sampled alone.
     Raises InfeasibleError for a range that is missing or not positive, and the errors of `modes` and `factorise`.
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
     """
     if samples < 1:
         raise InfeasibleError(f"{samples} parameter samples", remedy="take at least 1, the reference")
     points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
-    first = snapshots(full, S, points[0], modes, known)
+    n_u = S.shape[1]
+    first = snapshots(full, S if aside is None else np.hstack([S, aside]), points[0], modes, known)
     K = full.stiffness.at(reference)  # not before: beside the factor there would be two of it
-    V, _ = energy_orthonormal(K, first.vectors)
+    V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :n_u]]))
     rest = [found.vectors for found in sweep(snapshots_at, points[1:], (full.stiffness, full.mass, S, modes))]
     sigma = np.zeros(0)
     if rest:
         V, sigma = _compress(K, V, np.hstack(rest), tolerance)
     model, basis = _modal_coordinates(full, V, S, inputs, reference, damping)
-    return Reduction(model, basis, first.frequency, first.static, points, sigma)
+    return Reduction(model, basis, first.frequency, first.static[:, :n_u], points, sigma, first.static[:, n_u:])
 
 
 def modal_model(
@@ -99,11 +103,13 @@ def modal_model(
     modes: int,
     damping: Damping,
     reference: Snapshots | None = None,
+    aside: np.ndarray | None = None,
 ) -> tuple[ReducedModel, np.ndarray]:
     """Modes and static responses at one θ alone: a truth with constant operators (M = I, K = Λ) and no parameters.
 
     Arguments as in `reduce_model`; reference: snapshots at any other θ, which serve where K and M only scale, as their
-    shapes are the same there. Returns the model and Ψ (n_free, r) [1/√kg].
+    shapes are the same there; aside (n_free, k): forces whose static responses are in the span too, those of S in the
+    snapshots in front of theirs. Returns the model and Ψ (n_free, r) [1/√kg].
     """
     frozen = FiniteElementModel(
         full.mesh,
@@ -111,8 +117,9 @@ def modal_model(
         AffineOperator(full.stiffness.at(theta), {}),
         AffineOperator(full.mass.at(theta), {}),
     )
+    forces = S if aside is None else np.hstack([S, aside])
     serves = reference is not None and only_scales(full) and len(reference.frequency) >= modes
-    span = reference.lowest(modes) if reference is not None and serves else snapshots(frozen, S, {}, modes)
+    span = reference.lowest(modes) if reference is not None and serves else snapshots(frozen, forces, {}, modes)
     V, _ = energy_orthonormal(frozen.stiffness.constant, span.vectors)
     return _modal_coordinates(frozen, V, S, inputs, {}, damping)
 

@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=8,
+    version=9,
     reads=(
         "seed",
         "loads",

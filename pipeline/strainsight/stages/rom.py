@@ -45,7 +45,7 @@ def run(context: Context) -> Output:
 
 ROM = Stage(
     "rom",
-    version=5,
+    version=6,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -78,7 +78,7 @@ def _bonded_table(own: Candidates, moved: np.ndarray) -> Table:
 
 TRAIN = Stage(
     "train",
-    version=5,
+    version=6,
     reads=(
         "loads.*.signal",
         "train",

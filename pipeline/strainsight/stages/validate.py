@@ -53,7 +53,7 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=12,
+    version=13,
     reads=(
         *(
             "seed",

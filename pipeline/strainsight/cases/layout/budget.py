@@ -18,6 +18,9 @@ REMEDY = {
     "gain": "channels calibrated more exactly",
     "transverse sensitivity": "gauges of known transverse sensitivity",
     "offset": "channels zeroed more exactly",
+    "load direction": "loads aligned more exactly, or their components across among the unknowns",
+    "load point": "loads put on more exactly",
+    "load gain": "load cells calibrated more exactly",
     "damping": "damping measured mode by mode",
     "stiffness": "a stiffness known more exactly, or a modulus among the unknowns",
 }

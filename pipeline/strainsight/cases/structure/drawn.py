@@ -1,8 +1,10 @@
-"""What a rich truth draws from the tolerances: how gauges are installed, how its modes are damped, how stiff it is."""
+"""What a rich truth draws from the tolerances: how gauges are installed, how loads act, how its modes are damped, how stiff it
+is."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 
@@ -13,8 +15,18 @@ from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.installation import Installation, InstallationStd, drawn_installation
 from strainsight.rom.model import ReducedModel
 
-INSTALLATION, MODEL = 1, 2
-"""Streams of the random numbers of gauges and of the model, apart from those of the noise."""
+INSTALLATION, MODEL, LOADS = 1, 2, 3
+"""Streams of the random numbers of gauges, of the model and of loads, apart from those of the noise."""
+
+
+@dataclass(frozen=True)
+class LoadError:
+    """How a load really acts: turn (2,) [rad] about and shift (2,) [m] along two axes across it; factor [-] on the force that is
+    known of it."""
+
+    turn: np.ndarray
+    shift: np.ndarray
+    factor: float
 
 
 def installation_std(config: PlacementConfig) -> InstallationStd:
@@ -41,6 +53,23 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
         turn = np.deg2rad(stated.gauge_rotation) * way * free
         found = replace(found, angle=turn, tilt=np.zeros_like(found.tilt))
     return found
+
+
+def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: int) -> LoadError:
+    """Of one load, which the others do not change: its name has a stream of its own. Only a known load has a gain."""
+    own = tolerances_of(config.tolerances)
+    rng = np.random.default_rng([config.seed, realisation, LOADS, crc32(name.encode())])
+    turn, shift, gain = rng.standard_normal(2), rng.standard_normal(2), rng.standard_normal()
+    return LoadError(
+        np.deg2rad(own.load_angle) * turn, own.load_position * shift, 1.0 + (own.load_gain * gain if known else 0.0)
+    )
+
+
+def loads_vary(config: PlacementConfig) -> bool:
+    """Whether some load acts otherwise than it should."""
+    own = tolerances_of(config.tolerances)
+    known = any(name not in config.place.estimate for name in config.loads)
+    return own.load_angle > 0 or own.load_position > 0 or (own.load_gain > 0 and known)
 
 
 def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
@@ -74,6 +103,7 @@ def varies(config: PlacementConfig) -> bool:
         or own.gain > 0
         or own.transverse > 0
         or own.offset > 0
+        or loads_vary(config)
         or (own.model > 0 and not modulus_estimated(config))
     )
 
@@ -94,13 +124,16 @@ def in_words(config: PlacementConfig, given: bool) -> str:
         sizes = (("gauge_offset", 1e3, " mm"), ("gauge_rotation", 1.0, "°"))
         own_sizes = [(getattr(stated, key), factor, unit) for key, factor, unit in sizes]
         fixed.append("gauges off by " + " and ".join(f"{f * v:g}{unit}" for v, f, unit in own_sizes if v is not None))
-    moved = not given
+    moved, any_known = not given, any(name not in config.place.estimate for name in config.loads)
     for value, text in (
         (own.position * (moved and stated.gauge_offset is None), f"place {1e3 * own.position:g} mm each way"),
         (own.angle * (moved and stated.gauge_rotation is None), f"direction {own.angle:g}°"),
         (own.gain, f"gain {100 * own.gain:g} %"),
         (own.transverse * moved, f"transverse sensitivity {100 * own.transverse:g} %"),
         (own.offset, f"offset {1e6 * own.offset:g} µm/m"),
+        (own.load_angle, f"direction of loads {own.load_angle:g}°"),
+        (own.load_position, f"point of loads {1e3 * own.load_position:g} mm"),
+        (own.load_gain * any_known, f"gain of known loads {100 * own.load_gain:g} %"),
     ):
         drawn += [text] if value > 0 else []
     words = fixed + ([f"drawn with σ: {', '.join(drawn)}"] if drawn else [])

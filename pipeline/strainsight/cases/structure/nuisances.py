@@ -1,4 +1,5 @@
-"""What the filter takes as exact and is not: installation of its gauges, damping, stiffness; with their σ from the tolerances."""
+"""What the filter takes as exact and is not: installation of its gauges, loads, damping, stiffness; with their σ from the
+tolerances."""
 
 from __future__ import annotations
 
@@ -8,8 +9,14 @@ import numpy as np
 
 from strainsight.cases.structure.drawn import installation_std, modulus_estimated
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.tolerances import tolerances_of
-from strainsight.estimation.conditional import Nuisances, acceleration_rows, theta_at
+from strainsight.config.tolerances import Tolerances, tolerances_of
+from strainsight.estimation.conditional import (
+    Nuisances,
+    acceleration_change,
+    acceleration_rows,
+    on_loads,
+    theta_at,
+)
 from strainsight.estimation.model import FilterModel
 from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
 from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
@@ -28,6 +35,20 @@ SOURCE = {
     "transverse": "transverse sensitivity",
 }
 """Derivative of a reading → what it is one of, in a budget."""
+LOAD_GAIN = "load gain"
+MISALIGNMENT = ("load direction", "load direction", "load point", "load point")
+"""What the misalignments of a load are, in a budget."""
+
+
+@dataclass(frozen=True)
+class ToleratedLoads:
+    """σ times the derivatives with respect to how the loads of a model act: source (f,); load (f,) its column; shape (f, n) of
+    the input shape [1/√kg]; missed (f, k) static readings of k channels per N, beyond what the coordinates hold."""
+
+    source: tuple[str, ...]
+    load: np.ndarray
+    shape: np.ndarray
+    missed: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -35,8 +56,8 @@ class Tolerated:
     """σ times the derivatives of some channels with respect to their installation.
 
     channels (k,) of train.h5, ascending; gauge (k,) of each; quantity (k,); slope: name → (k, n) per reduced coordinate, those
-    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; damping, stiffness, learned, discrepancy: of
-    `Nuisances`.
+    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; loads; damping, stiffness, learned, discrepancy:
+    of `Nuisances`.
     """
 
     channels: np.ndarray
@@ -44,6 +65,7 @@ class Tolerated:
     quantity: np.ndarray
     slope: dict[str, np.ndarray]
     offset: np.ndarray
+    loads: ToleratedLoads
     damping: float
     stiffness: float
     learned: bool
@@ -68,10 +90,33 @@ def tolerated(
         part.quantity,
         {name: rows for name, rows in scaled.items() if rows.any()},
         std.offset * (part.quantity == STRAIN),
+        _loads(own, reduced, training.missed[wanted], part.quantity),
         float(np.log(own.damping)),
         0.0 if modulus_estimated(config) else own.model,
         own.treat == "estimate",
         own.discrepancy,
+    )
+
+
+def _loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray) -> ToleratedLoads:
+    """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
+    model, off = reduced.model, reduced.misaligned.shape
+    std = np.repeat([np.deg2rad(own.load_angle), own.load_position], 2)
+    source, load, shape, read = [], [], [], []
+    for i in range(len(model.inputs)):
+        for name, sigma, change, static in zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True):
+            if sigma > 0 and (change.any() or static.any()):
+                source.append(name)
+                load.append(i)
+                shape.append(sigma * change)
+                read.append(sigma * np.where(quantity == ACCELERATION, 0.0, static))
+        if own.load_gain > 0:
+            source.append(LOAD_GAIN)
+            load.append(i)
+            shape.append(own.load_gain * model.input_shape[:, i])
+            read.append(np.zeros(len(missed)))
+    return ToleratedLoads(
+        tuple(source), np.array(load, dtype=int), _stacked(shape, (model.size,)), _stacked(read, (len(missed),))
     )
 
 
@@ -98,20 +143,18 @@ def _slopes(
 
 
 def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nuisances:
-    """Of a filter with these channels (m,) of train.h5: place and turns of every gauge, gain, transverse sensitivity and offset
-    of every channel."""
+    """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
+    turns of every gauge, gain, transverse sensitivity and offset of every channel."""
     at = np.searchsorted(own.channels, channels)
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
-    sources: list[str] = []
-    D: list[np.ndarray] = []
-    E: list[np.ndarray] = []
-    offset: list[np.ndarray] = []
+    moving = own.quantity[at] == ACCELERATION
+    sources, D, E, shape = _of_loads(own.loads, model, at, moving)
+    offset = [np.zeros(m)] * len(D)
     for name, rows in own.slope.items():
         sensed = np.zeros((m, states))
         sensed[:, :n] = rows[at]
         fed = np.zeros((m, len(model.known_inputs)))
-        moving = own.quantity[at] == ACCELERATION
         if moving.any():
             on_states, on_known = acceleration_rows(model, at_guess, rows[at][moving])
             sensed[moving], fed[moving] = on_states[0], on_known[0]
@@ -139,7 +182,37 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nu
         own.stiffness,
         own.learned,
         own.discrepancy,
+        _stacked(shape, model.model.input_shape.shape),
     )
+
+
+def _of_loads(
+    own: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
+) -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Source, D (m, states), E (m, n_known) and change of the input shape (n, n_u), load by load; at (m,): rows of `missed`;
+    moving (m,): which channels are accelerometers. Static readings at the guess."""
+    at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
+    named = model.model.inputs
+    sources: list[str] = []
+    D: list[np.ndarray] = []
+    E: list[np.ndarray] = []
+    shape: list[np.ndarray] = []
+    used = {"known": set(model.known_inputs), "all": {*model.known_inputs, *model.unknowns.inputs}}
+    for source, i, column, missed in zip(own.source, own.load.tolist(), own.shape, own.missed, strict=True):
+        if named[i] not in used["known" if source == LOAD_GAIN else "all"]:
+            continue
+        change = np.zeros(model.model.input_shape.shape)
+        change[:, i] = column
+        direct = np.zeros((len(at), len(named)))
+        direct[:, i] = missed[at]
+        if moving.any():
+            direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
+        on_states, on_known = on_loads(model, direct)
+        sources.append(source)
+        D.append(on_states)
+        E.append(on_known)
+        shape.append(change)
+    return sources, D, E, shape
 
 
 def _stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:

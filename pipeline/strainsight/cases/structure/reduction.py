@@ -8,15 +8,16 @@ from strainsight.cases.material import damping_of, named_regions
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.full_model import full_model
 from strainsight.cases.structure.scales import refuse_damping
-from strainsight.cases.structure.settings import load_shapes, parameters_of
+from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
+from strainsight.fem.misaligned import misalignment_shapes
 from strainsight.fem.model import nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
-from strainsight.records.reduced import HeldOut, Modes, ReadyBasis, Reduced
+from strainsight.records.reduced import HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.rom.reduction import held_out_errors, reduce_model
 from strainsight.rom.samples import held_out_samples
 from strainsight.rom.snapshots import only_scales
@@ -80,6 +81,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     using.progress("assembly", 0.0)
     built = full_model(config.mesh, mesh, parameters, using.files)
     S = load_shapes(built.model, config.loads)
+    off = misalignment_shapes(built.model, list(point_loads(config.loads).values()))
     reference = {p.name: p.reference for p in parameters}
     ranges = {name: entry.range for name, entry in config.parameters.items()}
     using.progress("static responses", 0.2)
@@ -96,21 +98,34 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
             damping_of(config.damping),
             (modes.frequency, modes.shape),
             watched(using.sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
+            off.reshape(len(off), -1),
         )
     refuse_damping(found.model.damping, found.frequency)
     using.progress("held-out errors", 0.7)
     watch = watched(using.sweep, lambda share: using.progress("held-out errors", 0.7 + 0.3 * share))
     held_out = held_out_errors(built.model, S, found, held_out_samples(reference, ranges, HELD_OUT), watch)
     tried = np.array([[point[name] for name in reference] for point in held_out.theta])
+    shape = np.tensordot(found.basis, off, axes=(0, 0))
+    kept = np.linalg.solve(found.model.stiffness.at(reference), shape.reshape(len(shape), -1))
+    missed = found.aside - found.basis @ kept
     return Reduced(
         model=found.model,
         frequency=found.frequency,
         basis=nodal(built.model, found.basis),
         static=found.static,
+        misaligned=Misaligned(
+            shape=shape,
+            static=found.aside.reshape(off.shape),
+            missed=nodal(built.model, missed).reshape(-1, *off.shape[1:]),
+        ),
         error=HeldOut(
             parameters=tried.reshape(len(held_out.theta), -1), frequency=held_out.frequency, static=held_out.static
         ),
         matrices=None
         if built.motion is None
-        else ReadyBasis(basis=built.motion @ found.basis, notes=tuple(built.notes)),
+        else ReadyBasis(
+            basis=built.motion @ found.basis,
+            missed=(built.motion @ missed).reshape(-1, *off.shape[1:]),
+            notes=tuple(built.notes),
+        ),
     )

@@ -106,11 +106,17 @@ def unknown_units(config: PlacementConfig) -> dict[str, str]:
 def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.ndarray:
     """Input shape S (n_free, n_u) [-] of every load, in the order of the config."""
     columns = []
-    for name, entry in config.items():
+    for name, load in point_loads(config).items():
         with blame(f"loads.{name}"):
-            load = PointLoad(name, entry.direction, entry.node, entry.set, entry.deck_load)
             columns.append(input_shape(model, (load,)))
     return np.hstack(columns)
+
+
+def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:
+    """The loads of the config, in its order."""
+    return {
+        name: PointLoad(name, entry.direction, entry.node, entry.set, entry.deck_load) for name, entry in config.items()
+    }
 
 
 def families(config: PlacementConfig) -> dict[str, Gauges | MotionSensors]:

@@ -59,11 +59,13 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     if config.gauges.given is None:
         surface = candidates_on_surface(mesh, config, reduced.basis, x[:, :n])
         pool = surface.candidates
-        rows = channel_rows(mesh.position, pool, reduced.basis, facets=exterior_facets(mesh))
+        field = np.hstack([reduced.basis, _columns(reduced.misaligned.missed)])
+        both = channel_rows(mesh.position, pool, field, facets=exterior_facets(mesh))
     else:
         pool, given = _given(config, mesh, using)
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
-        rows = given @ reduced.matrices.basis
+        both = given @ np.hstack([reduced.matrices.basis, _columns(reduced.matrices.missed)])
+    rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
     with blame("train"):
         # the readings and their squares
         require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
@@ -72,6 +74,7 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     training = Training(
         candidates=pool,
         rows=rows,
+        missed=missed,
         given=given,
         moved=surface.moved if surface is not None and len(surface.moved) else None,
         time=h * np.arange(steps + 1),
@@ -81,6 +84,11 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         reading=reading,
     )
     return Trained(training, surface)
+
+
+def _columns(array: np.ndarray) -> np.ndarray:
+    """As columns (k, …) of the first axis."""
+    return array.reshape(len(array), -1)
 
 
 def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:

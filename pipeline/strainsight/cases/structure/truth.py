@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -11,15 +11,16 @@ from scipy import sparse
 
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import accelerations
-from strainsight.cases.structure.drawn import in_words, installation_of, model_of, varies
+from strainsight.cases.structure.drawn import in_words, installation_of, load_error_of, loads_vary, model_of, varies
 from strainsight.cases.structure.full_model import FullModel, full_model
 from strainsight.cases.structure.problem import Problem
-from strainsight.cases.structure.settings import load_shapes, parameters_of
+from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
 from strainsight.cases.structure.start import Loading, motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
-from strainsight.fem.model import nodal
+from strainsight.fem.misaligned import misaligned_shape, misalignment_shapes
+from strainsight.fem.model import FiniteElementModel, PointLoad, nodal
 from strainsight.gauges.candidates import ACCELERATION, Candidates
 from strainsight.gauges.installation import Installation, installed_rows
 from strainsight.gauges.rows import channel_matrix, channel_rows
@@ -95,7 +96,7 @@ def truth_of(
 
     rom    the filter's own model at the true parameters: an inverse crime, and reported as one (the thesis's case)
     modes  `modes` modes with their static terms at the true parameters
-    rich   that, with damping, and gauges as installed, drawn from the tolerances by the seed
+    rich   that, with damping, loads as they act, and gauges as installed, drawn from the tolerances by the seed
     full   all degrees of freedom of the finite-element model in time, gauges in place
 
     spectrum: modes that hold at any value of the parameters, in place of those found here.
@@ -115,10 +116,15 @@ def truth_of(
     if stated.model == "full":
         words = f"the whole finite-element model in time, {values}"
         return _full(problem, mesh, training, built, S, theta, words, stated.modes, using)
-    shapes = None if spectrum is None else Snapshots(spectrum.frequency, spectrum.shape, reduced.static)
+    loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
+    misaligned, static, aside = stated.model == "rich" and loads_vary(config), reduced.static, None
+    if misaligned:
+        aside = _columns(misalignment_shapes(built.model, list(loads.values())))
+        static = np.hstack([static, _columns(reduced.misaligned.static)])
+    shapes = None if spectrum is None else Snapshots(spectrum.frequency, spectrum.shape, static)
     with blame("validate.truth.modes"):
         model, basis = modal_model(
-            built.model, S, problem.model.inputs, theta, stated.modes, problem.model.damping, shapes
+            built.model, S, problem.model.inputs, theta, stated.modes, problem.model.damping, shapes, aside
         )
     words = f"{stated.modes} modes of the full model with static terms, {values}"
     installed = _installed(mesh, built, basis, training)
@@ -132,9 +138,30 @@ def truth_of(
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
         own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
+        if misaligned:
+            own = replace(own, input_shape=basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
         return _modal(theta, words, held, own, rows, part, installation.offset)
 
     return replace(drawn(0, np.arange(pool.gauges)), again=drawn if varies(config) else None)
+
+
+def _loaded(
+    config: PlacementConfig,
+    model: FiniteElementModel,
+    loads: Mapping[str, PointLoad],
+    known: Sequence[str],
+    realisation: int,
+) -> np.ndarray:
+    """Input shape (n_free, n_u) of the loads as they act in one realisation."""
+    columns = []
+    for name, load in loads.items():
+        off = load_error_of(config, name, name in known, realisation)
+        columns.append(off.factor * misaligned_shape(model, load, off.turn, off.shift))
+    return np.column_stack(columns)
+
+
+def _columns(array: np.ndarray) -> np.ndarray:
+    return array.reshape(len(array), -1)
 
 
 Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.ndarray]]

@@ -1,0 +1,186 @@
+"""Loads turned and shifted: their resultants by statics, what they do to a cantilever by beam theory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.sparse.linalg import spsolve
+
+from strainsight.fem.misaligned import axes_across, misaligned_shape, misalignment_shapes
+from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.mesh.model import AveragingElement, NodalForces, RigidElement
+
+L, B, H = 2.0, 0.25, 0.19
+E, NU, RHO = 2.1e11, 0.3, 7850.0
+G = E / (2 * (1 + NU))
+DEGREE, MILLIMETRE = np.deg2rad(1.0), 1e-3
+TIP = 10**6
+
+
+def torsion_constant():
+    """Saint-Venant's series of a rectangle."""
+    n = np.arange(1, 60, 2)
+    return B * H**3 * (1 / 3 - 64 / np.pi**5 * H / B * np.sum(np.tanh(n * np.pi * B / (2 * H)) / n**5))
+
+
+def skew(axis):
+    return np.cross(np.eye(3), axis)
+
+
+def nodes_at_the_tip(mesh):
+    return np.flatnonzero(np.isclose(mesh.position[:, 0], L))
+
+
+@pytest.fixture(scope="module")
+def cantilever(box):
+    """Clamped at x = 0; TIP leads the end rigidly, the set END is its nodes, MIDDLE the node at its middle."""
+    plain = box("hex20", (16, 4, 4), (L, B, H), clamp_root=True, material=(E, NU, RHO))
+    end = nodes_at_the_tip(plain)
+    middle = end[np.argmin(np.linalg.norm(plain.position[end] - [L, B / 2, H / 2], axis=1))]
+    plain = replace(plain, node_sets={"END": plain.node_ids[end], "MIDDLE": plain.node_ids[[middle]]})
+    rigid = replace(
+        plain,
+        node_ids=np.append(plain.node_ids, TIP),
+        position=np.vstack([plain.position, [L, B / 2, H / 2]]),
+        rigid=(RigidElement(1, len(plain.position), end, (0, 1, 2)),),
+    )
+    return {"free": build_model(plain), "rigid": build_model(rigid)}
+
+
+def displacement(model, S):
+    return nodal(model, spsolve(model.stiffness.constant.tocsc(), S)[:, None])[:, 0].reshape(-1, 3)
+
+
+def strain_at(mesh, u, x, column, value):
+    """ε_x in the middle of the beam on the line of nodes (y or z = value), by differences of u_x over an element; the mean."""
+    here = mesh.position[: len(u)]
+    step = L / 16
+    line = [np.isclose(here[:, 0], x + s) & np.isclose(here[:, column], value) for s in (-step, step)]
+    return np.mean(u[line[1], 0]) / (2 * step) - np.mean(u[line[0], 0]) / (2 * step)
+
+
+def test_a_turned_tip_force_bends_the_beam_sideways_by_its_sine(cantilever):
+    """ε = F sin θ (L − x) b/2 / E I about z at half the length; of the other turn F sin θ/EA, along the beam."""
+    model, load = cantilever["rigid"], PointLoad("tip", (0, 0, 2.0), TIP)
+    axes = axes_across(np.array([0.0, 0.0, 1.0]))
+    sideways = int(np.argmax(np.abs(axes[:, 0])))
+    turn = np.zeros(2)
+    turn[sideways] = DEGREE
+    u = displacement(model, misaligned_shape(model, load, turn, np.zeros(2)))
+    lateral = np.cross(axes[sideways], [0, 0, 1.0])[1] * np.sin(DEGREE)
+    expected = lateral * (L / 2) * (B / 2) / (E * H * B**3 / 12)
+    for y, sign in ((0.0, 1), (B, -1)):
+        assert strain_at(model.mesh, u, L / 2, 1, y) == pytest.approx(sign * expected, rel=0.01)
+    down = np.cos(DEGREE) * (L / 2) * (H / 2) / (E * B * H**3 / 12)
+    assert strain_at(model.mesh, u, L / 2, 2, 0.0) == pytest.approx(down, rel=0.01)
+    along = displacement(model, misaligned_shape(model, load, np.roll(turn, 1), np.zeros(2)))
+    pull = np.cross(axes[1 - sideways], [0, 0, 1.0])[0] * np.sin(DEGREE) / (E * B * H)
+    both = [strain_at(model.mesh, along, L / 2, 2, z) for z in (0.0, H)]
+    assert np.mean(both) == pytest.approx(pull, rel=0.01)
+
+
+def test_a_shifted_tip_force_twists_and_bends_the_beam_by_its_moment(cantilever):
+    """φ = F δ L/GJ of a shift across the beam, F δ L/EI of one along it; the root, which cannot warp, stiffens by 1 %."""
+    model, load = cantilever["rigid"], PointLoad("tip", (0, 0, 1.0), TIP)
+    axes, row = axes_across(np.array([0.0, 0.0, 1.0])), model.constraint.reference_rows[model.mesh.node_index(TIP)]
+
+    def rotation(shift):
+        S = misaligned_shape(model, load, np.zeros(2), shift) - input_shape(model, [load])[:, 0]
+        return model.constraint.transform[row : row + 3] @ spsolve(model.stiffness.constant.tocsc(), S)
+
+    for axis, shift in zip(axes, 2 * MILLIMETRE * np.eye(2), strict=True):
+        moment = np.cross(2 * MILLIMETRE * axis, [0, 0, 1.0])
+        found = rotation(shift)
+        np.testing.assert_allclose(found[0], moment[0] * L / (G * torsion_constant()), rtol=0.015, atol=1e-16)
+        np.testing.assert_allclose(found[1], moment[1] * L / (E * B * H**3 / 12), rtol=0.015, atol=1e-16)
+
+
+@pytest.mark.parametrize("where", [{"node_set": "END"}, {"node_set": "MIDDLE"}, {"deck_load": "ends"}])
+def test_a_pull_off_the_middle_bends_the_beam_however_it_is_put_on(cantilever, where):
+    """ε = F δ c/EI at half the length, far from what is local: by a set, a node of solids alone, forces of a deck."""
+    model = cantilever["free"]
+    end = nodes_at_the_tip(model.mesh)
+    forces = NodalForces(end, np.outer(np.linspace(1, 3, len(end)), [5.0, 0, 0]))
+    model = replace(model, mesh=replace(model.mesh, loads={"ends": forces}))
+    load = PointLoad("pull", None if "deck_load" in where else (1.0, 0, 0), **where)
+    for axis, shift in zip(axes_across(np.array([1.0, 0, 0])), MILLIMETRE * np.eye(2), strict=True):
+        S = misaligned_shape(model, load, np.zeros(2), shift) - input_shape(model, [load])[:, 0]
+        u, delta = displacement(model, S), MILLIMETRE * axis
+        for column, c, inertia in ((1, B / 2, H * B**3 / 12), (2, H / 2, B * H**3 / 12)):
+            found = strain_at(model.mesh, u, L / 2, column, 2 * c)
+            assert found == pytest.approx(delta[column] * c / (E * inertia), rel=0.01, abs=1e-16)
+
+
+@pytest.mark.parametrize("where", [{"node_set": "END"}, {"node_set": "MIDDLE"}, {"deck_load": "any"}])
+def test_force_and_moment_are_those_of_the_turned_and_shifted_load(box, where):
+    """R Σf, and Σ r × R f + δ × R Σf, on a body that nothing holds, where the free motions are those of the nodes."""
+    mesh = box("hex8", (3, 2, 2), (L, B, H))
+    end = nodes_at_the_tip(mesh)
+    forces = NodalForces(np.r_[0, end[:3], end[:1]], np.random.default_rng(1).standard_normal((5, 3)))
+    mesh = replace(mesh, node_sets={"END": mesh.node_ids[end], "MIDDLE": mesh.node_ids[end[4:5]]}, loads={"any": forces})
+    model = build_model(mesh, supported=False)
+    load = PointLoad("F", None if "deck_load" in where else (0.3, -1.0, 0.4), **where)
+    turn, shift = np.array([0.2, -0.5]), np.array([0.03, 0.01])
+    f = input_shape(model, [load])[:, 0].reshape(-1, 3)
+    whole = f.sum(axis=0)
+    assert np.linalg.norm(whole) == pytest.approx(1.0)
+    axes = axes_across(whole)
+    np.testing.assert_allclose(np.vstack([axes, whole]) @ np.vstack([axes, whole]).T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(np.cross(*axes), whole, atol=1e-14)
+    R = expm(skew(turn @ axes))
+    off = misaligned_shape(model, load, turn, shift).reshape(-1, 3)
+    np.testing.assert_allclose(off.sum(axis=0), R @ whole, atol=1e-12)
+    moment = np.cross(mesh.position, f @ R.T).sum(axis=0) + np.cross(shift @ axes, R @ whole)
+    np.testing.assert_allclose(np.cross(mesh.position, off).sum(axis=0), moment, atol=1e-12)
+
+
+def test_a_set_takes_the_couple_with_the_least_forces(box):
+    """Of all forces of a couple without resultant on the nodes the least, by a least-norm solution; as an RBE3 does."""
+    mesh = box("hex8", (3, 2, 3), (L, B, H))
+    end = nodes_at_the_tip(mesh)
+    model = build_model(replace(mesh, node_sets={"END": mesh.node_ids[end]}), supported=False)
+    load = PointLoad("F", (0.3, -1.0, 0.4), node_set="END")
+    shift = np.array([0.03, 0.01])
+    plain = input_shape(model, [load])[:, 0]
+    found = (misaligned_shape(model, load, np.zeros(2), shift) - plain).reshape(-1, 3)
+    d = plain.reshape(-1, 3).sum(axis=0)
+    equations = np.vstack([np.tile(np.eye(3), len(end)), np.hstack([skew(x) for x in mesh.position[end]])])
+    least = np.linalg.lstsq(equations, np.r_[0, 0, 0, np.cross(shift @ axes_across(d), d)], rcond=None)[0]
+    np.testing.assert_allclose(found[end].ravel(), least, atol=1e-12)
+    assert not np.delete(found, end, axis=0).any()
+    e = AveragingElement(1, len(mesh.position), end, np.ones(len(end)), tuple(range(6)))
+    with_reference = replace(
+        mesh, node_ids=np.append(mesh.node_ids, TIP), position=np.vstack([mesh.position, mesh.position[end].mean(axis=0)]),
+        averaging=(e,),
+    )  # fmt: skip
+    by_reference = build_model(with_reference, supported=False)
+    at_reference = misaligned_shape(by_reference, PointLoad("F", (0.3, -1.0, 0.4), TIP), np.zeros(2), shift)
+    np.testing.assert_allclose(at_reference.reshape(-1, 3), found + plain.reshape(-1, 3), atol=1e-12)
+
+
+@pytest.mark.parametrize("load", [PointLoad("F", (1.0, 0.2, 0.3), TIP), PointLoad("F", (0, 0.2, -0.3), node_set="END")])
+def test_the_slopes_are_those_of_small_misalignments(cantilever, load):
+    model, h = cantilever["rigid" if load.node_id else "free"], 1e-5
+    found = misalignment_shapes(model, [load])[:, 0]
+    for k, step in enumerate(h * np.eye(4)):
+        ends = [misaligned_shape(model, load, s * step[:2], s * step[2:]) for s in (1, -1)]
+        np.testing.assert_allclose(found[:, k], (ends[0] - ends[1]) / (2 * h), atol=1e-9 * np.abs(found[:, k]).max())
+    none = misaligned_shape(model, load, np.zeros(2), np.zeros(2))
+    np.testing.assert_allclose(none, input_shape(model, [load])[:, 0], rtol=1e-12, atol=1e-15)
+
+
+def test_nodes_in_a_line_take_no_couple_about_it(box):
+    """Two nodes across the beam, pulled along it: of a shift along their line all of the moment, of one across it none."""
+    mesh = box("hex8", (3, 2, 2), (L, B, H))
+    pair = [i for i in nodes_at_the_tip(mesh) if np.isclose(mesh.position[i, 2], 0) and mesh.position[i, 1] % B < 1e-12]
+    assert len(pair) == 2
+    model = build_model(replace(mesh, node_sets={"PAIR": mesh.node_ids[pair]}), supported=False)
+    load = PointLoad("F", (1.0, 0, 0), node_set="PAIR")
+    slopes = misalignment_shapes(model, [load])[:, 0, 2:].reshape(-1, 3, 2)
+    for axis, own in zip(axes_across(np.array([1.0, 0, 0])), np.moveaxis(slopes, 2, 0), strict=True):
+        moment = np.cross(axis, [1.0, 0, 0])
+        moment[1] = 0.0  # the line is along y
+        np.testing.assert_allclose(np.cross(mesh.position, own).sum(axis=0), moment, atol=1e-12)
