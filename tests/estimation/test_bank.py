@@ -377,3 +377,29 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
     np.testing.assert_allclose(found.run.mean[-1, 0, 5:], fine.run.mean[-1, 0, 5:], atol=0.05 * across.min())
     np.testing.assert_allclose(found.run.std[-1, 0, 5:], across, rtol=0.05)
     assert found.laid < 30
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_sigma_holds_where_loads_act_otherwise(learned):
+    """Over draws of chains of the filter's own kind, the known force of which is larger and acts on the first mass as well, each
+    a constant of its own: σ holds whether they are learned or not; without them it does not."""
+    model, P, draws = chain(noise=5e-4), start(), 60
+    shape = np.zeros((2, 2, 2))
+    shape[0, 1, 0], shape[1, 0, 0] = 0.03, 0.05
+    d = np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), np.zeros((2, 2))
+    nuisances = Nuisances(("load gain", "load direction"), *d, learned=learned, shape=shape)
+    rng = np.random.default_rng(4)
+    with_it, without = [], []
+    for b in range(draws):
+        off = np.tensordot(rng.standard_normal(2), shape, axes=1)
+        inner = replace(model.model, input_shape=model.model.input_shape + off)
+        truth, y = draw_truth(replace(model, model=inner), np.zeros(7), P, forces(), [b])
+        run = filter_bank(model, np.zeros(7), P, forces(), y[:, 0], nuisances).run
+        with_it.append((run.mean[-1, 0] - truth[-1, 0])[4:] / run.std[-1, 0, 4:])
+        if b < 20:
+            run = filter_bank(model, np.zeros(7), P, forces(), y[:, 0]).run
+            without.append((run.mean[-1, 0] - truth[-1, 0])[4:] / run.std[-1, 0, 4:])
+    ratio, inside = np.sqrt(np.mean(np.square(with_it), axis=0)), np.mean(np.abs(with_it) < 2, axis=0)
+    np.testing.assert_allclose(ratio, 1.0, atol=3 / np.sqrt(2 * draws))
+    assert np.all(inside > 0.88)
+    assert np.sqrt(np.mean(np.square(without), axis=0)).max() > 1.5

@@ -9,7 +9,14 @@ import pytest
 from scipy.linalg import eigh, expm
 
 from strainsight.augmentation.unknowns import Unknowns
-from strainsight.estimation.conditional import Nuisances, acceleration_rows, no_nuisances, theta_at
+from strainsight.estimation.conditional import (
+    Nuisances,
+    acceleration_change,
+    acceleration_rows,
+    no_nuisances,
+    on_loads,
+    theta_at,
+)
 from strainsight.estimation.filter import covariance_recursion, run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.motion import measure
@@ -246,3 +253,42 @@ def test_a_model_without_any_parameter_is_that_with_all_of_them_fixed():
     np.testing.assert_allclose(other.std, one.std, rtol=1e-9)
     for name, part in one.budget.items():
         np.testing.assert_allclose(other.budget[name], part, rtol=1e-7, atol=1e-12 * one.std.max() ** 2, err_msg=name)
+
+
+@pytest.mark.parametrize("parameters", [(), ("E",)])
+def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(make_beam, make_filter, sine, parameters):
+    """Readings of strain and acceleration of a beam whose loads, a constant unknown one and a known sine, push its coordinates
+    otherwise than the filter believes, and strain a gauge besides."""
+    beam, h, steps, size = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 5e-4, 160, 1e-4
+    model = make_filter(beam, ("tip",), parameters, ("middle",), h, accelerometers=2, q_velocity=0.1)
+    u = np.zeros((steps, 3, 2))
+    u[:, 0, 0], u[:, :, 1:] = 2e4, sine(h * np.arange(steps), h, 1e4, 20.0)
+    P, mean = np.diag([0.0] * 8 + [1e-4] * (model.size - 8)), np.zeros(model.size)
+    mean[8] = 2.0
+    shape = beam.model.input_shape
+    changes = 0.02 * np.stack([shape * [1, 0], shape * [0, 1], shape[:, ::-1], shape[::-1] * [1, -1]])
+    channels, moving = len(model.H), model.accelerometers
+    strain = 1e-9 * np.arange(8.0 * channels).reshape(4, channels, 2) * ~moving[:, None] * (changes.any(axis=1))[:, None]
+
+    def estimate(change, at_once):
+        inner = replace(beam.model, input_shape=shape + change)
+        x = simulate(inner, inner.reference, u, h)
+        full = np.hstack([x[1:], np.full((steps, 1), 2.0), np.zeros((steps, model.size - 9))])
+        loads = u.sum(axis=1)
+        y = measure(replace(model, model=inner), full, loads[:, 1:])[0] + loads @ at_once.T
+        whole = np.tile(mean, (steps + 1, 1))
+        whole[:, :8] = x
+        return run_filter(model, mean, P, u[:, :, 1:], y).mean[:, 0] - whole
+
+    at_guess = theta_at(model, np.zeros((1, len(parameters))))
+    direct = strain.copy()
+    for own, change in zip(direct, changes, strict=True):
+        own[moving] = model.H[moving, :4] @ acceleration_change(model, at_guess, change)[0]
+    D, E = on_loads(model, direct)
+    source = ("known", "unknown", "swapped", "mirrored")
+    nuisances = Nuisances(source, D, E, np.zeros((4, channels)), shape=changes)
+    x = simulate(beam.model, beam.model.reference, u, h)
+    found = covariance_recursion(model, x, u, P, nuisances).budget
+    for name, change, at_once in zip(source, changes, strain, strict=True):
+        total = ((estimate(size * change, size * at_once) - estimate(-size * change, -size * at_once)) / (2 * size)) ** 2
+        np.testing.assert_allclose(found[name] / total.max(axis=0), total / total.max(axis=0), atol=1e-4, err_msg=name)

@@ -67,9 +67,14 @@ def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: 
 
 def loads_vary(config: PlacementConfig) -> bool:
     """Whether some load acts otherwise than it should."""
-    own = tolerances_of(config.tolerances)
     known = any(name not in config.place.estimate for name in config.loads)
-    return own.load_angle > 0 or own.load_position > 0 or (own.load_gain > 0 and known)
+    return misaligned_loads(config) or (known and tolerances_of(config.tolerances).load_gain > 0)
+
+
+def misaligned_loads(config: PlacementConfig) -> bool:
+    """Whether their direction or point is not exact."""
+    own = tolerances_of(config.tolerances)
+    return own.load_angle > 0 or own.load_position > 0
 
 
 def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:

@@ -11,7 +11,15 @@ from scipy import sparse
 
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import accelerations
-from strainsight.cases.structure.drawn import in_words, installation_of, load_error_of, loads_vary, model_of, varies
+from strainsight.cases.structure.drawn import (
+    in_words,
+    installation_of,
+    load_error_of,
+    loads_vary,
+    misaligned_loads,
+    model_of,
+    varies,
+)
 from strainsight.cases.structure.full_model import FullModel, full_model
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
@@ -117,7 +125,7 @@ def truth_of(
         words = f"the whole finite-element model in time, {values}"
         return _full(problem, mesh, training, built, S, theta, words, stated.modes, using)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
-    misaligned, static, aside = stated.model == "rich" and loads_vary(config), reduced.static, None
+    misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
     if misaligned:
         aside = _columns(misalignment_shapes(built.model, list(loads.values())))
         static = np.hstack([static, _columns(reduced.misaligned.static)])
@@ -138,7 +146,7 @@ def truth_of(
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
         own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
-        if misaligned:
+        if loads_vary(config):
             own = replace(own, input_shape=basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
         return _modal(theta, words, held, own, rows, part, installation.offset)
 
