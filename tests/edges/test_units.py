@@ -50,6 +50,7 @@ def test_a_beam_of_another_size_is_the_same_beam_in_slower_time(tmp_path, usual,
         "parameters.E.process_noise_scale": 0.05 / s**0.5,
         "screen.minimum_spacing": 0.02 * s,
         "tolerances.position": 0.002 * s,
+        "tolerances.load_position": 0.002 * s,
     }
     for run in ("train", "validate"):
         changes |= {f"{run}.duration": 0.1 * s, f"{run}.time_step": 1e-3 * s}

@@ -38,6 +38,7 @@ train: {duration: 0.3, time_step: 5.0e-4}
 gauges:
   direction: {type: axis, axis: [1, 0, 0]}
   noise_std: {relative_to_strongest: 0.01}
+tolerances: {load_angle: 0, load_position: 0}
 screen: {keep: 40}
 place: {estimate: [side, E], keep: 4, instants: 2, minimum_spacing: 0.1}
 validate:
