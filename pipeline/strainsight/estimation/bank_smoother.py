@@ -11,6 +11,7 @@ from strainsight.estimation.biased import Biased
 from strainsight.estimation.conditional import Nuisances, conditional_states, discrepancy, linear_models, theta_at
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
+from strainsight.estimation.mixture import removed_of
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoother import Smoothed, smooth
@@ -80,7 +81,7 @@ def smooth_bank(
     if not nuisances.learned:
         # as the samples read: what they say of ν is neither in the motion nor in its σ
         whole[:, at] += np.einsum("tda,d->ta", V, nu)
-        cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, np.eye(len(nu)) - left, V, optimize=True)
+        cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, removed_of(left), V, optimize=True)
     return Smoothed(bank.run.time, whole[:, None], standard_deviation(cov)[:, None], cov[:, None])
 
 

@@ -62,13 +62,13 @@ class Mixture:
     def _as_they_read(self, after: slice, w: np.ndarray, found: States, H: np.ndarray) -> None:
         """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:
 
-        x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them
+        x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
         """
         span, states = slice(after.start - 1, after.stop - 1), self.states_of_filters
         nu = np.einsum("tb,btd->td", w, found.nu)
         off = found.nu - nu
         left = np.einsum("tb,btdk->tdk", w, found.left) + np.einsum("tb,btd,btk->tdk", w, off, off, optimize=True)
-        gone = np.eye(nu.shape[1]) - left
+        gone = removed_of(left)
         V = np.einsum("tb,btda->tda", w, found.V)
         self.mean[after, :states] += np.einsum("tda,td->ta", V, nu)
         self.covariance[after, :states, :states] += np.einsum("tda,tdk,tkc->tac", V, gone, V, optimize=True)
@@ -130,3 +130,12 @@ class Mixture:
             rows=None,
             adjusted=None,
         )
+
+
+def removed_of(left: np.ndarray) -> np.ndarray:
+    """1 − Λ (..., d, d): by how much samples that leave ν a covariance of Λ (..., d, d) made it smaller.
+
+    Zero along a direction in which it is larger than before them: parameters that are all still likely ask for different ν.
+    """
+    size, axes = np.linalg.eigh(np.eye(left.shape[-1]) - left)
+    return np.asarray((axes * np.maximum(size, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
