@@ -67,8 +67,11 @@ def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: 
 
 def loads_vary(config: PlacementConfig) -> bool:
     """Whether some load acts otherwise than it should."""
-    known = any(name not in config.place.estimate for name in config.loads)
-    return misaligned_loads(config) or (known and tolerances_of(config.tolerances).load_gain > 0)
+    return misaligned_loads(config) or (_some_known(config) and tolerances_of(config.tolerances).load_gain > 0)
+
+
+def _some_known(config: PlacementConfig) -> bool:
+    return any(name not in config.place.estimate for name in config.loads)
 
 
 def misaligned_loads(config: PlacementConfig) -> bool:
@@ -129,7 +132,7 @@ def in_words(config: PlacementConfig, given: bool) -> str:
         sizes = (("gauge_offset", 1e3, " mm"), ("gauge_rotation", 1.0, "°"))
         own_sizes = [(getattr(stated, key), factor, unit) for key, factor, unit in sizes]
         fixed.append("gauges off by " + " and ".join(f"{f * v:g}{unit}" for v, f, unit in own_sizes if v is not None))
-    moved, any_known = not given, any(name not in config.place.estimate for name in config.loads)
+    moved = not given
     for value, text in (
         (own.position * (moved and stated.gauge_offset is None), f"place {1e3 * own.position:g} mm each way"),
         (own.angle * (moved and stated.gauge_rotation is None), f"direction {own.angle:g}°"),
@@ -138,7 +141,7 @@ def in_words(config: PlacementConfig, given: bool) -> str:
         (own.offset, f"offset {1e6 * own.offset:g} µm/m"),
         (own.load_angle, f"direction of loads {own.load_angle:g}°"),
         (own.load_position, f"point of loads {1e3 * own.load_position:g} mm"),
-        (own.load_gain * any_known, f"gain of known loads {100 * own.load_gain:g} %"),
+        (own.load_gain * _some_known(config), f"gain of known loads {100 * own.load_gain:g} %"),
     ):
         drawn += [text] if value > 0 else []
     words = fixed + ([f"drawn with σ: {', '.join(drawn)}"] if drawn else [])

@@ -56,8 +56,8 @@ class Tolerated:
     """σ times the derivatives of some channels with respect to their installation.
 
     channels (k,) of train.h5, ascending; gauge (k,) of each; quantity (k,); slope: name → (k, n) per reduced coordinate, those
-    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; loads; damping, stiffness, learned, discrepancy:
-    of `Nuisances`.
+    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; loads: how they act; damping, stiffness,
+    learned, discrepancy: of `Nuisances`.
     """
 
     channels: np.ndarray
@@ -197,9 +197,10 @@ def _of_loads(
     D: list[np.ndarray] = []
     E: list[np.ndarray] = []
     shape: list[np.ndarray] = []
-    used = {"known": set(model.known_inputs), "all": {*model.known_inputs, *model.unknowns.inputs}}
+    known = set(model.known_inputs)
+    used = known | set(model.unknowns.inputs)
     for source, i, column, missed in zip(own.source, own.load.tolist(), own.shape, own.missed, strict=True):
-        if named[i] not in used["known" if source == LOAD_GAIN else "all"]:
+        if named[i] not in (known if source == LOAD_GAIN else used):
             continue
         change = np.zeros(model.model.input_shape.shape)
         change[:, i] = column

@@ -59,12 +59,13 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     if config.gauges.given is None:
         surface = candidates_on_surface(mesh, config, reduced.basis, x[:, :n])
         pool = surface.candidates
-        field = np.hstack([reduced.basis, _columns(reduced.misaligned.missed)])
-        both = channel_rows(mesh.position, pool, field, facets=exterior_facets(mesh))
+        both = channel_rows(
+            mesh.position, pool, _with_missed(reduced.basis, reduced.misaligned.missed), facets=exterior_facets(mesh)
+        )
     else:
         pool, given = _given(config, mesh, using)
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
-        both = given @ np.hstack([reduced.matrices.basis, _columns(reduced.matrices.missed)])
+        both = given @ _with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
     with blame("train"):
         # the readings and their squares
@@ -86,9 +87,9 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     return Trained(training, surface)
 
 
-def _columns(array: np.ndarray) -> np.ndarray:
-    """As columns (k, …) of the first axis."""
-    return array.reshape(len(array), -1)
+def _with_missed(basis: np.ndarray, missed: np.ndarray) -> np.ndarray:
+    """Basis (rows, n), and behind it what it misses of misaligned loads (rows, n_u, misalignments) as columns."""
+    return np.hstack([basis, missed.reshape(len(missed), -1)])
 
 
 def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:

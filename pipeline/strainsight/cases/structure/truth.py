@@ -127,8 +127,8 @@ def truth_of(
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
     misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
     if misaligned:
-        aside = _columns(misalignment_shapes(built.model, list(loads.values())))
-        static = np.hstack([static, _columns(reduced.misaligned.static)])
+        aside = misalignment_shapes(built.model, list(loads.values())).reshape(len(static), -1)
+        static = np.hstack([static, reduced.misaligned.static.reshape(len(static), -1)])
     shapes = None if spectrum is None else Snapshots(spectrum.frequency, spectrum.shape, static)
     with blame("validate.truth.modes"):
         model, basis = modal_model(
@@ -166,10 +166,6 @@ def _loaded(
         off = load_error_of(config, name, name in known, realisation)
         columns.append(off.factor * misaligned_shape(model, load, off.turn, off.shift))
     return np.column_stack(columns)
-
-
-def _columns(array: np.ndarray) -> np.ndarray:
-    return array.reshape(len(array), -1)
 
 
 Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.ndarray]]
