@@ -27,8 +27,8 @@ from strainsight.mesh.facets import exterior_facets
 
 from ..edges.beam import PLACEMENT_CONFIG, TIP, E, bricks, config_of
 
-NOTHING = {"position": 0, "angle": 0, "gain": 0, "transverse": 0, "damping": 1, "load_angle": 0, "load_position": 0,
-           "load_gain": 0}  # fmt: skip
+NOTHING = {"position": 0, "angle": 0, "gain": 0, "transverse": 0, "damping": 1, "discrepancy": 0,
+           "load_angle": 0, "load_position": 0, "load_gain": 0}  # fmt: skip
 SIDE = {
     "node": TIP,
     "direction": [0.0, 1.0, 0.3],
@@ -61,7 +61,7 @@ def beam(tmp_path_factory):
         mesh = api.mesh(case)
         reduced = api.reduce(case, mesh)
         training = api.train(case, mesh, reduced)
-        screened = api.screen(case, training)
+        screened = api.screen(case, mesh, training)
         problem = problem_of(case.config, case.files, reduced, training, screened)
         everything = SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened,
                                      gauges=screened.kept[:4], problem=problem)  # fmt: skip
@@ -234,8 +234,9 @@ def spread(own, draws, tolerances=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("changes", [OF_E, OF_A_LOAD], ids=["modulus", "load"])
 def test_drawn_loads_leave_the_truth_within_sigma(beam, changes):
-    """200 truths with direction, point and gain of their own; without the tolerances σ is too small."""
-    own = beam(changes | {"tolerances": NOTHING | ALL})
+    """200 truths with direction, point and gain of their own, and the discrepancy that is the default, for their second order;
+    without the tolerances σ is too small."""
+    own = beam(changes | {"tolerances": NOTHING | ALL | {"discrepancy": 0.02}})
     inside, ratio, _ = spread(own, 200)
     assert 0.92 < inside < 0.98
     assert 0.85 < ratio < 1.15
@@ -243,12 +244,11 @@ def test_drawn_loads_leave_the_truth_within_sigma(beam, changes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", [OF_E, OF_A_LOAD], ids=["modulus", "load"])
-def test_what_is_learned_of_small_errors_of_loads_leaves_the_truth_within_sigma(beam, changes):
+def test_what_is_learned_of_small_errors_of_loads_leaves_an_unknown_load_within_sigma(beam):
     """σ is smaller than where they are not learned. Of turns of several degrees it holds to first order."""
-    considered = beam(changes | {"tolerances": NOTHING | SMALL})
-    own = beam(changes | {"tolerances": NOTHING | SMALL | {"treat": "estimate"}})
+    considered = beam(OF_A_LOAD | {"tolerances": NOTHING | SMALL})
+    own = beam(OF_A_LOAD | {"tolerances": NOTHING | SMALL | {"treat": "estimate"}})
     inside, ratio, level = spread(own, 200)
     assert inside > 0.92
     assert ratio < 1.15
-    assert level < spread(considered, 10)[2]
+    assert level < spread(considered, 200)[2]

@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=12,
+    version=13,
     reads=(
         "seed",
         "loads.*.node",
