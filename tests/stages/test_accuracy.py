@@ -30,11 +30,12 @@ def run(tmp_path_factory):
 @pytest.mark.parametrize("truth", ["modes", "rich"])
 @pytest.mark.parametrize(("case", "name"), [("youngs-modulus", "E"), ("density", "rho"), ("density-35hz", "rho")])
 def test_a_single_parameter_from_a_known_load(run, case, name, truth):
-    """To 0.2 % by exact gauges; by gauges with a gain of 1 % and more to 1 %, and ρ at 20 Hz, σ 1.3 %, as σ says."""
+    """To 0.2 % by exact gauges, but for what the guess pulls, 10 % off and known to 10 %: σ² of the posterior over that; by gauges
+    and loads that are off to 1 %, and ρ at 20 Hz, σ 1.9 %, as σ says."""
     place, validate = run(case, truth)
     error, std = validate.summary[f"error.{name}"], validate.summary[f"std.{name}"]
     assert std <= 0.02
-    assert error <= (0.002 if truth == "modes" else 3.2 * std if case == "density" else 0.01)
+    assert error <= (0.002 + 0.1 * (std / 0.1) ** 2 if truth == "modes" else 3.2 * std if case == "density" else 0.01)
     assert place.summary["riccati_residual"] <= 1e-10
 
 

@@ -66,18 +66,20 @@ def test_gauges_are_on_the_outer_surface_away_from_the_flanges(folder):
         assert np.all(position @ [np.cos(angle), np.sin(angle), 0] < 0.43)
 
 
-def test_modulus_is_within_one_and_a_half_per_cent(folder):
-    """1.5 % of the truth, which is 10 % above the guess and has other damping and gauges off their places."""
-    estimate = Artefact(folder / "validate.h5")["/estimate/E"]
-    assert np.mean(estimate[len(estimate) // 2 :]) == pytest.approx(1.87e11, rel=0.015)
+def test_sigma_of_the_modulus_is_below_two_per_cent_and_allows_for_its_error(folder):
+    """The truth is 10 % above the guess, with other damping, and gauges and the load off their places."""
+    summary = Artefact(folder / "validate.h5").summary
+    assert summary["std.E"] <= 0.02
+    assert summary["error.E"] <= 3.2 * summary["std.E"]
 
 
 def test_the_file_of_the_test_gives_the_same_modulus(folder):
+    """Estimated from the digits of the file, with the known load straight between samples: to a tenth of σ."""
     with (folder / "estimate.csv").open(encoding="utf-8") as lines:
         table = list(csv.reader(line for line in lines if not line.startswith("#")))
     column = next(i for i, name in enumerate(table[0]) if re.match(r"E\b", name))
-    values = np.array([float(row[column]) for row in table[1 + len(table) // 2 :]])
-    assert values.mean() == pytest.approx(1.87e11, rel=0.015)
+    validate = Artefact(folder / "validate.h5").summary
+    assert float(table[-1][column]) == pytest.approx(validate["estimate.E"], rel=0.1 * validate["std.E"])
 
 
 @pytest.mark.parametrize("path", sorted(HUB.glob("hub-*.yaml")), ids=lambda path: path.stem)
