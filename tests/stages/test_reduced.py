@@ -19,6 +19,8 @@ from ..shared import PLACED_EXACTLY
 from .conftest import ROOT, SHORT, finished, job_of, made
 
 MODES = 30
+LOADED_EXACTLY = ("tolerances.load_angle=0", "tolerances.load_position=0")
+"""For comparisons with models whose loads act on coordinates, which have neither direction nor place."""
 MESH = """mesh:
   file: reduced.bdf
   matrices: {numbering: rows.csv, stiffness: [{file: k.npz, parameter: E, at: 2.1e+11}], mass: [{file: m.npz}]}
@@ -43,7 +45,7 @@ def edited(text, *changes):
 
 @pytest.mark.slow
 def test_modes_of_another_program_give_the_layout_of_the_whole_model(config, tmp_path, monkeypatch):
-    artefacts = made(config, *SHORT, *PLACED_EXACTLY, until="place")
+    artefacts = made(config, *SHORT, *PLACED_EXACTLY, *LOADED_EXACTLY, until="place")
     mesh = read_mesh(ROOT / "meshes" / "cantilever.bdf")
     model = build_model(mesh)
     K, M = (X.at({}).tocsc() for X in (model.stiffness, model.mass))
@@ -65,7 +67,7 @@ def test_modes_of_another_program_give_the_layout_of_the_whole_model(config, tmp
     )
     (tmp_path / "own.yaml").write_text(text)
     stages = [stage for stage in PLACEMENT if stage.name in ("import", "modes", "rom", "train", "screen", "place")]
-    job = job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY)
+    job = job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY, *LOADED_EXACTLY)
     found = {stage: artefact for stage, (_, _, artefact) in finished(job, stages).items()}
     assert found["rom"].summary["unknowns"] == MODES + 1
     assert np.allclose(found["rom"]["/frequency"], artefacts["rom"]["/frequency"], rtol=1e-9)
@@ -76,3 +78,7 @@ def test_modes_of_another_program_give_the_layout_of_the_whole_model(config, tmp
         assert sorted(getattr(pool, key)[chosen]) == sorted(artefacts["place"][f"/selected/final/{key}"]), key
     for key in ("trace_final", "lower_bound", "std.E"):
         assert found["place"].summary[key] == pytest.approx(artefacts["place"].summary[key], rel=1e-6), key
+    job = job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY)
+    advised = " ".join(finished(job, stages)["place"][2]["/advice"].tolist())
+    for key in ("load_angle", "load_position"):
+        assert f"σ holds no such error as tolerances.{key} states of tip: no motion of the model follows it" in advised

@@ -115,7 +115,7 @@ def estimation_of(
     judged = verdict(run.whitened[:, 0])
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     rests = withheld or rests_on_loads_in_words(problem)
-    words = scheme_in_words(problem, test.h), not_held_in_words(config, training), rests
+    words = scheme_in_words(problem, test.h), *not_held_in_words(config, reduced, training), rests
     notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
     if long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
         notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)

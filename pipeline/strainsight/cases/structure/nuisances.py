@@ -120,15 +120,25 @@ def _loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.n
     )
 
 
-def not_held_in_words(config: PlacementConfig, training: Training) -> str:
-    """Which tolerances σ does not hold; empty where it holds all of them."""
-    own = installation_std(config)
-    if training.given is None or not (own.position or own.angle or own.transverse):
-        return ""
-    return (
-        "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
-        "strain is beside them (tolerances.position, angle, transverse)"
-    )
+def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Training) -> tuple[str, ...]:
+    """Which tolerances σ does not hold, a sentence each."""
+    found, installed, own = [], installation_std(config), tolerances_of(config.tolerances)
+    if training.given is not None and (installed.position or installed.angle or installed.transverse):
+        found.append(
+            "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
+            "strain is beside them (tolerances.position, angle, transverse)"
+        )
+    change = reduced.misaligned.shape
+    for key, std, of in (
+        ("load_angle", own.load_angle, change[..., :2]),
+        ("load_position", own.load_position, change[..., 2:]),
+    ):
+        rigid = [name for i, name in enumerate(reduced.model.inputs) if std > 0 and not of[:, i].any()]
+        if rigid:
+            found.append(
+                f"σ holds no such error as tolerances.{key} states of {', '.join(rigid)}: no motion of the model follows it"
+            )
+    return tuple(found)
 
 
 def _slopes(

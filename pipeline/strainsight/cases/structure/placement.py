@@ -116,7 +116,7 @@ def placement_of(
     )
     using.progress("hot spots", 0.9)
     hot = tested_hot_spots(config, mesh, reduced, training, found.gauges)
-    first = _ringing(problem, settings, config.seed), not_held_in_words(config, training)
+    first = _ringing(problem, settings, config.seed), *not_held_in_words(config, reduced, training)
     listed = found.listed
     spots = hot_spot_advice(hot, listed.labels, listed.bonded.tolist())
     found = replace(found, advice=(*filter(None, first), *spots, *found.advice))
