@@ -126,10 +126,10 @@ def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
     if config.validation.truth.model == "rom":
         notes.append("The truth is the filter's own model: no model error was tested.")
     elif config.validation.truth.model == "modes":
-        notes.append("Damping and gauge positions are exact in this truth; choose truth model rich to test them.")
+        notes.append("Damping, gauges and loads are exact in this truth; choose truth model rich to test them.")
     elif read(Training, train).given is not None:
         notes.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
-    notes.append("Temperature, gauge factor, drift and the bond are outside this model.")
+    notes.append("Temperature, drift and the bond are outside this model.")
     return tuple(notes)
 
 
