@@ -18,8 +18,8 @@ from strainsight.estimation.reduced import Driven
 from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
 from strainsight.estimation.smoother import smooth
 
+from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start
 from .drawn import drawn
-from .test_bank import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start
 
 
 @pytest.mark.parametrize("k", [0, 1, 2, 3])

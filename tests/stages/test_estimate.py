@@ -312,13 +312,16 @@ def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_ar
     estimates = "/estimate/E", "/smoothed/side", "/virtual/strain"
     results, found = changed(project, "alone", ALONE), {}
     for stated in ("false", "true"):
-        settings = f"estimate.loads_as_stated={stated}", "estimate.field={every: 0.1}"
+        settings = f"estimate.loads_as_stated={stated}", "estimate.field={every: 0.1}", "filter.compare=true"
         code, said = estimated(project, results / "measured.csv", *settings, config="alone.yaml")
         assert code == 0, said
         own = Artefact(results / "estimate.h5")
         found[stated] = {path: own[path].copy() for path in own.paths()}, dict(own.summary), said
     (withheld, numbers, words), (given, all_numbers, other) = found["false"], found["true"]
     assert "σ is withheld: no load is known: E rests on what process_noise states of side" in " ".join(words.split())
+    assert "other filters are not compared where σ is withheld" in " ".join(words.split())
+    assert "/compared/ratio/E" in given
+    assert not any(path.startswith("/compared") for path in withheld)
     assert "withheld" not in other
     assert "±" not in words
     assert "std.E" in all_numbers

@@ -117,7 +117,9 @@ def estimation_of(
     rests = withheld or rests_on_loads_in_words(problem)
     words = scheme_in_words(problem, test.h), *not_held_in_words(config, reduced, training), rests
     notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
-    if long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
+    if withheld:
+        notes += ("filter.compare: other filters are not compared where σ is withheld",) * bool(config.filter.compare)
+    elif long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
         notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)
     kinds = problem.channels.quantity[test.channels]
     units = unknown_units(config) | {"the channel": units_in_words(kinds)}

@@ -1,0 +1,84 @@
+"""Two masses on two springs: the small model on which filters over parameters are tested."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import eigh, expm
+
+from strainsight.augmentation.unknowns import Unknowns
+from strainsight.estimation.model import FilterModel
+from strainsight.fem.affine import AffineOperator
+from strainsight.rom.model import Damping, ReducedModel
+
+KAPPA, H, STEPS, RATIO = 30.0, 0.02, 40, 0.03
+REFERENCE = {"k1": 900.0, "k2": 400.0}
+STIFFNESS = {"k1": np.array([[1.0, 0.0], [0.0, 0.0]]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+ROWS = np.array([[1.0, 0.0], [-1.0, 1.0]])
+NOISE = 2e-3
+
+
+def chain(noise=NOISE):
+    """Two masses of one on two springs, a known force on the second and an unknown one, a random walk, on the first."""
+    model = ReducedModel(
+        AffineOperator(np.eye(2), {}),
+        AffineOperator(np.zeros((2, 2)), STIFFNESS),
+        np.array([[0.0, 1.0], [1.0, 0.0]]),
+        ("known", "unknown"),
+        REFERENCE,
+        Damping(ratio=RATIO),
+    )
+    unknowns = Unknowns(("unknown",), ("k1", "k2"), {"unknown": 1.0}, REFERENCE)
+    H_star = np.hstack([ROWS, np.zeros((2, 5))])
+    Q = np.diag([0, 0, 1e-4, 1e-4, KAPPA, 0, 0])
+    return FilterModel(model, unknowns, ("known",), {}, H_star, Q, np.full(2, noise**2 * H), H)
+
+
+def loaded_chain(noise=NOISE):
+    """The same with both stiffnesses known."""
+    whole = chain(noise)
+    unknowns = replace(whole.unknowns, parameters=())
+    return replace(whole, unknowns=unknowns, fixed=REFERENCE, H=whole.H[:, :5], Q=whole.Q[:5, :5])
+
+
+def driven_chain(noise=NOISE, parameters=("k1", "k2")):
+    """The chain under its known force alone."""
+    whole, states = chain(noise), 4 + len(parameters)
+    unknowns = replace(whole.unknowns, inputs=(), parameters=parameters)
+    fixed = {name: value for name, value in REFERENCE.items() if name not in parameters}
+    Q = np.diag([0, 0, 1e-4, 1e-4, *[0.0] * len(parameters)])
+    return replace(whole, unknowns=unknowns, fixed=fixed, H=whole.H[:, :states], Q=Q)
+
+
+def forces(steps=STEPS):
+    """A known force that is constant within every step (T, HOLD, 1)."""
+    held = np.zeros((steps, 3, 1))
+    held[:, 0, 0] = 3 * np.sin(0.7 * np.arange(steps)) + 2
+    return held
+
+
+def continuous(stiffness, factors=1.0):
+    """Rate matrix of [q, q̇, u] and the column of the known force, from the textbook; factors on the damping of the modes."""
+    K = sum(value * STIFFNESS[name] for name, value in stiffness.items())
+    lam, Phi = eigh(K)
+    C = (Phi * factors * 2 * RATIO * np.sqrt(lam)) @ Phi.T
+    F = np.zeros((5, 5))
+    F[:2, 2:4] = np.eye(2)
+    F[2:4, :2], F[2:4, 2:4], F[2:4, 4] = -K, -C, [1.0, 0.0]
+    return F, np.array([0, 0, 0, 1.0, 0])
+
+
+def gathered(F, Q):
+    """Van Loan's integral of the noise over a step."""
+    n = len(F)
+    X = expm(np.block([[-F, Q], [np.zeros((n, n)), F.T]]) * H)
+    return X[n:, n:].T @ X[:n, n:]
+
+
+def start():
+    return np.diag([1e-6, 1e-6, 1e-4, 1e-4, 0.5, 0.3**2, 0.2**2])
+
+
+def driven_start():
+    return np.delete(np.delete(start(), 4, axis=0), 4, axis=1)
