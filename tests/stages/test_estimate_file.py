@@ -1,0 +1,145 @@
+"""Files of a test: read right, or refused with the line."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from strainsight.fem import memory
+
+from .tested_beam import as_written, estimated, result, table, validated, write
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return validated(tmp_path_factory.mktemp("test"))
+
+
+@pytest.fixture(scope="module")
+def plain(project):
+    return as_written(project)
+
+
+def test_columns_may_stand_in_any_order_and_units_in_any_way(project, plain, tmp_path):
+    head, values = table(project)
+    order = np.roll(np.arange(len(head)), 2)
+    values = values.copy()
+    column = {h.split(" ")[0]: i for i, h in enumerate(head)}
+    values[:, column["G2"]] *= 1e6
+    head = [h.replace("G2 [m/m]", "G2 [um/m]").replace("time [s]", "time [ms]") for h in head]
+    values[:, column["time"]] *= 1e3
+    file = write(tmp_path / "shuffled.csv", [head[i] for i in order], values[:, order])
+    code, said = estimated(project, file, "estimate.channels.1.unit=um/m", "estimate.time.unit=ms")
+    assert code == 0, said
+    np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
+
+
+def test_millivolts_become_strain_by_the_exact_bridge(project, plain, tmp_path):
+    """A quarter bridge of one active arm R(1 + GF ε): output over excitation GF ε/(4 + 2 GF ε), here in mV/V."""
+    head, values = table(project)
+    at = [h.startswith("G3") for h in head].index(True)
+    strain = values[:, at].copy()
+    values[:, at] = 1e3 * 2.05 * strain / (4 + 2 * 2.05 * strain)
+    head[at] = "G3 [mV/V]"
+    file = write(tmp_path / "bridge.csv", head, values)
+    change = (
+        "estimate.channels.2={channel: G3, gauge: G3, unit: mV/V, bridge: {arrangement: quarter, gauge_factor: 2.05}}"
+    )
+    code, said = estimated(project, file, change)
+    assert code == 0, said
+    np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
+
+
+def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
+    head, values = table(project)
+    rng = np.random.default_rng(1)
+    gauges = [i for i, h in enumerate(head) if h.startswith("G")]
+    for i in gauges:
+        values[rng.random(len(values)) < 0.1, i] = np.nan
+    code, said = estimated(project, write(tmp_path / "missing.csv", head, values))
+    assert code == 0, said
+    assert "samples are missing" in said
+    found = result(project)["/smoothed/side"]
+    assert np.linalg.norm(found - plain[1]["/smoothed/side"]) < 0.02 * np.linalg.norm(found)
+
+
+def test_a_gauge_that_drops_out_for_good_is_survived(project, plain, tmp_path):
+    head, values = table(project)
+    at = [h.startswith("G4") for h in head].index(True)
+    values[len(values) // 2 :, at] = np.nan
+    code, said = estimated(project, write(tmp_path / "torn.csv", head, values))
+    assert code == 0, said
+    assert np.isfinite(result(project)["/smoothed/side"]).all()
+
+
+def test_an_unknown_offset_is_found(project, plain, tmp_path):
+    head, values = table(project)
+    at = [h.startswith("G1") for h in head].index(True)
+    offset = 20 * np.nanstd(np.diff(values[:, at]))
+    values[:, at] += offset
+    file = write(tmp_path / "offset.csv", head, values)
+    code, said = estimated(
+        project, file, f"estimate.channels.0={{channel: G1, gauge: G1, unit: m/m, bias: {2 * offset:.3e}}}"
+    )
+    assert code == 0, said
+    found = result(project)
+    assert found["/bias/mean"][0] == pytest.approx(offset, abs=4 * found["/bias/std"][0])
+    assert found["/bias/std"][0] < 0.1 * offset
+    assert np.linalg.norm(found["/smoothed/side"] - plain[1]["/smoothed/side"]) < 0.1 * np.linalg.norm(
+        found["/smoothed/side"]
+    )
+
+
+def test_a_clock_that_jumps_back_is_refused_with_its_line(project, tmp_path):
+    head, values = table(project)
+    at = [h.startswith("time") for h in head].index(True)
+    values[200:, at] -= 0.05
+    code, said = estimated(project, write(tmp_path / "jump.csv", head, values))
+    assert code == 2
+    assert "jump.csv:202" in said
+
+
+def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(project, plain, monkeypatch):
+    """600 steps, with a covariance of the filter, one of the smoother and a Jacobian for each."""
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
+    code, said = estimated(project, project / "results" / "test" / "measured.csv", "--force")
+    assert code == 2
+    states, needed = re.search(
+        r"600 steps of (\d+) states: (\S+) GiB of memory are needed, 9.31e-05 GiB", said
+    ).groups()
+    assert float(needed) == pytest.approx(3 * 8 * 600 * int(states) ** 2 / 2**30, rel=0.01)
+    assert "give a part of the record at a time" in said
+
+
+def test_whole_samples_that_are_missing_are_filled_and_reported(project, plain, tmp_path):
+    head, values = table(project)
+    gone = np.r_[0:100, 105 : len(values)]
+    code, said = estimated(project, write(tmp_path / "gap.csv", head, values[gone]))
+    assert code == 0, said
+    assert "5" in said
+    assert len(result(project)["/smoothed/side"]) == len(values)
+
+
+@pytest.mark.parametrize(
+    ("settings", "key", "says"),
+    [
+        (["estimate.channels.0.gauge=G9"], "estimate.channels.0.gauge", "G9"),
+        (["estimate.channels.0.gauge=608"], "estimate.channels.0.gauge", "or a number: 0 to 607"),
+        (["estimate.channels.0.grid=2"], "estimate.channels.0.grid", "grid 2"),
+        (["estimate.channels.1.gauge=G1"], "estimate.channels", "one grid"),
+        (["estimate.channels.0.channel=Gx"], "Gx", "no"),
+        (["estimate.channels.0.unit=um/m"], "estimate.channels.0", "um/m"),
+        (["estimate.channels.0.unit=mV/V"], "estimate.channels.0", "bridge"),
+        (["estimate.inputs={}"], "estimate.inputs", "tip"),
+        (["estimate.time_step=3.0e-4"], "estimate.time_step", "sampling interval"),
+        (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot tell"),
+        (["estimate.virtual=[{position: [1, 1, 1], direction: [1, 0, 0]}]"], "estimate.virtual.0", "surface"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_key(project, settings, key, says):
+    code, said = estimated(project, project / "results" / "test" / "measured.csv", *settings)
+    assert code == 2, said
+    assert key in said
+    assert says in said

@@ -1,0 +1,130 @@
+"""A beam with a known and an unknown load, and files of its test as the simulator writes them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from typer.testing import CliRunner
+
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .conftest import ROOT
+
+CONFIG = """
+kind: placement
+name: test
+mesh: {file: MESH}
+parameters:
+  E: {property: youngs_modulus, region: 1, guess: 1.89e+11, range: [1.6e+11, 2.4e+11]}
+loads:
+  tip: {node: 2, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 20.0, amplitude: 1.0e+4}}
+  side:
+    node: 2
+    direction: [0, 1, 0]
+    known: false
+    signal: {type: sine, frequency: 10.0, amplitude: 2.0e+3}
+    process_noise: {model: integrated_random_walk}
+damping: {type: modal, ratio: 0.01}
+train: {duration: 0.3, time_step: 5.0e-4}
+gauges:
+  direction: {type: axis, axis: [1, 0, 0]}
+  noise_std: {relative_to_strongest: 0.01}
+tolerances: {load_angle: 0, load_position: 0}
+screen: {keep: 40}
+place: {estimate: [side, E], keep: 4, instants: 2, minimum_spacing: 0.1}
+validate:
+  truth: {model: modes, parameters: {E: 2.1e+11}, modes: 20}
+  time_step: 5.0e-4
+  duration: 0.3
+  initial_std: {side: 0.1, E: 0.1}
+  random_sets: 12
+  repeats: 2
+  sweeps: {time_steps: [1.0e-3], process_noise: [10]}
+estimate:
+  time: {channel: time}
+  channels:
+    - {channel: G1, gauge: G1, unit: m/m}
+    - {channel: G2, gauge: G2, unit: m/m}
+    - {channel: G3, gauge: G3, unit: m/m}
+    - {channel: G4, gauge: G4, unit: m/m}
+  inputs: {tip: {channel: tip, unit: N}}
+  virtual: [{position: [1.0, 0.02, 0.095], direction: [1, 0, 0]}]
+"""
+BLIND = {
+    "name: test\n": "name: blind\n",
+    "  tip: {node: 2, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 20.0, amplitude: 1.0e+4}}\n": "",
+    "[side, E]": "[side]",
+    "{side: 0.1, E: 0.1}": "{side: 0.1}",
+    "  random_sets: 12\n  repeats: 2\n  sweeps: {time_steps: [1.0e-3], process_noise: [10]}\n": "  repeats: 1\n",
+    "  inputs: {tip: {channel: tip, unit: N}}\n": "",
+}
+"""The changes that leave the one unknown load."""
+ALONE = {old: new for old, new in BLIND.items() if ", E" not in old} | {"name: test\n": "name: alone\n"}
+"""Those that leave it with the modulus."""
+
+
+def validated(folder: Path) -> Path:
+    """The folder with test.yaml, its results up to validate, and measured.csv beside them."""
+    changed(folder, "test", {})
+    return folder
+
+
+def changed(folder: Path, name: str, changes: dict[str, str]) -> Path:
+    """Results of `validate` of the config with these changes."""
+    text = CONFIG.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf"))
+    for old, new in changes.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (folder / f"{name}.yaml").write_text(text)
+    done = CliRunner().invoke(app, ["validate", str(folder / f"{name}.yaml"), "--results", str(folder / "results")])
+    assert done.exit_code == 0, done.output
+    return folder / "results" / name
+
+
+def table(folder: Path) -> tuple[list[str], np.ndarray]:
+    with (folder / "results" / "test" / "measured.csv").open(encoding="utf-8") as lines:
+        rows = list(csv.reader(lines))
+    return rows[0], np.array([[float(cell or "nan") for cell in row] for row in rows[1:]])
+
+
+def write(path: Path, head: list[str], values: np.ndarray) -> Path:
+    lines = [",".join(head), *(",".join("" if np.isnan(x) else f"{x:.12g}" for x in row) for row in values)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def estimated(folder: Path, file: Path, *settings: str, config: str = "test.yaml") -> tuple[int, str]:
+    options = [f"--set={text}" for text in settings if not text.startswith("--")]
+    flags = [text for text in settings if text.startswith("--")]
+    done = CliRunner().invoke(
+        app,
+        [
+            "estimate",
+            str(folder / config),
+            "--results",
+            str(folder / "results"),
+            "--measurements",
+            str(file),
+            *options,
+            *flags,
+        ],
+    )
+    assert "Traceback" not in done.output
+    return done.exit_code, done.output + (done.stderr or "")
+
+
+def result(folder: Path) -> Artefact:
+    return Artefact(folder / "results" / "test" / "estimate.h5")
+
+
+def as_written(folder: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """What the file as it was written gives: summary, arrays by name."""
+    code, said = estimated(folder, folder / "results" / "test" / "measured.csv")
+    assert code == 0, said
+    found = result(folder)
+    return dict(found.summary), {
+        name: found[name].copy() for name in ("/smoothed/side", "/smoothed/E", "/compared/estimate/E", "/virtual/strain")
+    }
