@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from strainsight.augmentation.input_models import Oscillator
-from strainsight.estimation.filter import covariance_recursion, run_filter
+from strainsight.estimation.claim import covariance_recursion
+from strainsight.estimation.filter import run_filter
 from strainsight.estimation.motion import measure
 from strainsight.rom.modal_step import simulate
 

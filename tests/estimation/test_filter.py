@@ -11,8 +11,9 @@ from scipy.linalg import eigh, solve_continuous_are, solve_discrete_are
 
 from strainsight.augmentation.linearisation import linearise
 from strainsight.errors import NumericalError
+from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.filter import covariance_recursion, predict, run_filter, update
+from strainsight.estimation.filter import predict, run_filter, update
 from strainsight.estimation.motion import step
 
 from .drawn import drawn, prior

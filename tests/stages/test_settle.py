@@ -149,9 +149,9 @@ def test_place_and_validate_tell_the_filter_the_same_of_the_start(tmp_path, monk
     training, screened = done.training, done.screened
     problem = problem_of(case.config, case.files, done.reduced, training, screened)
     seen = []
-    recursion = expecting.covariance_recursion
+    recursion = expecting.bank_claim
     noted = lambda m, x, u, P, *rest: seen.append(P) or recursion(m, x, u, P, *rest)  # noqa: E731
-    monkeypatch.setattr(expecting, "covariance_recursion", noted)
+    monkeypatch.setattr(expecting, "bank_claim", noted)
     gauges = done.placed.final.number
     mesh = api.mesh(case)
     api.expect(case, mesh, done.reduced, training, screened, gauges)

@@ -9,7 +9,6 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.belief import belief_of
 from strainsight.estimation.biased import driven_with_offsets
-from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.iterated import refine
 from strainsight.estimation.model import FilterModel
@@ -20,7 +19,6 @@ __all__ = [
     "FilterRun",
     "all_lost",
     "apply",
-    "covariance_recursion",
     "filter_runs",
     "output_std",
     "predict",

@@ -1,0 +1,98 @@
+"""The standard deviation that the bank will claim along a known motion, without any measurement, and what it is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.estimation.along import steps_along
+from strainsight.estimation.claim import START, WHITE, Claim, by_sensors, by_source, starts
+from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
+
+
+def bank_claim(
+    model: FilterModel, trajectory: np.ndarray, u: np.ndarray, covariance: np.ndarray, nuisances: Nuisances
+) -> Claim:
+    """Standard deviation of x* = [s, p] that the bank will claim along a given motion, for B sets of sensors at once.
+
+    Laplace's approximation of its posterior at the guess: that of constants c = [ν, p] beside a Kalman filter of s = [q, q̇, ζ]
+    that takes them for known, in the gains K of which c has no part. Errors are w + V c, and innovations e = ε c + white noise:
+
+        V⁻ = A V − B,   ε = D − H V⁻,   V = V⁻ + K ε,        B = [A_ν x + G_ν w, ∂x⁺/∂p],   D = [D x + E w₁ + o, ∂y/∂p]
+        Λ⁻¹ = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                               what is left of c: ĉ − c = Λ Σ εᵀS⁻¹e − c
+
+    p is estimated with ν integrated out: σ_p² = Λ_pp. Motion and loads follow p̂, and ν̂ as well where it is `learned`:
+
+        σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
+
+    Arguments and parts as of `covariance_recursion`; p is not correlated with s at t = 0, ν has mean zero and variance one.
+    Raises NumericalError where the covariance of an innovation is not positive definite.
+    Source: Friedland, IEEE Trans. Automatic Control 14 (1969); `parallel_filters.advance` and `Mixture` take the same steps.
+    """
+    source = nuisances.sources(model.model.size)
+    whole, parts, Q = starts(model, covariance)
+    B, d, n = len(whole), len(source), model.parameter_states.start
+    c, at_p = d + model.size - n, slice(d, None)
+    prior = np.ones((B, c))
+    prior[:, at_p] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
+    P, V, information = whole[:, :n, :n], np.zeros((B, c, n)), np.zeros((B, c, c))
+    information[:, range(c), range(c)] = 1 / prior
+    # parts of [w, Σ εᵀS⁻¹e at c = 0]
+    parts, Q = (np.pad(each[:, :n, :n], [(0, 0), (0, c), (0, c)]) for each in (parts, Q))
+    A = np.eye(n + c)
+    found = _Found(model.size, len(u) + 1, source, nuisances.learned, prior)
+    found.after(0, P, V, information, parts)
+    for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
+        A[:n, :n] = step.A[:n, :n]
+        P, parts = predict(P, A[:n, :n], model.process[:n, :n]), predict(parts, A, Q)
+        V = V @ A[:n, :n].T - np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
+        if step.sampled:
+            H = step.H[..., :n]
+            K, L = gain(P, H, step.variance, step.instant)
+            read = np.broadcast_to(transposed(step.H[..., n:]), (B, c - d, H.shape[-2]))
+            read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
+            slope = read - V @ transposed(H)
+            whitened = np.linalg.solve(L, transposed(slope))
+            information += transposed(whitened) @ whitened
+            summed = transposed(np.linalg.solve(transposed(L), whitened))
+            rows = np.pad(H[:1], [(0, 0), (0, 0), (0, c)])
+            parts = corrected(parts, np.concatenate([K[:1], summed[:1]], axis=1), rows, by_sensors(step.variance))
+            P, V = corrected(P, K, H, step.variance), V + slope @ transposed(K)
+        found.after(k, P, V, information, parts)
+    return found.claim()
+
+
+class _Found:
+    """Variances of x* and their parts in the first set, instant by instant."""
+
+    def __init__(self, size: int, instants: int, source: tuple[str, ...], learned: bool, prior: np.ndarray):
+        sets, self.source, self.learned, self.prior = len(prior), source, learned, prior
+        self.std = np.empty((instants, sets, size))
+        self.white = np.empty((instants, len(WHITE), size))
+        self.constant = np.empty((instants, prior.shape[1], size))
+
+    def after(self, k: int, P: np.ndarray, V: np.ndarray, information: np.ndarray, parts: np.ndarray) -> None:
+        """P (B, n, n), V (B, c, n), Λ⁻¹ (B, c, c), parts (3, n + c, n + c) at instant k."""
+        n, d = P.shape[-1], len(self.source)
+        left = np.linalg.inv(information)
+        C = left.copy()
+        if not self.learned:
+            C[:, :d, :d] = np.eye(d)
+        own = np.diagonal(P, axis1=1, axis2=2) + np.einsum("bca,bck,bka->ba", V, C, V, optimize=True)
+        self.std[k, :, :n] = np.sqrt(np.maximum(own, 0.0))
+        self.std[k, :, n:] = standard_deviation(left)[:, d:]
+        # what the estimate of c makes of the sums, and of c itself; ν that is not learned is taken to be nothing
+        followed = left[0].copy()
+        drawn = left[0] / np.sqrt(self.prior[0])
+        if not self.learned:
+            followed[:d], drawn[:d] = 0.0, np.eye(len(drawn))[:d]
+        T = np.block([[np.eye(n), -V[0].T @ followed], [np.zeros((len(drawn) - d, n)), left[0, d:]]])
+        self.white[k] = standard_deviation(T @ parts @ T.T) ** 2
+        self.constant[k] = np.concatenate([V[0].T @ drawn, left[0, d:] / np.sqrt(self.prior[0])]).T
+
+    def claim(self) -> Claim:
+        d = len(self.source)
+        budget = {name: self.white[:, i] for i, name in enumerate(WHITE)}
+        budget[START] = budget[START] + np.sum(self.constant[:, d:] ** 2, axis=1)
+        return Claim(self.std, budget | by_source(self.source, self.constant[:, :d]))

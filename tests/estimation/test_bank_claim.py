@@ -1,0 +1,157 @@
+"""The claimed σ of the bank without a filter: it is that of least squares on everything at once, and of the bank itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_claim import bank_claim
+from strainsight.estimation.claim import covariance_recursion
+from strainsight.estimation.conditional import no_nuisances
+
+from .two_masses import (
+    DAMPING,
+    GAIN,
+    LOAD,
+    NOISE,
+    OFFSET,
+    REFERENCE,
+    ROWS,
+    STEPS,
+    STIFFER,
+    believed,
+    chain,
+    constants,
+    forces,
+    motion,
+    nominal,
+    start,
+    steps_of,
+)
+
+SOURCES = ("noise", "process noise", "start", "gain", "offset", "damping", "stiffness")
+
+
+def slopes(parameters):
+    """Of the motion (STEPS, 4) and the readings (STEPS, 2) in every mode's damping, the stiffness, gains, offsets and
+    parameters, by differences of fourth order of the textbook's steps: (c, STEPS, 4), (c, STEPS, 2); and what each stands for."""
+    size = 1e-3
+
+    def moved(damping=(0.0, 0.0), stiffer=0.0, **logs):
+        changed = {name: value * np.exp(logs.get(name, 0.0)) for name, value in REFERENCE.items()}
+        return motion(*steps_of(np.exp(DAMPING * np.array([damping])), np.exp(STIFFER * stiffer), changed))[1:, 0]
+
+    def slope(**one):
+        near, far = (
+            moved(**{name: k * size * unit for name, unit in one.items()})
+            - moved(**{name: -k * size * unit for name, unit in one.items()})
+            for k in (1, 2)
+        )
+        return (8 * near - far) / (12 * size)
+
+    still = np.zeros((STEPS, 4))
+    motions = [slope(damping=own) for own in np.eye(2)] + [slope(stiffer=1.0)] + [still] * 4
+    read = [own[:, :2] @ ROWS.T for own in motions[:3]]
+    read += [GAIN * (nominal()[1:, :2] @ ROWS.T) * own for own in np.eye(2)]
+    read += [OFFSET * np.ones((STEPS, 1)) * own for own in np.eye(2)]
+    for name in parameters:
+        motions.append(slope(**{name: 1.0}))
+        read.append(motions[-1][:, :2] @ ROWS.T)
+    source = ("damping", "damping", "stiffness", "gain", "gain", "offset", "offset", *["start"] * len(parameters))
+    return np.array(motions), np.array(read), source
+
+
+def everything(model, parameters):
+    """All that is unknown as columns of unit size: the state at the end (5, N) and the readings (2·STEPS, N) that each makes,
+    with one source each, the constants last."""
+    A, B = steps_of(np.ones((1, 2)))
+    whole = np.eye(5)
+    whole[:4, :4], whole[:4, 4] = A[0], LOAD * B[0, :, 1]
+    factor = np.linalg.cholesky(model.process[:5, :5])
+    N = 5 + 5 * STEPS
+    x, y = np.zeros((5, N)), []
+    x[:, :5] = np.sqrt(start())
+    for k in range(STEPS):
+        x = whole @ x
+        x[:, 5 + 5 * k : 10 + 5 * k] += factor
+        y.append(ROWS @ x[:2])
+    motions, read, source = slopes(parameters)
+    end = np.concatenate([x, np.zeros((5, 2 * STEPS)), np.concatenate([motions[:, -1].T, np.zeros((1, len(motions)))])], axis=1)
+    readings = np.concatenate([np.concatenate(y), NOISE * np.eye(2 * STEPS), read.reshape(len(read), -1).T], axis=1)
+    names = ("start",) * 5 + ("process noise",) * (5 * STEPS) + ("noise",) * (2 * STEPS) + source
+    return end, readings, np.array(names)
+
+
+@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("parameters", [("k1", "k2"), ("k2",), ()])
+def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
+    """Samples, steps of the process, states at the start, constants and parameters, as one regression without any recursion."""
+    model = chain(parameters)
+    k = len(parameters)
+    P = start(model.size)
+    claim = bank_claim(model, nominal(), forces(), P, replace(constants(model), learned=learned))
+    end, y, source = everything(model, parameters)
+    prior = np.r_[np.ones(y.shape[1] - k), np.diag(P)[5:]]
+    c = 7 + k
+    white = slice(0, y.shape[1] - c)
+    S = y[:, white] @ y[:, white].T
+    E = y[:, -c:]
+    left = np.linalg.inv(np.diag(1 / prior[-c:]) + E.T @ np.linalg.solve(S, E))
+    on_constants = left @ np.linalg.solve(S, E).T  # ĉ of the readings
+    on_states = end[:, white] @ np.linalg.solve(S, y[:, white]).T  # ŝ of them, constants known to be nothing
+    V = end[:, -c:] - on_states @ E
+    followed = on_constants.copy()
+    if not learned:
+        followed[:7] = 0.0
+    of_constants = np.eye(y.shape[1])[-c:] - on_constants @ y
+    error = np.concatenate([end - on_states @ y - V @ followed @ y, of_constants[7:]])
+    squares = error**2 * prior
+    np.testing.assert_allclose(claim.std[-1, 0], np.sqrt(squares.sum(axis=1)), rtol=1e-6)
+    assert set(claim.budget) == set(SOURCES)
+    for name in SOURCES:
+        part = squares[:, source == name].sum(axis=1)
+        np.testing.assert_allclose(claim.budget[name][-1], part, rtol=1e-5, atol=1e-9 * part.max(), err_msg=name)
+
+
+@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("parameters", [("k1", "k2"), ()])
+def test_the_parts_are_the_whole(parameters, learned):
+    model = chain(parameters)
+    claim = bank_claim(model, nominal(), forces(), start(model.size), replace(constants(model), learned=learned))
+    np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
+
+
+def test_without_parameters_it_is_that_of_the_kalman_filter():
+    model = chain()
+    found, expected = (own(model, nominal(), forces(), start(), constants(model)) for own in (bank_claim, covariance_recursion))
+    np.testing.assert_allclose(found.std, expected.std, rtol=1e-9)
+    for name, part in expected.budget.items():
+        np.testing.assert_allclose(found.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_it_is_what_the_bank_claims_of_readings_without_noise(learned):
+    """Near the guess the posterior is normal; the lattice is right to a hundredth of σ."""
+    model = chain(("k1", "k2"))
+    own = replace(constants(model), learned=learned)
+    P, x = start(7), nominal()
+    P[5:, 5:] = np.diag([0.01**2, 0.01**2])
+    run = filter_bank(model, believed(model), P, forces()[..., :1], x[1:, :2] @ ROWS.T, own).run
+    claim = bank_claim(model, x, forces(), P, own)
+    np.testing.assert_allclose(claim.std[1:, 0, 4:], run.std[1:, 0, 4:], rtol=2e-2)
+
+
+def test_known_constants_and_samples_without_end_leave_nothing():
+    """σ falls with the noise where nothing else is unknown, and a gauge that says nothing counts for none."""
+    model = replace(chain(("k1",)), Q=np.zeros((6, 6)))
+    P = np.zeros((6, 6))
+    P[5, 5] = 0.2**2
+    sets = replace(model, r=model.r * np.array([[1e-6, 1e-6], [1e-4, 1e-4], [1.0, 1e12]]))
+    std = bank_claim(sets, nominal(), forces(), P, no_nuisances(model)).std[-1, :, 5]
+    np.testing.assert_allclose(std[1] / std[0], 10, rtol=1e-4)
+    one = replace(model, H=model.H[:1], r=model.r[:1])
+    alone = bank_claim(one, nominal(), forces(), P, no_nuisances(one)).std[-1, 0, 5]
+    np.testing.assert_allclose(std[2], alone, rtol=1e-9)
