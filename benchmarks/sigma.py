@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from multiprocessing import Pool
 from pathlib import Path
 
@@ -21,6 +21,9 @@ from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
 from strainsight.cases.structure.trial import Trial, sample_noise, trial_of
 from strainsight.cases.structure.truth import truth_of
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
 
 ROOT = Path(__file__).resolve().parent.parent
 SETTINGS = [word[2:] for word in sys.argv[1:] if word.startswith("--")]
@@ -53,15 +56,25 @@ class Drawn:
     inside: np.ndarray
 
 
-def trials_of(config: str, noise: float) -> Trial:
-    """The layout of a config at one noise of its gauges, and its truth."""
+@cache
+def before_screening(config: str) -> tuple[Mesh, Reduced, Training]:
+    """What the noise of the gauges does not change."""
+    case = loaded(config, NOISES[0])
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    return mesh, reduced, api.train(case, mesh, reduced)
+
+
+def loaded(config: str, noise: float) -> api.Case:
     settings = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=rich", *SETTINGS]
     if config == CASES["cantilever load"]:
         settings.append(KNOWN_MODULUS)
-    case = api.load(ROOT / "configs" / config, settings)
-    mesh = api.mesh(case)
-    reduced = api.reduce(case, mesh)
-    training = api.train(case, mesh, reduced)
+    return api.load(ROOT / "configs" / config, settings)
+
+
+def trial_at(config: str, noise: float) -> Trial:
+    """The layout of a config at one noise of its gauges, and its truth."""
+    case, (mesh, reduced, training) = loaded(config, noise), before_screening(config)
     screened = api.screen(case, mesh, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
     problem = problem_of(case.config, case.files, reduced, training, screened)
@@ -94,7 +107,7 @@ def one(trial: Trial, part: tuple[np.ndarray, int]) -> Drawn:
 
 def table(case: str, noise: float, draws: int, pool: object) -> list[str]:
     """Lines of the table for one case at one noise."""
-    trial = trials_of(CASES[case], noise)
+    trial = trial_at(CASES[case], noise)
     assert trial.again is not None
     readings = [(trial.again(r), r) for r in range(1, draws + 1)]
     light = replace(trial, truth=replace(trial.truth, motion=none, again=None), again=None)

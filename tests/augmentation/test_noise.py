@@ -18,7 +18,7 @@ UNKNOWNS = Unknowns(("F",), ("E",), {"F": 1e4}, {"E": 2e11})
 
 def test_default_intensities_stand_on_the_unknowns_alone():
     Q = process_intensity(3, UNKNOWNS, {"F": 20.0}, {"E": 0.05})
-    np.testing.assert_allclose(Q, np.diag([0, 0, 0, 0, 0, 0, 0.1 * 2 * np.pi * 20, 0.0025]), rtol=1e-14)
+    np.testing.assert_allclose(Q, np.diag([0, 0, 0, 0, 0, 0, 20.0, 0.0025]), rtol=1e-14)
     noisy = process_intensity(3, UNKNOWNS, {"F": 20.0}, {"E": 0.05}, velocity=np.array([1.0, 2.0, 3.0]))
     assert np.diag(noisy)[:6].tolist() == [0, 0, 0, 1, 2, 3]
 
@@ -78,7 +78,7 @@ def test_neglecting_the_correlation_hardly_touches_the_claim_neglecting_the_term
     n = model.size
     unknowns = Unknowns(("tip",), (), {"tip": 40.0}, theta)
     F = linearise(model, unknowns, theta, np.zeros((1, 2 * n)), np.zeros((1, 2)))[0]
-    Q = process_intensity(n, unknowns, {"tip": 20.0}, {}, velocity=velocity)
+    Q = process_intensity(n, unknowns, {"tip": 20.0}, {}, kappa=0.1, velocity=velocity)
     rng = np.random.default_rng(0)
     rows = np.vstack([rng.normal(size=(2, n)), model.input_shape[:, 0]])
     quantity = np.array([STRAIN, STRAIN, ACCELERATION])

@@ -55,7 +55,7 @@ def test_sine_load_is_followed_as_well_as_claimed_and_better_when_smoothed(make_
 
 
 LOADS = {
-    "integrated random walk": (IntegratedRandomWalk(20.0), 0.010),
+    "integrated random walk": (IntegratedRandomWalk(20.0, kappa=0.25 / np.pi), 0.010),
     "oscillator": (Oscillator(20.0), 0.0125),
     "Matérn 5/2": (Matern(10.0, 2.5), 0.011),
 }

@@ -112,7 +112,7 @@ def make_scenarios(
 ) -> tuple[Scenario, ...]:
     unknowns = Unknowns(inputs, parameters, {"Fz": 1e4, "Fy": 1e3}, beam.theta)
     F = linearise(beam.model, unknowns, beam.theta, beam.x[list(instants)], beam.u[list(instants)])
-    Q = process_intensity(beam.model.size, unknowns, {"Fz": 20.0, "Fy": 40.0}, {"E": 0.05, "rho": 0.05})
+    Q = process_intensity(beam.model.size, unknowns, {"Fz": 20.0, "Fy": 40.0}, {"E": 0.05, "rho": 0.05}, kappa=0.1)
     H = augment_rows(beam.rows, unknowns)
     r = gauge_intensity(np.full(len(H), noise), h)
     weight = whole_pool_weight([Scenario(f, Q, H, r, np.zeros(len(Q))) for f in F], last(len(Q), unknowns.count))

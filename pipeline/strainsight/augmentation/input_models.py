@@ -13,6 +13,10 @@ MATERN_VARIANCE = (1 / 2, 1 / 4, 3 / 16)
 """∫|H|²dω/2π of H = 1/(1 + iω)^(p+1), p = 0, 1, 2: the variance that unit white noise gives a Matérn process of λ = 1."""
 
 
+WALK = 0.5 / np.pi
+"""κ of both walks [-]: in one period 2π/ω of variance 2πκ = 1, that is, an amplitude a, or aω of the rate."""
+
+
 @dataclass(frozen=True)
 class RandomWalk:
     """ũ̇ = w of intensity κω: between two instants 1/ω apart the load changes by √κ amplitudes (the thesis)."""
@@ -23,11 +27,11 @@ class IntegratedRandomWalk:
     """ũ̇ = ω r,  ṙ = w of intensity κω: the rate of the load walks at random, the load itself is smooth.
 
     frequency [Hz], ω = 2π·frequency: that of the load where it is fastest. In one period 2π/ω the rate u̇ = aω r gains
-    the variance 2πκ(aω)²; with κ = 1/4π that is (aω)²/2, what the rate of a sine of amplitude a has.
+    the variance 2πκ(aω)².
     """
 
     frequency: float
-    kappa: float = 0.25 / np.pi
+    kappa: float = WALK
 
     def __post_init__(self) -> None:
         _positive(self.frequency, "the frequency of an integrated random walk")

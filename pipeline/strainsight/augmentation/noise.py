@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.augmentation.input_models import RandomWalk, block_diagonal, input_intensity
+from strainsight.augmentation.input_models import WALK, RandomWalk, block_diagonal, input_intensity
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.gauges.candidates import ACCELERATION
@@ -21,7 +21,7 @@ def process_intensity(
     frequency: Mapping[str, float],
     drift: Mapping[str, float],
     *,
-    kappa: float | np.ndarray = 0.1,
+    kappa: float | np.ndarray = WALK,
     velocity: float | np.ndarray = 0.0,
     rule: Rule = "intensity",
     h: float | None = None,

@@ -64,7 +64,9 @@ class InputNoise(Section):
         "bandwidth; oscillator: one about a known frequency.",
     )
     kappa: Positive | None = Field(
-        None, description="Factor κ of the intensity κω of both walks [-]; null: 0.1, integrated 1/(4π)."
+        None,
+        description="Factor κ of the intensity κω of both walks [-]; null: 1/(2π), by which the load, or its rate, moves by an "
+        "amplitude in a period.",
     )
     frequency: Positive | None = Field(
         None,

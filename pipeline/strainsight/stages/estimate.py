@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=9,
+    version=10,
     reads=(
         "seed",
         "loads",

@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=13,
+    version=14,
     reads=(
         "seed",
         "loads.*.node",

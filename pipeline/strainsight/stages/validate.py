@@ -53,7 +53,7 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=13,
+    version=14,
     reads=(
         *(
             "seed",

@@ -16,7 +16,8 @@ from strainsight.placement.recommendation import alike
 
 
 def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expectation:
-    """σ along the training run from a 100 % prior, tolerances included: RMS over its last half; its variance by source.
+    """σ along the training run from a 100 % prior, tolerances included; its variance by source. Of a constant parameter that of
+    the end, when all samples are in it; otherwise the RMS over the last half.
 
     gauges (k,) numbers; own: the tolerances of their channels at least. A gauge that is left out has its noise raised until it
     says nothing.
@@ -36,14 +37,22 @@ def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expecta
             key="train.time_step",
             remedy="the noises lie too far apart, or an unknown load is modelled as faster than the step: check both",
         )
-    late, names = slice(len(claim.std) // 2, None), problem.unknowns.names
-    level = np.sqrt(np.mean(claim.std[late, :, model.position] ** 2, axis=0))
-    part = {source: np.mean(values[late, model.position], axis=0) for source, values in claim.budget.items()}
+    names = problem.unknowns.names
+    level = np.sqrt(_late(problem, claim.std[..., model.position] ** 2))
+    part = {source: _late(problem, values[:, model.position]) for source, values in claim.budget.items()}
     return Expectation(
         {name: float(level[0, i]) for i, name in enumerate(names)},
         {name: level[1:, i] for i, name in enumerate(names)},
         {name: {source: float(v[i] / level[0, i] ** 2) for source, v in part.items()} for i, name in enumerate(names)},
     )
+
+
+def _late(problem: Problem, variance: np.ndarray) -> np.ndarray:
+    """Of variances (T, ..., k) of the unknowns: at the end of constants, else the mean of the last half (..., k)."""
+    late = np.mean(variance[len(variance) // 2 :], axis=0)
+    if not problem.drifting:
+        late[..., len(problem.unknowns.inputs) :] = variance[-1, ..., len(problem.unknowns.inputs) :]
+    return late
 
 
 def alike_gauges(problem: Problem, gauges: np.ndarray) -> list[tuple[int, ...]]:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from strainsight.augmentation.input_models import WALK
 from strainsight.augmentation.noise import Rule, channel_intensity, process_intensity
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.histories import signal_of
@@ -108,7 +109,7 @@ def problem_of(
                 {name: config.parameters[name].process_noise_scale for name in unknowns.parameters},
                 rule=one,
                 h=h,
-                kappa=np.array([config.loads[name].process_noise.kappa or KAPPA for name in unknowns.inputs]),
+                kappa=np.array([config.loads[name].process_noise.kappa or WALK for name in unknowns.inputs]),
                 velocity=model_error_intensity(model, x, loading.held[:, 0], share),
             )
             for one, share in zip(rules, _model_error(config, unknowns), strict=True)
@@ -138,8 +139,6 @@ def problem_of(
     )
 
 
-KAPPA = 0.1
-"""κ of a random walk where the config gives none."""
 MODEL_ERROR = 0.01
 """Noise on the velocities where the config gives none."""
 
