@@ -94,6 +94,20 @@ def test_filters_that_take_damping_for_exact_have_the_noise_of_the_motion_on_acc
     np.testing.assert_allclose(damped.Q, stated.Q, rtol=1e-12)
 
 
+def test_a_stated_sigma_is_that_of_the_sensor_and_leaves_the_noise_of_the_motion(validated):
+    """An accelerometer said to be as good as the pool has it is none the better for being said so; a better one gains that."""
+    sensors = "motion_sensors={acc: {quantity: acceleration, noise_std: {value: 0.5}}}"
+    problem = validated.problem("process_noise.model_error=0.01", sensors)
+    moving = np.flatnonzero(problem.channels.quantity == ACCELERATION)[:2]
+    plain, same, better = (
+        filter_model(problem, moving, problem.h, stated=own).r
+        for own in (None, np.array([np.nan, 0.5]), np.array([0.1, 0.1]))
+    )
+    np.testing.assert_allclose(same, plain, rtol=1e-12)
+    np.testing.assert_allclose(plain - better, (0.5**2 - 0.1**2) * problem.h, rtol=1e-9)
+    assert np.all(better > 0.1**2 * problem.h)
+
+
 def test_the_comparison_is_of_the_samples_alone_whatever_the_tolerances(validated):
     """None of its filters knows of any: the same samples have the same comparison."""
     settings = ("validate.truth.model=rom", "filter.compare=true")

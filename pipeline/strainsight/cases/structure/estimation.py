@@ -141,10 +141,9 @@ def _model(
     problem: Problem, test: Measured, settings: Estimate, start: np.ndarray, using: Resources
 ) -> tuple[FilterModel, Tuning | None]:
     """The filter's model at the channels of the test, its noises tuned where the config says so."""
-    model = replace(filter_model(problem, test.channels, test.h), every=test.every)
     # A stated σ is that of a sample of the file.
-    stated = np.nan_to_num(test.std) ** 2 * test.h * test.every
-    model = replace(model, r=np.where(np.isnan(test.std), model.r, stated))
+    stated = test.std * np.sqrt(test.h * test.every / problem.h)
+    model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
     if not settings.tune.parts:
         return model, None
     using.progress("tuning", 0.3)

@@ -168,14 +168,19 @@ def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, sha
 
 
 def filter_model(
-    problem: Problem, channels: np.ndarray, h: float, noise_factor: float | np.ndarray = 1.0
+    problem: Problem,
+    channels: np.ndarray,
+    h: float,
+    noise_factor: float | np.ndarray = 1.0,
+    stated: np.ndarray | None = None,
 ) -> FilterModel:
     """The filter with these channels at step h [s]: channels (k,) or (B, k) rows of train.h5, −1 for none, which reads
-    nothing; noise_factor scalar or (B,)."""
+    nothing; noise_factor scalar or (B,); stated (k,): σ of a sample every problem.h, NaN where that of the pool holds."""
     own, there = problem.channels, channels >= 0
     rows = np.where(there[..., None], own.rows[channels], 0.0)
     quantity = np.where(there, own.quantity[channels], STRAIN)
-    std = np.asarray(noise_factor)[..., None] * own.noise_std[channels]
+    std = own.noise_std[channels] if stated is None else np.where(np.isnan(stated), own.noise_std[channels], stated)
+    std = np.asarray(noise_factor)[..., None] * std
     H = np.concatenate(
         [rows, np.zeros((*channels.shape, problem.unknowns.size(problem.model) - rows.shape[-1]))], axis=-1
     )
