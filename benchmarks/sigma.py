@@ -1,4 +1,4 @@
-"""Does σ hold where gauges are not where they are meant to be? `python benchmarks/sigma.py [draws] [case …]`.
+"""Does σ hold where gauges are not where they are meant to be? `python benchmarks/sigma.py [draws] [case …] [--key=value …]`.
 
 Every draw has a truth `rich` of its own: installation of the gauges, gains and damping drawn from the tolerances, and other
 noise. A table says, for every unknown, how often the truth lies within 2σ, and the RMS of error over that of σ. Draws of one
@@ -26,7 +26,6 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 
 ROOT = Path(__file__).resolve().parent.parent
-SETTINGS = [word[2:] for word in sys.argv[1:] if word.startswith("--")]
 NOISES = (0.001, 0.01, 0.05)
 """Of the strongest candidate."""
 KNOWN_MODULUS = "parameters.E.guess=2.1e+11"
@@ -57,24 +56,24 @@ class Drawn:
 
 
 @cache
-def before_screening(config: str) -> tuple[Mesh, Reduced, Training]:
+def before_screening(config: str, settings: tuple[str, ...]) -> tuple[Mesh, Reduced, Training]:
     """What the noise of the gauges does not change."""
-    case = loaded(config, NOISES[0])
+    case = loaded(config, NOISES[0], settings)
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     return mesh, reduced, api.train(case, mesh, reduced)
 
 
-def loaded(config: str, noise: float) -> api.Case:
-    settings = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=rich", *SETTINGS]
+def loaded(config: str, noise: float, settings: tuple[str, ...]) -> api.Case:
+    stated = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=rich", *settings]
     if config == CASES["cantilever load"]:
-        settings.append(KNOWN_MODULUS)
-    return api.load(ROOT / "configs" / config, settings)
+        stated.append(KNOWN_MODULUS)
+    return api.load(ROOT / "configs" / config, stated)
 
 
-def trial_at(config: str, noise: float) -> Trial:
+def trial_at(config: str, noise: float, settings: tuple[str, ...] = ()) -> Trial:
     """The layout of a config at one noise of its gauges, and its truth."""
-    case, (mesh, reduced, training) = loaded(config, noise), before_screening(config)
+    case, (mesh, reduced, training) = loaded(config, noise, settings), before_screening(config, settings)
     screened = api.screen(case, mesh, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
     problem = problem_of(case.config, case.files, reduced, training, screened)
@@ -105,9 +104,9 @@ def one(trial: Trial, part: tuple[np.ndarray, int]) -> Drawn:
     return drawn(trial, *part)
 
 
-def table(case: str, noise: float, draws: int, pool: object) -> list[str]:
+def table(case: str, noise: float, draws: int, settings: tuple[str, ...], pool: object) -> list[str]:
     """Lines of the table for one case at one noise."""
-    trial = trial_at(CASES[case], noise)
+    trial = trial_at(CASES[case], noise, settings)
     assert trial.again is not None
     readings = [(trial.again(r), r) for r in range(1, draws + 1)]
     light = replace(trial, truth=replace(trial.truth, motion=none, again=None), again=None)
@@ -129,6 +128,7 @@ def none(*_: object) -> object:
 
 
 def main(words: Sequence[str]) -> None:
+    settings = tuple(word[2:] for word in words if word.startswith("--"))
     words = [word for word in words if not word.startswith("--")]
     draws = int(words[0]) if words else 400
     cases = words[1:] or list(CASES)
@@ -136,7 +136,7 @@ def main(words: Sequence[str]) -> None:
     with Pool(2) as pool:
         for case in cases:
             for noise in NOISES:
-                print("\n".join(table(case, noise, draws, pool)), flush=True)
+                print("\n".join(table(case, noise, draws, settings, pool)), flush=True)
 
 
 if __name__ == "__main__":
