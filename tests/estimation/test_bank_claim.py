@@ -124,9 +124,11 @@ def test_the_parts_are_the_whole(parameters, learned):
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
 
-def test_without_parameters_it_is_that_of_the_kalman_filter():
+@pytest.mark.parametrize("tolerances", [constants, no_nuisances])
+def test_without_parameters_it_is_that_of_the_kalman_filter(tolerances):
     model = chain()
-    found, expected = (own(model, nominal(), forces(), start(), constants(model)) for own in (bank_claim, covariance_recursion))
+    own = tolerances(model)
+    found, expected = (claim(model, nominal(), forces(), start(), own) for claim in (bank_claim, covariance_recursion))
     np.testing.assert_allclose(found.std, expected.std, rtol=1e-9)
     for name, part in expected.budget.items():
         np.testing.assert_allclose(found.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
@@ -155,3 +157,16 @@ def test_known_constants_and_samples_without_end_leave_nothing():
     one = replace(model, H=model.H[:1], r=model.r[:1])
     alone = bank_claim(one, nominal(), forces(), P, no_nuisances(one)).std[-1, 0, 5]
     np.testing.assert_allclose(std[2], alone, rtol=1e-9)
+
+
+@pytest.mark.parametrize("quieter", [1e-3, 1e-6, 1e-9])
+def test_confounded_constants_stay_unknown_however_quiet_the_readings(quieter):
+    """A scale of all springs of σ 1 % beside both springs, each known to 20 %: samples say what each is times the scale."""
+    model = chain(("k1", "k2"))
+    model = replace(model, Q=np.zeros((7, 7)), r=model.r * quieter**2)
+    P = np.diag([0.0] * 5 + [0.2**2, 0.2**2])
+    scale = replace(no_nuisances(model), stiffness=STIFFER)
+    found = bank_claim(model, nominal(), forces(), P, scale)
+    expected = (1 / STIFFER**2 + 2 / 0.2**2) ** -0.5
+    np.testing.assert_allclose(found.std[-1, 0, 5:], expected, rtol=2e-4)
+    np.testing.assert_allclose(sum(found.budget.values())[-1, 5:], expected**2, rtol=4e-4)

@@ -20,7 +20,7 @@ def bank_claim(
     that takes them for known, in the gains K of which c has no part. Errors are w + V c, and innovations e = ε c + white noise:
 
         V⁻ = A V − B,   ε = D − H V⁻,   V = V⁻ + K ε,        B = [A_ν x + G_ν w, ∂x⁺/∂p],   D = [D x + E w₁ + o, ∂y/∂p]
-        Λ⁻¹ = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                               what is left of c: ĉ − c = Λ Σ εᵀS⁻¹e − c
+        Λ⁻¹ = RᵀR = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                         ĉ = Λ Σ εᵀS⁻¹e = R⁻¹z
 
     p is estimated with ν integrated out: σ_p² = Λ_pp. Motion and loads follow p̂, and ν̂ as well where it is `learned`:
 
@@ -28,6 +28,7 @@ def bank_claim(
 
     Arguments and parts as of `covariance_recursion`; p is not correlated with s at t = 0, ν has mean zero and variance one.
     Raises NumericalError where the covariance of an innovation is not positive definite.
+    R and z by orthogonal factors: the sums would lose what confounded constants leave open under readings of small noise.
     Source: Friedland, IEEE Trans. Automatic Control 14 (1969); `parallel_filters.advance` and `Mixture` take the same steps.
     """
     source = nuisances.sources(model.model.size)
@@ -36,13 +37,12 @@ def bank_claim(
     c, at_p = d + model.size - n, slice(d, None)
     prior = np.ones((B, c))
     prior[:, at_p] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
-    P, V, information = whole[:, :n, :n], np.zeros((B, c, n)), np.zeros((B, c, c))
-    information[:, range(c), range(c)] = 1 / prior
-    # parts of [w, Σ εᵀS⁻¹e at c = 0]
+    P, V, root = whole[:, :n, :n], np.zeros((B, c, n)), np.eye(c) / np.sqrt(prior[:, None])
+    # parts of [w, z at c = 0]
     parts, Q = (np.pad(each[:, :n, :n], [(0, 0), (0, c), (0, c)]) for each in (parts, Q))
-    A = np.eye(n + c)
+    A, kept = np.eye(n + c), np.eye(n + c)
     found = _Found(model.size, len(u) + 1, source, nuisances.learned, prior)
-    found.after(0, P, V, information, parts)
+    found.after(0, P, V, root, parts)
     for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
         A[:n, :n] = step.A[:n, :n]
         P, parts = predict(P, A[:n, :n], model.process[:n, :n]), predict(parts, A, Q)
@@ -54,12 +54,14 @@ def bank_claim(
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
             slope = read - V @ transposed(H)
             whitened = np.linalg.solve(L, transposed(slope))
-            information += transposed(whitened) @ whitened
-            summed = transposed(np.linalg.solve(transposed(L), whitened))
+            turn, root = np.linalg.qr(np.concatenate([root, whitened], axis=1))
+            on_samples = transposed(np.linalg.solve(transposed(L[:1]), turn[:1, c:]))
+            kept[n:, n:] = turn[0, :c].T
             rows = np.pad(H[:1], [(0, 0), (0, 0), (0, c)])
-            parts = corrected(parts, np.concatenate([K[:1], summed[:1]], axis=1), rows, by_sensors(step.variance))
+            parts = kept @ parts @ kept.T
+            parts = corrected(parts, np.concatenate([K[:1], on_samples], axis=1), rows, by_sensors(step.variance))
             P, V = corrected(P, K, H, step.variance), V + slope @ transposed(K)
-        found.after(k, P, V, information, parts)
+        found.after(k, P, V, root, parts)
     return found.claim()
 
 
@@ -72,22 +74,23 @@ class _Found:
         self.white = np.empty((instants, len(WHITE), size))
         self.constant = np.empty((instants, prior.shape[1], size))
 
-    def after(self, k: int, P: np.ndarray, V: np.ndarray, information: np.ndarray, parts: np.ndarray) -> None:
-        """P (B, n, n), V (B, c, n), Λ⁻¹ (B, c, c), parts (3, n + c, n + c) at instant k."""
+    def after(self, k: int, P: np.ndarray, V: np.ndarray, root: np.ndarray, parts: np.ndarray) -> None:
+        """P (B, n, n), V (B, c, n), R (B, c, c), parts (3, n + c, n + c) at instant k."""
         n, d = P.shape[-1], len(self.source)
-        left = np.linalg.inv(information)
+        inverse = np.linalg.inv(root)
+        left = inverse @ transposed(inverse)
         C = left.copy()
         if not self.learned:
             C[:, :d, :d] = np.eye(d)
         own = np.diagonal(P, axis1=1, axis2=2) + np.einsum("bca,bck,bka->ba", V, C, V, optimize=True)
         self.std[k, :, :n] = np.sqrt(np.maximum(own, 0.0))
         self.std[k, :, n:] = standard_deviation(left)[:, d:]
-        # what the estimate of c makes of the sums, and of c itself; ν that is not learned is taken to be nothing
-        followed = left[0].copy()
+        # what the estimate of c makes of z, and of c itself; ν that is not learned is taken to be nothing
+        followed = inverse[0].copy()
         drawn = left[0] / np.sqrt(self.prior[0])
         if not self.learned:
             followed[:d], drawn[:d] = 0.0, np.eye(len(drawn))[:d]
-        T = np.block([[np.eye(n), -V[0].T @ followed], [np.zeros((len(drawn) - d, n)), left[0, d:]]])
+        T = np.block([[np.eye(n), -V[0].T @ followed], [np.zeros((len(drawn) - d, n)), inverse[0, d:]]])
         self.white[k] = standard_deviation(T @ parts @ T.T) ** 2
         self.constant[k] = np.concatenate([V[0].T @ drawn, left[0, d:] / np.sqrt(self.prior[0])]).T
 
