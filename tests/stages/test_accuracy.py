@@ -60,10 +60,19 @@ def test_the_tip_force_with_the_modulus_of_the_run_before(run):
     assert rom["/reduced/reference"][0] == modulus.summary["estimate.E"]
 
 
+def test_a_modulus_under_a_known_load_is_observable(run):
+    """As `observe` has it, at an instant of the same run: the median over instants differs by less than its half."""
+    place, _ = run("youngs-modulus", "rich")
+    assert "null_direction" not in place.summary
+    observe = Artefact(place.path.parent / "observe.h5")
+    case = [str(name) for name in observe["/case"].astype(str)].index("E")
+    assert place.summary["condition"] == pytest.approx(observe["/condition"][0, case], rel=0.5)
+
+
 def test_force_and_modulus_together_are_harder_to_tell_than_each_alone(run):
     modulus, _ = run("youngs-modulus", "rich")
     together, validate = run("input-youngs-modulus", "rich")
     assert together.summary["riccati_residual"] <= 1e-10
-    assert together.summary["condition"] > modulus.summary["condition"]
+    assert together.summary["condition"] > 3 * modulus.summary["condition"]
     assert together.summary["std.E"] > modulus.summary["std.E"]
     assert np.isfinite(validate.summary["error.E"])

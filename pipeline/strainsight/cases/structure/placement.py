@@ -120,7 +120,8 @@ def placement_of(
     listed = found.listed
     spots = hot_spot_advice(hot, listed.labels, listed.bonded.tolist())
     found = replace(found, advice=(*filter(None, first), *spots, *found.advice))
-    condition = _observability(problem, training, found.task.pools[0].scenario, pool)
+    solved_first = found.task.pools[0]
+    condition = _observability(problem, training, solved_first.scenario.scaled(1 / solved_first.scale), pool)
     return Placement(**vars(found), problem=problem, condition=condition, hot_spots=hot)
 
 
@@ -143,6 +144,7 @@ def _ringing(problem: Problem, settings: Place, seed: int) -> str:
 
 
 def _observability(problem: Problem, training: Training, scenario: Scenario, pool: PoolRows) -> Observability:
+    """Of x* as it is, not in the coordinates of a solved pool."""
     p, n = problem, problem.model.size
     frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
