@@ -177,11 +177,15 @@ def test_no_hdf5_file(tmp_path):
             read_hdf5(tmp_path / "a.h5", ["a"], time="time")
 
 
-@pytest.mark.parametrize("does", ["import os; os.abort()", "import time; time.sleep(60)", "print('{')", ""])
+HANGS = "import time; time.sleep(60)"
+
+
+@pytest.mark.parametrize("does", ["import os; os.abort()", HANGS, f"print('ready', flush=True); {HANGS}", "print('{')", ""])
 def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(make, monkeypatch, does):
     path = make(lambda file: file.__setitem__("a", A))
     monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", does])
-    monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.5)
+    for limit in ("START_LIMIT", "TIME_LIMIT"):
+        monkeypatch.setattr(hdf5_file, limit, 0.5)
     with pytest.raises(UserError, match="crashed, or did not come to an end"):
         read_hdf5(path, ["a"], time="time")
 
