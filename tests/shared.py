@@ -62,7 +62,8 @@ def made(config: Path, *overrides: str, until: str = "", beside: str = "") -> di
     beside: runs of the same word lie in one results folder and take stages over from each other.
     """
     own = str(config) if config.is_relative_to(ROOT) else config.name + _content(config.parent)
-    what = hashlib.sha256("\n".join((own, *overrides, until, beside)).encode()).hexdigest()[:16]
+    # a letter first: one digest in a thousand has digits and one e, and would be read as a number
+    what = "r" + hashlib.sha256("\n".join((own, *overrides, until, beside)).encode()).hexdigest()[:16]
     place = _of_this_code() / (beside or what)
     named = [f"name={what}"] if beside and not any(word.startswith("name=") for word in overrides) else []
     job = job_of(config, place, *overrides, *named)
