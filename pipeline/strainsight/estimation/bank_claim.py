@@ -82,7 +82,7 @@ class _Found:
         C = left.copy()
         if not self.learned:
             C[:, :d, :d] = np.eye(d)
-        own = np.diagonal(P, axis1=1, axis2=2) + np.einsum("bca,bck,bka->ba", V, C, V, optimize=True)
+        own = np.diagonal(P, axis1=1, axis2=2) + np.sum((C @ V) * V, axis=1)
         self.std[k, :, :n] = np.sqrt(np.maximum(own, 0.0))
         self.std[k, :, n:] = standard_deviation(left)[:, d:]
         # what the estimate of c makes of z, and of c itself; ν that is not learned is taken to be nothing
@@ -91,7 +91,7 @@ class _Found:
         if not self.learned:
             followed[:d], drawn[:d] = 0.0, np.eye(len(drawn))[:d]
         T = np.block([[np.eye(n), -V[0].T @ followed], [np.zeros((len(drawn) - d, n)), inverse[0, d:]]])
-        self.white[k] = standard_deviation(T @ parts @ T.T) ** 2
+        self.white[k] = np.maximum(np.sum((T @ parts) * T, axis=-1), 0.0)
         self.constant[k] = np.concatenate([V[0].T @ drawn, left[0, d:] / np.sqrt(self.prior[0])]).T
 
     def claim(self) -> Claim:
