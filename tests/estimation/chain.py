@@ -19,20 +19,22 @@ ROWS = np.array([[1.0, 0.0], [-1.0, 1.0]])
 NOISE = 2e-3
 
 
+MASSES = ReducedModel(
+    AffineOperator(np.eye(2), {}),
+    AffineOperator(np.zeros((2, 2)), STIFFNESS),
+    np.array([[0.0, 1.0], [1.0, 0.0]]),
+    ("known", "unknown"),
+    REFERENCE,
+    Damping(ratio=RATIO),
+)
+
+
 def chain(noise=NOISE):
     """Two masses of one on two springs, a known force on the second and an unknown one, a random walk, on the first."""
-    model = ReducedModel(
-        AffineOperator(np.eye(2), {}),
-        AffineOperator(np.zeros((2, 2)), STIFFNESS),
-        np.array([[0.0, 1.0], [1.0, 0.0]]),
-        ("known", "unknown"),
-        REFERENCE,
-        Damping(ratio=RATIO),
-    )
     unknowns = Unknowns(("unknown",), ("k1", "k2"), {"unknown": 1.0}, REFERENCE)
     H_star = np.hstack([ROWS, np.zeros((2, 5))])
     Q = np.diag([0, 0, 1e-4, 1e-4, KAPPA, 0, 0])
-    return FilterModel(model, unknowns, ("known",), {}, H_star, Q, np.full(2, noise**2 * H), H)
+    return FilterModel(MASSES, unknowns, ("known",), {}, H_star, Q, np.full(2, noise**2 * H), H)
 
 
 def loaded_chain(noise=NOISE):

@@ -1,4 +1,4 @@
-"""Two masses on two springs under a known and an unknown load, with constants that no filter knows of; a step by the textbook."""
+"""The masses of `chain` under a known and an unknown load, with constants that no filter knows of; a step by the textbook."""
 
 from __future__ import annotations
 
@@ -8,32 +8,21 @@ from scipy.linalg import eigh, expm
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
-from strainsight.fem.affine import AffineOperator
-from strainsight.rom.model import Damping, ReducedModel
 
-H, STEPS, RATIO = 0.02, 80, 0.03
-REFERENCE = {"k1": 900.0, "k2": 400.0}
-STIFFNESS = {"k1": np.array([[1.0, 0.0], [0.0, 0.0]]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
-ROWS = np.array([[1.0, 0.0], [-1.0, 1.0]])
+from .chain import MASSES, RATIO, REFERENCE, ROWS, STIFFNESS, H
+
+STEPS = 80
 NOISE, LOAD = 5e-4, 4.0
 GAIN, OFFSET, DAMPING, STIFFER = 0.02, 4e-4, 0.3, 0.01
 
 
 def chain(parameters=(), kappa=0.3):
     """Two masses on two springs, a known force on the second and an unknown one, a random walk, on the first."""
-    model = ReducedModel(
-        AffineOperator(np.eye(2), {}),
-        AffineOperator(np.zeros((2, 2)), STIFFNESS),
-        np.array([[0.0, 1.0], [1.0, 0.0]]),
-        ("known", "unknown"),
-        REFERENCE,
-        Damping(ratio=RATIO),
-    )
     fixed = {name: value for name, value in REFERENCE.items() if name not in parameters}
     rows = np.hstack([ROWS, np.zeros((2, 3 + len(parameters)))])
     Q = np.diag([0, 0, 1e-6, 1e-6, kappa, *[0.0] * len(parameters)])
     unknowns = Unknowns(("unknown",), parameters, {"unknown": LOAD}, REFERENCE)
-    return FilterModel(model, unknowns, ("known",), fixed, rows, Q, np.full(2, NOISE**2 * H), H)
+    return FilterModel(MASSES, unknowns, ("known",), fixed, rows, Q, np.full(2, NOISE**2 * H), H)
 
 
 def start(size=5):

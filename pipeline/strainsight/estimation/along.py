@@ -78,7 +78,6 @@ class _Constants:
     def __init__(self, model: FilterModel, nuisances: Nuisances):
         at_guess = np.zeros((1, len(model.unknowns.parameters)))
         self.model, self.linear = model, linear_models(model, at_guess, nuisances)
-        self.source = nuisances.sources(model.model.size)
         self.unknown = model.unknowns.input_columns(model.model)
         self.known = [model.model.inputs.index(name) for name in model.known_inputs]
 
