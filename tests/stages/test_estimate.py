@@ -14,7 +14,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .test_artefacts import UNITS_OF, rows
-from .tested_beam import ALONE, BLIND, as_written, changed, estimated, result, validated
+from .tested_beam import ALONE, BLIND, KNOWN, as_written, changed, estimated, result, table, validated, write
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +25,11 @@ def project(tmp_path_factory):
 @pytest.fixture(scope="module")
 def plain(project):
     return as_written(project)
+
+
+@pytest.fixture(scope="module")
+def known(project):
+    return changed(project, "known", KNOWN)
 
 
 def test_estimate_finds_what_validate_found(project, plain):
@@ -46,6 +51,46 @@ def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_
     validate, found = (Artefact(results / f"{stage}.h5") for stage in ("validate", "estimate"))
     for path in ("/estimate/side", "/std/side", "/smoothed/side"):
         np.testing.assert_allclose(found[path], validate[path], rtol=1e-6, atol=1e-6)
+
+
+def test_a_record_that_begins_settled_is_estimated_as_validate_did(project, known):
+    """But for the load, which is straight between samples; and where nothing is known of the start σ is larger at first."""
+    file = known / "measured.csv"
+    validate = Artefact(file.with_name("validate.h5"))
+    found = {}
+    for start in ("settled", "moving"):
+        code, said = estimated(project, file, f"estimate.start={start}", config="known.yaml")
+        assert code == 0, said
+        artefact = Artefact(file.with_name("estimate.h5"))
+        found[start] = {name: artefact[f"/{name}/E"].copy() for name in ("estimate", "std")}
+    std = validate["/std/E"][-1]
+    assert abs(found["settled"]["estimate"][-1] - validate["/estimate/E"][-1]) < 0.1 * std
+    assert found["settled"]["std"][-1] == pytest.approx(std, rel=0.02)
+    assert found["settled"]["std"][5] < 0.8 * found["moving"]["std"][5]
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ((), "90 % of the record of 'tip' is not of the frequencies"),
+        (("filter.method=extended",), "filter.method: extended cannot begin"),
+    ],
+)
+def test_a_start_that_cannot_have_settled_is_refused(project, known, tmp_path, settings, says):
+    head, values = table(known.parent.parent, "known")
+    at = [name.startswith("tip") for name in head].index(True)
+    values[:, at] += 2.065 * np.std(values[:, at]) * np.random.default_rng(1).standard_normal(len(values))
+    file = write(tmp_path / "rough.csv", head, values)
+    code, said = estimated(project, file, "estimate.start=settled", *settings, config="known.yaml")
+    assert code == 2
+    assert "estimate.start" in said
+    assert says in " ".join(said.split())
+
+
+def test_a_motion_under_an_unknown_load_is_not_known_to_have_settled(project):
+    code, said = estimated(project, project / "results" / "test" / "measured.csv", "estimate.start=settled")
+    assert code == 2
+    assert "under an unknown load, side," in " ".join(said.split())
 
 
 def test_a_virtual_gauge_reads_the_true_strain_where_none_is(project, plain):

@@ -64,6 +64,14 @@ BLIND = {
 """The changes that leave the one unknown load."""
 ALONE = {old: new for old, new in BLIND.items() if ", E" not in old} | {"name: test\n": "name: alone\n"}
 """Those that leave it with the modulus."""
+KNOWN = {
+    "name: test\n": "name: known\n",
+    CONFIG[CONFIG.index("  side:") : CONFIG.index("damping:")]: "",
+    "[side, E]": "[E]",
+    "{side: 0.1, E: 0.1}": "{E: 0.1}",
+    "  random_sets: 12\n  repeats: 2\n  sweeps: {time_steps: [1.0e-3], process_noise: [10]}\n": "  repeats: 1\n",
+}
+"""Those that leave the known load and the modulus."""
 
 
 def validated(folder: Path) -> Path:
@@ -84,8 +92,8 @@ def changed(folder: Path, name: str, changes: dict[str, str]) -> Path:
     return folder / "results" / name
 
 
-def table(folder: Path) -> tuple[list[str], np.ndarray]:
-    with (folder / "results" / "test" / "measured.csv").open(encoding="utf-8") as lines:
+def table(folder: Path, name: str = "test") -> tuple[list[str], np.ndarray]:
+    with (folder / "results" / name / "measured.csv").open(encoding="utf-8") as lines:
         rows = list(csv.reader(lines))
     return rows[0], np.array([[float(cell or "nan") for cell in row] for row in rows[1:]])
 

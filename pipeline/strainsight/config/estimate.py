@@ -107,8 +107,10 @@ class Estimate(Section):
         description="Channels of gauges, an entry each: {gauge: G1, channel: NAME, unit: um/m}, as in docs/estimation.md."
     )
     inputs: dict[Name, Channel] = Field({}, description="Channels of the known loads, by the names of these.")
-    start: Literal["rest", "moving"] = Field(
-        "moving", description="rest: the structure stands still when the record begins; moving: nothing is known of it."
+    start: Literal["rest", "moving", "settled"] = Field(
+        "moving",
+        description="rest: the structure stands still when the record begins; settled: it moves periodically under its loads, "
+        "all known and sums of sines as in `loads`, amplitudes and phases of the record; moving: nothing is known of it.",
     )
     initial_std: dict[Name, Positive] = Field(
         {}, description="Initial σ of unknowns, relative to guess or amplitude [-]; default: those of validate."

@@ -28,6 +28,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import FilterRun
+from strainsight.estimation.settled import Settled, beginning
 
 SPACING = 1.0
 """Of the lattice, in standard deviations of the posterior it was laid for."""
@@ -98,6 +99,7 @@ def filter_bank(
     *,
     spacing: float = SPACING,
     biased: np.ndarray | None = None,
+    settled: Settled | None = None,
     depth: float = DEPTH,
     threads: int = 1,
 ) -> BankRun:
@@ -106,7 +108,8 @@ def filter_bank(
     model: of one set of channels, no drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0, no parameter known
     exactly nor correlated with a state; known (T, HOLD, n_known) [N]; measurement (T/every, m), NaN where missing; spacing of
     the lattice in standard deviations of the posterior, and how far below its largest density it reaches, in logarithms.
-    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found.
+    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found. settled: the motion at
+    t = 0 is the periodic one, at all parameters and ν, in place of that in mean and covariance.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
     narrowed or moved to its edge. Raises NumericalError where it would need more than MOST_POINTS points, and where the
     posterior leaves the guess by a factor of exp(LOST).
@@ -114,10 +117,12 @@ def filter_bank(
     own = no_nuisances(model) if nuisances is None else nuisances
     data = _data(model, known, measurement, discrepancy(model, own, measurement))
     offsets = np.zeros(0, dtype=int) if biased is None else biased
-    problem = _Problem(model, mean, covariance, data, own, offsets, spacing, depth, threads)
+    problem = _Problem(model, mean, covariance, data, own, offsets, settled, spacing, depth, threads)
     states = model.parameter_states
     now, laid = _laid(problem, mean[states], covariance[states, states], 0), 1
     mixture = Mixture(model, mean, covariance, len(known), own.learned)
+    if settled is not None:
+        mixture.begin(now.lattice.point, now.log_weight, now.filters)
     while now.step < len(known):
         ahead = min(max(SHORTEST, now.step // SHARE), len(known) - now.step, max(1, KEPT // _numbers(now.models)))
         before = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
@@ -161,6 +166,7 @@ class _Problem:
     data: _Data
     nuisances: Nuisances
     biased: np.ndarray
+    settled: Settled | None
     spacing: float
     depth: float
     threads: int
@@ -322,7 +328,8 @@ def _filtered(problem: _Problem, lattice: Lattice, step: int) -> _Now:
     """Filters at the points of a lattice, from the start through `step` steps."""
     models = linear_models(problem.model, lattice.point, problem.nuisances, problem.biased)
     at = conditional_states(problem.model, len(problem.biased))
-    filters = filters_of(models, problem.mean[at], problem.covariance[np.ix_(at, at)])
+    start = beginning(problem.model, models, problem.mean[at], problem.covariance[np.ix_(at, at)], problem.settled)
+    filters = filters_of(models, *start)
     B = models.count
     now = _Now(lattice, problem.log_prior(lattice.point), models, filters, np.zeros(B), 0)
     while now.step < step:

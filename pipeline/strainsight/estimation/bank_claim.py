@@ -8,11 +8,17 @@ from strainsight.estimation.along import steps_along
 from strainsight.estimation.claim import START, WHITE, Claim, by_sensors, by_source, starts
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.settled import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
 
 
 def bank_claim(
-    model: FilterModel, trajectory: np.ndarray, u: np.ndarray, covariance: np.ndarray, nuisances: Nuisances
+    model: FilterModel,
+    trajectory: np.ndarray,
+    u: np.ndarray,
+    covariance: np.ndarray,
+    nuisances: Nuisances,
+    settled: Settled | None = None,
 ) -> Claim:
     """Standard deviation of x* = [s, p] that the bank will claim along a given motion, for B sets of sensors at once.
 
@@ -26,18 +32,20 @@ def bank_claim(
 
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
-    Arguments and parts as of `covariance_recursion`; p is not correlated with s at t = 0, ν has mean zero and variance one.
+    Arguments and parts as of `covariance_recursion`, settled as of `filter_bank`; p is not correlated with s at t = 0, ν has
+    mean zero and variance one.
     Raises NumericalError where the covariance of an innovation is not positive definite.
     R and z by orthogonal factors: the sums would lose what confounded constants leave open under readings of small noise.
     Source: Friedland, IEEE Trans. Automatic Control 14 (1969); `parallel_filters.advance` and `Mixture` take the same steps.
     """
     source = nuisances.sources(model.model.size)
+    covariance, V0 = start_errors(model, nuisances, covariance, settled)
     whole, parts, Q = starts(model, covariance)
     B, d, n = len(whole), len(source), model.parameter_states.start
     c, at_p = d + model.size - n, slice(d, None)
     prior = np.ones((B, c))
     prior[:, at_p] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
-    P, V, root = whole[:, :n, :n], np.zeros((B, c, n)), np.eye(c) / np.sqrt(prior[:, None])
+    P, V, root = whole[:, :n, :n], np.tile(V0, (B, 1, 1)), np.eye(c) / np.sqrt(prior[:, None])
     # parts of [w, z at c = 0]
     parts, Q = (np.pad(each[:, :n, :n], [(0, 0), (0, c), (0, c)]) for each in (parts, Q))
     A, kept = np.eye(n + c), np.eye(n + c)

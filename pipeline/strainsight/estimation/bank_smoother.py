@@ -14,6 +14,7 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.mixture import removed_of
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
+from strainsight.estimation.settled import Settled, beginning
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.update import standard_deviation
 
@@ -27,6 +28,7 @@ def smooth_bank(
     nuisances: Nuisances,
     bank: BankRun,
     biased: np.ndarray | None = None,
+    settled: Settled | None = None,
 ) -> Smoothed:
     """Smoothed x* with its covariance, tolerances in it; arguments as of `filter_bank`, which found `bank`.
 
@@ -46,15 +48,23 @@ def smooth_bank(
     k = len(centre)
     ends = np.sqrt(k) * np.linalg.cholesky(spread).T
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
-    P0 = covariance[np.ix_(at, at)]
+    before = covariance[np.ix_(at, at)]
+    start, P0, _ = beginning(model, linear_models(model, points, nuisances, offsets), mean[at], before, settled)
     model = replace(model, r=model.r + every * model.h * discrepancy(model, nuisances, measurement))
     nu, left = bank.nuisances
-    found = [smoothed_at(model, point, mean[at], P0, known, samples[:, None], offsets) for point in points]
+
+    def at_points() -> list[Smoothed]:
+        return [
+            smoothed_at(model, point, x0, P0, known, samples[:, None], offsets)
+            for point, x0 in zip(points, start, strict=True)
+        ]
+
+    found = at_points()
     middle = np.mean([own.mean[:, 0] for own in found], axis=0)
-    caused, own, V = _effects(model, centre, P0, known, middle, nuisances, offsets)
+    caused, own, V = _effects(model, centre, before, known, middle, nuisances, offsets, settled)
     # once more without what the mean of ν makes of samples and motion
     samples -= caused @ nu
-    found = [smoothed_at(model, point, mean[at], P0, known, samples[:, None], offsets) for point in points]
+    found = at_points()
     x = np.stack([each.mean[:, 0] for each in found]) + np.einsum("tda,d->ta", own, nu)
     middle = x.mean(axis=0)
     P = np.stack([_covariance(each) for each in found])
@@ -119,6 +129,7 @@ def _effects(
     motion: np.ndarray,
     nuisances: Nuisances,
     biased: np.ndarray,
+    settled: Settled | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Along a motion (T + 1, n), what one of every nuisance adds to the samples (T, m, d), to the motion (T + 1, d, n), and to
     the error of the smoothed states (T + 1, d, n)."""
@@ -128,6 +139,8 @@ def _effects(
         nothing = np.zeros((steps + 1, 0, n))
         return np.zeros((steps, model.H.shape[-2], 0)), nothing, nothing
     own, e = np.zeros((steps + 1, d, n)), one.A_nu.shape[1]
+    _, P0, V = beginning(model, one, np.zeros(n), covariance, settled)
+    own[0] = -V[0]
     w = known.reshape(steps, known.shape[1] * known.shape[2])
     pushed = np.einsum("eab,tb->tea", one.A_nu[0], motion[:-1]) + np.einsum("eap,tp->tea", one.G_nu[0], w)
     for t in range(steps):
@@ -135,7 +148,7 @@ def _effects(
     caused = np.einsum("dmn,tn->tdm", one.D, motion[1:]) + np.einsum("dmp,tp->tdm", one.E, known.sum(axis=1))
     caused += one.offset + own[1:] @ one.H[0].T
     seen = np.where((np.arange(1, steps + 1) % model.every == 0)[:, None, None], caused, np.nan)
-    found = smoothed_at(model, point, np.zeros(n), covariance, np.zeros_like(known), seen, biased)
+    found = smoothed_at(model, point, np.zeros(n), P0, np.zeros_like(known), seen, biased)
     return np.swapaxes(caused, 1, 2), own, found.mean - own
 
 

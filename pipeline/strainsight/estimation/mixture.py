@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.estimation.conditional import conditional_states
 from strainsight.estimation.lattice import moments
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels, Passage, States
+from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, States
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.update import standard_deviation
 
@@ -38,26 +38,36 @@ class Mixture:
     ) -> None:
         """After steps that begin with number `first`: points (B, k) with log-weights (B, L), filters at the ends of L steps,
         loads known there (L, p₁)."""
-        L, states = log_weight.shape[1], self.states_of_filters
+        L = log_weight.shape[1]
         span, after = slice(first, first + L), slice(first + 1, first + L + 1)
         w, _, _ = moments(point, log_weight.T)
-        V = found.V
-        # what the samples say of ν moves every estimate, and leaves the rest of it in P
-        x = found.x - np.einsum("btda,btd->bta", V, found.nu)
-        P = found.P + np.einsum("btda,btdk,btkc->btac", V, found.left, V, optimize=True)
+        x, P = self._moments(after, point, w, found)
         y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
-        whole = np.concatenate([x, np.broadcast_to(point[:, None], (len(point), L, point.shape[1]))], axis=2)
-        self.mean[after] = np.einsum("tb,btn->tn", w, whole)
-        off = whole - self.mean[after]
-        weighted = off * w.T[..., None]
-        self.covariance[after] = np.einsum("bta,btc->tac", weighted, off, optimize=True)
-        self.covariance[after, :states, :states] += np.einsum("tb,btac->tac", w, P, optimize=True)
         self.gauge_mean[span] = np.einsum("tb,btm->tm", w, y)
         y -= self.gauge_mean[span]
         own = np.einsum("bmn,btnk,bmk->btm", models.H, P, models.H, optimize=True) + y**2
         self.gauge_variance[span] = np.einsum("tb,btm->tm", w, own)
         if not self.learned:
             self._as_they_read(after, w, found, models.H)
+
+    def begin(self, point: np.ndarray, log_weight: np.ndarray, filters: Filters) -> None:
+        """At t = 0, of points (B, k) with log-weights (B,)."""
+        w, _, _ = moments(point, log_weight[None])
+        self._moments(slice(0, 1), point, w, filters.states)
+
+    def _moments(self, at: slice, point: np.ndarray, w: np.ndarray, found: States) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of the states at L instants, w (L, B); returns x (B, L, n) and P (B, L, n, n) of every filter."""
+        V, states = found.V, self.states_of_filters
+        # what the samples say of ν moves every estimate, and leaves the rest of it in P
+        x = found.x - np.einsum("btda,btd->bta", V, found.nu)
+        P = found.P + np.einsum("btda,btdk,btkc->btac", V, found.left, V, optimize=True)
+        whole = np.concatenate([x, np.broadcast_to(point[:, None], (*x.shape[:2], point.shape[1]))], axis=2)
+        self.mean[at] = np.einsum("tb,btn->tn", w, whole)
+        off = whole - self.mean[at]
+        weighted = off * w.T[..., None]
+        self.covariance[at] = np.einsum("bta,btc->tac", weighted, off, optimize=True)
+        self.covariance[at, :states, :states] += np.einsum("tb,btac->tac", w, P, optimize=True)
+        return x, P
 
     def _as_they_read(self, after: slice, w: np.ndarray, found: States, H: np.ndarray) -> None:
         """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:

@@ -97,13 +97,13 @@ class Passage:
     slope: np.ndarray
 
 
-def filters_of(models: LinearModels, mean: np.ndarray, covariance: np.ndarray) -> Filters:
-    """B filters that begin with one mean (n,) and covariance (n, n)."""
+def filters_of(models: LinearModels, x: np.ndarray, covariance: np.ndarray, V: np.ndarray) -> Filters:
+    """B filters that begin with x (B, n), V (B, d, n) and one covariance (n, n)."""
     B, m, n = models.H.shape
     return Filters(
-        np.tile(mean, (B, 1)),
+        x,
         np.tile(covariance, (B, 1, 1)),
-        np.zeros((B, models.nuisances, n)),
+        V,
         np.zeros((B, m, n)),
         np.zeros((B, m)),
         np.zeros((B, m, m)),

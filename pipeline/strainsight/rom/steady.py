@@ -19,12 +19,12 @@ def steady_start(
 ) -> np.ndarray:
     """x(0) of the motion that `simulate` has under u(t) = Σ Re U exp(iωt) when nothing of its beginning is left.
 
-    Of one tone the quadratic hold is  uⱼ(kh) = Re cⱼ U zᵏ,  z = exp(iωh),  c = (1, −3 + 4√z − z, 2 − 4√z + 2z),  and so
+    Of one tone the quadratic hold is  uⱼ(kh) = Re cⱼ U zᵏ,  z = exp(iωh),  and so
 
         x(kh) = Re X zᵏ,    (zI − A) X = Σⱼ Bⱼ cⱼ U                  of every mode for itself
 
-    with A, B of `modal_step`: the motion of the held load, periodic to rounding, not that of the sine. The two differ by the
-    error of the hold, (ωh)³ω₀h/720; as h goes to 0 both are (K − ω²M + iωC) q = S U.
+    with c of `hold_of_tones` and A, B of `modal_step`: the motion of the held load, periodic to rounding, not that of the sine.
+    The two differ by the error of the hold, (ωh)³ω₀h/720; as h goes to 0 both are (K − ω²M + iωC) q = S U.
     theta: all parameters [SI]; h [s]; frequency ω (k,) [rad/s]; amplitude U (k, n_u) complex [N]. Returns x (2n,) = [q, q̇].
     Raises InfeasibleError where an undamped mode has the frequency of a tone.
     """
@@ -40,11 +40,17 @@ def steady_start(
             f"a load of {frequency[tone] / (2 * np.pi):.6g} Hz at the undamped mode {mode + 1}: no motion is periodic",
             remedy="give damping, or train.settle: none for a start from rest",
         )
-    half = np.exp(0.5j * frequency * h)
-    z = half**2
-    hold = np.stack([np.ones_like(z), -3 + 4 * half - z, 2 - 4 * half + 2 * z])
+    z = np.exp(1j * frequency * h)
     A = np.moveaxis(step.table[:, :2], -1, 0)
-    drive = np.einsum("ijm,jk,km->kmi", step.table[:, 2:], hold, forces)
+    drive = np.einsum("ijm,kj,km->kmi", step.table[:, 2:], hold_of_tones(frequency, h), forces)
     X = np.linalg.solve(z[:, None, None, None] * np.eye(2) - A, drive[..., None])[..., 0]
     motion = X.real.sum(axis=0).reshape(n, 2)
     return np.concatenate([step.modes @ motion[:, 0], step.modes @ motion[:, 1]])
+
+
+def hold_of_tones(frequency: np.ndarray, h: float) -> np.ndarray:
+    """c (k, HOLD) = (1, −3 + 4√z − z, 2 − 4√z + 2z), z = exp(iωh): the quadratic hold of exp(iωt) over a step of h [s];
+    frequency ω (k,) [rad/s]."""
+    half = np.exp(0.5j * frequency * h)
+    z = half**2
+    return np.stack([np.ones_like(z), -3 + 4 * half - z, 2 - 4 * half + 2 * z], axis=1)

@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=10,
+    version=11,
     reads=(
         "seed",
         "loads",

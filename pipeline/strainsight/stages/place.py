@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=14,
+    version=15,
     reads=(
         "seed",
         "loads.*.node",

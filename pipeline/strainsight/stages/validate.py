@@ -53,7 +53,7 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=14,
+    version=15,
     reads=(
         *(
             "seed",

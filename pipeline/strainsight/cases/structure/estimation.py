@@ -13,7 +13,7 @@ from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.filtering import by_moments
-from strainsight.cases.structure.measured import Measured, measured_of
+from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, nuisances_of, tolerated
 from strainsight.cases.structure.problem import (
     Problem,
@@ -36,6 +36,7 @@ from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
+from strainsight.estimation.settled import Settled
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
@@ -95,14 +96,15 @@ def estimation_of(
     hidden = undetectable(problem, test.channels, config.place.instants, config.seed, allowed)
     using.progress("filter", 0.2)
     start = initial_covariance(
-        problem, {**config.validation.initial_std, **settings.initial_std}, moving=settings.start == "moving"
+        problem, {**config.validation.initial_std, **settings.initial_std}, moving=settings.start != "rest"
     )
+    settled = settled_in(problem, test) if settings.start == "settled" else None
     model, tuning = _model(problem, test, settings, start, using)
     tolerances = tolerated(config, mesh, reduced, training, test.channels)
     long = len(test.values) * test.every > LONGEST_COMPARED
     withheld = "" if settings.loads_as_stated else withheld_in_words(problem)
     compare = not long if config.filter.compare is None else config.filter.compare
-    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, compare and not withheld)
+    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, settled, compare and not withheld)
     if withheld:
         run, smoothed = _without_sigma(run, smoothed)
     using.progress("field", 0.7)
@@ -153,7 +155,13 @@ def _model(
 
 
 def _filtered(
-    problem: Problem, tolerances: Tolerated, model: FilterModel, test: Measured, start: np.ndarray, compare: bool
+    problem: Problem,
+    tolerances: Tolerated,
+    model: FilterModel,
+    test: Measured,
+    start: np.ndarray,
+    settled: Settled | None,
+    compare: bool,
 ) -> tuple[FilterRun, Smoothed, Compared | None]:
     """Filter and smoother, with the offsets of channels as unknowns behind x*; and what other filters make of the samples."""
     at = np.flatnonzero(test.bias > 0)
@@ -164,8 +172,8 @@ def _filtered(
     covariance = np.diag(np.concatenate([np.diag(start), test.bias[at] ** 2]))
     if problem.method == "bank":
         nuisances, rest = nuisances_of(tolerances, model, test.channels), np.zeros(len(covariance))
-        bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at)
-        later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at)
+        bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at, settled=settled)
+        later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at, settled)
         beside = compared(problem, model, covariance, test.known, test.values, at) if compare else None
         return bank.run, later, beside
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)

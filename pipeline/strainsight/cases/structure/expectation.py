@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
-from strainsight.cases.structure.problem import SILENT, Problem, filter_model, initial_covariance
+from strainsight.cases.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.claim import covariance_recursion
@@ -29,8 +29,12 @@ def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expecta
     model = filter_model(problem, flat, problem.h)
     model = replace(model, r=model.r * silent)
     start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
-    claimed = bank_claim if problem.method == "bank" else covariance_recursion
-    claim = claimed(model, problem.x, problem.u, start, nuisances_of(own, model, flat))
+    nuisances = nuisances_of(own, model, flat)
+    if problem.method == "bank":
+        settled = settled_under(problem, problem.loading)
+        claim = bank_claim(model, problem.x, problem.u, start, nuisances, settled)
+    else:
+        claim = covariance_recursion(model, problem.x, problem.u, start, nuisances)
     if not np.isfinite(claim.std).all():
         raise NumericalError(
             "the σ that the filter is to claim along the training run is not finite",

@@ -14,6 +14,7 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.run import FilterRun, Keep
+from strainsight.estimation.settled import Settled
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoother import Smoothed, smooth
 
@@ -36,12 +37,14 @@ def filtered(
     known: np.ndarray,
     measured: np.ndarray,
     keep: Keep = "mean",
+    settled: Settled | None = None,
     refuse: bool = True,
 ) -> Filtered:
     """Filter the measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none, as the config asks for.
 
-    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether a filter
-    that is no bank keeps what its smoother needs; refuse: raise NumericalError where every run fails, and not mark them lost.
+    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether a filter that is no
+    bank keeps what its smoother needs; settled: as of `filter_bank`; refuse: raise NumericalError where every run fails, and
+    not mark them lost.
     """
     if problem.method != "bank":
         return Filtered(by_moments(problem, model, start, covariance, known, measured, keep, refuse=refuse), ())
@@ -56,7 +59,7 @@ def filtered(
         own = _of_run(model, b, there)
         nuisances = nuisances_of(tolerated, own, sets[b][there])
         try:
-            found.append(filter_bank(own, starts[b], covariance, known, data[:, b, there], nuisances))
+            found.append(filter_bank(own, starts[b], covariance, known, data[:, b, there], nuisances, settled=settled))
         except NumericalError as error:
             failure = error
             found.append(None)
@@ -144,6 +147,7 @@ def smoothed(
     known: np.ndarray,
     measured: np.ndarray,
     found: Filtered,
+    settled: Settled | None = None,
 ) -> Smoothed:
     """What all samples say of every instant; arguments as of `filtered`, which found the one run, from a start at zero."""
     if problem.method != "bank":
@@ -152,7 +156,7 @@ def smoothed(
     assert bank is not None  # a bank that fails alone is refused
     start = np.zeros(model.size)
     nuisances = nuisances_of(tolerated, model, channels)
-    return smooth_bank(model, start, covariance, known, measured, nuisances, bank)
+    return smooth_bank(model, start, covariance, known, measured, nuisances, bank, settled=settled)
 
 
 def widths_left(problem: Problem, covariance: np.ndarray, found: Filtered) -> dict[str, float]:

@@ -8,16 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.cases.structure.problem import Problem
+from strainsight.cases.structure.problem import Problem, settled_at
+from strainsight.cases.structure.start import tones_in
 from strainsight.config.estimate import Channel, Estimate, GaugeChannel
 from strainsight.errors import ConfigError, UserError, blame, did_you_mean
+from strainsight.estimation.settled import Settled
 from strainsight.measurements.assemble import Signals, assemble
 from strainsight.measurements.bridges import Bridge
 from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.reader import read_recording
 from strainsight.rom.oscillator import HOLD
+from strainsight.signals.histories import tones_of
 
+MISSED = 0.05
+"""RMS of what a record has beside its tones, over its own, up to which its motion counts as periodic."""
 LONGEST_GAP = 10
 """Samples of a known load that may be missing in a row; they are put on a straight line."""
 QUANTITY = ("strain", "acceleration", "displacement")
@@ -88,6 +93,34 @@ def measured_of(settings: Estimate, path: Path, problem: Problem, layout: np.nda
         bias=np.array([e.bias or 0.0 for e in settings.channels]),
         notes=(*signals.notes, *notes),
     )
+
+
+def settled_in(problem: Problem, test: Measured) -> Settled:
+    """The periodic motion under the loads of a record, with the frequencies that the config gives them, and amplitudes and
+    phases by least squares. Raises ConfigError where that cannot be, or is not what the record holds."""
+
+    def refused(what: str) -> ConfigError:
+        return ConfigError(what, key="estimate.start", remedy="take moving, or rest where the structure stood still")
+
+    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.signals.values()))
+    if problem.method != "bank":
+        raise refused(f"filter.method: {problem.method} cannot begin in a settled motion")
+    if unknown:
+        raise refused(f"a motion under an unknown load, {unknown[0]}, cannot be known to have settled")
+    if tones is None:
+        raise refused("a load of the config is no sum of sines, and has no settled motion")
+    duration, slowest = len(test.known) * test.h, tones.frequency[tones.frequency > 0]
+    if len(slowest) and duration * slowest[0] < 2 * np.pi:
+        raise refused(
+            f"the record, {duration:g} s, is shorter than a period of its loads, {2 * np.pi / slowest[0]:g} s"
+        )
+    held, missed = tones_in(test.known, test.h, tones.frequency)
+    for name, own in zip(problem.known, missed, strict=True):
+        if own > MISSED:
+            raise refused(
+                f"{100 * own:.0f} % of the record of '{name}' is not of the frequencies that the config states"
+            )
+    return settled_at(problem, tones.frequency, held)
 
 
 def _label(entry: GaugeChannel) -> str:

@@ -20,16 +20,19 @@ from strainsight.config.placement import PlacementConfig, Settle
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.settled import Settled
 from strainsight.estimation.update import Form
 from strainsight.gauges.candidates import STRAIN
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, modal_basis
 from strainsight.rom.schemes import Scheme, scheme_bias
+from strainsight.rom.steady import hold_of_tones
 from strainsight.signals.histories import Signal
 
 REST_SHARE = 1e-3
-"""Initial σ of every state as a share of its largest training amplitude: the structure is known to be at rest."""
+"""Initial σ of every state as a share of its largest training amplitude, where the structure is known to be at rest or in the
+periodic motion under its loads."""
 
 
 Method = Literal["bank", "extended", "sigma-point"]
@@ -243,6 +246,20 @@ def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: f
     """σ of one sample every h [s] of channels (k,) or (B, k) [unit of the channel], 1 where there is none."""
     own = problem.channels.noise_std[channels] * np.sqrt(problem.h / h)
     return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * own, 1.0)
+
+
+def settled_under(problem: Problem, loading: Loading) -> Settled | None:
+    """How the motion of a bank begins where it is periodic and every load is known; None otherwise."""
+    tones = loading.tones
+    if tones is None or problem.unknowns.inputs or problem.method != "bank":
+        return None
+    known = tones.amplitude[:, problem.columns(problem.known)]
+    return settled_at(problem, tones.frequency, hold_of_tones(tones.frequency, loading.h)[..., None] * known[:, None])
+
+
+def settled_at(problem: Problem, frequency: np.ndarray, held: np.ndarray) -> Settled:
+    """Periodic up to REST_SHARE; frequency (k,) [rad/s], held (k, HOLD, n_known) complex [N]."""
+    return Settled(frequency, held, REST_SHARE * np.abs(problem.x).max(axis=0))
 
 
 def initial_covariance(problem: Problem, relative_std: Mapping[str, float], moving: bool) -> np.ndarray:

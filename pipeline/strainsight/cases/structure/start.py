@@ -69,6 +69,19 @@ def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
         raise ConfigError(error.what, key="train.settle", remedy=remedy) from None
 
 
+def tones_in(held: np.ndarray, h: float, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """W (k, HOLD, n) complex, with which Σₖ Re Wₖ exp(iωₖjh) is nearest to the hold coefficients of steps j, and by how much
+    the loads at their beginnings miss that, RMS over RMS (n,); held (T, HOLD, n), h [s], frequency ω (k,) [rad/s]."""
+    phase = np.outer(h * np.arange(len(held)), frequency)
+    columns = np.hstack([np.cos(phase), -np.sin(phase)])
+    flat = held.reshape(len(held), -1)
+    found = np.linalg.lstsq(columns, flat, rcond=None)[0]
+    off = (flat - columns @ found).reshape(held.shape)[:, 0]
+    real, imaginary = found.reshape(2, len(frequency), *held.shape[1:])
+    size = np.sqrt(np.mean(held[:, 0] ** 2, axis=0))
+    return real + 1j * imaginary, np.sqrt(np.mean(off**2, axis=0)) / np.where(size > 0, size, 1.0)
+
+
 def motion_of(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -> np.ndarray:
     """x (steps + 1, 2n) = [q, q̇] from t = 0 on, exact for the held loads; theta: all parameters [SI]."""
     if loading.tones is not None:

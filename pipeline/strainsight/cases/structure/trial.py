@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.structure.filtering import Filtered, filtered, smoothed
 from strainsight.cases.structure.nuisances import Tolerated
-from strainsight.cases.structure.problem import Problem, initial_covariance, sample_std
+from strainsight.cases.structure.problem import Problem, initial_covariance, sample_std, settled_under
 from strainsight.cases.structure.settings import unknown_units
 from strainsight.cases.structure.start import Loading, loading_of
 from strainsight.cases.structure.truth import Motion, ReadMotion, Truth
@@ -18,6 +18,7 @@ from strainsight.errors import blame
 from strainsight.estimation.metrics import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import Keep
+from strainsight.estimation.settled import Settled
 from strainsight.estimation.smoother import Smoothed
 from strainsight.signals.histories import instant_values
 
@@ -27,6 +28,7 @@ class Trial:
     """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N], loads that the filter is given;
     truth and its motion; history: unknown's name → (T + 1,) [SI]; gauges: numbers of those of the layout, chosen (k,) their
     channels, stopped: how many of them a sharp edge has kept from being misplaced as far as stated; covariance P₀ (n*, n*);
+    settled: how the motion of a bank begins where that is known;
     units: unknown's name → unit; tolerated: what σ allows of the channels that are filtered;
     again: number of a realisation → what the layout reads without noise (T + 1, k) where the truth is drawn anew, None where
     nothing is drawn."""
@@ -42,6 +44,7 @@ class Trial:
     chosen: np.ndarray
     stopped: int
     covariance: np.ndarray
+    settled: Settled | None
     units: Mapping[str, str]
     tolerated: Tolerated
     again: Callable[[int], np.ndarray] | None
@@ -85,12 +88,23 @@ class Trial:
         """The filter of the config on measurements (T, k) or (T, B, k) of channels (k,) or (B, k); start (B, n*), None: zero."""
         mean, P = np.zeros(model.size) if start is None else start, self.covariance
         return filtered(
-            self.problem, self.tolerated, model, channels, mean, P, self.known, measured, keep, refuse=refuse
+            self.problem,
+            self.tolerated,
+            model,
+            channels,
+            mean,
+            P,
+            self.known,
+            measured,
+            keep,
+            settled=self.settled,
+            refuse=refuse,
         )
 
     def smoothed(self, model: FilterModel, measured: np.ndarray, found: Filtered) -> Smoothed:
         """What `filtered` has found of the layout's measurements (T, k), by all samples."""
-        return smoothed(self.problem, self.tolerated, model, self.chosen, self.covariance, self.known, measured, found)
+        own, P = self.tolerated, self.covariance
+        return smoothed(self.problem, own, model, self.chosen, P, self.known, measured, found, self.settled)
 
 
 def without_truth(trial: Trial) -> Trial:
@@ -147,6 +161,7 @@ def _simulated(
         chosen=channels[channels >= 0],
         stopped=int(truth.held[gauges].sum()),
         covariance=P,
+        settled=settled_under(problem, loading),
         units=units,
         tolerated=tolerated,
         again=_again(truth, gauges, int(np.count_nonzero(channels >= 0)), loading),
