@@ -24,23 +24,22 @@ from .chain import (
     driven_chain,
     driven_start,
     forces,
-    loaded_chain,
     start,
 )
 from .drawn import prior
 
 
 def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
-    """Offsets of both channels that no sample corrects the motion for: at every parameter the plain filter's states, and σ that
-    holds how an offset of one σ moves them."""
-    model = loaded_chain()
-    P = start()[:5, :5]
-    _, y = draw_truth(model, np.zeros(5), P, forces(), [5])
+    """Offsets of both channels that no sample corrects the motion for, all loads known: at every parameter the plain filter's
+    states, and σ that holds how an offset of one σ moves them."""
+    model = driven_chain(parameters=())
+    P = driven_start()[:4, :4]
+    _, y = draw_truth(model, np.zeros(4), P, forces(), [5])
     offset = np.array([[NOISE, 0.0], [0.0, 3 * NOISE]])
-    nuisances = Nuisances(("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), offset)
+    nuisances = Nuisances(("first", "second"), np.zeros((2, 2, 4)), np.zeros((2, 2, 1)), offset)
 
     def run(values, own=None):
-        return filter_bank(model, np.zeros(5), P, forces(), values, own).run
+        return filter_bank(model, np.zeros(4), P, forces(), values, own).run
 
     plain, found = run(y[:, 0]), run(y[:, 0], nuisances)
     moved = np.stack([run(y[:, 0] + own).mean - plain.mean for own in offset])
@@ -71,23 +70,23 @@ def test_sigma_holds_where_gauges_read_too_much():
 
 @pytest.mark.parametrize(("source", "sizes"), [("damping", (0.1, 0.0)), ("stiffness", (0.0, 0.1))])
 def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
-    """Exact readings of chains whose damping, mode by mode, or stiffness is a little off; only a load is estimated."""
-    model = loaded_chain(noise=5e-5)
-    P, steps, size = start()[:5, :5], 80, 1e-3
+    """Exact readings of chains whose damping, mode by mode, or stiffness is a little off, under a known load."""
+    model = driven_chain(noise=5e-5, parameters=())
+    P, steps, size = driven_start()[:4, :4], 80, 1e-3
     nuisances = replace(no_nuisances(model), damping=sizes[0], stiffness=sizes[1])
 
     def readings(factors, stiffer):
-        """What a chain reads without noise that begins at rest, no unknown load acting, and its motion."""
+        """What a chain reads without noise that begins at rest, and its motion."""
         F, column = continuous({name: stiffer * value for name, value in REFERENCE.items()}, factors)
         whole = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)
         x = np.zeros((steps + 1, 5))
         for k, u in enumerate(forces(steps)[:, 0, 0]):
             x[k + 1] = whole[:5, :5] @ x[k] + whole[:5, 5] * u
-        return x[1:, :2] @ ROWS.T, x
+        return x[1:, :2] @ ROWS.T, x[:, :4]
 
     def error(factors, stiffer):
         y, x = readings(factors, stiffer)
-        return filter_bank(model, np.zeros(5), P, forces(steps), y).run.mean[:, 0] - x
+        return filter_bank(model, np.zeros(4), P, forces(steps), y).run.mean[:, 0] - x
 
     if source == "damping":
         ends = [[error(np.exp(s * size * 0.1 * mode), 1.0) for s in (1, -1)] for mode in np.eye(2)]
@@ -95,7 +94,7 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
         ends = [[error(np.ones(2), np.exp(s * size * 0.1)) for s in (1, -1)]]
     slope = np.stack([(ahead - back) / (2 * size) for ahead, back in ends], axis=1)
     y, _ = readings(np.ones(2), 1.0)
-    found, plain = (filter_bank(model, np.zeros(5), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None))
+    found, plain = (filter_bank(model, np.zeros(4), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None))
     added = np.sum(slope**2, axis=1)
     np.testing.assert_allclose((found**2 - plain**2) / added.max(axis=0), added / added.max(axis=0), atol=2e-4)
 
@@ -143,7 +142,7 @@ def test_whether_the_motion_is_corrected_is_nothing_to_the_parameters():
     np.testing.assert_array_equal(one.weight, other.weight)
     np.testing.assert_array_equal(one.run.mean[:, 0, 5:], other.run.mean[:, 0, 5:])
     np.testing.assert_array_equal(one.run.std[:, 0, 5:], other.run.std[:, 0, 5:])
-    assert (one.run.std[5:, 0, :2] > 1.5 * other.run.std[5:, 0, :2]).all()
+    assert (one.run.std[5:, 0, :2] > 1.2 * other.run.std[5:, 0, :2]).all()
 
 
 def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged(make_beam, make_filter, sine):
@@ -248,20 +247,3 @@ def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, paramet
     off = (0.03, 0.01) if parameters else (1e-6, 1e-6)
     np.testing.assert_allclose(smoothed.mean[1:, 0] / std, by_states.mean[1:, 0, there] / std, atol=off[0])
     np.testing.assert_allclose(smoothed.std[1:, 0] / std, 1.0, atol=off[1])
-
-
-def test_motion_as_it_is_read_is_never_surer_than_the_motion_corrected():
-    """Also in the first steps, where stiffnesses that are all still likely ask for different loads, so that ν is less sure than
-    before any sample."""
-    model, P = chain(noise=5e-5), start()
-    read = acting_otherwise(model, *LOADS["direction of an unknown load"])
-    inner = replace(model.model, input_shape=model.model.input_shape + 1.5 * read.shape[0])
-    _, y = draw_truth(replace(model, model=inner), np.zeros(7), P, forces(), [24])
-    learned = replace(read, learned=True)
-    one, other = (filter_bank(model, np.zeros(7), P, forces(), y[:, 0], own) for own in (read, learned))
-    assert np.all(one.run.std >= other.run.std * (1 - 1e-9))
-    assert np.all(one.run.gauge_std >= other.run.gauge_std * (1 - 1e-9))
-    one, other = (
-        smooth_bank(model, np.zeros(7), P, forces(), y[:, 0], own, found) for own, found in ((read, one), (learned, other))
-    )
-    assert np.all(one.std >= other.std * (1 - 1e-9))

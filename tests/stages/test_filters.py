@@ -48,12 +48,14 @@ def validated(tmp_path_factory):
 
 
 def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
-    """Without tolerances, so that the bank's σ is that of the samples alone; parameters are constants in all three."""
-    found = validated("tolerances=none").validated.compared
+    """Without tolerances, so that the bank's σ is that of the samples alone, and from rest, where all begin alike; parameters are
+    constants in all three."""
+    plain = "tolerances=none", "train.settle=none"
+    found = validated(*plain).validated.compared
     assert found.filter == ("bank", "sigma-point", "extended")
     for i, method in enumerate(found.filter):
         drift = [] if method == "bank" else ["filter.drift=false"]
-        alone = validated("tolerances=none", f"filter.method={method}", "filter.compare=false", *drift).validated
+        alone = validated(*plain, f"filter.method={method}", "filter.compare=false", *drift).validated
         assert alone.compared is None
         for name, estimate in found.estimate.items():
             assert alone.estimate[name][-1] == pytest.approx(estimate[i], rel=1e-9)

@@ -18,6 +18,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import (
     Nuisances,
     conditional_states,
+    considers,
     discrepancy,
     linear_models,
     no_nuisances,
@@ -329,7 +330,7 @@ def _filtered(problem: _Problem, lattice: Lattice, step: int) -> _Now:
     models = linear_models(problem.model, lattice.point, problem.nuisances, problem.biased)
     at = conditional_states(problem.model, len(problem.biased))
     start = beginning(problem.model, models, problem.mean[at], problem.covariance[np.ix_(at, at)], problem.settled)
-    filters = filters_of(models, *start)
+    filters = filters_of(models, *start, consider=considers(problem.model, problem.nuisances))
     B = models.count
     now = _Now(lattice, problem.log_prior(lattice.point), models, filters, np.zeros(B), 0)
     while now.step < step:

@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.estimation.along import steps_along
 from strainsight.estimation.claim import START, WHITE, Claim, by_sensors, by_source, starts
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import Nuisances, considers
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.settled import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
@@ -28,7 +28,8 @@ def bank_claim(
         V⁻ = A V − B,   ε = D − H V⁻,   V = V⁻ + K ε,        B = [A_ν x + G_ν w, ∂x⁺/∂p],   D = [D x + E w₁ + o, ∂y/∂p]
         Λ⁻¹ = RᵀR = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                         ĉ = Λ Σ εᵀS⁻¹e = R⁻¹z
 
-    p is estimated with ν integrated out: σ_p² = Λ_pp. Motion and loads follow p̂, and ν̂ as well where it is `learned`:
+    p is estimated with ν integrated out: σ_p² = Λ_pp. Where gains consider ν, P and V of the states are by those, of a filter
+    beside it. Motion and loads follow p̂, and ν̂ as well where it is `learned`:
 
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
@@ -49,12 +50,16 @@ def bank_claim(
     # parts of [w, z at c = 0]
     parts, Q = (np.pad(each[:, :n, :n], [(0, 0), (0, c), (0, c)]) for each in (parts, Q))
     A, kept = np.eye(n + c), np.eye(n + c)
+    considered = _Considered(P, V, parts[:, :n, :n], d) if considers(model, nuisances) else None
     found = _Found(model.size, len(u) + 1, source, nuisances.learned, prior)
     found.after(0, P, V, root, parts)
     for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
         A[:n, :n] = step.A[:n, :n]
+        pushed = np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
         P, parts = predict(P, A[:n, :n], model.process[:n, :n]), predict(parts, A, Q)
-        V = V @ A[:n, :n].T - np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
+        V = V @ A[:n, :n].T - pushed
+        if considered is not None:
+            considered.predict(A[:n, :n], model.process[:n, :n], Q[:, :n, :n], pushed)
         if step.sampled:
             H = step.H[..., :n]
             K, L = gain(P, H, step.variance, step.instant)
@@ -69,8 +74,41 @@ def bank_claim(
             parts = kept @ parts @ kept.T
             parts = corrected(parts, np.concatenate([K[:1], on_samples], axis=1), rows, by_sensors(step.variance))
             P, V = corrected(P, K, H, step.variance), V + slope @ transposed(K)
-        found.after(k, P, V, root, parts)
+            if considered is not None:
+                considered.update(H, step.variance, read)
+        if considered is None:
+            found.after(k, P, V, root, parts)
+        else:
+            found.after(k, considered.P, considered.V, root, considered.beside(parts))
     return found.claim()
+
+
+class _Considered:
+    """The filter by gains that consider the first d of c constants: P (B, n, n), V (B, c, n), parts (3, n, n)."""
+
+    def __init__(self, P: np.ndarray, V: np.ndarray, parts: np.ndarray, d: int):
+        self.P, self.V, self.parts, self.d = P, V, parts, d
+
+    def predict(self, A: np.ndarray, process: np.ndarray, Q: np.ndarray, pushed: np.ndarray) -> None:
+        self.P, self.parts, self.V = predict(self.P, A, process), predict(self.parts, A, Q), self.V @ A.T - pushed
+
+    def update(self, H: np.ndarray, R: np.ndarray, read: np.ndarray) -> None:
+        """Schmidt's gain, as in `parallel_filters.advance`."""
+        slope = read - self.V @ transposed(H)
+        own = transposed(slope[:, : self.d])
+        across = H @ self.P - own @ self.V[:, : self.d]
+        S = H @ self.P @ transposed(H) + own @ transposed(own) + R[:, :, None] * np.eye(R.shape[1])
+        K = transposed(np.linalg.solve(S, across))
+        self.P, self.V = corrected(self.P, K, H, R), self.V + slope @ transposed(K)
+        self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
+
+    def beside(self, parts: np.ndarray) -> np.ndarray:
+        """Its parts for those of w, with those of z. The bank adds what the two leave: that they share noise is not in its σ."""
+        n = self.P.shape[-1]
+        both = parts.copy()
+        both[:, :n], both[:, :, :n] = 0.0, 0.0
+        both[:, :n, :n] = self.parts
+        return both
 
 
 class _Found:

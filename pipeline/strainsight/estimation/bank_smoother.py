@@ -9,6 +9,7 @@ import numpy as np
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.biased import Biased
 from strainsight.estimation.conditional import Nuisances, conditional_states, discrepancy, linear_models, theta_at
+from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.mixture import removed_of
@@ -35,8 +36,8 @@ def smooth_bank(
         x̂ˢ = Σ wⱼ x̂ˢ(θⱼ),   Pˢ = Σ wⱼ (Pˢ(θⱼ) + (x̂ˢ(θⱼ) − x̂ˢ)(…)ᵀ) + Σₖ vₖvₖᵀ
 
     with the 2k points θⱼ of the cubature rule of degree three on the posterior of k parameters, which a motion that is smooth
-    in them needs no more of. A smoother is linear in its samples: what one of a nuisance adds, v, is what it makes of the
-    samples that the nuisance causes, less the motion that it causes.
+    in them needs no more of. Where ν is learned, v is what the smoother, which is linear in its samples, makes of those that one
+    of a nuisance causes, less the motion that it causes; otherwise that of gains that consider ν (`consider_smoothed`).
     Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
@@ -49,25 +50,19 @@ def smooth_bank(
     ends = np.sqrt(k) * np.linalg.cholesky(spread).T
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
     before = covariance[np.ix_(at, at)]
-    start, P0, _ = beginning(model, linear_models(model, points, nuisances, offsets), mean[at], before, settled)
     model = replace(model, r=model.r + every * model.h * discrepancy(model, nuisances, measurement))
     nu, left = bank.nuisances
-
-    def at_points() -> list[Smoothed]:
-        return [
-            smoothed_at(model, point, x0, P0, known, samples[:, None], offsets)
-            for point, x0 in zip(points, start, strict=True)
-        ]
-
-    found = at_points()
-    middle = np.mean([own.mean[:, 0] for own in found], axis=0)
-    caused, own, V = _effects(model, centre, before, known, middle, nuisances, offsets, settled)
-    # once more without what the mean of ν makes of samples and motion
-    samples -= caused @ nu
-    found = at_points()
-    x = np.stack([each.mean[:, 0] for each in found]) + np.einsum("tda,d->ta", own, nu)
+    if nuisances.learned or not len(nu):
+        x, P, V = _corrected(model, points, centre, mean[at], before, known, samples, nuisances, nu, offsets, settled)
+    else:
+        models = linear_models(model, np.concatenate([points, centre[None]]), nuisances, offsets)
+        start = beginning(model, models, mean[at], before, settled)
+        noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, samples.shape)
+        by = consider_smoothed(models, start, known.reshape(steps, -1), known.sum(axis=1), samples, noise)
+        x, P, V = by.x[:-1], by.P[:-1], by.V[-1]
+        # what the samples say of ν is neither in the motion nor in its σ
+        left = left + removed_of(left)
     middle = x.mean(axis=0)
-    P = np.stack([_covariance(each) for each in found])
     off = x - middle
     # regression of the motion on the parameters over the points, for what a nuisance does by way of them
     cross = np.einsum("bta,bi->tai", off, points - centre) / len(points)
@@ -88,11 +83,37 @@ def smooth_bank(
     by_p = np.einsum("tda,id->tai", V, with_p)
     cov[:, at[:, None], parameters] -= by_p
     cov[:, parameters[:, None], at] -= np.swapaxes(by_p, 1, 2)
-    if not nuisances.learned:
-        # as the samples read: what they say of ν is neither in the motion nor in its σ
-        whole[:, at] += np.einsum("tda,d->ta", V, nu)
-        cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, removed_of(left), V, optimize=True)
     return Smoothed(bank.run.time, whole[:, None], standard_deviation(cov)[:, None], cov[:, None])
+
+
+def _corrected(
+    model: FilterModel,
+    points: np.ndarray,
+    centre: np.ndarray,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    samples: np.ndarray,
+    nuisances: Nuisances,
+    nu: np.ndarray,
+    biased: np.ndarray,
+    settled: Settled | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x (b, T + 1, n) at points (b, k), without what the mean of ν (d,) makes of samples and motion; P; V (T + 1, d, n) at the
+    centre (k,)."""
+    start, P0, _ = beginning(model, linear_models(model, points, nuisances, biased), mean, covariance, settled)
+
+    def at_points(values: np.ndarray) -> list[Smoothed]:
+        return [
+            smoothed_at(model, point, x0, P0, known, values[:, None], biased)
+            for point, x0 in zip(points, start, strict=True)
+        ]
+
+    middle = np.mean([own.mean[:, 0] for own in at_points(samples)], axis=0)
+    caused, own, V = _effects(model, centre, covariance, known, middle, nuisances, biased, settled)
+    found = at_points(samples - caused @ nu)
+    x = np.stack([each.mean[:, 0] for each in found]) + np.einsum("tda,d->ta", own, nu)
+    return x, np.stack([_covariance(each) for each in found]), V
 
 
 def smoothed_at(

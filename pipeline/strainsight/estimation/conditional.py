@@ -30,7 +30,8 @@ class Nuisances:
     of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
     are in D and E (`on_loads`).
     The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
-    corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it. discrepancy: σ of what else
+    corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it; where not, gains of unknown
+    loads consider ν (`considers`). discrepancy: σ of what else
     a reading is off by, over its RMS, white: second order of all these, and what the model leaves out. It matters where
     parameters are estimated under known loads from readings of small noise, which would be believed beyond what the model can
     say of them.
@@ -62,6 +63,12 @@ def no_nuisances(model: FilterModel) -> Nuisances:
 def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:
     """Where the states of the filters of a bank, [q, q̇, ζ] and the offsets of channels, stand in x* and what is behind it."""
     return np.concatenate([np.arange(model.parameter_states.start), np.arange(model.size, model.size + offsets)])
+
+
+def considers(model: FilterModel, nuisances: Nuisances) -> bool:
+    """Whether motion and loads are followed with gains that consider ν: where a load is unknown, which follows the samples, and
+    ν is not learned."""
+    return bool(model.unknowns.inputs and nuisances.sources(model.model.size)) and not nuisances.learned
 
 
 def discrepancy(model: FilterModel, nuisances: Nuisances, measurement: np.ndarray) -> np.ndarray:

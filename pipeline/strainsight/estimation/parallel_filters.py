@@ -49,8 +49,8 @@ class LinearModels:
 class Filters:
     """Where B filters stand; `advance` moves them: x (B, n), P (B, n, n); V (B, d, n) what one of ν adds to the error x̂ − x;
     gain (B, m, n), variance (B, m) of every channel in the last step, one channel after the other, and S (B, m, m) of all of
-    them before it; calm (B,) steady steps; nu (B, d) and left (B, d, d): mean and covariance of ν
-    by the samples so far."""
+    them before it; calm (B,) steady steps; nu (B, d) and left (B, d, d): mean and covariance of ν by the samples so far;
+    x_c, P_c, V_c: as x, P, V, by the gains that consider ν, of no entry where none are asked for."""
 
     x: np.ndarray
     P: np.ndarray
@@ -61,11 +61,15 @@ class Filters:
     calm: np.ndarray
     nu: np.ndarray
     left: np.ndarray
+    x_c: np.ndarray
+    P_c: np.ndarray
+    V_c: np.ndarray
 
     @property
     def states(self) -> States:
-        """As they are, at one instant."""
-        return States(*(own[:, None] for own in (self.x, self.P, self.V, self.nu, self.left)))
+        """As they are, at one instant; by the gains that consider ν, where there are some."""
+        own = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
+        return States(*(each[:, None] for each in (*own, self.nu, self.left)))
 
 
 @dataclass(frozen=True)
@@ -97,12 +101,15 @@ class Passage:
     slope: np.ndarray
 
 
-def filters_of(models: LinearModels, x: np.ndarray, covariance: np.ndarray, V: np.ndarray) -> Filters:
-    """B filters that begin with x (B, n), V (B, d, n) and one covariance (n, n)."""
+def filters_of(
+    models: LinearModels, x: np.ndarray, covariance: np.ndarray, V: np.ndarray, consider: bool = False
+) -> Filters:
+    """B filters that begin with x (B, n), V (B, d, n) and one covariance (n, n); consider: with gains that do, as well."""
     B, m, n = models.H.shape
+    P, second = np.tile(covariance, (B, 1, 1)), B if consider else 0
     return Filters(
         x,
-        np.tile(covariance, (B, 1, 1)),
+        P,
         V,
         np.zeros((B, m, n)),
         np.zeros((B, m)),
@@ -110,6 +117,9 @@ def filters_of(models: LinearModels, x: np.ndarray, covariance: np.ndarray, V: n
         np.zeros(B, dtype=np.int64),
         np.zeros((B, models.nuisances)),
         np.tile(np.eye(models.nuisances), (B, 1, 1)),
+        x[:second].copy(),
+        P[:second].copy(),
+        V[:second].copy(),
     )
 
 
@@ -132,10 +142,17 @@ def advance(
     squares on them give mean ν̂ and covariance of ν (Friedland's separate filter of a bias), and the likelihood of the samples
     with ν integrated out. Linear in ν about the motion that is predicted: an innovation is independent of that, so that noise
     makes no bias.
+    The states that are kept are of a second filter where `filters` has one, with the gains of Schmidt, of least variance among
+    those that do not learn ν:
+
+        K = (P⁻Hᵀ − V⁻εᵀ)(H P⁻Hᵀ + ε εᵀ + R)⁻¹,   P = (I − K H)P⁻(I − K H)ᵀ + K R Kᵀ
+
+    where a filter that takes its readings for exact would follow what gauges make of their tolerances the more, the quieter
+    they are.
     known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples, with
     discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned. Changes `filters`
     in place.
-    Source: Friedland, IEEE Trans. Automatic Control 14 (1969).
+    Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
     L, d, kept = len(measurement), models.nuisances, len(measurement) if keep else 0
@@ -166,6 +183,7 @@ def advance(
                 filters.nu,
                 filters.left,
             ),
+            (filters.x_c, filters.P_c, filters.V_c),
             (known, known_end, measurement, noise, discrepancy),
             keep,
             (found.fit, states.nu, states.left, states.x, states.P, states.V),
@@ -182,9 +200,10 @@ def advance(
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _advance(span, system, state, data, keep, out, ahead):  # type: ignore[no-untyped-def]
+def _advance(span, system, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
     AT, G, Q, H, F, A_nu, G_nu, D, E, offset = system
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
+    xcs, Pcs, Vcs = considering
     known, known_end, y, R, more = data
     fits, nu_kept, left_kept, x_kept, P_kept, V_kept = out
     y_kept, S_kept, slope_kept = ahead
@@ -229,8 +248,17 @@ def _advance(span, system, state, data, keep, out, ahead):  # type: ignore[no-un
             fits[i, t] += _updated_nuisances(V, H[i], sensed, K, S, y[t], whitened, slope, gain_nu, nus[i], lefts[i])
             if not steady:
                 calms[i] = calms[i] + 1 if complete and _unmoved(P, before) else 0
+            if len(xcs):
+                _moved_nuisances(xcs[i], Vcs[i], AT[i], A_nu[i], G_nu[i], known[t], moved)
+                _moved_mean(xcs[i], AT[i], G[i], known[t], row)
+                _predicted(Pcs[i], AT[i], Q[i], work)
+                _sensed(xcs[i], D, E, offset, known_end[t], sensed)
+                _considered(xcs[i], Pcs[i], Vcs[i], H[i], F[i], known_end[t], y[t], R[t], sensed)
             if keep:
-                x_kept[i, t], P_kept[i, t], V_kept[i, t] = x, P, V
+                if len(xcs):
+                    x_kept[i, t], P_kept[i, t], V_kept[i, t] = xcs[i], Pcs[i], Vcs[i]
+                else:
+                    x_kept[i, t], P_kept[i, t], V_kept[i, t] = x, P, V
                 nu_kept[i, t], left_kept[i, t] = nus[i], lefts[i]
 
 
@@ -383,3 +411,70 @@ def _unmoved(P, before):  # type: ignore[no-untyped-def]
             if abs(P[a, b] - before[a, b]) > UNMOVED * np.sqrt(before[a, a] * before[b, b]):
                 return False
     return True
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
+    """Update by all channels that measured, with the gain of Schmidt."""
+    d, n = V.shape
+    there = np.flatnonzero(~np.isnan(y))
+    m = len(there)
+    Ph, slope, S, K = np.empty((m, n)), np.empty((m, d)), np.empty((m, m)), np.empty((m, n))
+    innovation = np.empty(m)
+    for c in range(m):
+        h = H[there[c]]
+        _product(P, h, Ph[c])
+        innovation[c] = y[there[c]] - _dot(F[there[c]], w) - _dot(h, x)
+        K[c] = Ph[c]
+        for k in range(d):
+            slope[c, k] = sensed[there[c], k] - _dot(h, V[k])
+            for a in range(n):
+                K[c, a] -= V[k, a] * slope[c, k]
+        for g in range(c + 1):
+            S[c, g] = _dot(H[there[g]], Ph[c]) + _dot(slope[c], slope[g])
+        S[c, c] += R[there[c]]
+    _solved(S, K)
+    for c in range(m):
+        for a in range(n):
+            x[a] += K[c, a] * innovation[c]
+        for k in range(d):
+            for a in range(n):
+                V[k, a] += K[c, a] * slope[c, k]
+        for a in range(n):
+            for b in range(n):
+                P[a, b] -= K[c, a] * Ph[c, b]
+    # rows of P Hᵀ after the first factor of Joseph's form
+    for c in range(m):
+        for a in range(n):
+            Ph[c, a] = _dot(P[a], H[there[c]]) - R[there[c]] * K[c, a]
+    for c in range(m):
+        for a in range(n):
+            for b in range(n):
+                P[a, b] -= Ph[c, a] * K[c, b]
+    for a in range(n):
+        for b in range(a):
+            P[a, b] = P[b, a] = 0.5 * (P[a, b] + P[b, a])
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _solved(S, B):  # type: ignore[no-untyped-def]
+    """B ← S⁻¹ B by Cholesky's factors, of the lower half of S, which they replace."""
+    m = len(S)
+    for c in range(m):
+        for g in range(c + 1):
+            value = S[c, g]
+            for j in range(g):
+                value -= S[c, j] * S[g, j]
+            S[c, g] = np.sqrt(value) if c == g else value / S[g, g]
+    for c in range(m):
+        for j in range(c):
+            for a in range(B.shape[1]):
+                B[c, a] -= S[c, j] * B[j, a]
+        for a in range(B.shape[1]):
+            B[c, a] /= S[c, c]
+    for c in range(m - 1, -1, -1):
+        for j in range(c + 1, m):
+            for a in range(B.shape[1]):
+                B[c, a] -= S[j, c] * B[j, a]
+        for a in range(B.shape[1]):
+            B[c, a] /= S[c, c]

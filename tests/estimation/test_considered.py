@@ -1,0 +1,122 @@
+"""Motion and loads by gains that consider constants that nobody estimates: σ is that of the error, and the least there is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_claim import bank_claim
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.claim import covariance_recursion
+from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
+from strainsight.estimation.consider_smoother import consider_smoothed
+from strainsight.estimation.draws import draw_truth
+
+from .chain import ROWS, continuous, forces, gathered, loaded_chain, start
+from .chain import H as STEP
+from .two_masses import REFERENCE, chain, constants, nominal
+from .two_masses import forces as both_forces
+from .two_masses import start as start_of
+
+STEPS = 30
+OFFSETS = np.array([[2e-3, 0.0], [0.0, 5e-3], [1e-3, 1e-3]])
+MISSING = (7, 0), (8, 0), (8, 1), (15, 1)
+P = start()[:5, :5]
+
+
+def offsets(learned=False):
+    return Nuisances(("offset",) * 3, np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), OFFSETS, learned=learned)
+
+
+def both(model, y, nuisances):
+    """Filter and smoother, (STEPS + 1, 5) each."""
+    y = y.copy()
+    for at in MISSING:
+        y[at] = np.nan
+    bank = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
+    later = smooth_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances, bank)
+    return [(own.mean[:, 0], own.std[:, 0]) for own in (bank.run, later)]
+
+
+def sources(model):
+    """Every source of the truth one after the other, of unit variance: the states (N, STEPS + 1, 5) and readings (N, STEPS, 2)
+    that it makes, by the exponential of the textbook's matrix."""
+    F = continuous(REFERENCE)[0]
+    A = expm(F * STEP)
+    noise = np.linalg.cholesky(gathered(F, model.Q))
+    first = [np.concatenate([own[None], np.zeros((STEPS, 5))]) for own in np.diag(np.sqrt(np.diag(P)))]
+    steps = [np.insert(np.zeros((STEPS, 5)), k, own, axis=0) for k in range(1, STEPS + 1) for own in noise.T]
+    x = np.array(first + steps + [np.zeros((STEPS + 1, 5))] * (2 * STEPS + len(OFFSETS)))
+    for k in range(STEPS):
+        x[:, k + 1] += x[:, k] @ A.T
+    y = x[:, 1:, :2] @ ROWS.T
+    white = np.sqrt(model.noise[0]) * np.eye(2 * STEPS).reshape(-1, STEPS, 2)
+    y[-len(OFFSETS) - 2 * STEPS : -len(OFFSETS)] += white
+    y[-len(OFFSETS) :] += OFFSETS[:, None]
+    return x, y
+
+
+def test_sigma_is_that_of_the_error_that_every_source_makes():
+    """Filter and smoother are linear in their samples: what they make of each source by itself, less the motion that it is."""
+    model = loaded_chain()
+    x, y = sources(model)
+    nothing = both(model, np.zeros((STEPS, 2)), offsets())
+    errors = np.zeros((2, len(y), STEPS + 1, 5))
+    for i, (motion, reading) in enumerate(zip(x, y, strict=True)):
+        for which, (own, none) in enumerate(zip(both(model, reading, offsets()), nothing, strict=True)):
+            errors[which, i] = own[0] - none[0] - motion
+    for which, (_, std) in enumerate(nothing):
+        real = np.sqrt(np.sum(errors[which] ** 2, axis=0))
+        np.testing.assert_allclose(std[1:], real[1:], rtol=1e-6)
+    # by the smoother less than by the filter, where the filter has least to go by
+    assert (nothing[1][1][: STEPS // 2, 4] < nothing[0][1][: STEPS // 2, 4]).all()
+
+
+def test_the_first_samples_are_read_as_by_all_of_bayes():
+    """Before there is anything to learn of a constant, considering it is as good as estimating it."""
+    model = loaded_chain()
+    _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
+    (own, _), (all_of_it, _) = (both(model, y[:, 0] + 2e-3, offsets(learned)) for learned in (False, True))
+    for considered, learned in zip(own, all_of_it, strict=True):
+        np.testing.assert_allclose(considered[1], learned[1], rtol=1e-9, atol=1e-12)
+
+
+def test_who_considers_is_never_surer_than_who_learns():
+    model = loaded_chain()
+    considered, learned = (both(model, np.zeros((STEPS, 2)), offsets(learned)) for learned in (False, True))
+    for (_, one), (_, other) in zip(considered, learned, strict=True):
+        assert (one >= other * (1 - 1e-9)).all()
+
+
+def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
+    model, none = loaded_chain(), no_nuisances(loaded_chain())
+    _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
+    one = linear_models(model, np.zeros((1, 0)), none)
+    begin = np.zeros((1, 5)), P, np.zeros((1, 0, 5))
+    known, noise = forces(STEPS), np.broadcast_to(model.noise, (STEPS, 2))
+    found = consider_smoothed(one, begin, known.reshape(STEPS, -1), known.sum(axis=1), y[:, 0], noise)
+    bank = filter_bank(model, np.zeros(5), P, known, y[:, 0], none)
+    expected = smooth_bank(model, np.zeros(5), P, known, y[:, 0], none, bank)
+    std = expected.std[:, 0]
+    np.testing.assert_allclose(found.x[0] / std, expected.mean[:, 0] / std, atol=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_a_quieter_gauge_makes_no_load_worse(learned):
+    """With gains of 2 % on its way, which an extended filter takes for exact, so that the quieter they are the worse it is."""
+    model = chain()
+    gains = replace(constants(model), damping=0.0, stiffness=0.0, learned=learned)
+    noises = 10.0 ** np.arange(0, -4, -0.5)
+
+    def level(claim, noise):
+        own = replace(model, r=model.r * noise**2)
+        return claim(own, nominal(), both_forces(), start_of(), gains).std[40:, 0, 4].mean()
+
+    considered, as_if_exact = ([level(claim, n) for n in noises] for claim in (bank_claim, covariance_recursion))
+    assert (np.diff(considered) <= 1e-12).all()
+    assert as_if_exact[-1] > 1.2 * min(as_if_exact)
