@@ -68,9 +68,9 @@ class Tolerances(Section):
     )
     treat: Literal["consider", "estimate"] = Field(
         "consider",
-        description="Of motion and loads; parameters are estimated with all tolerances integrated out. consider: as the gauges "
-        "read, and σ covers it; estimate: corrected by what the samples say of them, which readings that the model cannot "
-        "explain otherwise mislead.",
+        description="Of motion and loads; parameters are estimated with all tolerances integrated out. consider: gains of "
+        "unknown loads know of them and learn nothing, and σ covers them; estimate: corrected by what the samples say of them, "
+        "which readings that the model cannot explain otherwise mislead.",
     )
 
 
