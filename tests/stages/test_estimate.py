@@ -69,6 +69,28 @@ def test_a_record_that_begins_settled_is_estimated_as_validate_did(project, know
     assert found["settled"]["std"][5] < 0.8 * found["moving"]["std"][5]
 
 
+def shares(artefact):
+    source, root = [str(name) for name in artefact["/budget/source"]], "/budget/share/"
+    return {
+        path.removeprefix(root): dict(zip(source, artefact[path].tolist(), strict=True))
+        for path in artefact.paths()
+        if path.startswith(root)
+    }
+
+
+def test_the_variance_of_an_estimate_is_made_of_what_place_expects(known, project):
+    """Of a constant under one known load: by place along the training run, by validate and estimate along what they found."""
+    code, said = estimated(project, known / "measured.csv", "estimate.start=settled", config="known.yaml")
+    assert code == 0, said
+    assert "budget of the filtered estimates" in said
+    place, validate, estimate = (shares(Artefact(known / f"{s}.h5"))["E"] for s in ("place", "validate", "estimate"))
+    assert sum(estimate.values()) == pytest.approx(1.0, rel=1e-6)
+    assert max(place, key=place.get) in ("gain", "load gain")
+    for source, share in place.items():
+        assert validate[source] == pytest.approx(share, abs=0.03), source
+        assert estimate[source] == pytest.approx(share, abs=0.03), source
+
+
 @pytest.mark.parametrize(
     ("settings", "says"),
     [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.budget import Budget
 from strainsight.records.record import dataset, group, record
 
 
@@ -83,6 +84,7 @@ class Histories:
         "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
     )
     compared: Compared | None = group("/compared", default=None)
+    budget: Budget | None = group("/budget", default=None)
 
 
 @record

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.budget import Budget
 from strainsight.records.layout import PlacedLayout
 from strainsight.records.record import dataset, group, record
 
@@ -46,19 +47,6 @@ class PbhNumbers:
 
 
 @record
-class Budget:
-    """What the variance of every unknown is expected to be made of."""
-
-    source: tuple[str, ...] = dataset("/source", "1", "/source", "where a part of the variance comes from")
-    share: dict[str, np.ndarray] = dataset(
-        "/share/<name>",
-        "1",
-        "/source",
-        "share of every source in the variance that /expected_std/<name> is the root of",
-    )
-
-
-@record
 class HotSpots:
     """Whether the strain at gauges is that of the part: of the final set, or of any; changes over the RMS reading in training."""
 
@@ -87,6 +75,6 @@ class Placed(PlacedLayout):
     without: dict[str, np.ndarray] = dataset(
         "/without/<name>", "1", "gauge", "relative σ of <name> expected without each gauge of the final set"
     )
-    budget: Budget = group("/budget")
+    budget: Budget | None = group("/budget", default=None)
     observability: PbhNumbers = group("/observability")
     hot_spots: HotSpots | None = group("/hot_spots", default=None)

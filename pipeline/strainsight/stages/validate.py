@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.structure.compared import comparison_table
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.measured_csv import measured_csv
@@ -44,6 +45,7 @@ def run(context: Context) -> Output:
         message=validation_message(found, doubts),
         tables=(
             validation_table(found),
+            *budget_tables(own.budget, found.without),
             *([] if own.compared is None else [comparison_table(own.compared, found.units)]),
             *([] if own.sweep is None else [sweep_table(own.sweep)]),
         ),

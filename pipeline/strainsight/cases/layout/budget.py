@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from strainsight.ordering import first_of_largest
+from strainsight.records.budget import Budget
 from strainsight.workflow.output import Table
 
 REMEDY = {
@@ -27,11 +28,18 @@ REMEDY = {
 """Source of variance → what makes it smaller."""
 
 
-def budget_table(budget: Mapping[str, Mapping[str, float]]) -> Table:
+def budget_table(budget: Mapping[str, Mapping[str, float]], of: str = "budget") -> Table:
     """Unknowns by source, in % of the variance."""
     sources = list(dict.fromkeys(source for shares in budget.values() for source in shares))
     rows = tuple((name, *(f"{100 * shares[source]:.1f} %" for source in sources)) for name, shares in budget.items())
-    return Table("budget", ("variance of", *sources), rows)
+    return Table(of, ("variance of", *sources), rows)
+
+
+def budget_tables(budget: Budget | None, without: Sequence[str] = ()) -> tuple[Table, ...]:
+    """Of a filter that has run, with what would help most, and why an unknown has none; none of nothing."""
+    sentences = tuple((sentence,) for sentence in (*helps({} if budget is None else budget.shares), *without))
+    table = () if budget is None else (budget_table(budget.shares, "budget of the filtered estimates"),)
+    return (*table, *([Table("what would help", ("",), sentences)] if sentences else []))
 
 
 def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:

@@ -27,6 +27,7 @@ from strainsight.cases.structure.problem import (
 from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import parameters_of, unknown_units
 from strainsight.cases.structure.surface import surface_in_time, virtual_labels, virtual_strain
+from strainsight.cases.structure.variance import Shares, budget_of
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
@@ -42,6 +43,7 @@ from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
+from strainsight.records.budget import budget_of_shares
 from strainsight.records.estimated import Channels, Compared, Estimated, Offsets, Resultant, VirtualStrain
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
@@ -105,6 +107,7 @@ def estimation_of(
     withheld = "" if settings.loads_as_stated else withheld_in_words(problem)
     compare = not long if config.filter.compare is None else config.filter.compare
     run, smoothed, beside = _filtered(problem, tolerances, model, test, start, settled, compare and not withheld)
+    budget, not_so = _budget(problem, tolerances, model, test, start, run, smoothed, settled, withheld, long)
     if withheld:
         run, smoothed = _without_sigma(run, smoothed)
     using.progress("field", 0.7)
@@ -118,7 +121,7 @@ def estimation_of(
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     rests = withheld or rests_on_loads_in_words(problem)
     words = scheme_in_words(problem, test.h), *not_held_in_words(config, reduced, training), rests
-    notes = (*test.notes, *filter(None, words), *_doubts(hidden, tuning))
+    notes = (*test.notes, *filter(None, words), *not_so, *_doubts(hidden, tuning))
     if withheld:
         notes += ("filter.compare: other filters are not compared where σ is withheld",) * bool(config.filter.compare)
     elif long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
@@ -127,7 +130,11 @@ def estimation_of(
     units = unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(
         problem.unknowns,
-        replace(_estimated(model, test, run, smoothed, resultants, virtual, notes), compared=beside),
+        replace(
+            _estimated(model, test, run, smoothed, resultants, virtual, notes),
+            compared=beside,
+            budget=budget_of_shares(budget),
+        ),
         units | {"the biased channel": units_in_words(kinds[test.bias > 0])},
         judged,
         tuning,
@@ -178,6 +185,28 @@ def _filtered(
         return bank.run, later, beside
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
     return run, smooth(core, run, covariance=True), None
+
+
+def _budget(
+    problem: Problem,
+    tolerances: Tolerated,
+    model: FilterModel,
+    test: Measured,
+    start: np.ndarray,
+    run: FilterRun,
+    smoothed: Smoothed,
+    settled: Settled | None,
+    withheld: str,
+    long: bool,
+) -> tuple[Shares, tuple[str, ...]]:
+    """What the variances are made of, and why there is none."""
+    if withheld:
+        return {}, ()
+    if long:
+        return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
+    if (test.bias > 0).any():
+        return {}, ("no budget of the variance where offsets of channels are unknown",)
+    return budget_of(problem, tolerances, model, test.channels, start, test.known, test.values, run, smoothed, settled)
 
 
 def _estimated(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.structure.compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.workflow.output import Scalar, Table
@@ -63,6 +64,7 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
     beside = found.estimated.compared
     return (
         Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),
+        *budget_tables(found.estimated.budget),
         *([] if beside is None else [comparison_table(beside, found.units)]),
         Table("measurements", ("",), notes),
     )

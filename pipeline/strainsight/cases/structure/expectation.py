@@ -9,6 +9,7 @@ import numpy as np
 from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
 from strainsight.cases.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
+from strainsight.cases.structure.variance import variances
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.claim import covariance_recursion
@@ -42,21 +43,13 @@ def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expecta
             remedy="the noises lie too far apart, or an unknown load is modelled as faster than the step: check both",
         )
     names = problem.unknowns.names
-    level = np.sqrt(_late(problem, claim.std[..., model.position] ** 2))
-    part = {source: _late(problem, values[:, model.position]) for source, values in claim.budget.items()}
+    variance, budget = variances(problem, claim)
+    level = np.sqrt(variance)
     return Expectation(
         {name: float(level[0, i]) for i, name in enumerate(names)},
         {name: level[1:, i] for i, name in enumerate(names)},
-        {name: {source: float(v[i] / level[0, i] ** 2) for source, v in part.items()} for i, name in enumerate(names)},
+        budget,
     )
-
-
-def _late(problem: Problem, variance: np.ndarray) -> np.ndarray:
-    """Of variances (T, ..., k) of the unknowns: at the end of constants, else the mean of the last half (..., k)."""
-    late = np.mean(variance[len(variance) // 2 :], axis=0)
-    if not problem.drifting:
-        late[..., len(problem.unknowns.inputs) :] = variance[-1, ..., len(problem.unknowns.inputs) :]
-    return late
 
 
 def alike_gauges(problem: Problem, gauges: np.ndarray) -> list[tuple[int, ...]]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from strainsight.cases.layout.budget import budget_table
 from strainsight.cases.layout.output import layout_output, layout_record
 from strainsight.cases.structure.hot_spots import hot_spot_table
 from strainsight.cases.structure.placement import Placement
 from strainsight.cases.structure.problem import rests_on_loads_in_words
-from strainsight.records.placed import Budget, PbhNumbers, Placed
+from strainsight.records.budget import budget_of_shares
+from strainsight.records.placed import PbhNumbers, Placed
 from strainsight.workflow.output import Output, Scalar, Table
 
 
@@ -20,14 +19,11 @@ def placement_output(found: Placement) -> Output:
     condition, lost, unknowns = found.condition, found.condition.null_direction, found.task.unknowns
     scale = dict(zip(unknowns.names, unknowns.scale.tolist(), strict=True))
     budget = found.expected.budget
-    sources = tuple(budget[unknowns.names[0]])
     record = Placed(
         **vars(layout_record(found)),
         expected_std={name: std * scale[name] for name, std in found.expected.std.items()},
         without=found.expected.without,
-        budget=Budget(
-            source=sources, share={name: np.array([own[s] for s in sources]) for name, own in budget.items()}
-        ),
+        budget=budget_of_shares(budget),
         observability=PbhNumbers(
             condition=condition.condition, sigma_min=condition.sigma_min, condition_raw=condition.condition_raw
         ),

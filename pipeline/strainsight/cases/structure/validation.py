@@ -24,6 +24,7 @@ from strainsight.cases.structure.studies import (
 from strainsight.cases.structure.sweeps import sweeps_of
 from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.cases.structure.truth import truth_of
+from strainsight.cases.structure.variance import budget_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness
 from strainsight.estimation.metrics import after_start
@@ -36,6 +37,7 @@ from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.gauges.screening import CLEARANCE
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
+from strainsight.records.budget import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
@@ -72,7 +74,8 @@ class Validation:
     """What a validation has found.
 
     trial: the truth, and what the filter is given of it; validated: histories, studies and the field; accuracy: by unknown;
-    whiteness: correlation of neighbouring innovations, verdict on them in words; diverged: runs of the studies that did.
+    whiteness: correlation of neighbouring innovations, verdict on them in words; diverged: runs of the studies that did;
+    without: why an unknown has no budget, a sentence each.
     """
 
     trial: Trial
@@ -81,6 +84,7 @@ class Validation:
     whiteness: float
     verdict: str
     diverged: int
+    without: tuple[str, ...]
 
     @property
     def units(self) -> dict[str, str]:
@@ -120,14 +124,20 @@ def validation_of(
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
-    last = trial.names[-1]
+    last, P, known, start = trial.names[-1], trial.covariance, trial.known, trial.settled
+    budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
     return Validation(
         trial,
-        replace(_validated(trial, model, run, smoothed, measured, true, studies, swept), compared=beside),
+        replace(
+            _validated(trial, model, run, smoothed, measured, true, studies, swept),
+            compared=beside,
+            budget=budget_of_shares(budget),
+        ),
         _accuracy(trial, model, run, smoothed, studies, widths_left(problem, trial.covariance, found)),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
         int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
+        without,
     )
 
 

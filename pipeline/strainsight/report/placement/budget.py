@@ -12,8 +12,8 @@ COLOURS = ("blue", "vermilion", "green", "orange", "purple", "sky", "ink")
 OTHER, REST = "all others", "muted"
 """Sources beyond the colours, the smallest, are one part of a bar."""
 CAPTION = (
-    "Shares of the variance that is expected along the training run, with the tolerances of the config. noise: of the gauges; "
-    "process noise: what the loads and the motion may do beside their model; start: what is not known at first."
+    "Shares of the variance of the filtered estimate, of a parameter at the end of the run, of a load over its last half. noise: "
+    "of the gauges; process noise: what the loads and the motion may do beside their model; start: what is not known at first."
 )
 
 

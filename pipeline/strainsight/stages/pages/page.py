@@ -48,6 +48,7 @@ def placement_report(context: Context) -> PlacementReport:
     names = [str(name) for name in config.place.estimate]
     kinds = {name: "input" if name in config.loads else "parameter" for name in names}
     validate, place = up["validate"], read(Placed, up["place"])
+    budget = read(Validated, validate).budget or place.budget
     mesh = mesh_from(up["import"])
     return PlacementReport(
         name=context.name,
@@ -64,7 +65,7 @@ def placement_report(context: Context) -> PlacementReport:
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
-        budget={name: dict(zip(place.budget.source, place.budget.share[name].tolist(), strict=True)) for name in names},
+        budget={} if budget is None else budget.shares,
         advice=place.advice,
         observability={
             name: getattr(place.observability, name) for name in ("condition", "condition_raw", "sigma_min")
