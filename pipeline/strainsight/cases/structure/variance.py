@@ -93,7 +93,7 @@ def _motion(
     be to the smoothed one.
 
     That one is none of the model where gauges or loads are not as meant: its start would set off what no test has seen, and
-    tell constants apart by it. u (T, HOLD, n_u); start (2n,): variance of [q, q̇] at t = 0. Least squares of the free motion Aᵏx₀
+    distinguish constants by it. u (T, HOLD, n_u); start (2n,): variance of [q, q̇] at t = 0. Least squares of the free motion Aᵏx₀
     on what the smoothed motion has beside the forced one, coordinates over their RMS, with the start of the filter as prior.
     """
     if settled is not None:
