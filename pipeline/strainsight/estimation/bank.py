@@ -48,6 +48,8 @@ COLLAPSED = 0.1
 PATIENCE = 4
 """Layers that are added on the way uphill before a wider lattice is laid there."""
 MOST_POINTS = 4000
+FEW = 3
+"""Parameters that a lattice is for."""
 MOST_FINE = 1000
 """Points of a lattice that is laid more finely for the sake of its peak; beyond them it stays as it is, and the posterior of a
 long narrow crescent is right to a tenth of its σ."""
@@ -265,9 +267,15 @@ def _laid(
         if len(now.lattice.node) + len(more.node) > most:
             raise _TooMany(
                 f"the posterior of the parameters spreads over more than {most} points of its lattice",
-                remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial standard deviation",
+                remedy=_fewer(len(now.lattice.point[0])),
             )
         now = _joined(now, _filtered(problem, more, step))
+
+
+def _fewer(parameters: int) -> str:
+    if parameters > FEW:
+        return f"a bank is for up to {FEW} parameters: estimate no more, or take filter.method: sigma-point, without tolerances"
+    return "the measurements hardly distinguish them: estimate fewer, or state a smaller initial standard deviation"
 
 
 def _laid_anew(problem: _Problem, now: _Now) -> _Now:
