@@ -182,7 +182,7 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
 def test_more_parameters_than_a_lattice_is_for_are_refused_with_what_there_is_for_them():
     """Five springs in parallel for one."""
     whole, names = chain(), tuple(f"k{i}" for i in range(1, 6))
-    stiffness = {name: whole.model.stiffness.terms["k1"] / 5 for name in names[:4]} | {"k5": whole.model.stiffness.terms["k2"]}
+    stiffness = dict.fromkeys(names[:4], whole.model.stiffness.terms["k1"] / 5) | {"k5": whole.model.stiffness.terms["k2"]}
     reference = dict.fromkeys(names[:4], REFERENCE["k1"]) | {"k5": REFERENCE["k2"]}
     inner = replace(whole.model, stiffness=replace(whole.model.stiffness, terms=stiffness), reference=reference)
     unknowns = replace(whole.unknowns, parameters=names, guess=reference)
