@@ -15,8 +15,9 @@ from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.draws import draw_truth
+from strainsight.fem.affine import AffineOperator
 
-from .chain import ROWS, continuous, forces, gathered, loaded_chain, start
+from .chain import ROWS, STIFFNESS, continuous, forces, gathered, loaded_chain, start
 from .chain import H as STEP
 from .two_masses import REFERENCE, chain, constants, nominal
 from .two_masses import forces as both_forces
@@ -90,6 +91,27 @@ def test_who_considers_is_never_surer_than_who_learns():
     considered, learned = (both(model, np.zeros((STEPS, 2)), offsets(learned)) for learned in (False, True))
     for (_, one), (_, other) in zip(considered, learned, strict=True):
         assert (one >= other * (1 - 1e-9)).all()
+
+
+def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
+    model = loaded_chain()
+    K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
+    plain = replace(model, model=replace(model.model, stiffness=AffineOperator(K, {}), reference={}), fixed={})
+    _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
+    for one, other in zip(*(both(own, y[:, 0], offsets()) for own in (model, plain)), strict=True):
+        np.testing.assert_allclose(one[0], other[0], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(one[1], other[1], rtol=1e-9, atol=1e-12)
+
+
+def test_arrays_that_do_not_fit_are_refused_before_loops_run_over_them():
+    model = loaded_chain()
+    one = linear_models(model, np.zeros((1, 0)), offsets())
+    begin = np.zeros((1, 5)), P, np.zeros((1, 3, 5))
+    known, y, noise = forces(STEPS), np.zeros((STEPS, 2)), np.ones((STEPS, 2))
+    with pytest.raises(ValueError, match=r"\(30, 2\) in place of \(29, 2\)"):
+        consider_smoothed(one, begin, known.reshape(STEPS, -1)[1:], known.sum(axis=1)[1:], y[1:], noise)
+    with pytest.raises(ValueError, match="do not fit"):
+        replace(one, H=np.concatenate([one.H, one.H]))
 
 
 def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():

@@ -89,7 +89,7 @@ def linear_models(
     """
     theta, B = theta_at(model, point), len(point)
     states, m = model.parameter_states.start, model.H.shape[-2]
-    modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme))
+    modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
     A, G = _step_matrices(model, modal.transition, modal.input)
     A[:, 2 * model.model.size :, 2 * model.model.size :] = model.transition
     H, F = np.tile(model.H[:, :states], (B, 1, 1)), np.zeros((B, m, len(model.known_inputs)))
@@ -167,19 +167,13 @@ def acceleration_change(model: FilterModel, theta: Mapping[str, np.ndarray], cha
     return _with_batch(acceleration_map(replace(model.model, input_shape=change), theta)).input[..., 0, :]
 
 
-def _with_batch(modal: ModalMap) -> ModalMap:
-    """With an axis of parameter values, of length one, also where the model has no parameter at all."""
+def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
+    """With an axis of parameter values, also where the model has no parameter at all: `count` times the same then."""
     if modal.transition.ndim > 2:
         return modal
-    return ModalMap(
-        modal.transition[None],
-        modal.input[None],
-        modal.eigenvalue[None],
-        modal.modes[None],
-        modal.dual[None],
-        modal.table[:, :, None],
-        modal.table_slope[:, :, None],
-    )
+    own = (modal.transition, modal.input, modal.eigenvalue, modal.modes, modal.dual)
+    tables = (np.repeat(each[:, :, None], count, axis=2) for each in (modal.table, modal.table_slope))
+    return ModalMap(*(np.repeat(each[None], count, axis=0) for each in own), *tables)
 
 
 def _columns(model: FilterModel) -> tuple[list[int], list[int]]:

@@ -36,6 +36,21 @@ class LinearModels:
     E: np.ndarray
     offset: np.ndarray
 
+    def __post_init__(self) -> None:
+        (B, m, n), p, p1, e = self.H.shape, self.G.shape[-1], self.F.shape[-1], self.A_nu.shape[1]
+        d = len(self.D)
+        _agree(
+            (self.A, (B, n, n)),
+            (self.G, (B, n, p)),
+            (self.Q, (B, n, n)),
+            (self.F, (B, m, p1)),
+            (self.A_nu, (B, e, n, n)),
+            (self.G_nu, (B, e, n, p)),
+            (self.D, (d, m, n)),
+            (self.E, (d, m, p1)),
+            (self.offset, (d, m)),
+        )
+
     @property
     def count(self) -> int:
         return len(self.A)
@@ -43,6 +58,13 @@ class LinearModels:
     @property
     def nuisances(self) -> int:
         return len(self.D)
+
+
+def _agree(*sized: tuple[np.ndarray, tuple[int, ...]]) -> None:
+    """Raises ValueError where an array has not the shape that it should have: compiled loops do not look where they write."""
+    wrong = [f"{array.shape} in place of {shape}" for array, shape in sized if array.shape != shape]
+    if wrong:
+        raise ValueError(f"arrays of filters side by side do not fit: {', '.join(wrong)}")
 
 
 @dataclass(frozen=True)
@@ -156,6 +178,20 @@ def advance(
     """
     B, m, n = models.H.shape
     L, d, kept = len(measurement), models.nuisances, len(measurement) if keep else 0
+    second = len(filters.x_c)
+    _agree(
+        (filters.x, (B, n)),
+        (filters.P, (B, n, n)),
+        (filters.V, (B, d, n)),
+        (filters.x_c, (B if second else 0, n)),
+        (filters.P_c, (second, n, n)),
+        (filters.V_c, (second, d, n)),
+        (known, (L, models.G.shape[-1])),
+        (known_end, (L, models.F.shape[-1])),
+        (measurement, (L, m)),
+        (noise, (L, m)),
+        (discrepancy, (m,)),
+    )
     states = States(
         np.zeros((B, kept, n)),
         np.zeros((B, kept, n, n)),
