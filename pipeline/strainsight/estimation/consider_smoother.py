@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from strainsight.estimation.parallel_filters import LinearModels, States, advance, filters_of
-from strainsight.estimation.update import transposed
+from strainsight.estimation.update import symmetric, transposed
 
-RIDGE = 1e-12
-"""On the diagonal of a correlation matrix before it is inverted: a motion that is known exactly has none."""
+SAID = 1e-8
 
 
 def consider_smoothed(
@@ -21,20 +22,20 @@ def consider_smoothed(
 ) -> States:
     """x (B, T + 1, n) by all samples, P of what no constant explains of its error and V what one of each adds to it.
 
-    The filter's error is w + V ν with gains K of Schmidt (`advance`). Going back, by the best linear gain of the pair of
-    instants with ν at its σ:
+    The filter's error is w + V ν with gains K of Schmidt (`advance`), P the covariance of w, and its innovations are
+    e = −H w⁻ + ε ν + noise, of covariance S. Going back from λ = 0, as Bierman does with gains of Kalman, for which C = P:
 
-        x̂ˢ = x̂ + C(x̂ˢ⁺ − x̂⁻),     C = (P Aᵀ + V V⁻ᵀ)(P⁻ + V⁻V⁻ᵀ)⁻¹,     P⁻ = A P Aᵀ + Q,   V⁻ = A V − (A_ν x̂ + G_ν w)
+        x̂ˢ = x̂ + C λ,     λ⁻ = Jᵀλ + HᵀS⁻¹e,   J = I − K H,     λ ← Aᵀλ⁻
 
-    Neither gain is that of a Kalman filter, so the error is followed as it is: after the update of the next instant it is
-    Mw⁺ + Nν + u, u of the noises beyond, independent of w⁺ and of covariance U, and so
+    λ is L w + N ν + u, u of the noises beyond, independent of w and of covariance U, and so
 
-        L = I + C(MJ − I)A,   Pˢ = L P Lᵀ + U',   Vˢ = V + C(N − V⁻),   J = I − K H
-        U' = C((MJ − I)Q(MJ − I)ᵀ + U + M K R KᵀMᵀ)Cᵀ                       with M = L, N = Vˢ, U = U' for the step before
+        L⁻ = JᵀL J − HᵀS⁻¹H,     N⁻ = JᵀN + HᵀS⁻¹ε,     U⁻ = JᵀU J + L⁻Q L⁻ᵀ + (JᵀL K + HᵀS⁻¹) R (…)ᵀ
+        L ← AᵀL⁻A,   N ← AᵀN⁻,   U ← AᵀU⁻A,     Pˢ = (I + C L) P (I + C L)ᵀ + C U Cᵀ,   Vˢ = V + C N
 
-    which holds whatever the gains are. Without constants it is that of Rauch, Tung and Striebel.
+    whatever the gains are. C = −(P Lᵀ + V Nᵀ)(L P Lᵀ + N Nᵀ + U)⁻¹ is the one of least variance with ν at its σ.
     start: x (B, n), P (n, n), V (B, d, n) at t = 0; known (T, p), known_end (T, p₁), measurement (T, m) NaN where missing, noise
     (T, m) variances.
+    Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
     filters = filters_of(models, *start, consider=True)
     first = filters.states
@@ -42,42 +43,65 @@ def consider_smoothed(
     steps, more = len(known), np.zeros(measurement.shape[1])
     kept = advance(models, filters, known, known_end, measurement, noise, more, keep=True).states
     x, P, V = (np.concatenate([getattr(first, f), getattr(kept, f)], axis=1) for f in ("x", "P", "V"))
-    A, AT, n, e = models.A, transposed(models.A), models.A.shape[1], models.A_nu.shape[1]
-    M, U = np.broadcast_to(np.eye(n), A.shape), np.zeros_like(A)
+    A, AT, (B, d, n), e = models.A, transposed(models.A), start[2].shape, models.A_nu.shape[1]
+    adjoint, N, L, U = np.zeros((B, n)), np.zeros((B, d, n)), np.zeros((B, n, n)), np.zeros((B, n, n))
     for t in range(steps - 1, -1, -1):
         own, spread, slope = x[:, t], P[:, t], V[:, t]
         ahead = (A @ own[..., None])[..., 0] + models.G @ known[t]
-        P_ahead, V_ahead = A @ spread @ AT + models.Q, slope @ AT
-        V_ahead[:, :e] -= (models.A_nu @ own[:, None, :, None])[..., 0] + models.G_nu @ known[t]
-        K, H, R = _gain(models, ahead, P_ahead, V_ahead, known_end[t], measurement[t], noise[t])
-        C = _back(spread @ AT + transposed(slope) @ V_ahead, P_ahead + transposed(V_ahead) @ V_ahead)
-        off = M - M @ K @ H - np.eye(n)
-        MK = M @ K
-        L = np.eye(n) + C @ off @ A
-        U = C @ (off @ models.Q @ transposed(off) + U + (MK * R) @ transposed(MK)) @ transposed(C)
-        x[:, t] += (C @ (x[:, t + 1] - ahead)[..., None])[..., 0]
-        V[:, t] += (V[:, t + 1] - V_ahead) @ transposed(C)
-        P[:, t] = L @ spread @ transposed(L) + U
-        M = L
+        slope_ahead = slope @ AT
+        slope_ahead[:, :e] -= (models.A_nu @ own[:, None, :, None])[..., 0] + models.G_nu @ known[t]
+        update = _update(models, ahead, A @ spread @ AT + models.Q, slope_ahead, known_end[t], measurement[t], noise[t])
+        K, H, rows = update.K, update.H, update.rows
+        J = np.eye(n) - K @ H
+        by_noise = transposed(J) @ L @ K + rows
+        L = transposed(J) @ L @ J - rows @ H
+        U = transposed(J) @ U @ J + L @ models.Q @ transposed(L) + (by_noise * update.R) @ transposed(by_noise)
+        N = (N @ J + transposed(rows @ update.slope)) @ A
+        adjoint = ((adjoint[:, None] @ J + transposed(rows @ update.innovation[..., None])) @ A)[:, 0]
+        L, U = AT @ L @ A, AT @ U @ A
+        C = _gain(spread, slope, L, N, U)
+        x[:, t] += (C @ adjoint[..., None])[..., 0]
+        V[:, t] += N @ transposed(C)
+        left = np.eye(n) + C @ L
+        P[:, t] = symmetric(left @ spread @ transposed(left) + C @ U @ transposed(C))
     return States(x, P, V, first.nu, first.left)
 
 
-def _gain(
+def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndarray) -> np.ndarray:
+    """C (B, n, n), by way of Fᵀλ with F Fᵀ = P + V Vᵀ: its covariance is the share of the variance that the samples ahead explain
+    in each direction, and less than SAID of it is nothing."""
+    whole = P + transposed(V) @ V
+    std = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
+    std = np.where(std > 0, std, 1.0)
+    share, axes = np.linalg.eigh(whole / (std[:, :, None] * std[:, None]))
+    F = std[:, :, None] * axes * np.sqrt(np.maximum(share, 0.0))[:, None]
+    said = transposed(F) @ (L @ P @ transposed(L) + transposed(N) @ N + U) @ F + SAID * np.eye(P.shape[1])
+    cross = (P @ transposed(L) + transposed(V) @ N) @ F
+    return -transposed(np.linalg.solve(symmetric(said), transposed(cross))) @ transposed(F)
+
+
+@dataclass(frozen=True)
+class _Update:
+    """By the k channels that measured: K (B, n, k) as `advance` takes it, rows H (B, k, n), R (k,), innovation (B, k), slope ε
+    (B, k, d) of it in ν, and rows HᵀS⁻¹ (B, n, k)."""
+
+    K: np.ndarray
+    H: np.ndarray
+    R: np.ndarray
+    innovation: np.ndarray
+    slope: np.ndarray
+    rows: np.ndarray
+
+
+def _update(
     models: LinearModels, x: np.ndarray, P: np.ndarray, V: np.ndarray, known: np.ndarray, y: np.ndarray, R: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """K (B, n, k) of the k channels that measured, as `advance` takes it; their rows (B, k, n) and variances (k,)."""
+) -> _Update:
+    """x (B, n), P and V as predicted."""
     there = np.isfinite(y)
     H = models.H[:, there]
     sensed = (models.D[:, there] @ x[:, None, :, None])[..., 0] + models.E[:, there] @ known + models.offset[:, there]
     slope = transposed(sensed - V @ transposed(H))
-    on_samples = H @ P - slope @ V
     S = H @ P @ transposed(H) + slope @ transposed(slope) + np.diag(R[there])
-    return transposed(np.linalg.solve(S, on_samples)), H, R[there]
-
-
-def _back(cross: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """cross · covariance⁻¹ (B, n, n), in units of the standard deviations."""
-    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    std = np.where(std > 0, std, 1.0)
-    scaled = covariance / (std[:, :, None] * std[:, None]) + RIDGE * np.eye(std.shape[1])
-    return np.asarray(transposed(np.linalg.solve(scaled, transposed(cross / std[:, None]))) / std[:, None])
+    K = transposed(np.linalg.solve(S, H @ P - slope @ V))
+    innovation = y[there] - (H @ x[..., None])[..., 0] - models.F[:, there] @ known
+    return _Update(K, H, R[there], innovation, slope, transposed(np.linalg.solve(S, H)))

@@ -33,9 +33,9 @@ def steady_start(
     stiffness = (
         step.eigenvalue - frequency[:, None] ** 2 + 1j * frequency[:, None] * model.damping.viscous(step.eigenvalue)[0]
     )
-    resonant = (np.abs(stiffness) <= RESONANT * step.eigenvalue) & (np.abs(forces) > 0)
-    if resonant.any():
-        tone, mode = np.argwhere(resonant)[0]
+    resonant, still = np.abs(stiffness) <= RESONANT * step.eigenvalue, forces == 0
+    if (resonant & ~still).any():
+        tone, mode = np.argwhere(resonant & ~still)[0]
         raise InfeasibleError(
             f"a load of {frequency[tone] / (2 * np.pi):.6g} Hz at the undamped mode {mode + 1}: no motion is periodic",
             remedy="give damping, or train.settle: none for a start from rest",
@@ -43,7 +43,9 @@ def steady_start(
     z = np.exp(1j * frequency * h)
     A = np.moveaxis(step.table[:, :2], -1, 0)
     drive = np.einsum("ijm,kj,km->kmi", step.table[:, 2:], hold_of_tones(frequency, h), forces)
-    X = np.linalg.solve(z[:, None, None, None] * np.eye(2) - A, drive[..., None])[..., 0]
+    # an undamped mode at the frequency of a load that does not reach it stays at rest
+    lhs = np.where(still[..., None, None], np.eye(2), z[:, None, None, None] * np.eye(2) - A)
+    X = np.linalg.solve(lhs, drive[..., None])[..., 0]
     motion = X.real.sum(axis=0).reshape(n, 2)
     return np.concatenate([step.modes @ motion[:, 0], step.modes @ motion[:, 1]])
 

@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=11,
+    version=12,
     reads=(
         "seed",
         "loads",

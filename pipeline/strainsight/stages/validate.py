@@ -55,7 +55,7 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=15,
+    version=16,
     reads=(
         *(
             "seed",
