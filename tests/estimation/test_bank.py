@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, expm
 
-from strainsight.errors import NumericalError
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
@@ -177,19 +176,3 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
     np.testing.assert_allclose(found.run.mean[-1, 0, 5:], fine.run.mean[-1, 0, 5:], atol=0.05 * across.min())
     np.testing.assert_allclose(found.run.std[-1, 0, 5:], across, rtol=0.05)
     assert found.laid < 30
-
-
-def test_more_parameters_than_a_lattice_is_for_are_refused_with_what_there_is_for_them():
-    """Five springs in parallel for one."""
-    whole, names = chain(), tuple(f"k{i}" for i in range(1, 6))
-    stiffness = dict.fromkeys(names[:4], whole.model.stiffness.terms["k1"] / 5) | {"k5": whole.model.stiffness.terms["k2"]}
-    reference = dict.fromkeys(names[:4], REFERENCE["k1"]) | {"k5": REFERENCE["k2"]}
-    inner = replace(whole.model, stiffness=replace(whole.model.stiffness, terms=stiffness), reference=reference)
-    unknowns = replace(whole.unknowns, parameters=names, guess=reference)
-    H = np.hstack([whole.H[:, :5], np.zeros((2, 5))])
-    model = replace(whole, model=inner, unknowns=unknowns, H=H, Q=np.pad(whole.Q[:5, :5], (0, 5)))
-    P = np.diag([*np.diag(start())[:5], *[0.2**2] * 5])
-    with pytest.raises(NumericalError) as refused:
-        filter_bank(model, np.zeros(10), P, forces(), np.zeros((STEPS, 2)))
-    assert "up to 3 parameters" in refused.value.remedy
-    assert "sigma-point" in refused.value.remedy

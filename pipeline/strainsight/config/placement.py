@@ -166,7 +166,8 @@ class Filter(Section):
 
     method: Literal["bank", "extended", "sigma-point"] = Field(
         "bank",
-        description="bank: parameters are constants, and a bank of linear filters gives their distribution, exactly; extended: "
+        description="bank: parameters are constants, and a bank of linear filters gives their distribution, of up to three "
+        "exactly, of more by normal densities beside their weakest direction; extended: "
         "the extended Kalman filter of the thesis, which is overconfident of parameters that are hardly seen; sigma-point: the "
         "same with regressions over points of the parameters for Jacobians. σ of these two holds no tolerances.",
     )

@@ -6,11 +6,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import logsumexp
+
+LEFT = 3.5
+"""Where a point at its edge is within exp(−LEFT) of the largest density, a lattice no longer holds it;"""
+NARROW = 0.5
+"""nor where its variance has fallen to this share, of the one that the lattice was laid for, in some direction;"""
+SHARP = 0.25
+"""nor where that of its highest peak has, along an axis of the lattice: with it sums are right to 1e-2 of σ."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """B points  p = centre + frame z  at integers z: centre (k,), frame (k, k), node z (B, k).
+    """B points  p = centre + frame z  at integers z: centre (k,), frame (k, k), node z (B, k). spacing: of neighbours, in
+    standard deviations of what it was laid for; sharp: the least variance of the highest peak that it is good for.
 
     A sum over such points integrates a smooth density that has died away at their edge to far better than its spacing: of a
     normal density of standard deviation σ the error is 2 exp(−2π²σ²/h²), 5e-9 at h = σ.
@@ -20,6 +29,8 @@ class Lattice:
     centre: np.ndarray
     frame: np.ndarray
     node: np.ndarray
+    spacing: float = 1.0
+    sharp: float = SHARP
 
     @property
     def point(self) -> np.ndarray:
@@ -58,6 +69,20 @@ class Lattice:
         top = np.take_along_axis(log_weight, best[..., None], axis=-1)
         drop = top - 0.5 * (values[..., 0, :] + values[..., 1, :])
         return np.asarray(np.where(drop > 0, 0.5 / np.where(drop > 0, drop, 1.0), np.inf))
+
+    def weights(self, log_weight: np.ndarray) -> LatticeWeights:
+        """Of points with log-densities (L, B)."""
+        w, _, _ = moments(self.point, log_weight)
+        return LatticeWeights(self.point, w, logsumexp(log_weight, axis=-1))
+
+    def holds(self, log_weight: np.ndarray) -> np.ndarray:
+        """Whether it still holds the density of log-weights (..., B): not too narrow for it, nor at its edge."""
+        _, _, covariance = moments(self.point, log_weight)
+        all_of_it = self.spread(covariance).min(axis=-1, initial=np.inf)
+        highest = self.width(log_weight).min(axis=-1, initial=np.inf)
+        wide = (all_of_it * self.spacing**2 >= NARROW) & (highest * self.spacing**2 >= self.sharp)
+        edge = np.max(log_weight[..., self.edge], axis=-1, initial=-np.inf)
+        return np.asarray(wide & (edge < log_weight.max(axis=-1) - LEFT))
 
     def peaks(self, log_weight: np.ndarray, depth: float) -> list[np.ndarray]:
         """Points within exp(−depth) of the largest density that hang together, indices by peak, the highest first."""
@@ -98,13 +123,33 @@ class Lattice:
         return replace(self, node=np.concatenate([self.node, node]))
 
 
+@dataclass(frozen=True)
+class LatticeWeights:
+    """Of B points (B, k) at L instants: mean (L, B), all positive; log_mass (L,) of the density, but for a constant."""
+
+    point: np.ndarray
+    mean: np.ndarray
+    log_mass: np.ndarray
+
+    @property
+    def positive(self) -> np.ndarray:
+        return self.mean
+
+    def covariance(self, values: np.ndarray, middle: np.ndarray) -> np.ndarray:
+        off = values - middle
+        return np.asarray(np.einsum("bta,btc->tac", off * self.mean.T[..., None], off, optimize=True))
+
+    def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        return self.point, self.mean[-1], nu, left
+
+
 def lattice_about(mean: np.ndarray, covariance: np.ndarray, spacing: float, radius: float) -> Lattice:
     """All points within `radius` standard deviations of a mean (k,) with covariance (k, k), `spacing` of them apart."""
     k, most = len(mean), int(radius / spacing)
     wide = 2 * most + 1
     cube = np.indices((wide,) * k).reshape(k, wide**k).T - most
     ball = cube[spacing**2 * np.sum(cube**2, axis=1) <= radius**2]
-    return Lattice(np.asarray(mean, dtype=float), spacing * np.linalg.cholesky(covariance), ball)
+    return Lattice(np.asarray(mean, dtype=float), spacing * np.linalg.cholesky(covariance), ball, spacing)
 
 
 def moments(point: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

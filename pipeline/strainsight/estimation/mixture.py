@@ -2,14 +2,43 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from strainsight.estimation.conditional import conditional_states
-from strainsight.estimation.lattice import moments
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, States
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.update import standard_deviation
+
+
+class Weights(Protocol):
+    """What B points say of the posterior of the parameters at L instants."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(L, B) that give the mean over the posterior of what is known at the points, of sum one."""
+        ...
+
+    @property
+    def positive(self) -> np.ndarray:
+        """(L, B) of sum one for what has to stay positive."""
+        ...
+
+    @property
+    def log_mass(self) -> np.ndarray:
+        """Logarithm of the integral (L,) of the density, but for a constant."""
+        ...
+
+    def covariance(self, values: np.ndarray, middle: np.ndarray) -> np.ndarray:
+        """(L, n, n) over the posterior, of values (B, L, n) with the mean (L, n)."""
+        ...
+
+    def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Points (b, k) of positive weights (b,) with the moments of the posterior at the last instant, and mean (b, d) and
+        covariance (b, d, d) of ν there; nu (B, d), left (B, d, d) at the points of the bank."""
+        ...
 
 
 class Mixture:
@@ -29,55 +58,49 @@ class Mixture:
 
     def states(
         self,
-        first: int,
+        span: slice,
         point: np.ndarray,
-        log_weight: np.ndarray,
+        weights: Weights,
         found: States,
         models: LinearModels,
         known_end: np.ndarray,
     ) -> None:
-        """After steps that begin with number `first`: points (B, k) with log-weights (B, L), filters at the ends of L steps,
-        loads known there (L, p₁)."""
-        L = log_weight.shape[1]
-        span, after = slice(first, first + L), slice(first + 1, first + L + 1)
-        w, _, _ = moments(point, log_weight.T)
-        x, P = self._moments(after, point, w, found)
+        """After L steps of these numbers: points (B, k) with their weights, filters at the ends, loads known there (L, p₁)."""
+        after = slice(span.start + 1, span.stop + 1)
+        x, P = self._moments(after, point, weights, found)
         y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
-        self.gauge_mean[span] = np.einsum("tb,btm->tm", w, y)
-        y -= self.gauge_mean[span]
-        own = np.einsum("bmn,btnk,bmk->btm", models.H, P, models.H, optimize=True) + y**2
-        self.gauge_variance[span] = np.einsum("tb,btm->tm", w, own)
+        self.gauge_mean[span] = np.einsum("tb,btm->tm", weights.mean, y)
+        own = np.einsum("bmn,btnk,bmk->btm", models.H, P, models.H, optimize=True)
+        among = weights.covariance(y, self.gauge_mean[span])
+        self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive, own)
+        self.gauge_variance[span] += np.diagonal(among, axis1=1, axis2=2)
         if not self.learned:
-            self._as_they_read(after, w, found, models.H)
+            self._as_they_read(after, weights, found, models.H)
 
-    def begin(self, point: np.ndarray, log_weight: np.ndarray, filters: Filters) -> None:
-        """At t = 0, of points (B, k) with log-weights (B,)."""
-        w, _, _ = moments(point, log_weight[None])
-        self._moments(slice(0, 1), point, w, filters.states)
+    def begin(self, point: np.ndarray, weights: Weights, filters: Filters) -> None:
+        """At t = 0, of points (B, k) with their weights."""
+        self._moments(slice(0, 1), point, weights, filters.states)
 
-    def _moments(self, at: slice, point: np.ndarray, w: np.ndarray, found: States) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and covariance of the states at L instants, w (L, B); returns x (B, L, n) and P (B, L, n, n) of every filter."""
+    def _moments(self, at: slice, point: np.ndarray, weights: Weights, found: States) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of the states at L instants; returns x (B, L, n) and P (B, L, n, n) of every filter."""
         V, states = found.V, self.states_of_filters
         # what the samples say of ν moves every estimate, and leaves the rest of it in P
         x = found.x - np.einsum("btda,btd->bta", V, found.nu)
         P = found.P + np.einsum("btda,btdk,btkc->btac", V, found.left, V, optimize=True)
         whole = np.concatenate([x, np.broadcast_to(point[:, None], (*x.shape[:2], point.shape[1]))], axis=2)
-        self.mean[at] = np.einsum("tb,btn->tn", w, whole)
-        off = whole - self.mean[at]
-        weighted = off * w.T[..., None]
-        self.covariance[at] = np.einsum("bta,btc->tac", weighted, off, optimize=True)
-        self.covariance[at, :states, :states] += np.einsum("tb,btac->tac", w, P, optimize=True)
+        self.mean[at] = np.einsum("tb,btn->tn", weights.mean, whole)
+        self.covariance[at] = weights.covariance(whole, self.mean[at])
+        self.covariance[at, :states, :states] += np.einsum("tb,btac->tac", weights.positive, P, optimize=True)
         return x, P
 
-    def _as_they_read(self, after: slice, w: np.ndarray, found: States, H: np.ndarray) -> None:
+    def _as_they_read(self, after: slice, weights: Weights, found: States, H: np.ndarray) -> None:
         """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:
 
         x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
         """
-        span, states = slice(after.start - 1, after.stop - 1), self.states_of_filters
+        span, states, w = slice(after.start - 1, after.stop - 1), self.states_of_filters, weights.mean
         nu = np.einsum("tb,btd->td", w, found.nu)
-        off = found.nu - nu
-        left = np.einsum("tb,btdk->tdk", w, found.left) + np.einsum("tb,btd,btk->tdk", w, off, off, optimize=True)
+        left = np.einsum("tb,btdk->tdk", weights.positive, found.left) + weights.covariance(found.nu, nu)
         gone = removed_of(left)
         V = np.einsum("tb,btda->tda", w, found.V)
         self.mean[after, :states] += np.einsum("tda,td->ta", V, nu)
@@ -86,20 +109,10 @@ class Mixture:
         self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
         self.gauge_variance[span] += np.einsum("tdm,tdk,tkm->tm", sensed, gone, sensed, optimize=True)
 
-    def innovations(
-        self,
-        first: int,
-        point: np.ndarray,
-        log_weight: np.ndarray,
-        before: States,
-        passage: Passage,
-        samples: np.ndarray,
-    ) -> None:
-        """Of steps that begin with number `first`: points (B, k) with log-weights (B, L) before each step, filters before the
-        first, what they found, samples (L, m)."""
+    def innovations(self, span: slice, weights: Weights, before: States, passage: Passage, samples: np.ndarray) -> None:
+        """Of L steps of these numbers: weights of the points before each, filters before the first, what they found, samples
+        (L, m)."""
         L = len(samples)
-        span = slice(first, first + L)
-        w, _, _ = moments(point, log_weight.T)
         own, slope = passage.states, passage.slope[:, :L]
         known, unsure = (
             np.concatenate([start, each[:, : L - 1]], axis=1)
@@ -107,15 +120,14 @@ class Mixture:
         )
         foreseen = passage.expected[:, :L] + np.einsum("btmd,btd->btm", slope, known)
         spread = passage.S[:, :L] + np.einsum("btmd,btdk,btnk->btmn", slope, unsure, slope, optimize=True)
-        expected = np.einsum("tb,btm->tm", w, foreseen)
-        off = foreseen - expected
-        S = np.einsum("tb,btmk->tmk", w, spread) + np.einsum("tb,btm,btk->tmk", w, off, off, optimize=True)
+        expected = np.einsum("tb,btm->tm", weights.mean, foreseen)
+        S = np.einsum("tb,btmk->tmk", weights.positive, spread) + weights.covariance(foreseen, expected)
         self.innovation[span] = samples - expected
         for t in range(L):
             there = np.isfinite(samples[t])
             if there.any():
                 factor = np.linalg.cholesky(S[t][np.ix_(there, there)])
-                self.whitened[first + t, there] = np.linalg.solve(factor, self.innovation[first + t, there])
+                self.whitened[span.start + t, there] = np.linalg.solve(factor, self.innovation[span.start + t, there])
 
     def finished(self) -> FilterRun:
         """As a filter's run, of one run, with σ and covariances that hold what the nuisances add."""

@@ -1,0 +1,174 @@
+"""Filters of a bank at points of the parameters: how they begin, and how they are taken through the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.estimation.conditional import Nuisances, conditional_states, considers, linear_models
+from strainsight.estimation.mixture import Weights
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
+from strainsight.estimation.reduced import LOST
+from strainsight.estimation.settled import Settled, beginning
+
+KEPT = 4_000_000
+"""Numbers that are kept of one passage."""
+
+
+class Cover(Protocol):
+    """Points at which the posterior of the parameters is known, and what follows from them."""
+
+    @property
+    def point(self) -> np.ndarray:
+        """(B, k)."""
+        ...
+
+    def weights(self, log_weight: np.ndarray) -> Weights:
+        """Of points with log-densities (L, B), but for a constant, at L instants."""
+        ...
+
+    def holds(self, log_weight: np.ndarray) -> np.ndarray:
+        """Whether these points are still good for the posterior (L,)."""
+        ...
+
+
+C = TypeVar("C", bound=Cover)
+
+
+@dataclass(frozen=True)
+class Data:
+    """known (T, p) and known_end (T, p₁) of every step, samples (T, m) with NaN where none, noise (T, m) and
+    discrepancy (m,) their variances."""
+
+    known: np.ndarray
+    known_end: np.ndarray
+    samples: np.ndarray
+    noise: np.ndarray
+    discrepancy: np.ndarray
+
+
+@dataclass(frozen=True)
+class BankProblem:
+    """What a bank has to solve: arguments as of `filter_bank`."""
+
+    model: FilterModel
+    mean: np.ndarray
+    covariance: np.ndarray
+    data: Data
+    nuisances: Nuisances
+    biased: np.ndarray
+    settled: Settled | None
+    spacing: float
+    depth: float
+    threads: int
+
+    @property
+    def prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (k,) and covariance (k, k) of the parameters at t = 0."""
+        at = self.model.parameter_states
+        return self.mean[at], self.covariance[at, at]
+
+    def log_prior(self, point: np.ndarray) -> np.ndarray:
+        """Of points (B, k), but for a constant."""
+        mean, covariance = self.prior
+        off = point - mean
+        return -0.5 * np.sum(off * np.linalg.solve(covariance, off.T).T, axis=1)
+
+
+@dataclass(frozen=True)
+class Standing(Generic[C]):
+    """Filters at all points of a cover after some steps: prior and fit (B,), the logarithms of the prior and of the likelihood of
+    all samples so far."""
+
+    cover: C
+    prior: np.ndarray
+    models: LinearModels
+    filters: Filters
+    fit: np.ndarray
+    step: int
+
+    @property
+    def log_weight(self) -> np.ndarray:
+        """Of the points (B,), but for a constant."""
+        return self.prior + self.fit
+
+    @property
+    def weights(self) -> Weights:
+        """At one instant."""
+        return self.cover.weights(self.log_weight[None])
+
+
+def bank_data(model: FilterModel, known: np.ndarray, measurement: np.ndarray, more: np.ndarray) -> Data:
+    """known (T, HOLD, n_known), measurement (T/every, m), more (m,): variance of the discrepancy of every channel."""
+    steps, m = len(known), model.H.shape[-2]
+    samples = np.full((steps, m), np.nan)
+    samples[model.every - 1 :: model.every] = measurement
+    noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, (steps, m))
+    held = known.reshape(steps, known.shape[1] * known.shape[2])
+    return Data(held, known.sum(axis=1), samples, np.ascontiguousarray(noise), more)
+
+
+def filtered_at(problem: BankProblem, cover: C, step: int) -> Standing[C]:
+    """Filters at the points of a cover, from the start through `step` steps."""
+    models = linear_models(problem.model, cover.point, problem.nuisances, problem.biased)
+    at = conditional_states(problem.model, len(problem.biased))
+    start = beginning(problem.model, models, problem.mean[at], problem.covariance[np.ix_(at, at)], problem.settled)
+    filters = filters_of(models, *start, consider=considers(problem.model, problem.nuisances))
+    B = models.count
+    now = Standing(cover, problem.log_prior(cover.point), models, filters, np.zeros(B), 0)
+    while now.step < step:
+        passage = passed(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
+        now = on(now, passage, passage.fit.shape[1])
+    return now
+
+
+def passed(problem: BankProblem, now: Standing[C], steps: int, keep: bool) -> Passage:
+    span, data = slice(now.step, now.step + steps), problem.data
+    return advance(
+        now.models,
+        now.filters,
+        data.known[span],
+        data.known_end[span],
+        data.samples[span],
+        data.noise[span],
+        data.discrepancy,
+        keep,
+        problem.threads,
+    )
+
+
+def on(now: Standing[C], passage: Passage, steps: int) -> Standing[C]:
+    """After the first steps of a passage."""
+    return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
+
+
+def joined(cover: C, parts: Sequence[Standing[C]]) -> Standing[C]:
+    """Parts of one cover, in the order of its points."""
+
+    def all_of(of: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate(of)
+
+    models = replace(
+        parts[0].models, **{name: all_of([getattr(part.models, name) for part in parts]) for name in OF_POINTS}
+    )
+    filters = Filters(*(all_of([getattr(part.filters, f) for part in parts]) for f in Filters.__dataclass_fields__))
+    prior, fit = (all_of([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
+    return Standing(cover, prior, models, filters, fit, parts[0].step)
+
+
+def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:
+    """Raises NumericalError where parameters (k,) are further from the guess than anyone may be mistaken."""
+    if np.abs(point - problem.prior[0]).max() > LOST:
+        raise NumericalError(
+            f"the measurements ask for parameters that differ from the guess by more than a factor of {np.exp(LOST):.0f}",
+            remedy="check which channel is which gauge, their units and signs, and the loads",
+        )
+
+
+OF_POINTS = ("A", "G", "Q", "H", "F", "A_nu", "G_nu")
+"""What of the models differs from point to point."""

@@ -1,0 +1,275 @@
+"""The posterior of many parameters: a line of points along its weakest direction, and a normal density across each of them.
+
+    p(θ | y) ≈ Σⱼ Wⱼ N(cⱼ + A mⱼ, A Cⱼ Aᵀ)
+
+About the largest density of each column its logarithm is a parabola, by second differences (Laplace); along the line it is what
+it is. A lattice over k parameters has some 7ᵏ points, columns have 9 (k − 1)².
+Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import logsumexp
+
+from strainsight.errors import NumericalError
+from strainsight.estimation.bank_filters import BankProblem, Standing, filtered_at, joined, refuse_lost
+from strainsight.estimation.lattice import LEFT, NARROW
+
+FINE = 0.1
+"""Of the differences, in standard deviations across a column."""
+CENTRED = 0.3
+"""A column begins within so many standard deviations of its largest density;"""
+OFF = 1.0
+"""and is good for up to so many."""
+WIDE = 4.0
+"""Share of the variance that a column was laid for, up to which it is good."""
+CLOSE = 0.5, 2.0
+"""Shares of the variance that differences are taken for, within which they are not taken anew."""
+STRIDE = 3.0
+"""Most standard deviations of a step towards the largest density."""
+MOST_TURNS = 60
+"""Steps towards it."""
+FEW_TURNS = 5
+"""Those of one column."""
+MOST_COLUMNS = 60
+TIE = 1e-3
+"""Directions whose share of the prior's variance differs by less are equally weak; then that nearest to the first parameter that
+lies in all of them is taken."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """J columns about centre (J, k): across (k, c), the standard deviations of each; precision (k, k) of the prior.
+
+    Points of a column: its centre, FINE times each of ± the c axes, and of ± the sum of two of them.
+    """
+
+    centre: np.ndarray
+    across: np.ndarray
+    precision: np.ndarray
+
+    @cached_property
+    def stencil(self) -> np.ndarray:
+        """(S, c), in standard deviations."""
+        axes = np.eye(self.across.shape[1])
+        pairs = [axes[i] + axes[j] for i, j in self._pairs]
+        ends = np.array([*axes, *pairs]).reshape(-1, len(axes))
+        return FINE * np.concatenate([np.zeros((1, len(axes))), ends, -ends])
+
+    @property
+    def _pairs(self) -> list[tuple[int, int]]:
+        c = self.across.shape[1]
+        return [(i, j) for i in range(c) for j in range(i)]
+
+    @property
+    def point(self) -> np.ndarray:
+        """(J S, k), column by column."""
+        return np.asarray((self.centre[:, None] + self.stencil @ self.across.T).reshape(-1, self.centre.shape[1]))
+
+    def weights(self, log_weight: np.ndarray) -> ColumnWeights:
+        """Of points with log-densities (L, B): the parabola of each column,
+
+            ln p ≈ a + gᵀy − ½ yᵀΛy,     m = Λ⁻¹g,   C = Λ⁻¹,   ln W = a + ½ gᵀm + ½ ln |C|
+
+        nowhere less curved than the prior alone, to which a likelihood of one peak adds.
+        """
+        c, at_centre = self.across.shape[1], log_weight.reshape(len(log_weight), len(self.centre), -1)
+        a, (ahead, behind) = at_centre[..., 0], np.split(at_centre[..., 1:], 2, axis=-1)
+        g = (ahead - behind)[..., :c] / (2 * FINE)
+        bent = (ahead + behind - 2 * a[..., None]) / FINE**2
+        H = np.zeros((*a.shape, c, c))
+        H[..., range(c), range(c)] = bent[..., :c]
+        for value, (i, j) in zip(np.moveaxis(bent[..., c:], -1, 0), self._pairs, strict=True):
+            H[..., i, j] = H[..., j, i] = 0.5 * (value - bent[..., i] - bent[..., j])
+        prior = self.across.T @ self.precision @ self.across
+        said, axes = np.linalg.eigh(-H - prior)
+        curvature = prior + (axes * np.maximum(said, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+        C = np.linalg.inv(curvature)
+        m = (C @ g[..., None])[..., 0]
+        log_mass = a + 0.5 * np.sum(g * m, axis=-1) + 0.5 * np.linalg.slogdet(C)[1]
+        return ColumnWeights(self, log_mass, m, C)
+
+    def holds(self, log_weight: np.ndarray) -> np.ndarray:
+        """Whether the posterior of log-weights (L, B) is still where the columns were laid, as wide and within them."""
+        own = self.weights(log_weight)
+        heavy = own.column_mass > own.column_mass.max(axis=1, keepdims=True) - LEFT
+        size = np.linalg.eigvalsh(own.C)
+        fits = (np.abs(own.m).max(axis=2) <= OFF) & (size[..., 0] >= NARROW) & (size[..., -1] <= WIDE)
+        along = np.arange(len(self.centre))
+        spread = np.sum(own.column * (along - (own.column @ along)[:, None]) ** 2, axis=1)
+        ends = own.column_mass[:, [0, -1]].max(axis=1) < own.column_mass.max(axis=1) - LEFT
+        return np.asarray((fits | ~heavy).all(axis=1) & (spread >= NARROW) & ends)
+
+
+@dataclass(frozen=True)
+class ColumnWeights:
+    """Of J columns at L instants: column_mass (L, J) logarithm of W, but for a constant; m (L, J, c) and C (L, J, c, c)."""
+
+    of: Columns
+    column_mass: np.ndarray
+    m: np.ndarray
+    C: np.ndarray
+
+    @property
+    def log_mass(self) -> np.ndarray:
+        return np.asarray(logsumexp(self.column_mass, axis=1))
+
+    @cached_property
+    def column(self) -> np.ndarray:
+        """W (L, J) of sum one."""
+        return np.exp(self.column_mass - self.log_mass[:, None])
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """W (f₀ + Σᵢ mᵢ (f₊ − f₋)/2δ) of every column."""
+        (L, J), c = self.column.shape, self.m.shape[-1]
+        w = np.zeros((L, J, len(self.of.stencil)))
+        middle = 1 + len(self.of.stencil) // 2
+        w[..., 0] = self.column
+        w[..., 1 : 1 + c] = self.column[..., None] * self.m / (2 * FINE)
+        w[..., middle : middle + c] = -w[..., 1 : 1 + c]
+        return w.reshape(L, -1)
+
+    @cached_property
+    def positive(self) -> np.ndarray:
+        """At the centres."""
+        w = np.zeros((*self.column.shape, len(self.of.stencil)))
+        w[..., 0] = self.column
+        return w.reshape(len(w), -1)
+
+    def covariance(self, values: np.ndarray, middle: np.ndarray) -> np.ndarray:
+        """Σ W ((f − f̄)(f − f̄)ᵀ + F C Fᵀ), f at the columns' means and F the slopes across them."""
+        at_centre, slope = self._linear(values)
+        off = at_centre + np.einsum("tjc,jctn->jtn", self.m, slope) - middle
+        among = np.einsum("tj,jtn,jtk->tnk", self.column, off, off, optimize=True)
+        return np.asarray(among + np.einsum("tj,tjcd,jctn,jdtk->tnk", self.column, self.C, slope, slope, optimize=True))
+
+    def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """By the cubature rule of degree three on each column."""
+        of, (J, c) = self.of, self.m.shape[1:]
+        ends = np.sqrt(c) * np.swapaxes(np.linalg.cholesky(self.C[-1]), 1, 2)
+        y = self.m[-1, :, None] + np.concatenate([ends, -ends], axis=1)
+        point = of.centre[:, None] + y @ of.across.T
+        at_centre, slope = self._linear(nu[:, None])
+        there = at_centre + y @ slope[:, :, 0]
+        weight = np.repeat(self.column[-1] / (2 * c), 2 * c)
+        own = np.repeat(left[:: len(of.stencil)], 2 * c, axis=0)
+        return point.reshape(J * 2 * c, -1), weight, there.reshape(J * 2 * c, -1), own
+
+    def _linear(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (B, L, n) at the centres (J, L, n), and what a standard deviation across adds to them (J, c, L, n)."""
+        own = values.reshape(len(self.of.centre), len(self.of.stencil), *values.shape[1:])
+        c, middle = self.m.shape[-1], 1 + len(self.of.stencil) // 2
+        return own[:, 0], (own[:, 1 : 1 + c] - own[:, middle : middle + c]) / (2 * FINE)
+
+
+def first_columns(problem: BankProblem) -> Standing[Columns]:
+    """For the prior."""
+    return _laid(problem, *problem.prior, 0)
+
+
+def next_columns(problem: BankProblem, now: Standing[Columns]) -> Standing[Columns]:
+    """For the posterior as it is now."""
+    own = _own(now)
+    middle = own.mean[0] @ now.cover.point
+    return _laid(problem, middle, own.covariance(now.cover.point[:, None], middle)[0], now.step)
+
+
+def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> Standing[Columns]:
+    """Columns about the largest density after `step` steps, looked for from a guess; as many as it reaches along its weakest
+    direction, each about its own largest density."""
+    mean, covariance = _summit(problem, mean, covariance, step)
+    along, across = weakest(covariance, problem.prior[1])
+    stride = problem.spacing * along
+    parts = [_centred(problem, mean, across, step)]
+    top = _own(parts[0]).column_mass[0, 0]
+    for forward in (True, False):
+        while True:
+            # a bent ridge is followed
+            end = parts[-1 if forward else 0].cover.centre[0]
+            beside = (
+                parts[-2 if forward else 1].cover.centre[0]
+                if len(parts) > 1
+                else end - (stride if forward else -stride)
+            )
+            part = _centred(problem, 2 * end - beside, across, step)
+            parts = [*parts, part] if forward else [part, *parts]
+            own = _own(part).column_mass[0, 0]
+            top = max(top, own)
+            if own < top - problem.depth:
+                break
+            if len(parts) > MOST_COLUMNS:
+                raise NumericalError(
+                    f"the posterior of the parameters reaches over more than {MOST_COLUMNS} standard deviations",
+                    remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial "
+                    "standard deviation",
+                )
+    cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
+    return joined(cover, parts)
+
+
+def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where the density is largest, and its covariance there, by Newton's method, which halves steps that lead down."""
+    precision = np.linalg.inv(problem.prior[1])
+    start, top, move = mean, -np.inf, np.zeros(len(mean))
+    for _ in range(MOST_TURNS):
+        now = filtered_at(problem, Columns(mean[None], np.linalg.cholesky(covariance), precision), step)
+        if now.log_weight[0] < top:
+            move = 0.5 * move
+            mean = start + move
+            continue
+        own = _own(now)
+        size = np.linalg.eigvalsh(own.C[0, 0])
+        close = CLOSE[0] <= size[0] and size[-1] <= CLOSE[1]
+        m = own.m[0, 0]
+        if close and np.abs(m).max() <= CENTRED:
+            return mean, now.cover.across @ own.C[0, 0] @ now.cover.across.T
+        start, top = mean, now.log_weight[0]
+        move = now.cover.across @ m * min(1.0, STRIDE / np.abs(m).max())
+        mean, covariance = start + move, now.cover.across @ own.C[0, 0] @ now.cover.across.T
+        refuse_lost(problem, mean)
+    raise NumericalError(
+        f"no largest density of the parameters was found in {MOST_TURNS} steps",
+        remedy="state a larger noise of the gauges, or a smaller initial standard deviation of the parameters",
+    )
+
+
+def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step: int) -> Standing[Columns]:
+    """A column about its largest density, as nearly as a few steps come to it."""
+    precision = np.linalg.inv(problem.prior[1])
+    for _ in range(FEW_TURNS):
+        now = filtered_at(problem, Columns(centre[None], across, precision), step)
+        m = _own(now).m[0, 0]
+        if np.abs(m).max() <= CENTRED:
+            break
+        centre = centre + across @ m * min(1.0, STRIDE / np.abs(m).max())
+    return now
+
+
+def _own(now: Standing[Columns]) -> ColumnWeights:
+    return now.cover.weights(now.log_weight[None])
+
+
+def weakest(covariance: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """f (k,) and A (k, k − 1) with f fᵀ + A Aᵀ the covariance (k, k), f along the direction whose variance is the largest share
+    of the prior's (k, k)."""
+    k = len(covariance)
+    factor = np.linalg.cholesky(prior)
+    whitened = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
+    share, axes = np.linalg.eigh(0.5 * (whitened + whitened.T))
+    equal = axes[:, share >= (1 - TIE) * share[-1]]
+    reach = np.linalg.norm(equal, axis=1)
+    which = int(np.argmax(reach >= reach.max() - TIE))
+    w = np.linalg.solve(factor.T, equal @ equal[which])
+    f = covariance @ w / np.sqrt(w @ covariance @ w)
+    # Householder's reflection of the first axis to f, in units of the covariance
+    L = np.linalg.cholesky(covariance)
+    u = np.linalg.solve(L, f)
+    sign = 1.0 if u[0] > -TIE else -1.0
+    v = u + sign * np.eye(k)[0]
+    mirror = np.eye(k) - 2 * np.outer(v, v) / (v @ v)
+    return f, L @ mirror[:, 1:]
