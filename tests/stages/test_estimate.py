@@ -14,12 +14,12 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .test_artefacts import UNITS_OF, rows
-from .tested_beam import ALONE, BLIND, KNOWN, as_written, changed, estimated, result, table, validated, write
+from .tested_beam import ALONE, BLIND, KNOWN, STUDIED, as_written, changed, estimated, result, table, validated, write
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    return validated(tmp_path_factory.mktemp("test"))
+    return validated(tmp_path_factory.mktemp("test"), STUDIED)
 
 
 @pytest.fixture(scope="module")

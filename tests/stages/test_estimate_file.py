@@ -14,7 +14,7 @@ from .tested_beam import as_written, estimated, result, table, validated, write
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    return validated(tmp_path_factory.mktemp("test"))
+    return validated(tmp_path_factory.mktemp("test"), {})
 
 
 @pytest.fixture(scope="module")
