@@ -183,7 +183,10 @@ def acting_otherwise(model, load, column):
     return Nuisances(("load",), *d, shape=shape)
 
 
-@pytest.mark.parametrize("what", LOADS)
+SLOW = {"gain of a known load"}
+
+
+@pytest.mark.parametrize("what", [pytest.param(own, marks=pytest.mark.slow) if own in SLOW else own for own in LOADS])
 def test_sigma_holds_where_a_load_acts_otherwise(what):
     """Over draws of chains whose load acts otherwise by a constant: σ of the parameters, and of an unknown load by all samples,
     holds it integrated out, and does not hold without."""

@@ -213,6 +213,7 @@ def test_an_unknown_that_no_sensor_feels_is_refused_by_name(estimate):
     assert refused.value.key == "estimate.parameters.E"
 
 
+@pytest.mark.slow
 def test_a_bench_without_weight_and_loads_stays_at_rest(estimate):
     """Nothing deforms the hub: its coordinates are rounding, which no iteration can settle to twelve digits."""
     found = estimate(
@@ -283,6 +284,7 @@ def test_gauges_zeroed_under_known_loads_serve_whatever_is_guessed_of_the_test(e
     assert found.summary["mismatch.gauges"] < 1e-3
 
 
+@pytest.mark.slow
 def test_zeroed_gauges_are_expected_to_read_what_they_read_whatever_the_modulus(estimate):
     found = estimate(MODULUS, "estimate.duration=2.0", "sensors.gauges.zeroed=true", "estimate.truth.model=own")
     late = slice(len(found["/nis"]) // 2, None)

@@ -36,7 +36,7 @@ gauges:
 motion_sensors:
   acc: {quantity: acceleration, every: 0.1, noise_std: {value: 0.5}, price: 3}
   laser: {quantity: displacement, axes: [[0, 0, 1]], every: 0.2, noise_std: {value: 1.0e-4}, price: 10}
-screen: {keep: 250}
+screen: {keep: 120}
 place:
   estimate: [tip, E]
   keep: 5

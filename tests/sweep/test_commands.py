@@ -59,6 +59,7 @@ def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatc
     assert sent == ["snapshots_at", "snapshots_at", "solved", "solved", "_batch", "_swept"]
 
 
+@pytest.mark.slow
 def test_a_cluster_writes_the_same_artefacts_and_is_no_reason_to_run_again(config, alone, cluster):
     done = run(config, "dask", "--dask", cluster.address)
     assert done.exit_code == 0, done.output
