@@ -67,12 +67,12 @@ class Mixture:
     ) -> None:
         """After L steps of these numbers: points (B, k) with their weights, filters at the ends, loads known there (L, p₁)."""
         after = slice(span.start + 1, span.stop + 1)
-        x, P = self._moments(after, point, weights, found)
+        x, P, at = self._moments(after, point, weights, found)
         y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
         self.gauge_mean[span] = np.einsum("tb,btm->tm", weights.mean, y)
-        own = np.einsum("bmn,btnk,bmk->btm", models.H, P, models.H, optimize=True)
+        own = np.einsum("bmn,btnk,bmk->btm", models.H[at], P, models.H[at], optimize=True)
         among = weights.covariance(y, self.gauge_mean[span])
-        self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive, own)
+        self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive[:, at], own)
         self.gauge_variance[span] += np.diagonal(among, axis1=1, axis2=2)
         if not self.learned:
             self._as_they_read(after, weights, found, models.H)
@@ -81,17 +81,23 @@ class Mixture:
         """At t = 0, of points (B, k) with their weights."""
         self._moments(slice(0, 1), point, weights, filters.states)
 
-    def _moments(self, at: slice, point: np.ndarray, weights: Weights, found: States) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and covariance of the states at L instants; returns x (B, L, n) and P (B, L, n, n) of every filter."""
+    def _moments(
+        self, at: slice, point: np.ndarray, weights: Weights, found: States
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean and covariance of the states at L instants; returns x (B, L, n) of every filter, and P (b, L, n, n) of those
+        numbers (b,) that have a positive weight."""
         V, states = found.V, self.states_of_filters
         # what the samples say of ν moves every estimate, and leaves the rest of it in P
         x = found.x - np.einsum("btda,btd->bta", V, found.nu)
-        P = found.P + np.einsum("btda,btdk,btkc->btac", V, found.left, V, optimize=True)
+        heavy = np.flatnonzero((weights.positive > 0).any(axis=0))
+        V, left = V[heavy], found.left[heavy]
+        P = found.P[heavy] + np.swapaxes(V, 2, 3) @ (left @ V)
         whole = np.concatenate([x, np.broadcast_to(point[:, None], (*x.shape[:2], point.shape[1]))], axis=2)
         self.mean[at] = np.einsum("tb,btn->tn", weights.mean, whole)
         self.covariance[at] = weights.covariance(whole, self.mean[at])
-        self.covariance[at, :states, :states] += np.einsum("tb,btac->tac", weights.positive, P, optimize=True)
-        return x, P
+        within = np.einsum("tb,btac->tac", weights.positive[:, heavy], P, optimize=True)
+        self.covariance[at, :states, :states] += within
+        return x, P, heavy
 
     def _as_they_read(self, after: slice, weights: Weights, found: States, H: np.ndarray) -> None:
         """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:
