@@ -159,9 +159,8 @@ def test_a_point_of_the_bank_is_the_filter_at_these_parameters(make_beam, make_f
     np.testing.assert_allclose(bank.weight, w / w.sum(), atol=1e-6)
 
 
-def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step():
-    """The end of the chain under a slow force reads 1/k₁ + 1/k₂ and hardly more: a crescent, narrower at its peak than its
-    covariance says. Against the same on a lattice twice as fine."""
+def crescent():
+    """The end of the chain under a slow force reads 1/k₁ + 1/k₂ and hardly more: model, covariance, force, samples."""
     model = chain()
     model = replace(model, H=model.H[:1] + model.H[1:], r=model.r[:1])
     P = start()
@@ -170,8 +169,15 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
     slow[:, 0, 0] = 20 * np.sin(np.pi * np.arange(4 * STEPS) / (4 * STEPS)) ** 2
     quiet = replace(model, Q=np.diag([0, 0, 1e-6, 1e-6, 1e-12, 0, 0]))
     _, y = draw_truth(quiet, np.zeros(7), P, slow, [2])
-    found = filter_bank(quiet, np.zeros(7), P, slow, y[:, 0])
-    fine = filter_bank(quiet, np.zeros(7), P, slow, y[:, 0], spacing=0.4, depth=12.0)
+    return quiet, P, slow, y[:, 0]
+
+
+def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step():
+    """The end of the chain under a slow force reads 1/k₁ + 1/k₂ and hardly more: a crescent, narrower at its peak than its
+    covariance says. Against the same on a lattice twice as fine."""
+    quiet, P, slow, y = crescent()
+    found = filter_bank(quiet, np.zeros(7), P, slow, y)
+    fine = filter_bank(quiet, np.zeros(7), P, slow, y, spacing=0.4, depth=12.0)
     across = fine.run.std[-1, 0, 5:]
     np.testing.assert_allclose(found.run.mean[-1, 0, 5:], fine.run.mean[-1, 0, 5:], atol=0.05 * across.min())
     np.testing.assert_allclose(found.run.std[-1, 0, 5:], across, rtol=0.05)

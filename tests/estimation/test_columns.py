@@ -20,7 +20,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.rom.model import Damping, ReducedModel
 
 from .chain import NOISE, REFERENCE, chain, forces, start
-from .test_bank import joint, log_normal
+from .test_bank import crescent, joint, log_normal
 from .two_masses import chain as gauged_chain
 from .two_masses import constants
 from .two_masses import forces as both_forces
@@ -141,7 +141,7 @@ def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelih
     exact = np.sqrt(w @ (draws - mean) ** 2)
     found, claimed = bank.posterior
     np.testing.assert_allclose((found - mean) / exact, 0.0, atol=0.1)
-    np.testing.assert_allclose(np.sqrt(np.diag(claimed)), exact, rtol=0.04)
+    np.testing.assert_allclose(np.sqrt(np.diag(claimed)), exact, rtol=0.02)
     assert (np.sqrt(np.diag(claimed))[:4] > 0.8 * std).all()
 
 
@@ -208,3 +208,16 @@ def test_readings_of_another_model_are_refused_and_not_followed_without_end():
     _, y = draw_truth(model, np.zeros(model.size), P, known, [3])
     with pytest.raises(NumericalError):
         filter_bank(model, np.zeros(model.size), P, known, 1e3 * y[:, 0])
+
+
+def test_a_bent_ridge_is_followed_along_its_line(monkeypatch):
+    """A crescent of two parameters, against a fine lattice; laid no more often than the posterior narrows."""
+    model, P, known, y = crescent()
+    fine = filter_bank(model, np.zeros(7), P, known, y, spacing=0.4, depth=12.0)
+    monkeypatch.setattr("strainsight.estimation.bank.FEW", 1)
+    found = filter_bank(model, np.zeros(7), P, known, y)
+    (mean, covariance), (expected, exact) = found.posterior, fine.posterior
+    std = np.sqrt(np.diag(exact))
+    np.testing.assert_allclose((mean - expected) / std, 0.0, atol=0.1)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), std, rtol=0.1)
+    assert found.laid < 30

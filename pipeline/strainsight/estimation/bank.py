@@ -97,15 +97,17 @@ def filter_bank(
     problem = BankProblem(model, mean, covariance, data, own, offsets, settled, spacing, depth, threads)
     if len(model.unknowns.parameters) <= FEW:
         return _filtered(problem, first_lattice, next_lattice)
-    return _filtered(problem, first_columns, next_columns)
+    return _filtered(problem, first_columns, next_columns, at_end=True)
 
 
 def _filtered(
     problem: BankProblem,
     first: Callable[[BankProblem], Standing[C]],
     following: Callable[[BankProblem, Standing[C]], Standing[C]],
+    at_end: bool = False,
 ) -> BankRun:
-    """Through all samples, with points of the parameters laid at first and following."""
+    """Through all samples, with points of the parameters laid at first and following; at_end: and once more at the end, where
+    what they say is the better, the nearer they are."""
     data, steps, settled = problem.data, len(problem.data.known), problem.settled
     now, laid = first(problem), 1
     mixture = Mixture(problem.model, problem.mean, problem.covariance, steps, problem.nuisances.learned)
@@ -125,7 +127,7 @@ def _filtered(
         mixture.log_likelihood += float(weights.log_mass[-1] - earlier.log_mass[0])
         mixture.states(span, now.cover.point, weights, passage.states.first(used), now.models, data.known_end[span])
         now = on(now, passage, used)
-        if not good.all():
+        if not good.all() or (at_end and now.step == steps):
             now, laid = following(problem, now), laid + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - 1, now.step)

@@ -9,7 +9,7 @@ Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,15 +24,17 @@ FINE = 0.1
 CENTRED = 0.3
 """A column begins within so many standard deviations of its largest density;"""
 OFF = 1.0
-"""and is good for up to so many."""
+"""and is good for up to so many, or half a standard deviation more than where it began;"""
 WIDE = 4.0
-"""Share of the variance that a column was laid for, up to which it is good."""
+"""and for up to this share of the variance that it was laid for, and down to NARROW, or twice and half of what it began with."""
 CLOSE = 0.5, 2.0
 """Shares of the variance that differences are taken for, within which they are not taken anew."""
 STRIDE = 3.0
 """Most standard deviations of a step towards the largest density."""
 MOST_TURNS = 60
 """Steps towards it."""
+LEVEL = 1e-6
+"""By which the logarithm of a density has to fall for a step to lead down."""
 FEW_TURNS = 5
 """Those of one column."""
 MOST_COLUMNS = 60
@@ -42,8 +44,20 @@ lies in all of them is taken."""
 
 
 @dataclass(frozen=True)
+class Limits:
+    """Of what columns are good for: off, how far their largest densities are from them; narrow and wide, the variance across, and
+    short, that along the line, in units of what they were laid for."""
+
+    off: float = OFF
+    narrow: float = NARROW
+    wide: float = WIDE
+    short: float = NARROW
+
+
+@dataclass(frozen=True)
 class Columns:
-    """J columns about centre (J, k): across (k, c), the standard deviations of each; precision (k, k) of the prior.
+    """J columns about centre (J, k): across (k, c), the standard deviations of each; precision (k, k) of the prior; limits of
+    what they are good for.
 
     Points of a column: its centre, FINE times each of ± the c axes, and of ± the sum of two of them.
     """
@@ -51,6 +65,7 @@ class Columns:
     centre: np.ndarray
     across: np.ndarray
     precision: np.ndarray
+    limits: Limits = Limits()
 
     @cached_property
     def stencil(self) -> np.ndarray:
@@ -95,14 +110,25 @@ class Columns:
 
     def holds(self, log_weight: np.ndarray) -> np.ndarray:
         """Whether the posterior of log-weights (L, B) is still where the columns were laid, as wide and within them."""
-        own = self.weights(log_weight)
-        heavy = own.column_mass > own.column_mass.max(axis=1, keepdims=True) - LEFT
+        own, limits = self.weights(log_weight), self.limits
         size = np.linalg.eigvalsh(own.C)
-        fits = (np.abs(own.m).max(axis=2) <= OFF) & (size[..., 0] >= NARROW) & (size[..., -1] <= WIDE)
-        along = np.arange(len(self.centre))
-        spread = np.sum(own.column * (along - (own.column @ along)[:, None]) ** 2, axis=1)
+        fits = (
+            (np.abs(own.m).max(axis=2) <= limits.off) & (size[..., 0] >= limits.narrow) & (size[..., -1] <= limits.wide)
+        )
         ends = own.column_mass[:, [0, -1]].max(axis=1) < own.column_mass.max(axis=1) - LEFT
-        return np.asarray((fits | ~heavy).all(axis=1) & (spread >= NARROW) & ends)
+        return np.asarray((fits | ~own.heavy).all(axis=1) & (own.along >= limits.short) & ends)
+
+    def as_they_are(self, log_weight: np.ndarray) -> Columns:
+        """With limits that they keep at log-weights (B,)."""
+        own = self.weights(log_weight[None])
+        size = np.linalg.eigvalsh(own.C[own.heavy])
+        limits = Limits(
+            max(OFF, np.abs(own.m[own.heavy]).max() + 0.5),
+            min(NARROW, 0.5 * size[:, 0].min()),
+            max(WIDE, 2 * size[:, -1].max()),
+            min(NARROW, 0.5 * own.along[0]),
+        )
+        return replace(self, limits=limits)
 
 
 @dataclass(frozen=True)
@@ -122,6 +148,17 @@ class ColumnWeights:
     def column(self) -> np.ndarray:
         """W (L, J) of sum one."""
         return np.exp(self.column_mass - self.log_mass[:, None])
+
+    @property
+    def heavy(self) -> np.ndarray:
+        """Which columns (L, J) are within exp(−LEFT) of the heaviest."""
+        return np.asarray(self.column_mass > self.column_mass.max(axis=1, keepdims=True) - LEFT)
+
+    @property
+    def along(self) -> np.ndarray:
+        """Variance (L,) along the line, in columns."""
+        place = np.arange(self.column.shape[1])
+        return np.asarray(np.sum(self.column * (place - (self.column @ place)[:, None]) ** 2, axis=1))
 
     @cached_property
     def mean(self) -> np.ndarray:
@@ -209,7 +246,8 @@ def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: 
                     "standard deviation",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
-    return joined(cover, parts)
+    found = joined(cover, parts)
+    return replace(found, cover=cover.as_they_are(found.log_weight))
 
 
 def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
@@ -218,7 +256,7 @@ def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step
     start, top, move = mean, -np.inf, np.zeros(len(mean))
     for _ in range(MOST_TURNS):
         now = filtered_at(problem, Columns(mean[None], np.linalg.cholesky(covariance), precision), step)
-        if now.log_weight[0] < top:
+        if now.log_weight[0] < top - LEVEL:
             move = 0.5 * move
             mean = start + move
             continue
