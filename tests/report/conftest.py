@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from strainsight.report.arrays import History
 from strainsight.report.placement.data import (
@@ -20,6 +21,7 @@ from strainsight.report.placement.data import (
     Metric,
     NoiseRow,
     PlacementReport,
+    Posterior,
     RandomSets,
     Repeats,
     Trend,
@@ -137,6 +139,7 @@ def report(**changes):
     mean = 2.1e11 - 2.1e10 * np.exp(-time / 0.02)
     load = 1e4 * np.sin(2 * np.pi * 20 * time)
     strain = 9e-5 * np.sin(2 * np.pi * 20 * time)
+    spread, narrow, wide = np.linspace(-0.004, 0.004, 401), norm(-4e-4, 8e-4), norm(-0.1, 0.1)
     full = PlacementReport(
         name="cantilever-input-youngs-modulus",
         title="Cantilever: load and stiffness",
@@ -178,6 +181,9 @@ def report(**changes):
         histories=(
             History("tip", "N", time, load, 0.95 * load, np.full(1001, 1.6e3), load + 100.0, np.full(1001, 400.0)),
             History("E", "Pa", time, np.full(1001, 2.1e11), mean, np.full(1001, 1.7e8)),
+        ),
+        posteriors=(
+            Posterior("E", "Pa", 2.1e11 * np.exp(spread), narrow.pdf(spread), wide.pdf(spread), 2.1e11),
         ),
         gauge_signals=tuple(
             GaugeSignal(f"G{i}", time, strain + draw.normal(size=1001) * 1e-6, strain, strain, np.full(1001, 1.5e-7))

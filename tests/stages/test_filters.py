@@ -47,6 +47,21 @@ def validated(tmp_path_factory):
     return run
 
 
+def test_the_density_of_a_parameter_has_the_mean_and_the_sigma_that_are_claimed(validated):
+    found = validated("filter.compare=false").validated
+    assert set(found.posterior) == set(PLACEMENT_CONFIG["place"]["estimate"]) & set(PLACEMENT_CONFIG["parameters"])
+    for name, own in found.posterior.items():
+        log = np.log(own.value)
+        step = log[1] - log[0]
+        mean = step * own.density @ log
+        assert step * own.density.sum() == pytest.approx(1.0, abs=1e-5)
+        std = np.sqrt(step * own.density @ (log - mean) ** 2)
+        assert std == pytest.approx(found.std[name][-1] / found.estimate[name][-1], rel=1e-3)
+        assert mean == pytest.approx(np.log(found.estimate[name][-1]), abs=1e-3 * std)
+        assert own.left == pytest.approx(std / PLACEMENT_CONFIG["validate"]["initial_std"][name], rel=1e-3)
+        assert len(own.peak) == 1
+
+
 def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
     """Without tolerances, so that the bank's σ is that of the samples alone, and from rest, where all begin alike; parameters are
     constants in all three."""

@@ -40,7 +40,8 @@ class BankRun:
     """What the bank found.
 
     run: as a filter's, of one run; its σ holds what the nuisances add. point (B, k) and weight (B,): the posterior of the
-    parameters at the end; nu (B, d) and left (B, d, d): mean and covariance of ν at each point; laid: how often the lattice was.
+    parameters at the end; nu (B, d) and left (B, d, d): mean and covariance of ν at each point; laid: how often the lattice was;
+    step (k,): its steps along every parameter, infinite of columns.
     """
 
     run: FilterRun
@@ -49,6 +50,7 @@ class BankRun:
     nu: np.ndarray
     left: np.ndarray
     laid: int
+    step: np.ndarray
 
     @property
     def posterior(self) -> tuple[np.ndarray, np.ndarray]:
@@ -133,7 +135,7 @@ def _filtered(
             last = slice(now.step - 1, now.step)
             mixture.states(last, now.cover.point, now.weights, now.filters.states, now.models, data.known_end[last])
     point, weight, nu, left = now.weights.sampled(now.filters.nu, now.filters.left)
-    return BankRun(mixture.finished(), point, weight, nu, left, laid)
+    return BankRun(mixture.finished(), point, weight, nu, left, laid, now.cover.step)
 
 
 def _numbers(models: LinearModels) -> int:

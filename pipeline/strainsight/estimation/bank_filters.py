@@ -28,6 +28,11 @@ class Cover(Protocol):
         """(B, k)."""
         ...
 
+    @property
+    def step(self) -> np.ndarray:
+        """From point to point along every parameter (k,); infinite where the points are no lattice."""
+        ...
+
     def weights(self, log_weight: np.ndarray) -> Weights:
         """Of points with log-densities (L, B), but for a constant, at L instants."""
         ...

@@ -85,6 +85,11 @@ class Columns:
         """(J S, k), column by column."""
         return np.asarray((self.centre[:, None] + self.stencil @ self.across.T).reshape(-1, self.centre.shape[1]))
 
+    @property
+    def step(self) -> np.ndarray:
+        """None (k,): of what columns know a parameter has mean and variance alone."""
+        return np.full(self.centre.shape[1], np.inf)
+
     def weights(self, log_weight: np.ndarray) -> ColumnWeights:
         """Of points with log-densities (L, B): the parabola of each column,
 

@@ -37,6 +37,11 @@ class Lattice:
         """(B, k)."""
         return self.centre + self.node @ self.frame.T
 
+    @property
+    def step(self) -> np.ndarray:
+        """From point to point along every coordinate (k,), RMS over the axes of the lattice together."""
+        return np.asarray(np.linalg.norm(self.frame, axis=1))
+
     @cached_property
     def neighbour(self) -> np.ndarray:
         """Of every point the next ones along the axes (B, 2, k), ahead and behind; −1 where there is none."""

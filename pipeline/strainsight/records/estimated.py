@@ -68,6 +68,18 @@ class Compared:
 
 
 @record
+class Posterior:
+    """What the samples leave of a parameter."""
+
+    value: np.ndarray = dataset("/value", "<unit>", "/value", "values of <what>")
+    density: np.ndarray = dataset("/density", "1", "/value", "density of ln <what> after the samples")
+    prior: np.ndarray = dataset("/prior", "1", "/value", "the same before them")
+    left: float = dataset("/left", "1", "", "σ of ln <what> after the samples over that before them")
+    peak: np.ndarray = dataset("/peak", "<unit>", "/peak", "values at which the density is largest")
+    share: np.ndarray = dataset("/share", "1", "/peak", "probability of what lies about each")
+
+
+@record
 class Histories:
     """Every unknown in time."""
 
@@ -83,6 +95,7 @@ class Histories:
     smoothed_std: dict[str, np.ndarray] = dataset(
         "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
     )
+    posterior: dict[str, Posterior] = group("/posterior/<name>", unit="unit of <name>", what="<name>")
     compared: Compared | None = group("/compared", default=None)
     budget: Budget | None = group("/budget", default=None)
 

@@ -41,7 +41,7 @@ def run(context: Context) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=12,
+    version=13,
     reads=(
         "seed",
         "loads",

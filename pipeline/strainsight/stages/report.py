@@ -58,7 +58,7 @@ def run(context: Context) -> Output:
 
 REPORT = Stage(
     "report",
-    version=10,
+    version=11,
     reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),

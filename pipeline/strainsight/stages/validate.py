@@ -55,7 +55,7 @@ def run(context: Context) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=16,
+    version=17,
     reads=(
         *(
             "seed",

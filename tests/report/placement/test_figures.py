@@ -23,7 +23,7 @@ def test_a_full_report_has_every_figure_once_small_and_with_units(full):
     drawings = placement_figures(full())
     keys = [drawing.key for drawing in drawings]
     assert len(keys) == len(set(keys))
-    assert {"trend", "noise", "repeats-E", "signal-G4", "estimate-tip", "closing-E"} < set(keys)
+    assert {"trend", "noise", "repeats-E", "signal-G4", "estimate-tip", "closing-E", "posterior-E"} < set(keys)
     assert {"random-errors-tip", "random-errors-E", "random-histories-E"} < set(keys)
     assert "random-histories-tip" not in keys
     for drawing in drawings:

@@ -15,6 +15,7 @@ from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.filtering import by_moments
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, nuisances_of, tolerated
+from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import (
     Problem,
     filter_model,
@@ -31,7 +32,7 @@ from strainsight.cases.structure.variance import Shares, budget_of
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
-from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.consistency import Verdict, verdict
@@ -106,7 +107,7 @@ def estimation_of(
     long = len(test.values) * test.every > LONGEST_COMPARED
     withheld = "" if settings.loads_as_stated else withheld_in_words(problem)
     compare = not long if config.filter.compare is None else config.filter.compare
-    run, smoothed, beside = _filtered(problem, tolerances, model, test, start, settled, compare and not withheld)
+    run, smoothed, beside, bank = _filtered(problem, tolerances, model, test, start, settled, compare and not withheld)
     budget, not_so = _budget(problem, tolerances, model, test, start, run, smoothed, settled, withheld, long)
     if withheld:
         run, smoothed = _without_sigma(run, smoothed)
@@ -132,6 +133,7 @@ def estimation_of(
         problem.unknowns,
         replace(
             _estimated(model, test, run, smoothed, resultants, virtual, notes),
+            posterior={} if withheld else posteriors_of(problem, start, bank),
             compared=beside,
             budget=budget_of_shares(budget),
         ),
@@ -169,8 +171,9 @@ def _filtered(
     start: np.ndarray,
     settled: Settled | None,
     compare: bool,
-) -> tuple[FilterRun, Smoothed, Compared | None]:
-    """Filter and smoother, with the offsets of channels as unknowns behind x*; and what other filters make of the samples."""
+) -> tuple[FilterRun, Smoothed, Compared | None, BankRun | None]:
+    """Filter and smoother, with the offsets of channels as unknowns behind x*; what other filters make of the samples; and the
+    bank, where it is one."""
     at = np.flatnonzero(test.bias > 0)
     core = driven_with_offsets(model, test.known, at)
     steps, kept = len(test.values) * test.every, 2 if core.linear else 3
@@ -182,9 +185,9 @@ def _filtered(
         bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at, settled=settled)
         later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at, settled)
         beside = compared(problem, model, covariance, test.known, test.values, at) if compare else None
-        return bank.run, later, beside
+        return bank.run, later, beside, bank
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
-    return run, smooth(core, run, covariance=True), None
+    return run, smooth(core, run, covariance=True), None, None
 
 
 def _budget(
@@ -240,6 +243,7 @@ def _estimated(
         resultant={str(i): own for i, own in enumerate(resultants.values())},
         virtual=virtual,
         notes=notes,
+        posterior={},
     )
 
 

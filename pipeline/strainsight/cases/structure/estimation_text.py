@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.structure.compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.structure.estimation import Estimation
+from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.workflow.output import Scalar, Table
 
 
@@ -31,7 +32,7 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
         numbers["withheld"] = found.withheld
     if found.undetectable:
         numbers["unobservable"] = found.undetectable
-    return numbers | ratios(own.compared)
+    return numbers | posterior_numbers(own.posterior) | ratios(own.compared)
 
 
 def estimation_message(found: Estimation) -> str:
@@ -45,6 +46,7 @@ def estimation_message(found: Estimation) -> str:
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {units[name]}{what}")
     if not found.verdict.consistent:
         parts.append("the noise does not fit the innovations")
+    parts += posterior_doubts(found.estimated.posterior, units)
     parts += disagreements_in_words(found.estimated.compared)
     return ", ".join(parts)
 

@@ -157,14 +157,3 @@ def smoothed(
     start = np.zeros(model.size)
     nuisances = nuisances_of(tolerated, model, channels)
     return smooth_bank(model, start, covariance, known, measured, nuisances, bank, settled=settled)
-
-
-def widths_left(problem: Problem, covariance: np.ndarray, found: Filtered) -> dict[str, float]:
-    """Of every parameter of a bank, its σ by the samples alone over its initial σ; covariance (n*, n*) at t = 0."""
-    bank = found.banks[0] if found.banks else None
-    if bank is None:
-        return {}
-    names = problem.unknowns.parameters
-    _, after = bank.posterior
-    before = np.diag(covariance)[len(covariance) - len(names) :]
-    return dict(zip(names, np.sqrt(np.diag(after) / before).tolist(), strict=True))

@@ -9,8 +9,8 @@ import numpy as np
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
-from strainsight.cases.structure.filtering import widths_left
 from strainsight.cases.structure.nuisances import tolerated
+from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import filter_model, problem_of
 from strainsight.cases.structure.studies import (
     Rank,
@@ -51,8 +51,7 @@ class Accuracy:
     estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
     smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
     scale is its amplitude; draws, smoothed_draws: how many independent draws error and smoothed are the RMS of, 1 of a
-    parameter; left: of a bank's parameter, its σ by the samples alone over its initial σ; rank and benefit: among the random
-    sets of all candidates, None for few.
+    parameter; rank and benefit: among the random sets of all candidates, None for few.
     """
 
     estimate: float
@@ -64,7 +63,6 @@ class Accuracy:
     zero: bool
     draws: int
     smoothed_draws: int
-    left: float | None
     rank: Rank | None
     benefit: Benefit | None
 
@@ -126,14 +124,16 @@ def validation_of(
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
     last, P, known, start = trial.names[-1], trial.covariance, trial.known, trial.settled
     budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
+    bank = found.banks[0] if found.banks else None
     return Validation(
         trial,
         replace(
             _validated(trial, model, run, smoothed, measured, true, studies, swept),
+            posterior=posteriors_of(problem, P, bank),
             compared=beside,
             budget=budget_of_shares(budget),
         ),
-        _accuracy(trial, model, run, smoothed, studies, widths_left(problem, trial.covariance, found)),
+        _accuracy(trial, model, run, smoothed, studies),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
         int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
@@ -152,7 +152,6 @@ def _accuracy(
     run: FilterRun,
     smoothed: Smoothed,
     studies: Studies,
-    left: dict[str, float],
 ) -> dict[str, Accuracy]:
     error, std = real_and_claimed(trial, model, run.mean, run.std)
     later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
@@ -172,7 +171,6 @@ def _accuracy(
             zero=zero,
             draws=1 if constant else _draws(value - trial.history[name], sigma),
             smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
-            left=left.get(name),
             rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
             benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
         )
@@ -219,6 +217,7 @@ def _validated(
         screened=random_sets(studies.screened),
         all=random_sets(studies.all),
         sweep=swept,
+        posterior={},
     )
 
 

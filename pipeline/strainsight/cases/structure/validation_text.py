@@ -7,12 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from strainsight.cases.structure.compared import disagreements_in_words, ratios
+from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.cases.structure.problem import rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.validation import Validation
 from strainsight.workflow.output import Scalar, Table
-
-IDENTIFIED = 0.5
-"""Share of its initial σ that the samples may leave of a parameter that they identify."""
 
 
 def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
@@ -29,14 +27,13 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
             numbers[f"{key}.{name}"] = getattr(own, key)
         if name in trial.problem.unknowns.inputs:
             numbers[f"zero.{name}"] = own.zero
-        if own.left is not None:
-            numbers |= {f"left.{name}": own.left, f"identified.{name}": own.left <= IDENTIFIED}
         if own.benefit is not None:
             numbers[f"benefit.{name}"] = own.benefit.verdict
         if own.rank is not None:
             numbers |= {f"rank_{key}.{name}": value for key, value in vars(own.rank).items()}
     return (
         numbers
+        | posterior_numbers(found.validated.posterior)
         | ratios(found.validated.compared)
         | {
             "nees": float(np.mean(consistency.nees)),
@@ -52,10 +49,9 @@ def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
     """One line, first what does not hold; doubts: unknown → that its claimed σ does not hold, and by how much."""
     trial, rests = found.trial, rests_on_loads_in_words(found.trial.problem)
     words = [rests] if rests else []
-    for name, own in found.accuracy.items():
+    for name in found.accuracy:
         words += [f"{name} is {doubts[name]}"] if name in doubts else []
-        if own.left is not None and own.left > IDENTIFIED:
-            words.append(f"{name} is not identified: the measurements leave {100 * own.left:.0f} % of its initial σ")
+    words += posterior_doubts(found.validated.posterior, trial.units)
     words += [
         f"placement brings no benefit for {name} here: {own.benefit.as_well} of {own.benefit.sets} random layouts of the same "
         "size do as well"

@@ -226,6 +226,18 @@ class Compared(Protocol):
 
 
 @dataclass(frozen=True)
+class Posterior:
+    """What the measurements leave of a parameter: density and prior (k,) of its logarithm at value (k,) [unit], and the truth."""
+
+    name: str
+    unit: str
+    value: FloatArray
+    density: FloatArray
+    prior: FloatArray
+    truth: float
+
+
+@dataclass(frozen=True)
 class PlacementReport:
     """All that the page of a placement shows.
 
@@ -246,6 +258,7 @@ class PlacementReport:
     layout: Layout
     trend: Trend
     histories: tuple[History, ...] = ()
+    posteriors: tuple[Posterior, ...] = ()
     gauge_signals: tuple[GaugeSignal, ...] = ()
     random_sets: tuple[RandomSets, ...] = ()
     noise: tuple[NoiseRow, ...] = ()

@@ -38,6 +38,7 @@ from strainsight.report.placement.comparisons import (
     repeats_figure,
 )
 from strainsight.report.placement.data import PlacementReport, Trend
+from strainsight.report.placement.posterior import posterior_figure
 from strainsight.report.placement.signals import signal_figures
 from strainsight.report.text import number, quantity, short
 
@@ -50,6 +51,7 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
     for entry in report.histories:
         drawings.append(estimate_figure(entry))
         drawings.append(closing_figure(entry, kind.get(entry.name, "parameter")))
+    drawings += [posterior_figure(own) for own in report.posteriors]
     drawings += signal_figures(report.gauge_signals, report.layout.gauges)
     for name in dict.fromkeys(sets.name for sets in report.random_sets):
         sets = tuple(entry for entry in report.random_sets if entry.name == name)

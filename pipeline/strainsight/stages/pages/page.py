@@ -10,12 +10,13 @@ import numpy as np
 from strainsight import __version__
 from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.compared import disagreements_in_words
+from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
-from strainsight.records.record import read
+from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
@@ -31,6 +32,7 @@ from strainsight.stages.pages.page_numbers import (
     history_of,
     metrics_of,
     noise_rows,
+    posterior_of,
     random_sets_of,
     repeated,
     repeats_of,
@@ -57,6 +59,7 @@ def placement_report(context: Context) -> PlacementReport:
         layout=layout_of_page(mesh, up, config.loads),
         trend=trend_of(up["place"]),
         histories=tuple(history_of(name, validate) for name in names),
+        posteriors=tuple(posterior_of(name, validate) for name in read(Validated, validate).posterior),
         gauge_signals=signals_of(up),
         random_sets=random_sets_of(names, validate),
         noise=noise_rows(names, up),
@@ -101,22 +104,21 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tup
 
 
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
-    summary, notes = validate.summary, []
+    summary, own = validate.summary, read(Validated, validate)
+    units = {name: unit_of(own, "estimate", name) for name in names}
+    notes = [f"{text[0].upper()}{text[1:]}." for text in posterior_doubts(own.posterior, units)]
     for name in names:
-        if summary.get(f"identified.{name}") is False:
-            left = 100 * float(summary[f"left.{name}"])
-            notes.append(f"{name} is not identified: the measurements leave {left:.0f} % of its initial σ.")
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
         if claims and claims[0].verdict == OVER:
             notes.append(f"{name} is {in_words(claims[0])}.")
-        random = read(Validated, validate).all.std[name]
+        random = own.all.std[name]
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
                 f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
                 f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
             )
-    notes += [f"{text[0].upper()}{text[1:]}." for text in disagreements_in_words(read(Validated, validate).compared)]
+    notes += [f"{text[0].upper()}{text[1:]}." for text in disagreements_in_words(own.compared)]
     if lost := int(summary["lost_runs"]):
         notes.append(f"{lost} runs of the studies diverged and are left out of the medians.")
     return notes

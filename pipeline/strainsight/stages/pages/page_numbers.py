@@ -26,6 +26,7 @@ from strainsight.report.placement.data import (
     Metric,
     NoiseRow,
     OtherFilter,
+    Posterior,
     RandomSets,
     Repeats,
     Trend,
@@ -85,6 +86,14 @@ def history_of(name: str, validate: Artefact) -> History:
     own = read(Validated, validate)
     values = (by[name] for by in (own.truth, own.estimate, own.std, own.smoothed, own.smoothed_std))
     return History(name, unit_of(own, "estimate", name), own.time, *values)
+
+
+def posterior_of(name: str, validate: Artefact) -> Posterior:
+    own = read(Validated, validate)
+    found = own.posterior[name]
+    return Posterior(
+        name, unit_of(own, "estimate", name), found.value, found.density, found.prior, float(own.truth[name][0])
+    )
 
 
 def repeats_of(names: list[str], validate: Artefact) -> tuple[Repeats, ...]:
