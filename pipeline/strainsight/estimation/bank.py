@@ -11,18 +11,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import KEPT, BankProblem, C, Standing, bank_data, on, passed
+from strainsight.estimation.bank_filters import (
+    KEPT,
+    BankProblem,
+    LinearStanding,
+    bank_data,
+    filtered_at,
+    joined,
+    on,
+    passed,
+    refuse_lost,
+)
 from strainsight.estimation.columns import first_columns, next_columns
 from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisances
-from strainsight.estimation.laying import first_lattice, next_lattice
+from strainsight.estimation.lattice import Lattice
+from strainsight.estimation.laying import Bank, first_lattice, next_lattice
 from strainsight.estimation.mixture import Mixture
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.settled import Settled
+from strainsight.estimation.standing import C
 
 SPACING = 1.0
 """Of the lattice, in standard deviations of the posterior it was laid for."""
@@ -98,20 +111,22 @@ def filter_bank(
     offsets = np.zeros(0, dtype=int) if biased is None else biased
     problem = BankProblem(model, mean, covariance, data, own, offsets, settled, spacing, depth, threads)
     if len(model.unknowns.parameters) <= FEW:
-        return _filtered(problem, first_lattice, next_lattice)
-    return _filtered(problem, first_columns, next_columns, at_end=True)
+        at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
+        bank = Bank[LinearStanding[Lattice]](problem.prior, spacing, depth, at, joined, refuse)
+        return _filtered(problem, first_lattice(bank), partial(next_lattice, bank))
+    return _filtered(problem, first_columns(problem), partial(next_columns, problem), at_end=True)
 
 
 def _filtered(
     problem: BankProblem,
-    first: Callable[[BankProblem], Standing[C]],
-    following: Callable[[BankProblem, Standing[C]], Standing[C]],
+    now: LinearStanding[C],
+    following: Callable[[LinearStanding[C]], LinearStanding[C]],
     at_end: bool = False,
 ) -> BankRun:
-    """Through all samples, with points of the parameters laid at first and following; at_end: and once more at the end, where
-    what they say is the better, the nearer they are."""
+    """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
+    end, where what they say is the better, the nearer they are."""
     data, steps, settled = problem.data, len(problem.data.known), problem.settled
-    now, laid = first(problem), 1
+    laid = 1
     mixture = Mixture(problem.model, problem.mean, problem.covariance, steps, problem.nuisances.learned)
     if settled is not None:
         mixture.begin(now.cover.point, now.weights, now.filters)
@@ -130,7 +145,7 @@ def _filtered(
         mixture.states(span, now.cover.point, weights, passage.states.first(used), now.models, data.known_end[span])
         now = on(now, passage, used)
         if not good.all() or (at_end and now.step == steps):
-            now, laid = following(problem, now), laid + 1
+            now, laid = following(now), laid + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - 1, now.step)
             mixture.states(last, now.cover.point, now.weights, now.filters.states, now.models, data.known_end[last])

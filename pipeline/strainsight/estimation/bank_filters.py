@@ -4,45 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import Nuisances, conditional_states, considers, linear_models
-from strainsight.estimation.mixture import Weights
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.settled import Settled, beginning
+from strainsight.estimation.standing import C, Standing, log_normal
 
 KEPT = 4_000_000
 """Numbers that are kept of one passage."""
-
-
-class Cover(Protocol):
-    """Points at which the posterior of the parameters is known, and what follows from them."""
-
-    @property
-    def point(self) -> np.ndarray:
-        """(B, k)."""
-        ...
-
-    @property
-    def step(self) -> np.ndarray:
-        """From point to point along every parameter (k,); infinite where the points are no lattice."""
-        ...
-
-    def weights(self, log_weight: np.ndarray) -> Weights:
-        """Of points with log-densities (L, B), but for a constant, at L instants."""
-        ...
-
-    def holds(self, log_weight: np.ndarray) -> np.ndarray:
-        """Whether these points are still good for the posterior (L,)."""
-        ...
-
-
-C = TypeVar("C", bound=Cover)
 
 
 @dataclass(frozen=True)
@@ -80,32 +54,15 @@ class BankProblem:
 
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
-        mean, covariance = self.prior
-        off = point - mean
-        return -0.5 * np.sum(off * np.linalg.solve(covariance, off.T).T, axis=1)
+        return log_normal(point, *self.prior)
 
 
 @dataclass(frozen=True)
-class Standing(Generic[C]):
-    """Filters at all points of a cover after some steps: prior and fit (B,), the logarithms of the prior and of the likelihood of
-    all samples so far."""
+class LinearStanding(Standing[C]):
+    """Linear filters at all points of a cover after some steps."""
 
-    cover: C
-    prior: np.ndarray
     models: LinearModels
     filters: Filters
-    fit: np.ndarray
-    step: int
-
-    @property
-    def log_weight(self) -> np.ndarray:
-        """Of the points (B,), but for a constant."""
-        return self.prior + self.fit
-
-    @property
-    def weights(self) -> Weights:
-        """At one instant."""
-        return self.cover.weights(self.log_weight[None])
 
 
 def bank_data(model: FilterModel, known: np.ndarray, measurement: np.ndarray, more: np.ndarray) -> Data:
@@ -118,21 +75,21 @@ def bank_data(model: FilterModel, known: np.ndarray, measurement: np.ndarray, mo
     return Data(held, known.sum(axis=1), samples, np.ascontiguousarray(noise), more)
 
 
-def filtered_at(problem: BankProblem, cover: C, step: int) -> Standing[C]:
+def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     """Filters at the points of a cover, from the start through `step` steps."""
     models = linear_models(problem.model, cover.point, problem.nuisances, problem.biased)
     at = conditional_states(problem.model, len(problem.biased))
     start = beginning(problem.model, models, problem.mean[at], problem.covariance[np.ix_(at, at)], problem.settled)
     filters = filters_of(models, *start, consider=considers(problem.model, problem.nuisances))
     B = models.count
-    now = Standing(cover, problem.log_prior(cover.point), models, filters, np.zeros(B), 0)
+    now = LinearStanding(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters)
     while now.step < step:
         passage = passed(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
         now = on(now, passage, passage.fit.shape[1])
     return now
 
 
-def passed(problem: BankProblem, now: Standing[C], steps: int, keep: bool) -> Passage:
+def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passage:
     span, data = slice(now.step, now.step + steps), problem.data
     return advance(
         now.models,
@@ -147,12 +104,12 @@ def passed(problem: BankProblem, now: Standing[C], steps: int, keep: bool) -> Pa
     )
 
 
-def on(now: Standing[C], passage: Passage, steps: int) -> Standing[C]:
+def on(now: LinearStanding[C], passage: Passage, steps: int) -> LinearStanding[C]:
     """After the first steps of a passage."""
     return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
 
 
-def joined(cover: C, parts: Sequence[Standing[C]]) -> Standing[C]:
+def joined(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding[C]:
     """Parts of one cover, in the order of its points."""
 
     def all_of(of: Sequence[np.ndarray]) -> np.ndarray:
@@ -163,7 +120,7 @@ def joined(cover: C, parts: Sequence[Standing[C]]) -> Standing[C]:
     )
     filters = Filters(*(all_of([getattr(part.filters, f) for part in parts]) for f in Filters.__dataclass_fields__))
     prior, fit = (all_of([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    return Standing(cover, prior, models, filters, fit, parts[0].step)
+    return LinearStanding(cover, prior, fit, parts[0].step, models, filters)
 
 
 def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:

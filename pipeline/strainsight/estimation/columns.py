@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank_filters import BankProblem, Standing, filtered_at, joined, refuse_lost
+from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, joined, refuse_lost
 from strainsight.estimation.lattice import LEFT, NARROW
 
 FINE = 0.1
@@ -209,19 +209,19 @@ class ColumnWeights:
         return own[:, 0], (own[:, 1 : 1 + c] - own[:, middle : middle + c]) / (2 * FINE)
 
 
-def first_columns(problem: BankProblem) -> Standing[Columns]:
+def first_columns(problem: BankProblem) -> LinearStanding[Columns]:
     """For the prior."""
     return _laid(problem, *problem.prior, 0)
 
 
-def next_columns(problem: BankProblem, now: Standing[Columns]) -> Standing[Columns]:
+def next_columns(problem: BankProblem, now: LinearStanding[Columns]) -> LinearStanding[Columns]:
     """For the posterior as it is now."""
     own = _own(now)
     middle = own.mean[0] @ now.cover.point
     return _laid(problem, middle, own.covariance(now.cover.point[:, None], middle)[0], now.step)
 
 
-def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> Standing[Columns]:
+def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> LinearStanding[Columns]:
     """Columns about the largest density after `step` steps, looked for from a guess; as many as it reaches along its weakest
     direction, each about its own largest density."""
     mean, covariance = _summit(problem, mean, covariance, step)
@@ -281,7 +281,7 @@ def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step
     )
 
 
-def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step: int) -> Standing[Columns]:
+def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step: int) -> LinearStanding[Columns]:
     """A column about its largest density, as nearly as a few steps come to it."""
     precision = np.linalg.inv(problem.prior[1])
     for _ in range(FEW_TURNS):
@@ -293,7 +293,7 @@ def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step:
     return now
 
 
-def _own(now: Standing[Columns]) -> ColumnWeights:
+def _own(now: LinearStanding[Columns]) -> ColumnWeights:
     return now.cover.weights(now.log_weight[None])
 
 

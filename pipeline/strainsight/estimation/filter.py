@@ -164,6 +164,7 @@ def filter_runs(
                 x, H = found.x, _where_it_failed(found.x, found.H, 0.0)
                 belief, _, L = prior.updated(H, R, instant)
                 adjusted = whiten(L, found.innovation)
+                record.spread[k] = np.diagonal(L, axis1=-2, axis2=-1)
             if project is not None:
                 x = project(x)
         astray = model.lost(x)

@@ -70,7 +70,7 @@ class Lattice:
         best = np.argmax(log_weight, axis=-1)
         beside = self.neighbour[best]
         values = np.take_along_axis(log_weight, beside.reshape(*best.shape, -1), axis=-1).reshape(beside.shape)
-        values = np.where(beside >= 0, values, np.inf)
+        values = np.where((beside >= 0) & np.isfinite(values), values, np.inf)
         top = np.take_along_axis(log_weight, best[..., None], axis=-1)
         drop = top - 0.5 * (values[..., 0, :] + values[..., 1, :])
         return np.asarray(np.where(drop > 0, 0.5 / np.where(drop > 0, drop, 1.0), np.inf))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank_filters import BankProblem, Standing, filtered_at, joined, refuse_lost
 from strainsight.estimation.lattice import NARROW, SHARP, Lattice, lattice_about, moments
+from strainsight.estimation.standing import Standing
 
 FRESH = 0.4
 """When a lattice is laid, the variance of its highest peak is at least this share of that it is laid for."""
@@ -24,44 +26,63 @@ MOST_LAID = 60
 """Lattices on the way to one that resolves the posterior."""
 
 
+S = TypeVar("S", bound=Standing[Lattice])
+
+
+@dataclass(frozen=True)
+class Bank(Generic[S]):
+    """What lattices are laid for: the prior, mean (k,) and covariance (k, k); spacing of a lattice in standard deviations, depth
+    below its largest density to which it reaches, and most of its points; at: lattice, step → the filters at its points after
+    so many steps; joined: those of parts of a lattice as one; refuse_lost: raises where a point (k,) is one that nobody means."""
+
+    prior: tuple[np.ndarray, np.ndarray]
+    spacing: float
+    depth: float
+    at: Callable[[Lattice, int], S]
+    joined: Callable[[Lattice, Sequence[S]], S]
+    refuse_lost: Callable[[np.ndarray], None]
+    most: int = MOST_POINTS
+
+
 class _TooMany(NumericalError):
     """The lattice would need more points than it may have."""
 
 
-def first_lattice(problem: BankProblem) -> Standing[Lattice]:
+def first_lattice(bank: Bank[S]) -> S:
     """For the prior."""
-    return _laid(problem, *problem.prior, 0)
+    return _laid(bank, *bank.prior, 0)
 
 
 def _laid(
-    problem: BankProblem,
+    bank: Bank[S],
     mean: np.ndarray,
     covariance: np.ndarray,
     step: int,
     other: np.ndarray | None = None,
-    most: int = MOST_POINTS,
-) -> Standing[Lattice]:
+    most: int | None = None,
+) -> S:
     """A lattice about a guess of the posterior after `step` steps, grown until it holds it, with its filters there.
 
     Where the largest density stays at its edge the posterior lies elsewhere: it is laid about that point, three times as wide.
     other (q, k): points of other peaks, which it is to hold as well.
     """
-    radius = np.sqrt(2 * problem.depth)
-    lattice = lattice_about(mean, covariance, problem.spacing, radius)
+    most = min(bank.most, most or bank.most)
+    radius = np.sqrt(2 * bank.depth)
+    lattice = lattice_about(mean, covariance, bank.spacing, radius)
     if other is not None and len(other):
         lattice = lattice.with_nodes(lattice.nearest(other))
-    now, outside = filtered_at(problem, lattice, step), 0
+    now, outside = bank.at(lattice, step), 0
     while True:
         log_weight, edge = now.log_weight, now.cover.edge
-        heavy = edge & (log_weight > log_weight.max() - problem.depth)
+        heavy = edge & (log_weight > log_weight.max() - bank.depth)
         if not heavy.any():
             return now
         best = int(np.argmax(log_weight))
         outside = outside + 1 if edge[best] else 0
         if outside > PATIENCE:
             centre, covariance = now.cover.point[best], 9 * covariance
-            refuse_lost(problem, centre)
-            now, outside = filtered_at(problem, lattice_about(centre, covariance, problem.spacing, radius), step), 0
+            bank.refuse_lost(centre)
+            now, outside = bank.at(lattice_about(centre, covariance, bank.spacing, radius), step), 0
             continue
         more = replace(now.cover, node=now.cover.beside(heavy))
         if len(now.cover.node) + len(more.node) > most:
@@ -69,26 +90,26 @@ def _laid(
                 f"the posterior of the parameters spreads over more than {most} points of its lattice",
                 remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial standard deviation",
             )
-        now = joined(now.cover.grown(more.node), [now, filtered_at(problem, more, step)])
+        now = bank.joined(now.cover.grown(more.node), [now, bank.at(more, step)])
 
 
-def next_lattice(problem: BankProblem, now: Standing[Lattice]) -> Standing[Lattice]:
+def next_lattice(bank: Bank[S], now: S) -> S:
     """A lattice for the posterior as it is now; where that is too narrow for the old one, by way of finer ones, for a power of
     its density. Raises NumericalError where no lattice resolves it."""
     for _ in range(MOST_LAID):
         share, lattice = 1.0, now.cover
         while True:
-            first, *others = lattice.peaks(share * now.log_weight, problem.depth)
-            mean, covariance, narrow = _spread(problem, lattice, first, share * now.log_weight[first])
+            first, *others = lattice.peaks(share * now.log_weight, bank.depth)
+            mean, covariance, narrow = _spread(bank, lattice, first, share * now.log_weight[first])
             if narrow >= COLLAPSED:
                 break
             share *= 0.5
         if share < 1.0:
             covariance = min(1.0, NARROW / narrow) * covariance
         other = lattice.point[np.concatenate(others)] if others else lattice.point[:0]
-        now = _laid(problem, mean, covariance, now.step, other)
+        now = _laid(bank, mean, covariance, now.step, other)
         if share == 1.0:
-            return _sharpened(problem, now, mean, covariance, other)
+            return _sharpened(bank, now, mean, covariance, other)
     raise NumericalError(
         f"the posterior of the parameters is too uneven for {MOST_LAID} lattices one finer than the other",
         remedy="state a larger noise of the gauges, or a smaller initial standard deviation of the parameters",
@@ -96,7 +117,7 @@ def next_lattice(problem: BankProblem, now: Standing[Lattice]) -> Standing[Latti
 
 
 def _spread(
-    problem: BankProblem, lattice: Lattice, which: np.ndarray, log_weight: np.ndarray
+    bank: Bank[S], lattice: Lattice, which: np.ndarray, log_weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean and covariance to lay a lattice for, of points (q,) of this one, and the least variance in its own steps.
 
@@ -105,7 +126,7 @@ def _spread(
     """
 
     def least(covariance: np.ndarray) -> float:
-        return float(lattice.spread(covariance).min(initial=np.inf) * problem.spacing**2)
+        return float(lattice.spread(covariance).min(initial=np.inf) * bank.spacing**2)
 
     _, mean, plain = moments(lattice.point[which], log_weight)
     squared = 2 * moments(lattice.point[which], 2 * log_weight)[2]
@@ -114,16 +135,14 @@ def _spread(
     return mean, plain, least(plain)
 
 
-def _sharpened(
-    problem: BankProblem, now: Standing[Lattice], mean: np.ndarray, covariance: np.ndarray, other: np.ndarray
-) -> Standing[Lattice]:
+def _sharpened(bank: Bank[S], now: S, mean: np.ndarray, covariance: np.ndarray, other: np.ndarray) -> S:
     """The lattice laid anew, as finely as its highest peak asks for and MOST_FINE allows."""
     while True:
-        narrow = now.cover.width(now.log_weight).min(initial=np.inf) * problem.spacing**2
+        narrow = now.cover.width(now.log_weight).min(initial=np.inf) * bank.spacing**2
         if narrow >= FRESH:
             return now
         covariance = narrow / (2 * SHARP) * covariance
         try:
-            now = _laid(problem, mean, covariance, now.step, other, MOST_FINE)
+            now = _laid(bank, mean, covariance, now.step, other, MOST_FINE)
         except _TooMany:
             return replace(now, cover=replace(now.cover, sharp=min(SHARP, 0.5 * narrow)))

@@ -2,43 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from strainsight.estimation.conditional import conditional_states
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, States
 from strainsight.estimation.run import FilterRun
+from strainsight.estimation.standing import Weights
 from strainsight.estimation.update import standard_deviation
-
-
-class Weights(Protocol):
-    """What B points say of the posterior of the parameters at L instants."""
-
-    @property
-    def mean(self) -> np.ndarray:
-        """(L, B) that give the mean over the posterior of what is known at the points, of sum one."""
-        ...
-
-    @property
-    def positive(self) -> np.ndarray:
-        """(L, B) of sum one for what has to stay positive."""
-        ...
-
-    @property
-    def log_mass(self) -> np.ndarray:
-        """Logarithm of the integral (L,) of the density, but for a constant."""
-        ...
-
-    def covariance(self, values: np.ndarray, middle: np.ndarray) -> np.ndarray:
-        """(L, n, n) over the posterior, of values (B, L, n) with the mean (L, n)."""
-        ...
-
-    def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Points (b, k) of positive weights (b,) with the moments of the posterior at the last instant, and mean (b, d) and
-        covariance (b, d, d) of ν there; nu (B, d), left (B, d, d) at the points of the bank."""
-        ...
 
 
 class Mixture:

@@ -21,7 +21,8 @@ class FilterRun:
     unknown_covariance (T + 1, b, k, k) of the unknowns, ũ of every input and p;
     gauge_mean, gauge_std (T, B, m) of the readings h(x*) after the update [unit of the channel];
     innovation (T, B, m) y − h(x̂⁻); whitened (T, B, m) L⁻¹(y − h(x̂⁻)), unit white noise if the model is true;
-    nis (T, B) its square sum; log_likelihood (B,) of all measurements, −∞ for a diverged run;
+    nis (T, B) its square sum; log_likelihood (B,) of all measurements, −∞ for a diverged run, and fit (T, B) of those of every
+    step; of an iterated update by Laplace's rule at the most probable state, −½‖adjusted‖² − ½ ln |2πS|;
     lost (B,) index of the step that lost the run (NaN from there on), −1 for none;
     last (b, n*, n*) covariance at the end, from which a next run may go on;
     only where kept: covariance (T + 1, b, n*, n*), jacobian (T, b, n*, n*) of the step, rows (T, b, m, n*) of the
@@ -49,6 +50,7 @@ class FilterRun:
     adjusted: np.ndarray | None
     process: np.ndarray | None = None
     noise: np.ndarray | None = None
+    fit: np.ndarray | None = None
 
 
 class Record:
@@ -121,13 +123,13 @@ class Record:
         self.whitened[missing] = self.adjusted[missing] = np.nan
         nis = np.nansum(self.whitened**2, axis=2)
         spread = np.where(there, np.log(2 * np.pi) + 2 * np.log(self.spread), 0.0)
-        log_likelihood = -0.5 * (nis.sum(axis=0) + spread.sum(axis=(0, 2)))
+        fit = -0.5 * (np.nansum(self.adjusted**2, axis=2) + spread.sum(axis=2))
         for run in np.flatnonzero(self.lost >= 0):
             first = self.lost[run]
             self.mean[first:, run] = np.nan
             for record in (self.gauge_mean, self.innovation, self.whitened, self.adjusted, nis):
                 record[first - 1 :, run] = np.nan
-            log_likelihood[run] = -np.inf
+            fit[first - 1 :, run] = -np.inf
         kept = self.covariance is not None
         return FilterRun(
             time=self.model.h * np.arange(steps + 1),
@@ -140,7 +142,7 @@ class Record:
             whitened=self.whitened,
             nis=nis,
             lost=self.lost,
-            log_likelihood=log_likelihood,
+            log_likelihood=fit.sum(axis=0),
             last=P,
             covariance=self.covariance,
             jacobian=_every_step(self.jacobian, steps),
@@ -148,6 +150,7 @@ class Record:
             adjusted=self.adjusted if kept else None,
             process=self.process,
             noise=self.noise,
+            fit=fit,
         )
 
 
