@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from strainsight import api
+from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.structure import compared
-from strainsight.cases.structure.compared import comparison_table, disagreements_in_words
 from strainsight.cases.structure.problem import exactly_damped, filter_model, problem_of
 from strainsight.errors import NumericalError
 from strainsight.gauges.candidates import ACCELERATION
@@ -90,7 +90,7 @@ def test_where_exact_readings_have_no_posterior_nothing_is_compared_which_is_rep
     assert disagreements_in_words(own) == [
         "filters are not compared: without tolerances the readings leave no posterior of the parameters"
     ]
-    assert compared.ratios(own) == {}
+    assert ratios(own) == {}
     for row in comparison_table(own, dict.fromkeys(own.estimate, "Pa")).rows:
         assert row[1] == "no posterior"
         assert not any(word in cell for cell in row for word in ("consistent", "overconfident", "cautious"))

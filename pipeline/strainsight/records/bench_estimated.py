@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.estimated import Compared
 from strainsight.records.record import dataset, group, record
 
 
@@ -74,3 +75,4 @@ class BenchEstimated:
     parameter_runs: dict[str, ParameterRuns] = group(
         "/runs/parameters/<name>", unit="unit of parameter <name>", what="<name>"
     )
+    compared: Compared | None = group("/compared", default=None)

@@ -52,9 +52,11 @@ class VirtualStrain:
 
 @record
 class Compared:
-    """The filters of a structure on the same samples, tolerances left out."""
+    """The filters of a structure or a bench on the same samples, tolerances left out."""
 
-    filter: tuple[str, ...] = dataset("/filter", "1", "/filter", "bank, sigma-point and extended filter")
+    filter: tuple[str, ...] = dataset(
+        "/filter", "1", "/filter", "bank, sigma-point (of a structure) and extended filter"
+    )
     estimate: dict[str, np.ndarray] = dataset(
         "/estimate/<name>",
         "unit of <name>",

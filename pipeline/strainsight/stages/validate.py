@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from strainsight.cases.filters_compared import comparison_table
 from strainsight.cases.layout.budget import budget_tables
-from strainsight.cases.structure.compared import comparison_table
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.measured_csv import measured_csv
 from strainsight.cases.structure.sweeps import sweep_table

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.layout.budget import budget_tables
-from strainsight.cases.structure.compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.workflow.output import Scalar, Table

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.cases.structure.compared import disagreements_in_words, ratios
+from strainsight.cases.filters_compared import disagreements_in_words, ratios
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.cases.structure.problem import rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.validation import Validation

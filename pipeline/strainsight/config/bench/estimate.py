@@ -86,6 +86,12 @@ class Method(Section):
         "Kalman filter, put back onto the constraints; undamped: iterated without its damping.",
     )
     iterations: int = Field(10, ge=1, le=100, description="Most iterations of a step [-].")
+    parameters: Literal["bank", "extended"] | None = Field(
+        None,
+        description="bank: parameters are constants, and a bank of iterated filters of motion and loads gives their "
+        "distribution; extended: they are states of one filter beside these, as in the thesis. null: a bank of up to three "
+        "parameters without `increment` where the update is iterated, else extended.",
+    )
 
 
 class Estimate(Section):

@@ -1,4 +1,4 @@
-"""estimate: loads and parameters of a bench from its sensors, by an extended Kalman filter on the implicit step (thesis 2-4)."""
+"""estimate: loads and parameters of a bench from its sensors, by Kalman filters on the implicit step (thesis 2-4)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from strainsight.cases.bench.inverse.estimation import Estimated, estimated
 from strainsight.cases.bench.inverse.verdicts import claim_numbers, message_of, warnings_of
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
+from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
 from strainsight.config.bench.estimate import Estimate
 from strainsight.errors import ArtefactError
 from strainsight.records.bench_estimated import BenchEstimated
@@ -47,12 +48,15 @@ def run(context: Context) -> Output:
     free = own.unknowns.free
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * len(own.trial.noise)
     warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
-    warnings = [*own.trial.notes, *warned]
+    warnings = [*own.notes, *warned, *disagreements_in_words(own.compared)]
     tables = [_table(own, result)]
     if warnings:
         tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
     units = dataset_units(config, load_units(config, found.inputs))
-    units |= {f"parameter {name}": "Pa" if config.estimate.parameters[name].bearing is None else "m" for name in free}
+    of = {name: "Pa" if config.estimate.parameters[name].bearing is None else "m" for name in free}
+    units |= {f"parameter {name}": unit for name, unit in of.items()} | of
+    if own.compared is not None:
+        tables.insert(1, comparison_table(own.compared, of, COMPARED))
     return Output(
         datasets=written(found, units),
         summary=summary,
@@ -86,10 +90,11 @@ def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, 
         "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
         "expected_nis": (m - nu) / m if estimate.truth.model != "walk" else 1.0,
         "violation": float(np.nanmax(result.found.violation)),
-        "method": METHODS[estimate.method.update],
+        "method": METHODS[estimate.method.update] + ("" if own.compared is None else ", a bank over parameters"),
         "truth": _truth(estimate),
         **result.numbers,
         **claim_numbers(result.claims),
+        **ratios(own.compared),
     }
 
 
@@ -123,7 +128,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=3,
+    version=4,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=("forces.*.signal.file", "estimate.measured.from"),

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from strainsight import __version__
+from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.clearance import clearance_warning
-from strainsight.cases.structure.compared import disagreements_in_words
 from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from strainsight.cases.filters_compared import BANK, comparison_verdict
 from strainsight.cases.layout.comparison import RULES
 from strainsight.cases.layout.gauge_list import channel_labels
-from strainsight.cases.structure.compared import BANK, comparison_verdict
 from strainsight.estimation.verdict import word_of
 from strainsight.placement.criteria.choices import criterion_of
 from strainsight.placement.criteria.criterion import Criterion

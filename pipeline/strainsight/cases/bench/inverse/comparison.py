@@ -74,6 +74,7 @@ def compared(config: BenchConfig, own: Estimated) -> Compared:
         sensors=sensors,
         input_runs=input_runs,
         parameter_runs=parameter_runs,
+        compared=own.compared,
     )
     judged = {name: claim for name, claim in claims.items() if claim is not None}
     return Compared(found, {key: value for key, value in numbers.items() if np.isfinite(value)}, judged)

@@ -1,4 +1,4 @@
-"""Loads and parameters of a bench from its sensors, by an extended Kalman filter on the implicit step (thesis 2-4)."""
+"""Loads and parameters of a bench from its sensors, by Kalman filters on the implicit step (thesis 2-4)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
-from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, unknowns_of
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, parameters_by, unknowns_of
 from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
+from strainsight.cases.filters_compared import BANK
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.estimation.filter import FilterRun, filter_runs
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBody
+from strainsight.records.estimated import Compared
 from strainsight.records.simulated import Simulated
 
 
@@ -30,7 +32,8 @@ class Estimated:
 
     measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
-    (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input.
+    (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input;
+    compared: the parameters of the first run by bank and extended filter, where a bank has filtered.
     """
 
     bench: Bench
@@ -48,6 +51,7 @@ class Estimated:
     lost: np.ndarray
     reading: np.ndarray
     elsewhere: Mapping[str, np.ndarray]
+    compared: Compared | None
     notes: tuple[str, ...]
 
 
@@ -105,12 +109,21 @@ def estimated(
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
     y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, estimate.truth.noise)
-    found = _filtered(config, trial, y, using)
+
+    def filtering(share: float) -> None:
+        using.progress("filter", 0.3 + 0.7 * share)
+
+    banked = parameters_by(config) == BANK
+    found = (
+        by_bank(estimate.method, trial, unknowns, y, filtering)
+        if banked
+        else by_extended(estimate.method, trial, y, filtering)
+    )
     reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
-        found.unknown_covariance[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
-        reading, elsewhere, trial.notes,
+        found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
+        reading, elsewhere, found.compared, (*trial.notes, *found.notes),
     )  # fmt: skip
 
 
@@ -120,7 +133,7 @@ def _expected(
     sensors: Sensors,
     unknowns: Unknowns,
     trial: Trial,
-    found: FilterRun,
+    found: Filtered,
     zeroing: np.ndarray,
 ) -> np.ndarray:
     """What all sensors read by the first run's estimate (T + 1, channels), zeroed ones less their zero by the parameters of
@@ -142,27 +155,3 @@ def _walked(trial: Trial, used: Sensors, sensors: Sensors, known: np.ndarray, ru
     for name, own in used.channels.items():
         readings[:, :, sensors.channels[name]] = found.readings[:, :, own]
     return Reality(found.inputs, found.theta, readings)
-
-
-def _filtered(config: BenchConfig, trial: Trial, y: np.ndarray, using: Resources) -> FilterRun:
-    """The filter as `method` says; that the other forms diverge is a result, too."""
-    method, model = asked(config).method, trial.model
-    one_shot = method.update == "one_shot"
-
-    def progress_of(k: int) -> None:
-        if k % 10 == 0:
-            using.progress("filter", 0.3 + 0.7 * k / len(y))
-
-    return filter_runs(
-        model,
-        trial.start,
-        trial.covariance,
-        y,
-        form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
-        iterations=1 if one_shot else method.iterations,
-        through_step=not one_shot,
-        damped=method.update != "undamped",
-        project=model.projected if one_shot else None,
-        progress=progress_of,
-        refuse=method.update == "iterated",
-    )

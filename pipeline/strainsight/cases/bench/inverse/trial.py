@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
 from strainsight.config.bench.bench import BenchConfig, MotionSensor
 from strainsight.config.bench.estimate import Estimate
-from strainsight.errors import ConfigError, NumericalError, blame
+from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.start import start_covariance, white_force
 
@@ -32,12 +33,14 @@ FELT = 1e-3
 
 @dataclass(frozen=True)
 class Trial:
-    """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; noise (m,) σ of the
+    """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; begin: parameters
+    ξ (b, p) → the start (b, size) and its covariance (b, size, size) given them, NaN where there is none; noise (m,) σ of the
     readings; notes: what was done to the config's wishes, in words."""
 
     model: AugmentedStep
     start: np.ndarray
     covariance: np.ndarray
+    begin: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     noise: np.ndarray
     notes: tuple[str, ...]
 
@@ -77,16 +80,52 @@ def trial_of(
         guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
     states, covariances, offsets = [], [], []
     for theta in unknowns.starts:
-        with blame("estimate"):
-            q, v = start_of(replace(bench, theta=theta), config.simulate, guess)
-            states.append(model.pack(q, v, guess[unknowns.inputs], theta))
-            covariances.append(_covariance(config, model, unknowns, q, guess, theta))
+        x, P = _start(config, bench, model, unknowns, guess, theta, unknowns.std)
+        states.append(x)
+        covariances.append(P)
         offsets.append(zero_of(config, bench, used, unknowns, theta, zeroing))
     zero = free_zero(config, bench, used, unknowns, zeroing)
     if zero is not None:
         model, offsets = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(offsets, (runs, 1)), R=noise**2)
-    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), noise, notes)
+
+    def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _starts_given(config, bench, model, unknowns, guess, xi)
+
+    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, notes)
+
+
+def _start(
+    config: BenchConfig,
+    bench: Bench,
+    model: AugmentedStep,
+    unknowns: Unknowns,
+    guess: np.ndarray,
+    theta: np.ndarray,
+    std: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """x (size,) and its covariance at the start, of parameters θ (nθ,) known to std (p,)."""
+    with blame("estimate"):
+        q, v = start_of(replace(bench, theta=theta), config.simulate, guess)
+        return model.pack(q, v, guess[unknowns.inputs], theta), _covariance(
+            config, model, unknowns, q, guess, theta, std
+        )
+
+
+def _starts_given(
+    config: BenchConfig, bench: Bench, model: AugmentedStep, unknowns: Unknowns, guess: np.ndarray, xi: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """x (B, size) and its covariance (B, size, size) at the start, of parameters ξ (B, p) that are known; NaN where rest is not
+    found."""
+    x, P = np.full((len(xi), model.size), np.nan), np.zeros((len(xi), model.size, model.size))
+    for i, own in enumerate(xi):
+        try:
+            theta = model.coordinates.theta(own)[0]
+            x[i], P[i] = _start(config, bench, model, unknowns, guess, theta, np.zeros(len(own)))
+        except (NumericalError, UserError):
+            continue
+        x[i, model.xi] = own
+    return x, P
 
 
 def _noise(
@@ -124,9 +163,15 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
 
 
 def _covariance(
-    config: BenchConfig, model: AugmentedStep, unknowns: Unknowns, q: np.ndarray, u: np.ndarray, theta: np.ndarray
+    config: BenchConfig,
+    model: AugmentedStep,
+    unknowns: Unknowns,
+    q: np.ndarray,
+    u: np.ndarray,
+    theta: np.ndarray,
+    std: np.ndarray,
 ) -> np.ndarray:
-    spread = unknowns.coordinates.covariance(theta, unknowns.std)
+    spread = unknowns.coordinates.covariance(theta, std)
     if config.simulate.start == "equilibrium":
         return start_covariance(
             model.system, q, u, theta, unknowns.coordinates, unknowns.inputs, unknowns.std_u, spread

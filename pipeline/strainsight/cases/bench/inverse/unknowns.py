@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter
 from strainsight.errors import blame
+from strainsight.estimation.bank import FEW
 from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, parameter_coordinates
 
@@ -36,6 +38,18 @@ def asked(config: BenchConfig) -> Estimate:
     """The section `estimate`, which is there where something is estimated."""
     assert config.estimate is not None
     return config.estimate
+
+
+def parameters_by(config: BenchConfig) -> Literal["bank", "extended"]:
+    """Which filter has the parameters: what `method` says, else a bank of few constants where its update is the iterated one."""
+    estimate = asked(config)
+    free = [entry for entry in estimate.parameters.values() if entry.std is not None]
+    if not free:
+        return "extended"
+    if estimate.method.parameters is not None:
+        return estimate.method.parameters
+    drifting = any(entry.increment > 0 for entry in free)
+    return "extended" if drifting or len(free) > FEW or estimate.method.update != "iterated" else "bank"
 
 
 def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:

@@ -1,0 +1,150 @@
+"""The filter of a bench: an extended one over loads and parameters, or a bank of them over the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.bench.inverse.trial import Trial
+from strainsight.cases.bench.inverse.unknowns import Unknowns
+from strainsight.cases.filters_compared import BANK, EXTENDED
+from strainsight.config.bench.estimate import Method
+from strainsight.errors import NumericalError
+from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
+from strainsight.estimation.verdict import expected_ratio
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.records.estimated import Compared
+
+Progress = Callable[[float], None]
+"""Called with the share that is done."""
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads and
+    parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters of the first run by
+    the bank and by the extended filter; notes in words."""
+
+    time: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    joint: np.ndarray
+    nis: np.ndarray
+    lost: np.ndarray
+    compared: Compared | None = None
+    notes: tuple[str, ...] = ()
+
+
+def by_extended(method: Method, trial: Trial, y: np.ndarray, progress: Progress) -> Filtered:
+    """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too."""
+    found = _filter(
+        method, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)),
+        refuse=method.update == "iterated",
+    )  # fmt: skip
+    return Filtered(found.time, found.mean, found.std, found.unknown_covariance, found.nis, found.lost)
+
+
+def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, progress: Progress) -> Filtered:
+    """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
+    runs = y.shape[1]
+
+    def progress_of(run: int) -> Progress:
+        return lambda share: progress((run + share) / runs)
+
+    found = [_bank(method, trial, run, y[:, run], progress_of(run)) for run in range(runs)]
+    model = trial.model
+    mean = np.stack([own.mean for own in found], axis=1)
+    for states in mean[1:]:
+        # a mean of states that the joints allow is none itself, by the square of what they differ
+        states[:] = model.projected(states)
+    return Filtered(
+        model.h * np.arange(len(y) + 1),
+        mean,
+        np.stack([own.std for own in found], axis=1),
+        np.stack([own.joint for own in found], axis=1),
+        np.stack([own.nis for own in found], axis=1),
+        np.full(runs, -1),
+        _compared(method, trial, unknowns, y, found[0]),
+        _notes(found),
+    )
+
+
+def _filter(
+    method: Method,
+    model: AugmentedStep,
+    x: np.ndarray,
+    P: np.ndarray,
+    y: np.ndarray,
+    progress: Callable[[int], None] | None = None,
+    *,
+    refuse: bool,
+) -> FilterRun:
+    one_shot = method.update == "one_shot"
+    return filter_runs(
+        model,
+        x,
+        P,
+        y,
+        form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
+        iterations=1 if one_shot else method.iterations,
+        through_step=not one_shot,
+        damped=method.update != "undamped",
+        project=model.projected if one_shot else None,
+        progress=progress,
+        refuse=refuse,
+    )
+
+
+def _of_run(model: AugmentedStep, run: int) -> AugmentedStep:
+    """With the offsets of one run alone, and nothing that was remembered."""
+    return replace(model, offset=model.offset[run : run + 1], _last={}, _taken={})
+
+
+def _bank(method: Method, trial: Trial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
+    """On the samples y (T, m) of one run."""
+
+    def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
+        own = np.repeat(samples[:, None], len(x), axis=1)
+        return _filter(method, _of_run(trial.model, run), x, P, own, refuse=False)
+
+    bank = StepBank(trial.start[run], trial.covariance[run], trial.model.xi, trial.model.position, trial.begin, filters)
+    return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
+
+
+def _compared(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, bank: StepBankRun) -> Compared:
+    """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
+    at, model = trial.model.xi, _of_run(trial.model, 0)
+    try:
+        extended = _filter(method, model, trial.start[:1], trial.covariance[:1], y[:, :1], refuse=True)
+        found = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
+    except NumericalError:
+        found = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]
+    k = len(unknowns.inputs)
+    found.insert(0, (bank.mean[-1, at], bank.joint[-1, k:, k:]))
+    std = np.array([np.sqrt(np.diagonal(P)) for _, P in found])
+    places = [model.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
+    value, size = np.full((2, len(found), len(places)), np.nan)
+    for i, (xi, P) in enumerate(found):
+        if np.isfinite(xi).all():
+            theta, slopes = model.coordinates.theta(xi)
+            value[i], size[i] = theta[places], np.sqrt(np.einsum("ij,jk,ik->i", slopes[places], P, slopes[places]))
+    ratio = [
+        [expected_ratio(xi[j], own[j], found[0][0][j], std[0][j]) for (xi, _), own in zip(found, std, strict=True)]
+        for j in range(len(places))
+    ]
+    return Compared(
+        filter=(BANK, EXTENDED),
+        estimate={name: value[:, j] for j, name in enumerate(unknowns.free)},
+        std={name: size[:, j] for j, name in enumerate(unknowns.free)},
+        ratio={name: np.array(ratio[j]) for j, name in enumerate(unknowns.free)},
+    )
+
+
+def _notes(found: list[StepBankRun]) -> tuple[str, ...]:
+    without, points = (sum(each) for each in zip(*((own.without, len(own.weight)) for own in found), strict=True))
+    if not without:
+        return ()
+    return (f"{without} of {points} points of the parameters have no weight: filters there diverged or found no start",)

@@ -1,0 +1,203 @@
+"""A bank of extended filters over constants of a step: Bayes up to quadrature over them, normal densities in all else.
+
+    p(ξ | y) ∝ p(ξ) Πₖ p(yₖ | y₁ … yₖ₋₁, ξ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
+
+At a fixed ξ an extended filter follows motion and loads, and its innovations give the likelihood of ξ. One extended filter over
+all of them linearises what ξ does to the motion, too. Where the step is linear at a fixed ξ this is the bank of `bank.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.estimation.bank import DEPTH, SPACING
+from strainsight.estimation.lattice import Lattice
+from strainsight.estimation.laying import Bank, first_lattice, next_lattice
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.standing import Standing, log_normal
+
+MOST_POINTS = 1000
+"""Of a lattice: each of them is a filter on the whole step."""
+FARTHEST = 100.0
+"""Standard deviations of the prior beyond which no constant is looked for."""
+
+
+@dataclass(frozen=True)
+class StepBank:
+    """What is known before: mean (n,) and covariance (n, n) of x at t = 0, constants ξ at `at` in it, `position` (q,) the states
+    of which covariances are kept; begin: ξ (B, k) → x (B, n) and its covariance (B, n, n) given ξ, NaN where none is found;
+    filters: x, covariance, samples (t, m) → a run of B filters on them."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    at: slice
+    position: np.ndarray
+    begin: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    filters: Callable[[np.ndarray, np.ndarray, np.ndarray], FilterRun]
+
+    @property
+    def prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (k,) and covariance (k, k) of ξ."""
+        return self.mean[self.at], self.covariance[self.at, self.at]
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Of B points through t steps: mean, variance (t + 1, B, n) of x, joint covariance (t + 1, B, q, q) of `position`, nis and
+    fit (t, B) as of a FilterRun."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+    joint: np.ndarray
+    nis: np.ndarray
+    fit: np.ndarray
+
+
+@dataclass(frozen=True)
+class Followed(Standing[Lattice]):
+    """Points of a lattice with their histories, through `step` steps or more."""
+
+    own: Histories
+
+
+@dataclass(frozen=True)
+class StepBankRun:
+    """mean, std (T + 1, n) of x; joint (T + 1, q, q); nis (T,): that of the points, by their weights after the step; point (B, k)
+    and weight (B,) of the posterior of ξ at the end; laid: how often a lattice was; without: points of the last one that have no
+    weight because their filters diverged or had no start."""
+
+    mean: np.ndarray
+    std: np.ndarray
+    joint: np.ndarray
+    nis: np.ndarray
+    point: np.ndarray
+    weight: np.ndarray
+    laid: int
+    without: int
+
+
+def filter_constants(
+    bank: StepBank,
+    samples: np.ndarray,
+    *,
+    spacing: float = SPACING,
+    depth: float = DEPTH,
+    progress: Callable[[int], None] | None = None,
+) -> StepBankRun:
+    """Posterior of ξ and of all states along samples (T, m), NaN where missing; spacing, depth as of `filter_bank`.
+
+    The lattice begins at the prior, and is laid anew about the posterior whenever that has narrowed or moved to its edge. Filters
+    always begin at t = 0, and are taken twice as far each time. progress: called with the steps done.
+    Raises InfeasibleError where a constant has no prior width; NumericalError where no point is left, where a lattice would need
+    more than MOST_POINTS points, or FARTHEST standard deviations of the prior.
+    """
+    _refuse_known(bank)
+    laying = Bank[Followed](
+        bank.prior, spacing, depth, lambda lattice, step: _followed(bank, samples, lattice, step), _joined,
+        lambda point: _refuse_far(bank, point), MOST_POINTS,
+    )  # fmt: skip
+    now, laid, T, n = first_lattice(laying), 1, len(samples), len(bank.mean)
+    mean, variance, nis = np.zeros((T + 1, n)), np.zeros((T + 1, n)), np.zeros(T)
+    joint = np.zeros((T + 1, len(bank.position), len(bank.position)))
+    mean[0], variance[0] = bank.mean, np.diagonal(bank.covariance)
+    joint[0] = bank.covariance[np.ix_(bank.position, bank.position)]
+    while now.step < T:
+        if progress is not None:
+            progress(now.step)
+        first = now.step
+        now = _followed(bank, samples, now.cover, min(2 * first + 1, T))
+        after = now.prior + np.cumsum(now.own.fit, axis=0)[first:]
+        good = now.cover.holds(after)
+        used = len(good) if good.all() else int(np.argmin(good)) + 1
+        span = slice(first + 1, first + used + 1)
+        mean[span], variance[span], joint[span], nis[first : first + used] = _mixed(bank, now, span, after[:used])
+        now = replace(now, fit=now.own.fit[: first + used].sum(axis=0), step=first + used)
+        if not good.all():
+            now, laid = next_lattice(laying, now), laid + 1
+            last = slice(now.step, now.step + 1)
+            mean[last], variance[last], joint[last], nis[last.start - 1 : last.start] = _mixed(
+                bank, now, last, now.log_weight[None]
+            )
+    w = now.weights.mean[-1]
+    std, without = np.sqrt(np.maximum(variance, 0.0)), int(np.count_nonzero(np.isneginf(now.log_weight)))
+    return StepBankRun(mean, std, joint, nis, now.cover.point, w, laid, without)
+
+
+def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) -> Followed:
+    """The filters at the points of a lattice, from the start through `step` steps."""
+    point = lattice.point
+    x, P = bank.begin(point)
+    there = np.isfinite(x.sum(axis=1))
+    prior = np.where(there, log_normal(point, *bank.prior), -np.inf)
+    if not there.any():
+        raise _none_left(0)
+    instead = int(np.argmax(there))  # filtered in its place, without weight
+    run = bank.filters(
+        np.where(there[:, None], x, x[instead]), np.where(there[:, None, None], P, P[instead]), samples[:step]
+    )
+    assert run.fit is not None
+    joint = np.broadcast_to(run.unknown_covariance, (step + 1, len(point), *run.unknown_covariance.shape[2:]))
+    own = Histories(run.mean, run.std**2, joint, run.nis, run.fit)
+    log_weight = prior + np.cumsum(run.fit, axis=0)
+    if step and np.isneginf(log_weight[-1]).all():
+        raise _none_left(1 + int(np.argmax(np.isneginf(log_weight).all(axis=1))))
+    return Followed(lattice, prior, run.fit.sum(axis=0), step, own)
+
+
+def _joined(lattice: Lattice, parts: Sequence[Followed]) -> Followed:
+    """Parts of one lattice, in the order of its points."""
+    own = Histories(
+        *(np.concatenate([getattr(part.own, field.name) for part in parts], axis=1) for field in fields(Histories))
+    )
+    prior, fit = (np.concatenate([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
+    return Followed(lattice, prior, fit, parts[0].step, own)
+
+
+def _mixed(
+    bank: StepBank, now: Followed, span: slice, log_weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Mean and variance (L, n), joint covariance (L, q, q) and NIS (L,) at the instants of a span, points weighed by log_weight
+    (L, B). What has diverged is NaN and weighs nothing."""
+    w = now.cover.weights(log_weight).mean
+    x, variance, joint = (np.nan_to_num(own[span]) for own in (now.own.mean, now.own.variance, now.own.joint))
+    mean = np.einsum("tb,tbn->tn", w, x)
+    off = x - mean[:, None]
+    among = off[..., bank.position]
+    return (
+        mean,
+        np.einsum("tb,tbn->tn", w, variance + off**2),
+        np.einsum("tb,tbij->tij", w, joint) + np.einsum("tb,tbi,tbj->tij", w, among, among, optimize=True),
+        np.einsum("tb,tb->t", w, np.nan_to_num(now.own.nis[span.start - 1 : span.stop - 1])),
+    )
+
+
+def _refuse_known(bank: StepBank) -> None:
+    """A lattice over a constant that is known, or a combination of some, has no width."""
+    covariance = bank.prior[1]
+    std = np.sqrt(np.diagonal(covariance))
+    if not np.all(std > 0) or np.linalg.eigvalsh(covariance / np.outer(std, std)).min() < 1e-12:
+        raise InfeasibleError(
+            "the first σ of the parameters is zero, or makes one of them a combination of others",
+            remedy="leave std out for what is known, and estimate one of those that are the same",
+        )
+
+
+def _refuse_far(bank: StepBank, point: np.ndarray) -> None:
+    mean, covariance = bank.prior
+    if np.abs((point - mean) / np.sqrt(np.diagonal(covariance))).max() > FARTHEST:
+        raise NumericalError(
+            f"the measurements ask for parameters more than {FARTHEST:g} of their first σ from the guess",
+            remedy="check which channel is which sensor, their units and signs, and the known loads; or state a larger std",
+        )
+
+
+def _none_left(step: int) -> NumericalError:
+    when = f"by step {step}" if step else "at the start"
+    return NumericalError(
+        f"the filters at all values of the parameters have diverged {when}",
+        remedy="choose a guess nearer to the truth, a smaller first σ or a smaller time step; or method.parameters: extended",
+    )
