@@ -22,6 +22,8 @@ from strainsight.estimation.standing import Standing, log_normal
 
 MOST_POINTS = 1000
 """Of a lattice: each of them is a filter on the whole step."""
+AHEAD = 2.5
+"""A lattice that was laid after so many steps is good for about twice as many, as information grows with them."""
 FARTHEST = 100.0
 """Standard deviations of the prior beyond which no constant is looked for."""
 
@@ -59,7 +61,7 @@ class Histories:
 
 @dataclass(frozen=True)
 class Followed(Standing[Lattice]):
-    """Points of a lattice with their histories, through `step` steps or more."""
+    """Points of a lattice with their histories, which reach beyond `step`."""
 
     own: Histories
 
@@ -90,8 +92,8 @@ def filter_constants(
 ) -> StepBankRun:
     """Posterior of ξ and of all states along samples (T, m), NaN where missing; spacing, depth as of `filter_bank`.
 
-    The lattice begins at the prior, and is laid anew about the posterior whenever that has narrowed or moved to its edge. Filters
-    always begin at t = 0, and are taken twice as far each time. progress: called with the steps done.
+    The lattice begins at the prior, and is laid anew about the posterior whenever that has narrowed or moved to its edge; its
+    filters begin at t = 0. progress: called with the steps done.
     Raises InfeasibleError where a constant has no prior width; NumericalError where no point is left, where a lattice would need
     more than MOST_POINTS points, or FARTHEST standard deviations of the prior.
     """
@@ -105,30 +107,36 @@ def filter_constants(
     joint = np.zeros((T + 1, len(bank.position), len(bank.position)))
     mean[0], variance[0] = bank.mean, np.diagonal(bank.covariance)
     joint[0] = bank.covariance[np.ix_(bank.position, bank.position)]
+
+    def mix(span: slice, own: Followed, log_weight: np.ndarray) -> None:
+        found = _mixed(bank, own, span, log_weight)
+        mean[span], variance[span], joint[span], nis[span.start - 1 : span.stop - 1] = found
+
     while now.step < T:
         if progress is not None:
             progress(now.step)
         first = now.step
-        now = _followed(bank, samples, now.cover, min(2 * first + 1, T))
+        if first == len(now.own.fit):
+            now = _followed(bank, samples, now.cover, first)
         after = now.prior + np.cumsum(now.own.fit, axis=0)[first:]
-        good = now.cover.holds(after)
-        used = len(good) if good.all() else int(np.argmin(good)) + 1
-        span = slice(first + 1, first + used + 1)
-        mean[span], variance[span], joint[span], nis[first : first + used] = _mixed(bank, now, span, after[:used])
+        alive = int(np.append(np.isfinite(after.max(axis=1)), False).argmin())
+        if not alive:
+            raise _none_left(first + 1)
+        good = now.cover.holds(after[:alive])
+        used = alive if good.all() else int(np.argmin(good)) + 1
+        mix(slice(first + 1, first + used + 1), now, after[:used])
         now = replace(now, fit=now.own.fit[: first + used].sum(axis=0), step=first + used)
-        if not good.all():
+        if used < len(after) or not good.all():
             now, laid = next_lattice(laying, now), laid + 1
-            last = slice(now.step, now.step + 1)
-            mean[last], variance[last], joint[last], nis[last.start - 1 : last.start] = _mixed(
-                bank, now, last, now.log_weight[None]
-            )
+            # the last of these steps, which the points before are no longer good for
+            mix(slice(now.step, now.step + 1), now, now.log_weight[None])
     w = now.weights.mean[-1]
     std, without = np.sqrt(np.maximum(variance, 0.0)), int(np.count_nonzero(np.isneginf(now.log_weight)))
     return StepBankRun(mean, std, joint, nis, now.cover.point, w, laid, without)
 
 
 def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) -> Followed:
-    """The filters at the points of a lattice, from the start through `step` steps."""
+    """The filters at the points of a lattice after `step` steps, from the start, and AHEAD times as many, for the next ones."""
     point = lattice.point
     x, P = bank.begin(point)
     there = np.isfinite(x.sum(axis=1))
@@ -137,15 +145,18 @@ def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) 
         raise _none_left(0)
     instead = int(np.argmax(there))  # filtered in its place, without weight
     run = bank.filters(
-        np.where(there[:, None], x, x[instead]), np.where(there[:, None, None], P, P[instead]), samples[:step]
+        np.where(there[:, None], x, x[instead]),
+        np.where(there[:, None, None], P, P[instead]),
+        samples[: int(AHEAD * step) + 2],
     )
     assert run.fit is not None
-    joint = np.broadcast_to(run.unknown_covariance, (step + 1, len(point), *run.unknown_covariance.shape[2:]))
-    own = Histories(run.mean, run.std**2, joint, run.nis, run.fit)
-    log_weight = prior + np.cumsum(run.fit, axis=0)
-    if step and np.isneginf(log_weight[-1]).all():
-        raise _none_left(1 + int(np.argmax(np.isneginf(log_weight).all(axis=1))))
-    return Followed(lattice, prior, run.fit.sum(axis=0), step, own)
+    joint = np.broadcast_to(run.unknown_covariance, (*run.mean.shape[:2], *run.unknown_covariance.shape[2:]))
+    now = Followed(
+        lattice, prior, run.fit[:step].sum(axis=0), step, Histories(run.mean, run.std**2, joint, run.nis, run.fit)
+    )
+    if np.isneginf(now.log_weight).all():
+        raise _none_left(step)
+    return now
 
 
 def _joined(lattice: Lattice, parts: Sequence[Followed]) -> Followed:
