@@ -33,6 +33,9 @@ ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
 ) + "}"  # fmt: skip
 
 
+BANK = "estimate.method.parameters=bank"
+
+
 @pytest.fixture(scope="session")
 def estimate():
     """overrides → the artefact of an estimate, its hub reduced once for all."""
@@ -188,6 +191,8 @@ def test_noise_of_zero_is_raised_and_reported(estimate):
         (SMALL, "estimate.truth.model=own", "estimate.truth.model", "beside measurements from another bench"),
         (DIAMETER, "estimate.parameters.diameter.starts=[0.066]", "estimate.parameters.diameter.starts", "would not pass"),
         (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
+        (LOADS, BANK, "estimate.method.parameters", "no parameter is estimated"),
+        (DIAMETER, "estimate.method={parameters: bank, update: one_shot}", "estimate.method.update", "a form of the extended"),
     ],
 )  # fmt: skip
 def test_contradictions_are_refused_with_their_place(config, change, key, what):
@@ -203,6 +208,35 @@ def test_diameter_and_preload_are_one_unknown_where_groove_centres_stay():
     with pytest.raises(ConfigError, match="the same unknown") as refused:
         job_of(DIAMETER, ROOT, both, "bearings.pitch-bearing.groove_centres=fixed")
     assert refused.value.key == "estimate.parameters.preload"
+
+
+def test_a_bank_is_of_three_constants_at_most():
+    groove = "estimate.parameters.{0}={{bearing: pitch-bearing, property: radius_{0}, std: 1.0e-4}}"
+    four = [groove.format(name) for name in ("inner_left", "inner_right", "outer_left")]
+    job_of(DIAMETER, ROOT, BANK, *four[:2])
+    with pytest.raises(ConfigError, match="4 parameters, a bank is of 3 at most") as refused:
+        job_of(DIAMETER, ROOT, BANK, *four)
+    assert refused.value.key == "estimate.method.parameters"
+    with pytest.raises(ConfigError, match="in a bank parameters are constants") as refused:
+        job_of(DIAMETER, ROOT, BANK, "estimate.parameters.diameter.increment=1.0e-6")
+    assert refused.value.key == "estimate.parameters.diameter.increment"
+
+
+def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate):
+    """Two draws of noise: every history to a tenth of σ at the end, and the joints kept to rounding."""
+    when = ("estimate.duration=0.9", "estimate.runs=2", "estimate.truth.model=own")
+    bank, extended = estimate(DIAMETER, *when, BANK), estimate(DIAMETER, *when)
+    for of in ("/parameters/diameter", "/inputs/Fy", "/inputs/Fz"):
+        std = extended[f"{of}/std"][-1]
+        assert abs(bank[f"{of}/estimate"][-1] - extended[f"{of}/estimate"][-1]) < 0.1 * std
+        assert bank[f"{of}/std"][-1] == pytest.approx(std, rel=0.05)
+    np.testing.assert_allclose(
+        bank["/runs/parameters/diameter/std"], extended["/runs/parameters/diameter/std"], rtol=0.05
+    )
+    assert bank.summary["violation"] < 1e-14
+    assert bank.summary["ratio.extended.diameter"] == pytest.approx(1.0, abs=0.05)
+    assert "ratio.extended.diameter" not in extended.summary
+    assert "filters compared" in str(bank.tables)
 
 
 @pytest.mark.slow
@@ -239,6 +273,7 @@ def test_every_dataset_and_number_is_listed_in_the_docs(estimate, bench):
     ]
     found = [
         estimate(DIAMETER, "estimate.duration=0.9", "estimate.runs=2"),
+        estimate(DIAMETER, "estimate.duration=0.3", BANK),
         estimate(SMALL, "estimate.duration=0.5", f"estimate.measured.from={bench['simulate'].path}"),
     ]
     seen = set()

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from strainsight.config.bench.bench import BenchConfig
 
 RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
+FEW = 3
+"""Parameters of a bank."""
 FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
 FARTHEST = 100.0
 """Ratio of a guess to the bench's own value beyond which it is in another unit: GPa for Pa, mm for m."""
@@ -32,6 +34,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
+    yield from _bank(estimate)
     yield from _times(config, estimate)
     yield from _elsewhere(config, estimate)
 
@@ -166,6 +169,26 @@ def _distinguishable(config: BenchConfig, estimate: Estimate) -> Iterator[Proble
                 "estimate one of them",
                 at_key=True,
             )
+
+
+def _bank(estimate: Estimate) -> Iterator[Problem]:
+    """A bank is of few constants, and of iterated filters."""
+    if estimate.method.parameters != "bank":
+        return
+    key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
+    extended = "or set estimate.method.parameters: extended"
+    if not free:
+        yield Problem(key, "no parameter is estimated", "give one of estimate.parameters a std, or leave it out")
+    if len(free) > FEW:
+        what = f"{len(free)} parameters, a bank is of {FEW} at most"
+        yield Problem(key, what, f"leave out the std of {len(free) - FEW} of them, {extended}")
+    if estimate.method.update != "iterated":
+        what = f"'{estimate.method.update}' is a form of the extended filter"
+        yield Problem("estimate.method.update", what, f"set iterated, {extended}")
+    for name in free:
+        if estimate.parameters[name].increment > 0:
+            what = "in a bank parameters are constants"
+            yield Problem(f"estimate.parameters.{name}.increment", what, f"leave increment out, {extended}")
 
 
 def _times(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:

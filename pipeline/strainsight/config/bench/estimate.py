@@ -86,11 +86,11 @@ class Method(Section):
         "Kalman filter, put back onto the constraints; undamped: iterated without its damping.",
     )
     iterations: int = Field(10, ge=1, le=100, description="Most iterations of a step [-].")
-    parameters: Literal["bank", "extended"] | None = Field(
-        None,
-        description="bank: parameters are constants, and a bank of iterated filters of motion and loads gives their "
-        "distribution; extended: they are states of one filter beside these, as in the thesis. null: a bank of up to three "
-        "parameters without `increment` where the update is iterated, else extended.",
+    parameters: Literal["extended", "bank"] = Field(
+        "extended",
+        description="extended: parameters are states of the filter beside motion and loads, as in the thesis; bank: they are "
+        "constants, up to three, and iterated filters of motion and loads at many of their values give their distribution. A "
+        "bank takes increments of unknown loads for true, and 15 to 30 times as long.",
     )
 
 

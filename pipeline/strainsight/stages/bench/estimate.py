@@ -48,7 +48,7 @@ def run(context: Context) -> Output:
     free = own.unknowns.free
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * len(own.trial.noise)
     warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
-    warnings = [*own.notes, *warned, *disagreements_in_words(own.compared)]
+    warnings = [*own.notes, *warned, *_disagreements(config.estimate, own)]
     tables = [_table(own, result)]
     if warnings:
         tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
@@ -64,6 +64,17 @@ def run(context: Context) -> Output:
         tables=tuple(tables),
         files={"loads.csv": _command_history(found)} if found.inputs and own.lost[0] < 0 else {},
     )
+
+
+def _disagreements(estimate: Estimate, own: Estimated) -> list[str]:
+    """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
+    words = disagreements_in_words(own.compared)
+    if words and estimate.inputs:
+        words.append(
+            "a bank judges parameters by how much the unknown loads move, too: where they move less than their increments say, "
+            "it is the bank that is wrong; make a load known, or correct the increments"
+        )
+    return words
 
 
 def _there(context: Context) -> Simulated | None:

@@ -12,10 +12,9 @@ from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_exte
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
-from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, parameters_by, unknowns_of
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
 from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
-from strainsight.cases.filters_compared import BANK
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.mesh.model import Mesh
@@ -113,10 +112,9 @@ def estimated(
     def filtering(share: float) -> None:
         using.progress("filter", 0.3 + 0.7 * share)
 
-    banked = parameters_by(config) == BANK
     found = (
         by_bank(estimate.method, trial, unknowns, y, filtering)
-        if banked
+        if has_bank(config)
         else by_extended(estimate.method, trial, y, filtering)
     )
     reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter
 from strainsight.errors import blame
-from strainsight.estimation.bank import FEW
 from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, parameter_coordinates
 
@@ -40,16 +38,10 @@ def asked(config: BenchConfig) -> Estimate:
     return config.estimate
 
 
-def parameters_by(config: BenchConfig) -> Literal["bank", "extended"]:
-    """Which filter has the parameters: what `method` says, else a bank of few constants where its update is the iterated one."""
+def has_bank(config: BenchConfig) -> bool:
+    """Whether a bank has the parameters; without any there is nothing for it."""
     estimate = asked(config)
-    free = [entry for entry in estimate.parameters.values() if entry.std is not None]
-    if not free:
-        return "extended"
-    if estimate.method.parameters is not None:
-        return estimate.method.parameters
-    drifting = any(entry.increment > 0 for entry in free)
-    return "extended" if drifting or len(free) > FEW or estimate.method.update != "iterated" else "bank"
+    return estimate.method.parameters == "bank" and any(own.std is not None for own in estimate.parameters.values())
 
 
 def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:

@@ -1,0 +1,139 @@
+"""The bank over constants of a step against Bayes by brute force, drawn truths, and points that have no filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.estimation.filter import filter_runs
+from strainsight.estimation.step_bank import filter_constants
+
+from .oscillator import XI, Oscillator, bank_of
+
+PRIOR = 0.3
+WEAKLY_SEEN = Oscillator(known=0.5 * np.sin(0.075 * np.arange(1, 201)), white=0.5, walk=0.3, sigma=0.1)
+"""Motion, noise and what the loads do are of one size."""
+
+
+def start(walk=0.0):
+    return np.zeros(5), np.diag([1e-4, 1e-4, 0.0, 1e-6 + walk**2, PRIOR**2])
+
+
+def filters_of(model, **how):
+    how = {"refuse": False, **how}
+    return lambda x, P, y: filter_runs(model, x, P, np.repeat(y[:, None], len(x), axis=1), **how)
+
+
+def joint_density(model, mean, P, xi, y):
+    """ln p(y | ξ) of one Gaussian of all readings, from the noise that enters, step by step."""
+    T, x = len(y), mean.copy()
+    x[XI] = xi
+    means, into = [], [np.diag(np.sqrt(np.diag(P)[:4]))]
+    for k in range(T):
+        ahead, A = model.step(x[None], k)
+        A, x = A[0, :4, :4], ahead[0]
+        into = [A @ own for own in [*into, np.diag(np.sqrt(np.diag(model.before(k))[:4]))]]
+        into = [*into]
+        means.append((x[0], [own[0] for own in into]))
+    rows = np.zeros((T, 4 * (T + 1)))
+    for k, (_, own) in enumerate(means):
+        rows[k, : 4 * len(own)] = np.concatenate(own)
+    S = rows @ rows.T + model.sigma**2 * np.eye(T)
+    e = y[:, 0] - np.array([own for own, _ in means])
+    return -0.5 * e @ np.linalg.solve(S, e) - 0.5 * np.linalg.slogdet(S)[1]
+
+
+@pytest.mark.parametrize("how", [{}, {"form": "square_root", "iterations": 10, "through_step": True}])
+def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_force(how):
+    """Mean and σ to 1e-6 σ, on a grid twelve standard deviations wide; whatever form of the filter."""
+    model = replace(WEAKLY_SEEN, known=WEAKLY_SEEN.known[:40], sigma=0.02)
+    mean, P = start(model.walk)
+    _, y = model.drawn(mean, P, np.random.default_rng(4))
+    found = filter_constants(bank_of(mean, P, filters_of(model, **how)), y, spacing=0.5, depth=20.0)
+    grid = found.mean[-1, XI] + found.std[-1, XI] * np.arange(-7, 7.01, 0.25)
+    log = np.array([joint_density(model, mean, P, xi, y) for xi in grid]) - 0.5 * grid**2 / PRIOR**2
+    w = np.exp(log - log.max())
+    w /= w.sum()
+    std = np.sqrt(w @ (grid - w @ grid) ** 2)
+    assert abs(found.mean[-1, XI] - w @ grid) < 1e-6 * std
+    assert found.std[-1, XI] == pytest.approx(std, rel=1e-6)
+    assert std < 0.8 * PRIOR
+
+
+@pytest.mark.slow
+def test_its_sigma_holds_over_drawn_truths_where_the_extended_filter_is_overconfident():
+    """RMS of the error over RMS of σ, 100 truths of the model itself: 0.85 to 1.15; the extended filter's is 1.25."""
+    model, (mean, P) = WEAKLY_SEEN, start(WEAKLY_SEEN.walk)
+    draws = [model.drawn(mean, P, np.random.default_rng(7000 + seed)) for seed in range(100)]
+    banks = [filter_constants(bank_of(mean, P, filters_of(model)), y) for _, y in draws]
+    error = np.array([bank.mean[-1, XI] - xi for bank, (xi, _) in zip(banks, draws, strict=True)])
+    std = np.array([bank.std[-1, XI] for bank in banks])
+    assert 0.85 < np.sqrt(np.mean(error**2) / np.mean(std**2)) < 1.15
+    extended = filter_runs(model, mean, P, np.stack([y for _, y in draws], axis=1))
+    off = extended.mean[-1, :, XI] - np.array([xi for xi, _ in draws])
+    assert np.sqrt(np.mean(off**2) / np.mean(extended.std[-1, :, XI] ** 2)) > 1.2
+
+
+def test_on_a_hardening_spring_the_iterated_filters_likelihood_finds_the_stiffness():
+    """A strong known load, one draw: within 3 σ, and σ a tenth of the prior's."""
+    model = Oscillator(known=30 * np.sin(0.15 * np.arange(60)), cubic=2.0, white=0.5, sigma=0.01)
+    mean, P = start()
+    xi, y = model.drawn(mean, P, np.random.default_rng(1))
+    found = filter_constants(bank_of(mean, P, filters_of(model, iterations=10, through_step=True)), y)
+    assert abs(found.mean[-1, XI] - xi) < 3 * found.std[-1, XI]
+    assert found.std[-1, XI] < 0.1 * PRIOR
+    assert found.laid > 2
+
+
+@pytest.fixture
+def measured():
+    model = replace(WEAKLY_SEEN, known=WEAKLY_SEEN.known[:20])
+    mean, P = start(model.walk)
+    return model, mean, P, model.drawn(mean, P, np.random.default_rng(2))[1]
+
+
+class Breaking(Oscillator):
+    """No step where the spring is softer than `least`."""
+
+    least = -0.5
+
+    def step(self, x, k):
+        ahead, A = super().step(x, k)
+        return np.where(x[:, XI:] < self.least, np.nan, ahead), A
+
+
+def test_points_whose_filters_diverge_or_have_no_start_weigh_nothing(measured):
+    model, mean, P, y = measured
+    breaking = Breaking(**{name: getattr(model, name) for name in ("known", "white", "walk", "sigma")})
+    bank = bank_of(mean, P, filters_of(breaking))
+
+    def begin(xi):
+        x, own = bank.begin(xi)
+        return np.where(xi > 0.7, np.nan, x), own
+
+    found = filter_constants(replace(bank, begin=begin), y)
+    assert found.without > 0
+    assert np.isfinite(found.mean).all()
+    assert np.isfinite(found.std).all()
+    outside = (found.point[:, 0] < -0.5) | (found.point[:, 0] > 0.7)
+    assert outside.sum() == found.without
+    assert not found.weight[outside].any()
+
+
+def test_where_no_filter_is_left_it_is_refused_with_a_remedy(measured):
+    model, mean, P, y = measured
+    breaking = Breaking(known=model.known)
+    object.__setattr__(breaking, "least", np.inf)
+    with pytest.raises(NumericalError, match="at all values of the parameters have diverged") as error:
+        filter_constants(bank_of(mean, P, filters_of(breaking)), y)
+    assert "guess" in error.value.remedy
+
+
+def test_a_constant_without_prior_width_is_refused(measured):
+    model, mean, P, y = measured
+    P[XI, XI] = 0.0
+    with pytest.raises(InfeasibleError, match="first σ of the parameters is zero"):
+        filter_constants(bank_of(mean, P, filters_of(model)), y)
