@@ -1,4 +1,4 @@
-"""What is said of approximate filters beside a bank on the same samples: where their σ does not allow for what it finds."""
+"""What an approximate filter claims beside a bank on the same samples, in words: where its σ does not allow for that."""
 
 from __future__ import annotations
 
