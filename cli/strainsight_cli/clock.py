@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -47,18 +48,19 @@ def ends_at(started: float, now: float, share: float, last: float | None) -> flo
 
 def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
     """Stage → how long it took when its file was written [s]; without the stages that have no file."""
+    found = {stage.name: seconds_for(job.folder / f"{stage.name}.h5") for stage in stages}
+    return {name: seconds for name, seconds in found.items() if seconds is not None}
+
+
+def seconds_for(artefact: Path) -> float | None:
+    """How long the stage took for the file that is there [s]; None without one."""
     from strainsight.errors import ArtefactError
     from strainsight.workflow.artefact import header_of
 
-    found = {}
-    for stage in stages:
-        try:
-            seconds = header_of(job.folder / f"{stage.name}.h5").seconds
-        except (ArtefactError, OSError):
-            continue
-        if seconds is not None:
-            found[stage.name] = seconds
-    return found
+    try:
+        return header_of(artefact).seconds
+    except (ArtefactError, OSError):
+        return None
 
 
 def after(stages: Sequence[Stage], at: str, last: Mapping[str, float]) -> float | None:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from strainsight_cli import render
+from strainsight_cli.clock import seconds_for
 from strainsight_cli.work import Work, refuse_taken
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def sum_of(statuses: Sequence[Status]) -> str:
 
     pending = [status for status in statuses if status.status != UP_TO_DATE]
     text = f"{len(statuses) - len(pending)} of {len(statuses)} stages up to date"
-    seconds = [_seconds(status) for status in pending]
+    seconds = [seconds_for(status.artefact) for status in pending]
     known = [value for value in seconds if value is not None]
     if not known:
         return text
@@ -57,19 +58,8 @@ def sum_of(statuses: Sequence[Status]) -> str:
     return f"{text}; {which} took {sum(known):.1f} s when last run"
 
 
-def _seconds(status: Status) -> float | None:
-    """How long the stage took for the file that is there; None without one."""
-    from strainsight.errors import ArtefactError
-    from strainsight.workflow.artefact import header_of
-
-    try:
-        return header_of(status.artefact).seconds
-    except ArtefactError:
-        return None
-
-
 def _took(status: Status) -> str:
-    seconds = _seconds(status)
+    seconds = seconds_for(status.artefact)
     return "" if seconds is None else f"{seconds:.1f} s"
 
 

@@ -29,20 +29,14 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
     """The runs of a suite, in order, and last the suite itself; where: the sweeps of a run run. Raises ConfigError for whatever
     is wrong with any of them."""
     from strainsight.config.suite_runs import all_of, runs_of
-    from strainsight.workflow.plan import Job
 
     runs = runs_of(suite)
     works = []
     for run, stages in zip(runs, all_of(runs, lambda run: _stages(suite, run)), strict=True):
-        data = run.config.data
+        name = run.config.model.name
+        beside = f"run {run.place + 1} of {len(runs)} {name}"
         works.append(
-            Work(
-                stages,
-                Job(data, run.config.path.parent, results, run.config.locate, run.config.model),
-                data["name"],
-                f"run {run.place + 1} of {len(runs)} {data['name']}",
-                where,
-            )
+            replace(pipelines.work_of(run.config, results), stages=stages, run=name, beside=beside, where=where)
         )
     page = _page(suite, runs, works, results)
     all_of([*works, page], refuse_taken)

@@ -96,10 +96,10 @@ def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfi
 
 def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...]) -> None:
     """Say where the picture is not of the config as it stands; what was computed is shown all the same."""
-    from strainsight.workflow.plan import UP_TO_DATE, Job, plan
+    from strainsight.workflow.plan import UP_TO_DATE, plan
 
-    job = Job(loaded.data, loaded.path.parent, results, loaded.locate, loaded.model)
-    for status in plan(pipelines.stages_of(loaded.data), job):
+    work = pipelines.work_of(loaded, results)
+    for status in plan(work.stages, work.job):
         if status.stage in read and status.status != UP_TO_DATE:
             note(f"{status.artefact} is older than the config: {status.reason}")
             return

@@ -8,11 +8,10 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from strainsight.sweep.sweep import Sweep
 from strainsight.sweep.where import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
-from strainsight_cli.runlog import Log, peak, run_log
+from strainsight_cli.runlog import peak, run_log
 
 if TYPE_CHECKING:
     from strainsight.workflow.artefact import Artefact
@@ -70,25 +69,8 @@ def bring_up_to_date(
 ) -> list[Artefact]:
     """Run what is not up to date, a line a stage; the artefacts of all stages."""
     refuse_taken(work)
-    from strainsight.fem.memory import available_memory
-
-    asked = " ".join(stage.name for stage in work.stages)
-    with run_log(work.job, asked) as log, opened(work.where, available_memory) as sweep:
-        return _logged(work, forced, as_json, verbose, say, progress, note, log, sweep)
-
-
-def _logged(
-    work: Work,
-    forced: Collection[str],
-    as_json: bool,
-    verbose: bool,
-    say: Say,
-    progress: Progress,
-    note: Say,
-    log: Log,
-    sweep: Sweep,
-) -> list[Artefact]:
     from strainsight.errors import StrainsightError
+    from strainsight.fem.memory import available_memory
     from strainsight.workflow.runner import RUNNING
     from strainsight.workflow.runner import run as run_stages
 
@@ -104,28 +86,29 @@ def _logged(
         log(f"note: {text}")
         note(text)
 
-    events = run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice, sweep=sweep)
-    try:
-        for event in events:
-            if event.status == RUNNING:
-                at_work, started, following = event.stage, time.time(), after(work.stages, event.stage, last)
-                log(f"{event.stage} starts: {event.reason}")
-                move(event.stage, event.reason, 0.0)
-                continue
-            assert event.artefact is not None
-            artefacts.append(event.artefact)
-            log(f"{event.stage} {event.status}{_spent(event)}: {event.artefact.message}")
-            say(render.event_json(event, work.run) if as_json else render.stage_line(event, verbose))
-    except Exception as error:
-        if at_work and (not artefacts or artefacts[-1].header.stage != at_work):
-            log(f"{at_work} fails after {time.time() - started:.1f} s, {peak()}")
-        if as_json and at_work:
-            reason = str(error) if isinstance(error, StrainsightError) else f"{type(error).__name__}: {error}"
-            say(render.failure_json(at_work, reason, work.run))
-        raise
-    finally:
-        if at_work:
-            move("", "", 1.0)
+    asked = " ".join(stage.name for stage in work.stages)
+    with run_log(work.job, asked) as log, opened(work.where, available_memory) as sweep:
+        try:
+            for event in run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice, sweep=sweep):
+                if event.status == RUNNING:
+                    at_work, started, following = event.stage, time.time(), after(work.stages, event.stage, last)
+                    log(f"{event.stage} starts: {event.reason}")
+                    move(event.stage, event.reason, 0.0)
+                    continue
+                assert event.artefact is not None
+                artefacts.append(event.artefact)
+                log(f"{event.stage} {event.status}{_spent(event)}: {event.artefact.message}")
+                say(render.event_json(event, work.run) if as_json else render.stage_line(event, verbose))
+        except Exception as error:
+            if at_work and (not artefacts or artefacts[-1].header.stage != at_work):
+                log(f"{at_work} fails after {time.time() - started:.1f} s, {peak()}")
+            if as_json and at_work:
+                reason = str(error) if isinstance(error, StrainsightError) else f"{type(error).__name__}: {error}"
+                say(render.failure_json(at_work, reason, work.run))
+            raise
+        finally:
+            if at_work:
+                move("", "", 1.0)
     return artefacts
 
 
