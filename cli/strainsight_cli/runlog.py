@@ -5,8 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import platform
-import resource
-import sys
 import time
 import traceback
 import warnings
@@ -16,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from strainsight.processes import peak_memory
 from strainsight_cli.failures import LAST_WORDS
 from strainsight_cli.placeless import placeless
 
@@ -74,8 +73,7 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
 
 def peak() -> str:
     """The most memory that this process has held until now, as in "peak 0.38 GiB"."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return f"peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30:.2f} GiB"
+    return f"peak {peak_memory() / 2**30:.2f} GiB"
 
 
 def append(path: Path, text: str, wait: bool = True) -> None:

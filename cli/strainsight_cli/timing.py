@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import resource
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+from strainsight import processes
 
 if TYPE_CHECKING:
     from strainsight.workflow.artefact import Artefact
@@ -53,10 +53,7 @@ def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page:
 
 def peak_memory(jobs: int) -> str:
     """The most memory that this process held, and the largest of its children, of which there were `jobs` at a time."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    own, child = (
-        resource.getrusage(who).ru_maxrss * unit / 2**30 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
+    own, child = (processes.peak_memory(children) / 2**30 for children in (False, True))
     at_once = f", {jobs} of them at a time" if jobs > 1 else ""
     return f"\npeak memory: {own:.2f} GiB" + (f", largest child process {child:.2f} GiB{at_once}" if child else "")
 

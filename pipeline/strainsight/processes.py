@@ -1,14 +1,94 @@
-"""No process outlives the one that started it. What a system other than Linux cannot do is left out."""
+"""Processes that this one starts, and that none outlives it. What a system other than Linux cannot do is left out."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
+from threading import Timer
+from typing import IO, Any, Protocol, TypeVar
 
+T = TypeVar("T")
 PR_SET_PDEATHSIG = 1
+START_LIMIT = 120.0
+"""[s] until a reader is there, on a machine that is busy."""
+READY = b"ready\n"
+
+
+def python(module: str) -> list[str]:
+    """The command that runs a module of this package. -P: no module of the folder that this process happens to run in."""
+    return [sys.executable, "-P", "-m", module]
+
+
+def inherited() -> dict[str, str]:
+    """The environment of this process, in which a child finds this package."""
+    root = str(Path(__file__).parents[1])
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))}
+
+
+class Within(Protocol):
+    """within(limit, read) is what `read` makes of a reader's answer, which ends after limit [s] at the latest."""
+
+    def __call__(self, limit: float, read: Callable[[IO[bytes]], T]) -> T: ...
+
+
+@contextmanager
+def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[Within]:
+    """A child process that reads a file which may crash it, or hold it for ever: both cost the file and not the run.
+
+    `asked` goes there as JSON, and `asked_of_reader` takes it. A process that crashes, is not ready within start_limit [s],
+    or is killed at the limit of `Within`, answers no more.
+    """
+    process = subprocess.Popen(
+        command, env=inherited(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    answer = process.stdout
+
+    def within(limit: float, read: Callable[[IO[bytes]], T]) -> T:
+        timer = Timer(limit, process.kill)
+        timer.start()
+        try:
+            return read(answer)
+        finally:
+            timer.cancel()
+
+    with process:
+        try:
+            with suppress(BrokenPipeError), process.stdin:
+                process.stdin.write(json.dumps(asked).encode())
+            if within(start_limit, lambda stream: stream.readline()) != READY:
+                process.kill()
+                answer.read()
+            yield within
+        finally:
+            process.kill()
+
+
+def asked_of_reader(*modules: str) -> Any:
+    """In the child process of `reader`: what is asked of it. The modules are imported first: that is in no limit."""
+    end_with_parent()
+    asked = json.loads(sys.stdin.read())
+    for module in modules:
+        import_module(module)
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
+    return asked
+
+
+def peak_memory(children: bool = False) -> int:
+    """The most memory that this process has held, or the largest of its children that have ended [bytes]."""
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_CHILDREN if children else resource.RUSAGE_SELF).ru_maxrss
 
 
 def end_with_parent() -> None:

@@ -6,32 +6,25 @@ HDF5 2.0, a few altered bytes in four of four thousand files); in a child proces
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from threading import Timer
 from typing import IO
 
 import numpy as np
 
-import strainsight
 from strainsight.errors import UserError
 from strainsight.measurements.hdf5_datasets import DAMAGED, place_of, signals
 from strainsight.measurements.records import Recording, opened
 from strainsight.measurements.units import time_factor
-from strainsight.processes import end_with_parent
+from strainsight.processes import START_LIMIT, asked_of_reader, python, reader
 
-START_LIMIT = 120.0
-"""[s] until the child process is there, on a machine that is busy."""
 TIME_LIMIT = 7.0
 """[s] for every channel, and one more for every 10 MB of the file."""
-# -P: no module of the folder that this process happens to run in.
-COMMAND = [sys.executable, "-P", "-m", "strainsight.measurements.hdf5_file"]
-READY = b"ready\n"
+COMMAND = python("strainsight.measurements.hdf5_file")
 
 
 def read_hdf5(
@@ -64,36 +57,9 @@ def read_hdf5(
 
 def _sandboxed(path: Path, names: Sequence[str], limit: float) -> Iterator[tuple[np.ndarray, str | None]]:
     """`signals`, from a child process: for every name a line of JSON, {samples, unit} or the error, then the samples."""
-    root = str(Path(strainsight.__file__).parents[1])
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))}
-    process = subprocess.Popen(
-        COMMAND, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    with process:
-        try:
-            with contextlib.suppress(BrokenPipeError), process.stdin:
-                process.stdin.write(json.dumps([str(path), *names]).encode())
-            with _ended_after(START_LIMIT, process):
-                ready = process.stdout.readline() == READY
-            for name in names:
-                with _ended_after(limit if ready else 0.0, process):
-                    received = _received(process.stdout, place_of(path, name))
-                yield received
-        finally:
-            process.kill()
-
-
-@contextlib.contextmanager
-def _ended_after(limit: float, process: subprocess.Popen[bytes]) -> Iterator[None]:
-    """Whatever waits for the process waits so long [s] at the most."""
-    timer = Timer(limit, process.kill)
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
+    with reader(COMMAND, [str(path), *names], START_LIMIT) as within:
+        for name in names:
+            yield within(limit, partial(_received, where=place_of(path, name)))
 
 
 def _received(stream: IO[bytes], where: str) -> tuple[np.ndarray, str | None]:
@@ -114,13 +80,8 @@ def _received(stream: IO[bytes], where: str) -> tuple[np.ndarray, str | None]:
 
 
 def _child() -> None:
-    end_with_parent()
-    path, *names = json.loads(sys.stdin.read())
-    import h5py  # noqa: F401  # not within the limit of the first channel
-
+    path, *names = asked_of_reader("h5py")
     out = sys.stdout.buffer
-    out.write(READY)
-    out.flush()
     try:
         for values, unit in signals(Path(path), names):
             out.write(json.dumps({"samples": values.size, "unit": unit}).encode() + b"\n")

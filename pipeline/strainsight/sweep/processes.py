@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 
-from strainsight.processes import end_with_parent
+from strainsight.processes import end_with_parent, peak_memory
 from strainsight.sweep.sweep import P, Progress, R, S, Sweep, captured, repeated, unwatched
 
 WORTH = 5.0
@@ -83,8 +83,4 @@ def _fitting(memory: float) -> int:
     """Processes as large as this one was at its largest that there is memory for [bytes], beside it."""
     if sys.platform == "win32" or math.isinf(memory):
         return cores()
-    import resource
-
-    unit = 1 if sys.platform == "darwin" else 1024
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
-    return int(memory / peak)
+    return int(memory / peak_memory())

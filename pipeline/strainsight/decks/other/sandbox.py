@@ -8,69 +8,37 @@ and not the run.
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from threading import Timer
 from types import SimpleNamespace
 from typing import Any, BinaryIO
 
 import numpy as np
 
-import strainsight
 from strainsight.decks.other.load import INSTEAD, Loaded, load
 from strainsight.errors import DeckError
-from strainsight.processes import end_with_parent
+from strainsight.processes import START_LIMIT, asked_of_reader, python, reader
 
-START_LIMIT = 120.0
-"""[s] until the child process is there, on a machine that is busy."""
 TIME_LIMIT = 7.0
 """[s] to read, and one more for every 100 kB of the file."""
 MEMORY_LIMIT = 1 << 30
 """[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file and of those that it takes in."""
 MEMORY_A_BYTE = 200
-# -P: no module of the folder that this process happens to run in.
-COMMAND = [sys.executable, "-P", "-m", "strainsight.decks.other.sandbox"]
-READY = b"ready\n"
+COMMAND = python("strainsight.decks.other.sandbox")
 
 
 def load_sandboxed(path: Path) -> Loaded:
     """`load`, in a child process. Raises DeckError as that does, and where the process fails."""
-    root = str(Path(strainsight.__file__).parents[1])
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))}
     limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
-    process = subprocess.Popen(
-        COMMAND, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    with process:
-        try:
-            with suppress(BrokenPipeError), process.stdin:
-                process.stdin.write(json.dumps(str(path)).encode())
-            ready = _within(START_LIMIT, process, process.stdout.readline) == READY
-            answer = _within(limit, process, process.stdout.read) if ready else b""
-        finally:
-            process.kill()
+    with reader(COMMAND, str(path), START_LIMIT) as within:
+        answer = within(limit, lambda stream: stream.read())
     if not answer:
         raise DeckError(
             "reading it crashed, or did not come to an end", where=str(path), remedy=f"the file is damaged: {INSTEAD}"
         )
     return _unpacked(answer)
-
-
-def _within(limit: float, process: subprocess.Popen[bytes], read: Any) -> bytes:
-    """What is read, up to the death of the process, which comes after `limit` [s] at the latest."""
-    timer = Timer(limit, process.kill)
-    timer.start()
-    try:
-        found: bytes = read()
-        return found
-    finally:
-        timer.cancel()
 
 
 def _packed(loaded: Loaded) -> bytes:
@@ -144,13 +112,7 @@ def _limit_memory(size: int) -> None:
 
 
 def _answer(out: BinaryIO) -> None:
-    end_with_parent()
-    path = Path(json.loads(sys.stdin.read()))
-    import h5py  # noqa: F401  # not within the limits of time and memory
-    import meshio  # noqa: F401
-
-    out.write(READY)
-    out.flush()
+    path = Path(asked_of_reader("h5py", "meshio"))
     try:
         out.write(_packed(load(path, _limit_memory)))
     except DeckError as error:

@@ -13,12 +13,10 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
-import strainsight
 from strainsight.errors import StrainsightError
-from strainsight.processes import end_with_parent
+from strainsight.processes import end_with_parent, inherited, python
 
 OFF_SCREEN = "off-screen"
 """The argument of the child process."""
@@ -32,11 +30,10 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
     """
     output = "no output"
     for environment in _environments():
-        # -P: no module of the folder that this process happens to run in.
-        command = [sys.executable, "-P", "-m", module, OFF_SCREEN]
+        command, asked = [*python(module), OFF_SCREEN], pickle.dumps(what)
         try:
             done = subprocess.run(
-                command, env=environment, input=pickle.dumps(what), capture_output=True, timeout=limit, check=False
+                command, env=environment, input=asked, capture_output=True, timeout=limit, check=False
             )
         except subprocess.TimeoutExpired:
             output = f"no picture after {limit:.0f} s"
@@ -59,13 +56,6 @@ def answer(draw: Callable[[Any], Sequence[bytes]]) -> None:
     pictures = draw(pickle.load(sys.stdin.buffer))
     with os.fdopen(out, "wb") as stream:
         pickle.dump(list(pictures), stream)
-
-
-def inherited() -> dict[str, str]:
-    """The environment of this process, in which the child finds this package."""
-    root = str(Path(strainsight.__file__).parents[1])
-    path = os.environ.get("PYTHONPATH")
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(part for part in (root, path) if part)}
 
 
 def _environments() -> list[dict[str, str]]:

@@ -9,7 +9,8 @@ import sys
 from dataclasses import replace
 
 from strainsight.errors import StrainsightError, UserError
-from strainsight.report.picture.offscreen import draw_apart, inherited, last_words
+from strainsight.processes import inherited, python
+from strainsight.report.picture.offscreen import draw_apart, last_words
 from strainsight.report.picture.scene import thinned
 from strainsight.report.view.viewed import NO_DISPLAY, View
 
@@ -27,11 +28,9 @@ def window(view: View) -> None:
     """Show the view until its window is closed. Raises UserError without a display, StrainsightError if the window crashes."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise _no_display("there is no display to open a window on")
-    # By stdin and not by a file: nothing is left behind where this process is interrupted. -P: no module of this folder.
-    command = [sys.executable, "-P", "-m", CHILD]
-    done = subprocess.run(
-        command, env=inherited(), input=pickle.dumps(_sent(view)), stderr=subprocess.PIPE, check=False
-    )
+    # By stdin and not by a file: nothing is left behind where this process is interrupted.
+    shown = pickle.dumps(_sent(view))
+    done = subprocess.run(python(CHILD), env=inherited(), input=shown, stderr=subprocess.PIPE, check=False)
     if done.returncode == NO_DISPLAY:
         raise _no_display("the display does not answer")
     if done.returncode:
