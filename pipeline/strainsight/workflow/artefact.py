@@ -170,8 +170,16 @@ def content_digest(file: h5py.File) -> str:
 
 def file_digest(path: Path) -> str:
     """sha256 of an input file; of the content where the file is an artefact of another run."""
-    if path.suffix == ".h5" and is_sealed(path):
-        return Artefact(path).digest
+    return Artefact(path).digest if path.suffix == ".h5" and is_sealed(path) else sha256_of(path)
+
+
+def digest_or_none(path: Path) -> str | None:
+    """The same, None where there is no file."""
+    return file_digest(path) if path.is_file() else None
+
+
+def sha256_of(path: Path) -> str:
+    """sha256 of the bytes of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from strainsight.errors import ArtefactError, ConfigError, StrainsightError
-from strainsight.workflow.artefact import Artefact, file_digest
+from strainsight.workflow.artefact import Artefact, digest_or_none, file_digest
 from strainsight.workflow.slices import canonical, differences, expand, look_up, prune
 from strainsight.workflow.stage import Stage
 
@@ -143,11 +143,11 @@ def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finishe
         if key in inputs.digests and inputs.digests[key] != header.files.get(key):
             reasons.append(f"{_shown(file)} changed")
     for name, digest in (header.found or {}).items():
-        if _digest_or_none(job.base / name) != digest:
+        if digest_or_none(job.base / name) != digest:
             reasons.append(f"{_shown(job.base / name)} changed")
     for name, digest in (header.beside or {}).items():
         beside = artefact.path.parent / name
-        if _digest_or_none(beside) != digest:
+        if digest_or_none(beside) != digest:
             reasons.append(f"{name} {'was altered' if beside.exists() else 'is missing'}")
     upstream = {name: finished[name].digest for name in stage.upstream if name in finished}
     complete = len(upstream) == len(stage.upstream) and len(inputs.digests) == len(inputs.files)
@@ -228,7 +228,3 @@ def _shown(path: Path) -> str:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:
         return str(path)
-
-
-def _digest_or_none(path: Path) -> str | None:
-    return file_digest(path) if path.is_file() else None

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import tempfile
 from pathlib import Path
 
 from strainsight.errors import ArtefactError
-from strainsight.workflow.artefact import Artefact, Header, file_digest, header_of
+from strainsight.workflow.artefact import Artefact, Header, digest_or_none, header_of, sha256_of
 from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
-from strainsight.workflow.store import TEMPORARY
+from strainsight.workflow.store import TEMPORARY, named_together
 
 
 def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
@@ -27,7 +26,7 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
         try:
             header = header_of(path)
             found = (header.found or {}).items()
-            if header.key != key or any(_digest(job.base / name) != digest for name, digest in found):
+            if header.key != key or any(digest_or_none(job.base / name) != digest for name, digest in found):
                 continue
             taken = _taken(path, job.folder, header)
         except (ArtefactError, OSError):  # damaged, or replaced by its run at this moment
@@ -40,21 +39,15 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
 def _taken(source: Path, folder: Path, header: Header) -> Artefact:
     """The artefact of that header and what lies beside it, under their names only once all is here and was checked here."""
     folder.mkdir(parents=True, exist_ok=True)
-    parts: list[tuple[Path, Path]] = []
-    try:
+    with named_together() as parts:
         parts.append((_part(source, folder), folder / source.name))
         own = Artefact(parts[0][0])
         if own.header != header:
             raise ArtefactError("replaced while it was copied", where=str(source))
         for name, digest in (own.header.beside or {}).items():
             parts.append((_part(source.parent / name, folder), folder / name))
-            if Path(name).name != name or _sha256(parts[-1][0]) != digest:
+            if Path(name).name != name or sha256_of(parts[-1][0]) != digest:
                 raise ArtefactError(f"{name} beside it was altered", where=str(source))
-        for part, target in reversed(parts):
-            os.replace(part, target)
-    finally:
-        for part, _ in parts:
-            part.unlink(missing_ok=True)
     own.path = folder / source.name
     return own
 
@@ -82,12 +75,3 @@ def _linked(source: Path, part: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def _digest(path: Path) -> str | None:
-    return file_digest(path) if path.is_file() else None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -56,21 +56,28 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
             file.attrs["digest"] = content_digest(file)
         seal(temporary)
 
+    with kept_on_disk(path), named_together() as parts:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        parts.append((_temporary(path, write), path))
+        written = Artefact(parts[0][0])
+        for name, content in output.files.items():
+            parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
+    written.path = path
+    return written
+
+
+@contextmanager
+def named_together() -> Iterator[list[tuple[Path, Path]]]:
+    """Takes an artefact and the files beside it, each as (temporary file, its name): once all are there they get their names,
+    the artefact, which comes first, at the end. Where one is missing none gets its name, and nothing is left."""
     parts: list[tuple[Path, Path]] = []
     try:
-        with kept_on_disk(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            parts.append((_temporary(path, write), path))
-            written = Artefact(parts[0][0])
-            for name, content in output.files.items():
-                parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
-            for part, target in reversed(parts):
-                _replace(part, target)
+        yield parts
+        for part, target in reversed(parts):
+            _replace(part, target)
     finally:
         for part, _ in parts:
             part.unlink(missing_ok=True)
-    written.path = path
-    return written
 
 
 @contextmanager
