@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem.memory import require_memory
@@ -58,30 +58,44 @@ def factorise(A: sparse.csr_array) -> Factor:
     size = A.shape[0]
     require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns, at the very least")
     scale = 1.0 / np.sqrt(diagonal)
-    upper = sparse.csr_array(sparse.triu(A, format="csr"))
-    upper.sort_indices()
-    upper.data *= np.repeat(scale, np.diff(upper.indptr)) * scale[upper.indices]
+    upper = scaled_upper(A, scale)
     try:
         solve, name = pardiso(upper), "PARDISO"
     except (ImportError, OSError):
         if size > SUPERLU_LIMIT:
-            raise UserError(
-                f"{size} unknowns without PARDISO would take SuperLU many minutes",
-                remedy="pip install pypardiso (x86-64), or coarsen the mesh below 100 000 unknowns",
-            ) from None
+            raise too_large(size) from None
         warnings.warn("PARDISO is not available: SuperLU is used, which is many times slower", stacklevel=2)
         solve, name = _superlu(upper), "SuperLU"
     return Factor(size, name, lambda B: scale[:, None] * solve(scale[:, None] * B))
 
 
-def _superlu(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
-    full = upper + sparse.triu(upper, 1).T
+def scaled_upper(A: sparse.csr_array, scale: np.ndarray) -> sparse.csr_array:
+    """The upper triangle of SAS, S = diag(scale), its indices sorted."""
+    upper = sparse.csr_array(sparse.triu(A, format="csr"))
+    upper.sort_indices()
+    upper.data *= np.repeat(scale, np.diff(upper.indptr)) * scale[upper.indices]
+    return upper
+
+
+def too_large(size: int) -> UserError:
+    """Of so many unknowns without PARDISO."""
+    return UserError(
+        f"{size} unknowns without PARDISO would take SuperLU many minutes",
+        remedy="pip install pypardiso (x86-64), or coarsen the mesh below 100 000 unknowns",
+    )
+
+
+def superlu(upper: sparse.csr_array, what: str) -> SuperLU:
+    """The factor of a symmetric matrix from its upper triangle, without pivoting; NumericalError where it is singular."""
+    full = sparse.csc_matrix(upper + sparse.triu(upper, 1).T)
     try:
-        factor = splu(
-            sparse.csc_matrix(full), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        return splu(full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:
-        raise NumericalError(f"the stiffness is singular ({error})", remedy=MECHANISM) from None
+        raise NumericalError(f"{what} is singular ({error})", remedy=MECHANISM) from None
+
+
+def _superlu(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
+    factor = superlu(upper, "the stiffness")
     if np.any(factor.U.diagonal() <= 0):
         raise NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
     return factor.solve

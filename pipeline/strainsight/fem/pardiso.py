@@ -6,7 +6,7 @@ import ctypes
 import os
 import sys
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,24 +33,34 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     result. Raises ImportError or OSError where PARDISO cannot be loaded, NumericalError where A is not positive definite,
     UserError where the memory is not enough: the analysis tells it before the factorisation takes it.
     """
-    solver = solver_of(POSITIVE_DEFINITE)
+    return factorised(upper, POSITIVE_DEFINITE, f"the factor of {upper.shape[0]} unknowns")[0]
+
+
+def factorised(
+    upper: sparse.csr_array, kind: int, what: str, options: Sequence[tuple[int, int]] = ()
+) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
+    """B (n, r) → A⁻¹B, and iparm as the factorisation has left it; kind of A, what it is in words, options of iparm.
+
+    Otherwise as `pardiso`.
+    """
+    solver = solver_of(kind)
     # Everything else stays zero. PARDISO's own defaults order with several threads, which differs between runs, and refine
     # every solution twice, which takes four times as long and which a positive definite matrix does not need.
-    for place, value in ((OWN_VALUES, 1), (ORDERING, NESTED_DISSECTION), (FROM_ZERO, 1)):
+    for place, value in ((OWN_VALUES, 1), (ORDERING, NESTED_DISSECTION), (FROM_ZERO, 1), *options):
         solver.iparm[place - 1] = value
     call = interface(solver, upper)
 
     def solve(B: np.ndarray) -> np.ndarray:
-        X = np.empty(B.shape, order="F")
+        X = np.empty(B.shape, upper.dtype, order="F")
         call(SOLVE, np.asfortranarray(B), X)
         return X
 
     weakref.finalize(solve, solver.free_memory, everything=True).atexit = False
-    nothing = np.zeros((upper.shape[0], 1))
+    nothing = np.zeros((upper.shape[0], 1), upper.dtype)
     call(ANALYSE, nothing, nothing)
-    require_memory(1024.0 * float(solver.iparm[NUMERICAL_MEMORY - 1]), f"the factor of {upper.shape[0]} unknowns")
+    require_memory(1024.0 * float(solver.iparm[NUMERICAL_MEMORY - 1]), what)
     call(FACTORISE, nothing, nothing)
-    return solve
+    return solve, solver.iparm
 
 
 def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray, np.ndarray], None]:
