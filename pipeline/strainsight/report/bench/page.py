@@ -11,11 +11,11 @@ from strainsight.report.bench.data import BenchMotion, BenchPlacement, BenchRun,
 from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
 from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
-from strainsight.report.bench.tables import facts, mismatch_table, placement_table, ratio, runs_table
+from strainsight.report.bench.tables import mismatch_table, placement_table, ratio, runs_table
 from strainsight.report.bench.verdicts import faults, leading
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
-from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, picture, plain
+from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, picture, plain, table
 from strainsight.report.placement.figures import trend_figure
 from strainsight.report.placement.tables import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline
@@ -98,7 +98,7 @@ def bench_page(
     if run.motion is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
         sections.append(f"<h2>How the bench moves</h2>{lead}{cards('motion')}")
-    numbers = facts("numbers", _facts(run))
+    numbers = table("numbers", (), _facts(run))
     sections.append(
         f'<h2>What it rests on</h2><div class="panels"><section class="card"><h3>Numbers</h3>{numbers}</section>'
         f'<section class="card"><h3>Provenance</h3>{pairs("provenance", provenance)}</section></div>'
@@ -174,14 +174,9 @@ def _moved(motion: BenchMotion) -> str:
     text = f"{number(length)} s in {steps} steps"
     if motion.bearings:
         worst = max(motion.bearings, key=lambda bearing: float(np.max(bearing.pressure, initial=0.0)))
-        pressure = quantity_of(worst.pressure)
-        text += f"; the highest contact pressure is {pressure}, in {escape(worst.name)}"
+        highest = measure(float(np.max(worst.pressure, initial=0.0)), "Pa")
+        text += f"; the highest contact pressure is {highest}, in {escape(worst.name)}"
     return f"{text}."
-
-
-def quantity_of(pressure: np.ndarray) -> str:
-    """The largest of pressures [Pa] as HTML."""
-    return measure(float(np.max(pressure, initial=0.0)), "Pa")
 
 
 def _title(unknown: BenchUnknown) -> str:
@@ -219,7 +214,7 @@ def _facts(run: BenchRun) -> list[tuple[str, str]]:
             rows.append((name, plain(text, 3)))
     if run.placement is not None:
         rows += [
-            (f"placement: {key}", plain(float(value), 4))
+            (escape(f"placement: {key}"), plain(float(value), 4))
             for key, value in run.placement.numbers.items()
             if isinstance(value, int | float) and not isinstance(value, bool) and not key.startswith("std.")
         ]

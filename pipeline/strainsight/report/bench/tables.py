@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 
 from strainsight.report import text
@@ -218,8 +218,3 @@ def placement_table(placement: BenchPlacement) -> str:
 
 def _unit(placement: BenchPlacement, name: str) -> str:
     return placement.units.get(name, "").replace("N m", "N·m")
-
-
-def facts(name: str, rows: Iterable[tuple[str, str]]) -> str:
-    """Names and values as HTML; name as of `markup.table`."""
-    return table(name, (), [[escape(key), value] for key, value in rows])

@@ -37,9 +37,9 @@ def count(value: int) -> str:
     return data(int(value), number(value))
 
 
-def share(value: float | None, digits: int = 2) -> str:
+def share(value: float | None) -> str:
     """A ratio in per cent, or a dash for one that was not computed."""
-    return "–" if value is None else data(value, percent(value, digits))
+    return "–" if value is None else data(value, percent(value))
 
 
 def measure(value: float | None, unit: str = "", digits: int = 4) -> str:

@@ -17,8 +17,8 @@ STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
 POOL, CLAMP = "#33475c", "#8a4fb5"
 FINER = 2
 """Pixels of the picture for one of the page, so that it stays sharp on fine screens and on paper."""
-# More lines than this would turn the surface black.
 DRAWN_FACETS = 20_000
+"""More outlines than these would turn the surface black."""
 
 
 def draw(layout: Layout, width: int, height: int) -> bytes:

@@ -19,6 +19,7 @@ TIME_LIMIT = 120.0
 TIME_A_PICTURE = 20.0
 """For every further one [s]."""
 DOTS = 4000
+"""More of a kind cannot be distinguished."""
 
 
 def render(layout: Layout) -> bytes:

@@ -132,9 +132,9 @@ def trend_figure(trend: Trend) -> Drawing:
     return Drawing("trend", "What every gauge is worth", caption, alt, image)
 
 
-def estimate_figure(history: History) -> Drawing:
-    """Estimate with its ±2σ band beside the truth, the whole run."""
-    image = _bands(history, slice(None), focus=False)
+def estimate_figure(history: History, start: int = 0) -> Drawing:
+    """Estimate with its ±2σ band beside the truth, the whole run, or what of it follows an instant."""
+    image = _bands(history, slice(start, None), focus=False)
     caption = (
         f"Estimate of {history.name} over the whole run; the band is ±2 standard deviations as the filter claims them."
     )

@@ -57,7 +57,7 @@ def leading(unknowns: Sequence[Unknown], lost: frozenset[str]) -> str:
     return text + no_benefit(unknowns)
 
 
-def no_benefit(unknowns: Sequence[Unknown], shown: Shown = plain) -> str:
+def no_benefit(unknowns: Sequence[Unknown]) -> str:
     """That random layouts do as well, of which unknowns, as HTML; empty where none is so."""
     judged = [unknown for unknown in unknowns if unknown.benefit is not None]
     none = [unknown for unknown in judged if unknown.benefit is not None and unknown.benefit.verdict == "none"]
@@ -65,7 +65,7 @@ def no_benefit(unknowns: Sequence[Unknown], shown: Shown = plain) -> str:
         return ""
     of = "" if len(none) == len(unknowns) else f" for {' and '.join(escape(unknown.name) for unknown in none)}"
     counts = " and ".join(
-        f"{shown(own.as_well, 4)} of {shown(own.sets, 4)}" + f" ({escape(unknown.name)})" * (len(none) > 1)
+        f"{plain(own.as_well)} of {plain(own.sets)}" + f" ({escape(unknown.name)})" * (len(none) > 1)
         for unknown in none
         if (own := unknown.benefit) is not None
     )

@@ -15,10 +15,9 @@ from strainsight.report.picture.geometry import triangles, views
 from strainsight.report.picture.layout import Layout
 from strainsight.report.picture.markers import arrow_mesh, marker
 from strainsight.report.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
+from strainsight.report.picture.scene import thinned
 from strainsight.report.space.surface import CREASE, surface
 
-DOTS = 4000
-"""More of a kind cannot be distinguished."""
 LENGTH = 0.034
 """Of a gauge's bar, over the size of the structure."""
 
@@ -64,6 +63,7 @@ def space(layouts: Sequence[Layout]) -> Space:
 
     What the layouts share is taken from the first.
     """
+    layouts = [thinned(layout) for layout in layouts]
     shared = layouts[0]
     body = surface(shared.points, shared.faces)
     size = float(np.linalg.norm(np.ptp(shared.points, axis=0))) or 1.0
@@ -77,9 +77,8 @@ def space(layouts: Sequence[Layout]) -> Space:
     def dots(points: FloatArray, colour: str, width: float, group: int = -1) -> list[Drawn]:
         if not len(points):
             return []
-        shown = points[:: -(-len(points) // DOTS)]
-        first = gathered.add(shown, np.zeros_like(shown), colour, gathered.nearest(shown))
-        return [Drawn("points", np.arange(first, first + len(shown)), colour, width, group)]
+        first = gathered.add(points, np.zeros_like(points), colour, gathered.nearest(points))
+        return [Drawn("points", np.arange(first, first + len(points)), colour, width, group)]
 
     first = gathered.add(body.position, body.normal, STEEL, body.source)
     loads = [solid(arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]

@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.picture.geometry import mesh_lines, triangles
+from strainsight.report.picture.markers import surface_mesh
 
 LARGEST = 20_000
 """Triangles: more would make the page heavy and look the same."""
@@ -78,11 +79,8 @@ def straight(faces: IntArray) -> IntArray:
 
 def _body(points: FloatArray, triangle: IntArray) -> Any:
     """PyVista's surface of the points that triangles have, which remember where they come from."""
-    import pyvista as pv
-
     used, local = np.unique(triangle, return_inverse=True)
-    local = local.reshape(triangle.shape)
-    body = pv.PolyData(points[used], np.column_stack([np.full(len(local), 3), local]).ravel())
+    body = surface_mesh(points[used], local.reshape(triangle.shape))
     body.point_data["source"] = used
     return body
 

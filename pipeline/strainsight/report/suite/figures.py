@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray, History
+from strainsight.report.arrays import History
 from strainsight.report.bench.figures import STROKES
 from strainsight.report.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
 from strainsight.report.chart.panels import legend_above, plain_ticks
@@ -183,7 +183,7 @@ def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
     """The estimate beside the truth with its band; a parameter after the first tenth, where the band can be seen."""
     kind = next((unknown.kind for unknown in run.unknowns if unknown.name == history.name), "parameter")
     start = len(history.time) // 10 if kind == "parameter" else 0
-    drawing = estimate_figure(_from(history, start))
+    drawing = estimate_figure(history, start)
     span = "after the first tenth of the run" if start else "over the whole run"
     return replace(
         drawing,
@@ -191,23 +191,6 @@ def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
         title=f"{history.name}, {kind if kind == 'parameter' else 'load'}",
         caption=f"Run {index}: {history.name} {span}; bands are ±2 claimed standard deviations.",
         alt=f"Run {index}. {drawing.alt}",
-    )
-
-
-def _from(history: History, start: int) -> History:
-    """The history from that instant on."""
-
-    def late(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else values[start:]
-
-    return replace(
-        history,
-        time=history.time[start:],
-        truth=late(history.truth),
-        mean=history.mean[start:],
-        std=history.std[start:],
-        smoothed=late(history.smoothed),
-        smoothed_std=late(history.smoothed_std),
     )
 
 

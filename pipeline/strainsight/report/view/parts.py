@@ -14,12 +14,11 @@ from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
 from strainsight.report.picture.geometry import TRIANGLES, mesh_lines
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
+from strainsight.report.picture.picture import DRAWN_FACETS
 from strainsight.report.text import short
 from strainsight.report.view.viewed import DOTS, POINTS, Panel, View
 
 STEEL, LINES, POOL, CLAMP, INK = "#c3ccd6", "#5d6a79", "#7b8794", "#8a4fb5", "#1c2430"
-DRAWN_FACETS = 20_000
-"""More outlines than these would turn the surface black."""
 LENGTH = 0.07
 """Of a gauge's arrow, over the size of the structure."""
 MAP, DIVERGING = "viridis", "coolwarm"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from strainsight.workflow.artefact import Artefact
 
 def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
     place, own = up["place"], read(Placed, up["place"])
-    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
     candidates = read(Training, up["train"]).candidates
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
     without = {name: values * placed_scale(name, place) / size(name, up) for name, values in own.without.items()}
@@ -52,15 +52,21 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
         for i in range(len(listed.labels))
     )
     pool = own.pool.gauges
-    return Layout(
-        points=mesh.position,
-        faces=faces,
+    return replace(
+        bare(mesh, loads),
         pool=candidates.position[candidates.first[pool[pool >= 0]]],
         gauges=gauges,
-        loads=loads_of_page(mesh, loads),
-        fixed=mesh.position[np.unique(mesh.fixed[:, 0])],
-        loose=loose_nodes(mesh) if is_ready(up["rom"]) else np.empty((0, 3)),
+        # of a model that came as matrices
+        loose=np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh),
     )
+
+
+def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
+    """The structure with its loads and clamped nodes, no gauge."""
+    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
+    fixed = mesh.position[np.unique(mesh.fixed[:, 0])]
+    loose = np.empty((0, 3)) if mesh.blocks else loose_nodes(mesh)
+    return Layout(mesh.position, faces, np.empty((0, 3)), (), loads_of_page(mesh, loads), fixed, loose)
 
 
 def _tested(found: HotSpots | None, i: int) -> dict[str, Any]:
@@ -73,11 +79,6 @@ def _tested(found: HotSpots | None, i: int) -> dict[str, Any]:
 def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
     training, screened = read(Training, up["train"]), read(Screened, up["screen"])
     return gauges_of(read(Placed, up["place"]).final.number, training, screened)
-
-
-def is_ready(rom: Artefact) -> bool:
-    """Whether the model came as matrices."""
-    return read(Reduced, rom).matrices is not None
 
 
 def loads_of_page(mesh: Mesh, loads: Mapping[str, Any]) -> tuple[Load, ...]:

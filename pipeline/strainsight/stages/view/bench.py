@@ -18,7 +18,7 @@ from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
-from strainsight.stages.view.placement import bare
+from strainsight.stages.pages.page_layout import bare
 from strainsight.stages.view.surface import modes_view, stress_view
 from strainsight.workflow.artefact import Artefact
 

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.candidates import STRAIN
-from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
@@ -19,7 +17,7 @@ from strainsight.records.training import Training
 from strainsight.records.validated import Validated
 from strainsight.report.picture.layout import Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
-from strainsight.stages.pages.page_layout import layout_of_page, loads_of_page, loose_nodes
+from strainsight.stages.pages.page_layout import bare, layout_of_page
 from strainsight.stages.view.surface import modes_view, stress_view
 from strainsight.workflow.artefact import Artefact
 
@@ -44,14 +42,6 @@ def placement_view(config: PlacementConfig, what: str, up: Mapping[str, Artefact
     if "estimate" in up:
         return stress_view(f"{name}: estimate of the test", up["estimate"], layout, at)
     return _strain(f"{name}: estimate of the validation", layout, up)
-
-
-def bare(mesh: Mesh, loads: Mapping[str, Load]) -> Layout:
-    """The structure with its loads and clamped nodes, no gauge."""
-    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
-    fixed = mesh.position[np.unique(mesh.fixed[:, 0])]
-    loose = np.empty((0, 3)) if mesh.blocks else loose_nodes(mesh)
-    return Layout(mesh.position, faces, np.empty((0, 3)), (), loads_of_page(mesh, loads), fixed, loose)
 
 
 def _modes(name: str, mesh: Mesh, rom: Artefact) -> View:
