@@ -22,14 +22,7 @@ Vector = tuple[float, float, float]
 class Section(BaseModel):
     """A mapping of the config: no unknown keys, no coercion, no NaN, not to be changed."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        frozen=True,
-        allow_inf_nan=False,
-        populate_by_name=False,
-        use_attribute_docstrings=False,
-    )
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 def with_defaults(section: type[Section], description: str) -> Any:

@@ -37,30 +37,18 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
 
 
 def _time(section: str, duration: float, step: float, config: PlacementConfig) -> Iterator[Problem]:
-    steps = duration / step
-    if steps < FEWEST_STEPS * (1 - 1e-9):
-        yield Problem(
-            f"{section}.time_step",
-            f"{duration:g} s are {steps:.3g} steps of {step:g} s",
-            f"take at least {FEWEST_STEPS} steps",
-        )
-    elif steps > MOST_STEPS:
-        yield Problem(
-            f"{section}.time_step",
-            f"{duration:g} s are {steps:.3g} steps of {step:g} s",
-            f"take at most {MOST_STEPS} steps",
-        )
+    key, steps = f"{section}.time_step", duration / step
+    if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
+        limit = f"at least {FEWEST_STEPS}" if steps < FEWEST_STEPS else f"at most {MOST_STEPS}"
+        yield Problem(key, f"{duration:g} s are {steps:.3g} steps of {step:g} s", f"take {limit} steps")
     elif abs(steps - round(steps)) > 1e-6 * steps:
-        yield Problem(
-            f"{section}.time_step",
-            f"{step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)",
-            f"take {duration / round(steps):.9g} s",
-        )
+        what = f"{step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
+        yield Problem(key, what, f"take {duration / round(steps):.9g} s")
     for name, load in config.loads.items():
         highest = _highest(load)
         if highest is not None and step * highest * FEWEST_STEPS_A_PERIOD > 1:
             yield Problem(
-                f"{section}.time_step",
+                key,
                 f"{step:g} s gives {1 / (step * highest):.3g} steps a period of load '{name}' ({highest:g} Hz)",
                 f"take at most {1 / (FEWEST_STEPS_A_PERIOD * highest):.3g} s",
             )

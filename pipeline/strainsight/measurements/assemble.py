@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.errors import UserError, blame, did_you_mean
 from strainsight.measurements.calibration import ChannelSettings, calibrate
-from strainsight.measurements.clock import JITTER, to_step, uniform_clock
+from strainsight.measurements.clock import to_step, uniform_clock
 from strainsight.measurements.records import Recording
 
 
@@ -28,16 +28,13 @@ def assemble(
     recording: Recording,
     settings: Mapping[str, ChannelSettings],
     step: float | None = None,
-    *,
-    jitter: float = JITTER,
-    fill: bool = True,
 ) -> Signals:
     """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one of `step` [s].
 
-    jitter, fill: see `uniform_clock`. Raises UserError where a channel is not in the recording, its unit is another one,
+    Raises UserError where a channel is not in the recording, its unit is another one,
     or the clock is not uniform; `key` is the name of the channel where the fault is in its settings or values.
     """
-    clock = uniform_clock(recording, jitter=jitter, fill=fill)
+    clock = uniform_clock(recording)
     notes = list(clock.notes)
     taken = np.arange(len(clock.row))
     if step is not None:

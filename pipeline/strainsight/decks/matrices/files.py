@@ -167,10 +167,6 @@ def _integer(cell: str, path: Path, number: int) -> int:
     return value
 
 
-def _from_op4(path: Path, name: str | None) -> sparse.csr_array:
-    return read_op4(path, name)
-
-
 def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
     if name is not None:
         raise DeckError(f"a Matrix Market file has no matrix names, such as {name!r}", remedy="remove the name")
@@ -214,4 +210,4 @@ def _csr(matrix: Any) -> sparse.csr_array:
     return found
 
 
-_READERS = {".op4": _from_op4, ".mtx": _from_matrix_market, ".mtx.gz": _from_matrix_market, ".npz": _from_archive}
+_READERS = {".op4": read_op4, ".mtx": _from_matrix_market, ".mtx.gz": _from_matrix_market, ".npz": _from_archive}
