@@ -14,12 +14,14 @@ from strainsight.estimation.conditional import no_nuisances
 
 from .two_masses import (
     DAMPING,
+    DRIFT,
     GAIN,
     LOAD,
     NOISE,
     OFFSET,
     REFERENCE,
     ROWS,
+    SHARE,
     STEPS,
     STIFFER,
     believed,
@@ -32,11 +34,11 @@ from .two_masses import (
     steps_of,
 )
 
-SOURCES = ("noise", "process noise", "start", "gain", "offset", "damping", "stiffness")
+SOURCES = ("noise", "process noise", "start", "gain", "offset", "drift", "damping", "stiffness")
 
 
 def slopes(parameters):
-    """Of the motion (STEPS, 4) and the readings (STEPS, 2) in every mode's damping, the stiffness, gains, offsets and
+    """Of the motion (STEPS, 4) and the readings (STEPS, 2) in every mode's damping, the stiffness, gains, offsets, drifts and
     parameters, by differences of fourth order of the textbook's steps: (c, STEPS, 4), (c, STEPS, 2); and what each stands for."""
     size = 1e-3
 
@@ -53,14 +55,16 @@ def slopes(parameters):
         return (8 * near - far) / (12 * size)
 
     still = np.zeros((STEPS, 4))
-    motions = [slope(damping=own) for own in np.eye(2)] + [slope(stiffer=1.0)] + [still] * 4
+    motions = [slope(damping=own) for own in np.eye(2)] + [slope(stiffer=1.0)] + [still] * 6
     read = [own[:, :2] @ ROWS.T for own in motions[:3]]
     read += [GAIN * (nominal()[1:, :2] @ ROWS.T) * own for own in np.eye(2)]
     read += [OFFSET * np.ones((STEPS, 1)) * own for own in np.eye(2)]
+    read += [DRIFT * SHARE * own for own in np.eye(2)]
     for name in parameters:
         motions.append(slope(**{name: 1.0}))
         read.append(motions[-1][:, :2] @ ROWS.T)
-    source = ("damping", "damping", "stiffness", "gain", "gain", "offset", "offset", *["start"] * len(parameters))
+    names = ("damping", "damping", "stiffness", "gain", "gain", "offset", "offset", "drift", "drift")
+    source = (*names, *["start"] * len(parameters))
     return np.array(motions), np.array(read), source
 
 
@@ -109,7 +113,7 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
     states, y, source, whole = everything(model, parameters)
     end = states[-1]
     prior = np.r_[np.ones(y.shape[1] - k), np.diag(P)[5:]]
-    c = 7 + k
+    c = 9 + k
     white = slice(0, y.shape[1] - c)
     S = y[:, white] @ y[:, white].T
     E = y[:, -c:]
@@ -122,10 +126,10 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
         squares = (end - on_states @ y - V @ on_constants @ y) ** 2
     else:
         error = end - considering(states, y, whole, y.shape[1] - k)
-        by_parameters = error[:, -c:] @ np.vstack([np.zeros((7, y.shape[1])), (on_constants @ y)[7:]])
+        by_parameters = error[:, -c:] @ np.vstack([np.zeros((9, y.shape[1])), (on_constants @ y)[9:]])
         squares = error**2 + by_parameters**2
         squares[:, -c:] = (error - by_parameters)[:, -c:] ** 2
-    squares = np.concatenate([squares, of_constants[7:] ** 2]) * prior
+    squares = np.concatenate([squares, of_constants[9:] ** 2]) * prior
     np.testing.assert_allclose(claim.std[-1, 0], np.sqrt(squares.sum(axis=1)), rtol=1e-6)
     assert set(claim.budget) == set(SOURCES)
     for name in SOURCES:

@@ -23,12 +23,14 @@ from strainsight.rom.modal_step import simulate
 
 from .two_masses import (
     DAMPING,
+    DRIFT,
     GAIN,
     LOAD,
     NOISE,
     OFFSET,
     REFERENCE,
     ROWS,
+    SHARE,
     STEPS,
     STIFFER,
     believed,
@@ -75,7 +77,7 @@ def test_the_parts_are_the_errors_of_each_source_alone():
 def test_the_parts_are_the_whole(parameters):
     model = chain(parameters)
     claim = covariance_recursion(model, nominal(), forces(), start(model.size), constants(model))
-    assert set(claim.budget) == {"noise", "process noise", "start", "gain", "offset", "damping", "stiffness"}
+    assert set(claim.budget) == {"noise", "process noise", "start", "gain", "offset", "drift", "damping", "stiffness"}
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-9)
 
 
@@ -85,9 +87,10 @@ def test_what_constants_add_is_the_slope_of_the_error(parameters):
     model, size = chain(parameters), 1e-3
     P, known, mean = start(model.size), forces()[..., :1], believed(chain(parameters))
 
-    def error(gain=(0, 0), offset=(0, 0), damping=(0, 0), stiffer=0.0):
+    def error(gain=(0, 0), offset=(0, 0), drift=(0, 0), damping=(0, 0), stiffer=0.0):
         x = motion(*steps_of(np.exp(DAMPING * np.array([damping])), np.exp(STIFFER * stiffer)))[:, 0]
         y = x[1:, :2] @ ROWS.T * (1 + GAIN * np.array(gain)) + OFFSET * np.array(offset)
+        y += DRIFT * SHARE * drift
         whole = np.tile(mean, (STEPS + 1, 1))
         whole[:, :4] = x
         return run_filter(model, mean, P, known, y).mean[:, 0] - whole
@@ -97,7 +100,7 @@ def test_what_constants_add_is_the_slope_of_the_error(parameters):
 
     budget = covariance_recursion(model, nominal(), forces(), P, constants(model)).budget
     both = np.eye(2)
-    for name in ("gain", "offset", "damping"):
+    for name in ("gain", "offset", "drift", "damping"):
         total = sum(slope(name, own) ** 2 for own in both)
         np.testing.assert_allclose(budget[name], total, rtol=2e-4, atol=2e-4 * total.max(axis=0).min(), err_msg=name)
     total = slope("stiffer", 1.0) ** 2
@@ -119,7 +122,7 @@ def test_drawn_constants_and_noise_err_as_claimed():
         x[k + 1, :, :4] = (A @ x[k, :, :4, None])[..., 0] + B[..., 0] * u + B[..., 1] * LOAD * x[k, :, 4:]
         x[k + 1] += rng.standard_normal((draws, 5)) @ factor.T
     y = x[1:, :, :2] @ ROWS.T * (1 + GAIN * rng.standard_normal((draws, 2))) + OFFSET * rng.standard_normal((draws, 2))
-    y += NOISE * rng.standard_normal(y.shape)
+    y += NOISE * rng.standard_normal(y.shape) + DRIFT * SHARE[:, None] * rng.standard_normal((draws, 2))
 
     sets = replace(model, r=model.r * np.array([[1.0, 1.0], [1.0, 1e12]]))
     claim = covariance_recursion(sets, nominal(), forces(), P, nuisances)
@@ -132,14 +135,15 @@ def test_drawn_constants_and_noise_err_as_claimed():
     plain = covariance_recursion(sets, nominal(), forces(), P).std[late]
     assert np.all(np.mean(claim.std[late, :, 4] ** 2, axis=0) > 1.5 * np.mean(plain[..., 4] ** 2, axis=0))
     share = {name: np.mean(part[late, 4]) / np.mean(claim.std[late, 0, 4] ** 2) for name, part in claim.budget.items()}
-    assert min(share[name] for name in ("noise", "process noise", "gain", "offset", "damping")) > 0.02, share
+    assert min(share[name] for name in ("noise", "process noise", "gain", "offset", "drift", "damping")) > 0.02, share
 
 
 def test_a_silent_gauge_adds_nothing_of_its_own():
     model = chain()
     own = constants(model)
     sets = replace(model, r=model.r * np.array([[1.0, 1e12]]))
-    first = replace(own, source=("gain", "offset"), D=own.D[[0, 2]], E=own.E[[0, 2]], offset=own.offset[[0, 2]])
+    at = [0, 2, 4]
+    first = replace(own, source=("gain", "offset", "drift"), D=own.D[at], E=own.E[at], offset=own.offset[at])
     P = start()
     whole, alone = (covariance_recursion(sets, nominal(), forces(), P, each) for each in (own, first))
     np.testing.assert_allclose(whole.std, alone.std, rtol=1e-9)

@@ -12,7 +12,7 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.claim import covariance_recursion
-from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
+from strainsight.estimation.conditional import Nuisances, known_ends, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.draws import draw_truth
 from strainsight.fem.affine import AffineOperator
@@ -24,13 +24,15 @@ from .two_masses import forces as both_forces
 from .two_masses import start as start_of
 
 STEPS = 30
-OFFSETS = np.array([[2e-3, 0.0], [0.0, 5e-3], [1e-3, 1e-3]])
+OFFSETS = np.array([[2e-3, 0.0], [0.0, 5e-3], [1e-3, 1e-3], [0.0, 0.0]])
+DRIFTS = np.array([[0.0, 0.0], [0.0, 2e-3], [0.0, 0.0], [3e-3, -4e-3]])
 MISSING = (7, 0), (8, 0), (8, 1), (15, 1)
 P = start()[:5, :5]
 
 
 def offsets(learned=False):
-    return Nuisances(("offset",) * 3, np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), OFFSETS, learned=learned)
+    E = np.stack([np.zeros_like(DRIFTS), DRIFTS], axis=2)
+    return Nuisances(("offset",) * 4, np.zeros((4, 2, 5)), E, OFFSETS, learned=learned)
 
 
 def both(model, y, nuisances):
@@ -57,7 +59,7 @@ def sources(model):
     y = x[:, 1:, :2] @ ROWS.T
     white = np.sqrt(model.noise[0]) * np.eye(2 * STEPS).reshape(-1, STEPS, 2)
     y[-len(OFFSETS) - 2 * STEPS : -len(OFFSETS)] += white
-    y[-len(OFFSETS) :] += OFFSETS[:, None]
+    y[-len(OFFSETS) :] += OFFSETS[:, None] + DRIFTS[:, None] * np.arange(1, STEPS + 1)[:, None] / STEPS
     return x, y
 
 
@@ -106,10 +108,11 @@ def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
 def test_arrays_that_do_not_fit_are_refused_before_loops_run_over_them():
     model = loaded_chain()
     one = linear_models(model, np.zeros((1, 0)), offsets())
-    begin = np.zeros((1, 5)), P, np.zeros((1, 3, 5))
+    begin = np.zeros((1, 5)), P, np.zeros((1, 4, 5))
     known, y, noise = forces(STEPS), np.zeros((STEPS, 2)), np.ones((STEPS, 2))
+    ends = known_ends(known, offsets())
     with pytest.raises(ValueError, match=r"\(30, 2\) in place of \(29, 2\)"):
-        consider_smoothed(one, begin, known.reshape(STEPS, -1)[1:], known.sum(axis=1)[1:], y[1:], noise)
+        consider_smoothed(one, begin, known.reshape(STEPS, -1)[1:], ends[1:], y[1:], noise)
     with pytest.raises(ValueError, match="do not fit"):
         replace(one, H=np.concatenate([one.H, one.H]))
 

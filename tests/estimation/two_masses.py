@@ -13,7 +13,9 @@ from .chain import MASSES, RATIO, REFERENCE, ROWS, STIFFNESS, H
 
 STEPS = 80
 NOISE, LOAD = 5e-4, 4.0
-GAIN, OFFSET, DAMPING, STIFFER = 0.02, 4e-4, 0.3, 0.01
+GAIN, OFFSET, DRIFT, DAMPING, STIFFER = 0.02, 4e-4, 4e-4, 0.3, 0.01
+SHARE = np.arange(1, STEPS + 1)[:, None] / STEPS
+"""Of the record (STEPS, 1), at the end of every step."""
 
 
 def chain(parameters=(), kappa=0.3):
@@ -62,12 +64,12 @@ def nominal():
 
 def constants(model):
     states = model.parameter_states.start
-    D = np.zeros((4, 2, states))
+    D, E, offset = np.zeros((6, 2, states)), np.zeros((6, 2, 2)), np.zeros((6, 2))
     D[[0, 1], [0, 1], :2] = GAIN * ROWS
-    offset = np.zeros((4, 2))
     offset[[2, 3], [0, 1]] = OFFSET
-    source = ("gain", "gain", "offset", "offset")
-    return Nuisances(source, D, np.zeros((4, 2, 1)), offset, damping=DAMPING, stiffness=STIFFER)
+    E[[4, 5], [0, 1], 1] = DRIFT
+    source = ("gain", "gain", "offset", "offset", "drift", "drift")
+    return Nuisances(source, D, E, offset, damping=DAMPING, stiffness=STIFFER)
 
 
 def believed(model):

@@ -107,7 +107,7 @@ def filter_bank(
     a factor of exp(LOST).
     """
     own = no_nuisances(model) if nuisances is None else nuisances
-    data = bank_data(model, known, measurement, discrepancy(model, own, measurement))
+    data = bank_data(model, known, measurement, discrepancy(model, own, measurement), own)
     offsets = np.zeros(0, dtype=int) if biased is None else biased
     problem = BankProblem(model, mean, covariance, data, own, offsets, settled, spacing, depth, threads)
     if len(model.unknowns.parameters) <= FEW:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import Nuisances, conditional_states, considers, linear_models
+from strainsight.estimation.conditional import Nuisances, conditional_states, considers, known_ends, linear_models
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
 from strainsight.estimation.reduced import LOST
@@ -65,14 +65,16 @@ class LinearStanding(Standing[C]):
     filters: Filters
 
 
-def bank_data(model: FilterModel, known: np.ndarray, measurement: np.ndarray, more: np.ndarray) -> Data:
+def bank_data(
+    model: FilterModel, known: np.ndarray, measurement: np.ndarray, more: np.ndarray, nuisances: Nuisances
+) -> Data:
     """known (T, HOLD, n_known), measurement (T/every, m), more (m,): variance of the discrepancy of every channel."""
     steps, m = len(known), model.H.shape[-2]
     samples = np.full((steps, m), np.nan)
     samples[model.every - 1 :: model.every] = measurement
     noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, (steps, m))
     held = known.reshape(steps, known.shape[1] * known.shape[2])
-    return Data(held, known.sum(axis=1), samples, np.ascontiguousarray(noise), more)
+    return Data(held, known_ends(known, nuisances), samples, np.ascontiguousarray(noise), more)
 
 
 def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:

@@ -8,7 +8,14 @@ import numpy as np
 
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.biased import Biased
-from strainsight.estimation.conditional import Nuisances, conditional_states, discrepancy, linear_models, theta_at
+from strainsight.estimation.conditional import (
+    Nuisances,
+    conditional_states,
+    discrepancy,
+    known_ends,
+    linear_models,
+    theta_at,
+)
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
@@ -58,7 +65,8 @@ def smooth_bank(
         models = linear_models(model, np.concatenate([points, centre[None]]), nuisances, offsets)
         start = beginning(model, models, mean[at], before, settled)
         noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, samples.shape)
-        by = consider_smoothed(models, start, known.reshape(steps, -1), known.sum(axis=1), samples, noise)
+        ends = known_ends(known, nuisances)
+        by = consider_smoothed(models, start, known.reshape(steps, -1), ends, samples, noise)
         x, P, V = by.x[:-1], by.P[:-1], by.V[-1]
         # what the samples say of ν is neither in the motion nor in its σ
         left = left + removed_of(left)
@@ -166,7 +174,8 @@ def _effects(
     pushed = np.einsum("eab,tb->tea", one.A_nu[0], motion[:-1]) + np.einsum("eap,tp->tea", one.G_nu[0], w)
     for t in range(steps):
         own[t + 1, :e] = own[t, :e] @ one.A[0].T + pushed[t]
-    caused = np.einsum("dmn,tn->tdm", one.D, motion[1:]) + np.einsum("dmp,tp->tdm", one.E, known.sum(axis=1))
+    caused = np.einsum("dmn,tn->tdm", one.D, motion[1:])
+    caused += np.einsum("dmp,tp->tdm", one.E, known_ends(known, nuisances))
     caused += one.offset + own[1:] @ one.H[0].T
     seen = np.where((np.arange(1, steps + 1) % model.every == 0)[:, None, None], caused, np.nan)
     found = smoothed_at(model, point, np.zeros(n), P0, np.zeros_like(known), seen, biased)

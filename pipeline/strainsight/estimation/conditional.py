@@ -25,7 +25,8 @@ class Nuisances:
 
         y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ)
 
-    source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading. Of the motion: damping, σ of
+    source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading; E (d, m, n_known + 1) where
+    something drifts, with t/T behind the loads in w₁ (`known_ends`). Of the motion: damping, σ of
     ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
     of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
     are in D and E (`on_loads`).
@@ -58,6 +59,15 @@ def no_nuisances(model: FilterModel) -> Nuisances:
     return Nuisances(
         (), np.zeros((0, m, model.parameter_states.start)), np.zeros((0, m, len(model.known_inputs))), np.zeros((0, m))
     )
+
+
+def known_ends(known: np.ndarray, nuisances: Nuisances) -> np.ndarray:
+    """w₁ (T, p₁) at the end of every step: the known loads [N], and the share t/T of the record behind them where something
+    drifts; known (T, HOLD, n_known) of the whole record."""
+    loads, steps = np.asarray(known.sum(axis=1)), len(known)
+    if nuisances.E.shape[-1] == loads.shape[1]:
+        return loads
+    return np.column_stack([loads, np.arange(1, steps + 1) / steps])
 
 
 def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:
@@ -106,7 +116,7 @@ def linear_models(
         G,
         np.broadcast_to(model.process[:states, :states], A.shape),
         H,
-        F,
+        np.pad(F, [(0, 0), (0, 0), (0, nuisances.E.shape[-1] - F.shape[-1])]),
         *motion,
         np.concatenate([ahead[0], nuisances.D]),
         np.concatenate([ahead[1], nuisances.E]),
