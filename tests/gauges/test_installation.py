@@ -20,7 +20,7 @@ from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.sensitivity import COMMON, OWN, sensitivity_rows
 
-STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6)
+STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6, drift=2e-6)
 NONE = InstallationStd()
 
 
@@ -49,11 +49,39 @@ def test_everything_is_drawn_with_its_own_standard_deviation_and_independently(p
     assert within(drawn.gain, STD.gain)
     assert within(drawn.transverse[straining], STD.transverse)
     assert within(drawn.offset[straining], STD.offset)
-    for nothing in (drawn.tilt[straining[first]], drawn.transverse[sensing], drawn.offset[sensing]):
+    assert within(drawn.drift[straining], STD.drift)
+    for nothing in (drawn.tilt[straining[first]], drawn.transverse[sensing], drawn.offset[sensing], drawn.drift[sensing]):
         assert not nothing.any()
     table = np.column_stack([drawn.place, drawn.angle, drawn.gain[first]])
     correlation = np.corrcoef(table.T) - np.eye(4)
     assert np.abs(correlation).max() < 4 / np.sqrt(len(table))
+    zeros = np.column_stack([drawn.offset, drawn.drift])[straining]
+    assert np.abs(np.corrcoef(zeros.T)[0, 1]) < 4 / np.sqrt(len(zeros))
+
+
+def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each(plate, bare):
+    """Over 2000 draws: mean products of what two channels read at the end are T²κ² between gauges, T²(κ² + s²) within one."""
+    pool = pool_of(*plate("quad4", 4, 3), bare)
+    std = InstallationStd(temperature=5.0, thermal_output=1e-6, thermal_spread=7e-7)
+    draws = [drawn_installation(pool, std, np.random.default_rng([8, i])) for i in range(2000)]
+    read = np.array([own.drift for own in draws]) / (5.0 * 1e-6)
+    straining = pool.quantity != ACCELERATION
+    assert not read[:, ~straining].any()
+    product = (read.T @ read / len(read))[np.ix_(straining, straining)]
+    same = np.equal.outer(pool.gauge[straining], pool.gauge[straining])
+    # T² is that of all channels of a draw, and scatters by √(2/2000)
+    level = product[~same].mean()
+    assert level == pytest.approx(1.0, abs=4 * np.sqrt(2 / 2000))
+    assert product[same].mean() / level == pytest.approx(1 + 0.7**2, rel=0.05)
+    assert np.ptp(read[:, pool.gauge == 0], axis=1).max() == 0
+
+
+def test_what_is_drawn_beside_leaves_the_draws_that_were_there(plate, bare):
+    pool = pool_of(*plate("quad4", 4, 3), bare)
+    warmer = replace(STD, temperature=5.0, thermal_output=1e-6, drift=0.0)
+    one, other = (drawn_installation(pool, std, np.random.default_rng(3)) for std in (STD, warmer))
+    for name in ("place", "angle", "tilt", "gain", "transverse", "offset"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain(plate, bare):
@@ -125,7 +153,7 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
     field = 1e-2 * np.einsum("ki,rcij,kj->kcr", position, Q, position).reshape(-1, 2)
     motion, rates = np.random.default_rng(1).standard_normal((2, 30, 2)) @ [[1.0, 0.4], [0.0, 0.7]]
     rates = 5 * rates
-    std = InstallationStd(position=2e-3, angle=4e-3, gain=3e-3, transverse=2e-3, offset=4e-5)
+    std = InstallationStd(position=2e-3, angle=4e-3, gain=3e-3, transverse=2e-3, offset=4e-5, drift=6e-5)
     slopes = sensitivity_rows(position, pool, field, std.position, facets=facets)
     still, moving = motion.T @ motion / 30, rates.T @ rates / 30
     claimed = installation_variance(slopes, std, pool, still, moving)
@@ -135,9 +163,15 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
         drawn = drawn_installation(pool, std, rng)
         rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
         change = np.where(sensing, rates @ (rows - exact).T, motion @ (rows - exact).T) + drawn.offset
+        change += np.outer((np.arange(30) + 0.5) / 30, drawn.drift)
         squares += np.mean(change**2, axis=0) / 400
-    alone = installation_variance(slopes, InstallationStd(offset=4e-5), pool, still, moving)
-    np.testing.assert_allclose(alone, np.where(sensing, 0.0, 1.6e-9), rtol=1e-12)
+    for alone, expected in (
+        (InstallationStd(offset=4e-5), 1.6e-9),
+        (InstallationStd(drift=6e-5), 1.2e-9),
+        (InstallationStd(temperature=30.0, thermal_output=1e-6, thermal_spread=2e-6), 1.2e-9),
+    ):
+        found = installation_variance(slopes, alone, pool, still, moving)
+        np.testing.assert_allclose(found, np.where(sensing, 0.0, expected), rtol=1e-12)
     for nothing in (slopes.tilt_along[~sensing], slopes.tilt_across[~sensing], slopes.transverse[sensing]):
         assert not nothing.any()
     # Of 400 squares of one normal error the mean scatters by √(2/400); of several less.

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-import yaml
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from strainsight import api
 from strainsight.cases.structure.drawn import in_words, load_error_of
 from strainsight.cases.structure.full_model import full_model
-from strainsight.cases.structure.nuisances import nuisances_of, tolerated
-from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
+from strainsight.cases.structure.nuisances import nuisances_of
+from strainsight.cases.structure.problem import filter_model
 from strainsight.cases.structure.settings import parameters_of
-from strainsight.cases.structure.trial import sample_noise, trial_of
-from strainsight.cases.structure.truth import truth_of
 from strainsight.estimation.conditional import linear_models
 from strainsight.fem.misaligned import axes_across
 from strainsight.fem.model import nodal
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 
-from ..edges.beam import PLACEMENT_CONFIG, TIP, E, bricks, config_of
+from ..edges.beam import TIP, E
+from .drawn_truths import NOTHING, beam_in, spread, trial
 
-NOTHING = {"position": 0, "angle": 0, "gain": 0, "transverse": 0, "damping": 1, "discrepancy": 0,
-           "load_angle": 0, "load_position": 0, "load_gain": 0}  # fmt: skip
 SIDE = {
     "node": TIP,
     "direction": [0.0, 1.0, 0.3],
@@ -50,31 +43,7 @@ SLOW = {"train": {"duration": 0.5, "time_step": 0.005}, "loads.tip.signal.freque
 
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):
-    """Changes of the small beam's config → its case up to three gauges of its pool, made once."""
-    folder = tmp_path_factory.mktemp("beam")
-    (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
-
-    def made(changes):
-        path = folder / "edge.yaml"
-        path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, changes)), encoding="utf-8")
-        case = api.load(path, [])
-        mesh = api.mesh(case)
-        reduced = api.reduce(case, mesh)
-        training = api.train(case, mesh, reduced)
-        screened = api.screen(case, mesh, training)
-        problem = problem_of(case.config, case.files, reduced, training, screened)
-        everything = SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened,
-                                     gauges=screened.kept[:4], problem=problem)  # fmt: skip
-        everything.channels = problem.channels.of(everything.gauges)[:, 0]
-        everything.tolerated = tolerated(case.config, mesh, reduced, training, everything.channels)
-        return everything
-
-    return made
-
-
-def trial(own):
-    truth = truth_of(own.case.config, own.mesh, None, own.reduced, own.training, own.problem, own.case)
-    return trial_of(own.case.config, own.problem, truth, own.tolerated, own.gauges)
+    return beam_in(tmp_path_factory.mktemp("beam"))
 
 
 def strain_under(own, theta, force, moment):
@@ -206,31 +175,6 @@ def test_what_is_drawn_of_loads_is_in_words(beam):
     for text in ("direction of loads 2°", "point of loads 4 mm", "gain of known loads 1 %"):
         assert text in in_words(known, given=False)
     assert "gain of known loads" not in in_words(unknown, given=False)
-
-
-def filtered(own, found, realisation):
-    """Error and σ of every unknown in time, of the truth of one realisation with noise."""
-    model, reading = filter_model(own.problem, found.chosen, found.h), found.again(realisation)
-    noise = sample_noise(7, realisation, len(reading) - 1, reading.shape[1])
-    measured = reading[1:] + noise * sample_std(own.problem, found.chosen, found.h)
-    run = found.filtered(model, found.chosen, measured).run
-    (name,), at = own.problem.unknowns.names, model.position[0]
-    if name in own.problem.unknowns.parameters:
-        true = np.log(found.history[name] / own.problem.unknowns.guess[name])
-        late = slice(-1, None)
-    else:
-        true, late = found.history[name] / model.amplitude[0], slice(len(run.mean) // 4, None)
-    return (run.mean[:, 0, at] - true)[late], run.std[late, 0, at]
-
-
-def spread(own, draws, tolerances=None):
-    """Of draws of truths: share within 2σ, RMS error over RMS σ, and RMS σ."""
-    found = trial(own)
-    if tolerances is not None:
-        found = replace(found, tolerated=tolerances)
-    error, std = (np.array(values) for values in zip(*(filtered(own, found, r) for r in range(1, draws + 1)), strict=True))
-    level = np.sqrt(np.mean(std**2))
-    return np.mean(np.abs(error) < 2 * std), np.sqrt(np.mean(error**2)) / level, level
 
 
 @pytest.mark.slow

@@ -97,7 +97,7 @@ def test_every_repeat_has_its_own_installation_which_the_seed_alone_decides(beam
     np.testing.assert_allclose(found.trial.again(0), one[0], rtol=1e-9, atol=1e-9 * np.abs(one[0]).max())
 
 
-def test_a_gain_alone_scales_readings_and_an_offset_alone_shifts_them(beam):
+def test_a_gain_alone_scales_readings_an_offset_shifts_them_and_a_drift_grows_with_time(beam):
     case, pool, validated = beam.case, beam.training.candidates, beam.validated
     base = validated("tolerances=none")
     trial = base.trial
@@ -113,6 +113,11 @@ def test_a_gain_alone_scales_readings_and_an_offset_alone_shifts_them(beam):
         shift = reading - exact
         assert np.ptp(shift, axis=0).max() < 1e-9 * np.abs(shift).max()
         assert 1e-9 < np.abs(shift).max() < 5e-6
+    drift = nothing | {"drift": 1e-6}
+    found = validated(f"tolerances={yaml.safe_dump(drift, default_flow_style=True)}")
+    drawn = installation_of(case("tolerances.drift=1.0e-6").config, pool, 2).take(pool, trial.gauges)
+    expected = np.outer(np.arange(len(exact)) / (len(exact) - 1), drawn.drift)
+    np.testing.assert_allclose(readings(found)[2] - exact, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_stated_sizes_are_the_same_in_every_repeat(beam):
@@ -197,16 +202,27 @@ def test_without_tolerances_a_gauge_less_is_a_larger_sigma(beam):
     assert set(found.budget["E"]) == {"noise", "process noise", "start"}
 
 
+def share(y):
+    """t over the end of the record (T, 1) of readings (T, k)."""
+    return np.arange(1, len(y) + 1)[:, None] / len(y)
+
+
 @pytest.mark.parametrize(
-    ("key", "size", "source", "change"),
+    ("stated", "source", "change"),
     [
-        ("gain", 0.02, "gain", lambda y, nu: y * (1 + 0.02 * nu)),
-        ("offset", 1e-7, "offset", lambda y, nu: y + 1e-7 * nu),
+        ({"gain": 0.02}, "gain", lambda y, nu: y * (1 + 0.02 * nu)),
+        ({"offset": 1e-7}, "offset", lambda y, nu: y + 1e-7 * nu),
+        ({"drift": 1e-7}, "drift", lambda y, nu: y + 1e-7 * share(y) * nu),
+        ({"temperature": 0.1, "thermal_output": 1e-6, "thermal_spread": 0.0}, "temperature",
+         lambda y, nu: y + 1e-7 * share(y) * nu[0]),
+        ({"temperature": 0.1, "thermal_output": 0.0, "thermal_spread": 1e-6}, "temperature",
+         lambda y, nu: y + 1e-7 * share(y) * nu),
     ],
-)
-def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, key, size, source, change):
+    ids=["gain", "offset", "drift", "temperature", "spread"],
+)  # fmt: skip
+def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, stated, source, change):
     """Central differences of the filter itself, the extended one, on the readings of the training run."""
-    nothing = dict.fromkeys(EXACT, 0) | {"damping": 1, key: size}
+    nothing = dict.fromkeys(EXACT, 0) | {"damping": 1, **stated}
     extended = "filter.method=extended", "filter.drift=false"
     found = beam.expected(f"tolerances={yaml.safe_dump(nothing, default_flow_style=True)}", *extended)
     slopes = beam.slopes(change)[:, :, 0]

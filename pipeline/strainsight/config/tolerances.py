@@ -30,6 +30,25 @@ class Tolerances(Section):
         0.005, ge=0, le=0.5, description="σ of the transverse sensitivity K_t of a strain gauge [-]."
     )
     offset: NotNegative = Field(0.0, description="σ of a constant offset of every channel of strain [strain].")
+    drift: NotNegative = Field(
+        0.0,
+        description="σ of how far the zero of a channel of strain has drifted by the end of the record, in proportion to time "
+        "[strain]; 0 for records that are short beside the warming up of an amplifier.",
+    )
+    temperature: NotNegative = Field(
+        0.0,
+        description="σ of how much warmer the part is at the end of the record, in proportion to time [K]: one history for all "
+        "gauges, which read `thermal_output` of it.",
+    )
+    thermal_output: NotNegative = Field(
+        1e-6,
+        description="What every strain gauge reads of a kelvin, alike [strain/K]; 1e-6 for foil gauges that are compensated for "
+        "the material, near room temperature. The thermal output that the maker states may be subtracted before.",
+    )
+    thermal_spread: NotNegative = Field(
+        1.4e-7,
+        description="σ of what a strain gauge reads of a kelvin beside the others [strain/K]; gauges of one lot.",
+    )
     load_angle: float = Field(
         1.0,
         ge=0,
@@ -85,6 +104,10 @@ NONE = Tolerances(
     gain=0,
     transverse=0,
     offset=0,
+    drift=0,
+    temperature=0,
+    thermal_output=0,
+    thermal_spread=0,
     load_angle=0,
     load_position=0,
     load_gain=0,

@@ -19,13 +19,23 @@ from strainsight.mesh.facets import Facets
 @dataclass(frozen=True)
 class InstallationStd:
     """σ of how gauges are installed: position [m] along each of two directions; angle [rad]; gain [-]; transverse [-]: K_t;
-    offset [strain]."""
+    offset [strain]. At the end of a record: drift [strain] of the zero, temperature [K] of the part, of which all gauges read
+    thermal_output [strain/K], and each thermal_spread [strain/K] beside."""
 
     position: float = 0.0
     angle: float = 0.0
     gain: float = 0.0
     transverse: float = 0.0
     offset: float = 0.0
+    drift: float = 0.0
+    temperature: float = 0.0
+    thermal_output: float = 0.0
+    thermal_spread: float = 0.0
+
+    @property
+    def warmed(self) -> tuple[float, float]:
+        """σ [strain] at the end of a record of what the temperature makes all gauges read, and each of them beside."""
+        return self.temperature * self.thermal_output, self.temperature * self.thermal_spread
 
     @property
     def by_name(self) -> dict[str, float]:
@@ -42,7 +52,7 @@ class Installation:
 
     place (gauges, 2) [m] along the `installation_axes`; angle (gauges,) [rad] about the normal; tilt (gauges, 2) [rad] about
     those axes, of motion sensors; gain (m,) relative error of the reading; transverse (m,) K_t; offset (m,) [strain] that is
-    always there.
+    always there; drift (m,) [strain] that is there at the end of the record, t/T of it before.
     """
 
     place: np.ndarray
@@ -51,6 +61,7 @@ class Installation:
     gain: np.ndarray
     transverse: np.ndarray
     offset: np.ndarray
+    drift: np.ndarray
 
     def take(self, candidates: Candidates, gauges: np.ndarray) -> Installation:
         """Of some gauges (k,) of the candidates, in their order."""
@@ -62,18 +73,23 @@ class Installation:
             self.gain[own],
             self.transverse[own],
             self.offset[own],
+            self.drift[own],
         )
 
 
 def drawn_installation(candidates: Candidates, std: InstallationStd, rng: np.random.Generator) -> Installation:
-    """Normal and independent: place, angle and tilt of every gauge, gain, K_t and offset of every channel.
+    """Normal and independent: place, angle and tilt of every gauge, gain, K_t, offset and drift of every channel, one
+    temperature of the part, and what every gauge reads of a kelvin.
 
-    Gauges that are bonded already keep place and direction. Only channels of strain have K_t and an offset, only motion
-    sensors tilt.
+    Gauges that are bonded already keep place and direction. Only channels of strain have K_t, an offset and a drift, only
+    motion sensors tilt.
     """
     common, own = rng.standard_normal((candidates.gauges, 5)), rng.standard_normal((len(candidates), 3))
     common *= ~candidates.bonded[candidates.first][:, None]
     straining = candidates.quantity == STRAIN
+    # drawn after what was there before it
+    drift, warmer = std.drift * rng.standard_normal(len(candidates)), std.temperature * rng.standard_normal()
+    of_kelvin = std.thermal_output + std.thermal_spread * rng.standard_normal(candidates.gauges)
     return Installation(
         place=std.position * common[:, :2],
         angle=std.angle * common[:, 2],
@@ -81,6 +97,7 @@ def drawn_installation(candidates: Candidates, std: InstallationStd, rng: np.ran
         gain=std.gain * own[:, 0],
         transverse=std.transverse * own[:, 1] * straining,
         offset=std.offset * own[:, 2] * straining,
+        drift=(drift + warmer * of_kelvin[candidates.gauge]) * straining,
     )
 
 
@@ -91,12 +108,14 @@ def installation_variance(
 
         vⱼ = Σₖ σₖ² mean_t (sₖⱼ·q)² = Σₖ σₖ² sₖⱼ C sₖⱼᵀ,     C = mean_t q qᵀ,   of accelerometers of q̈
 
-    first order, k: place, turns, gain and transverse sensitivity; σ² of an offset is added where strain is read. Gauges that
-    are bonded already have errors of gain, K_t and offset alone. still, moving (r, r): C of the coordinates and of their
+    first order, k: place, turns, gain and transverse sensitivity; σ² of an offset is added where strain is read, and a third of
+    that at the end of what grows from nothing, but for what a temperature adds to all gauges. Gauges that are bonded already
+    have errors of gain, K_t, offset and drift alone. still, moving (r, r): C of the coordinates and of their
     second rates. Returns (m,) [unit² of the channel].
     """
     free, sensing = ~candidates.bonded, candidates.quantity == ACCELERATION
-    variance = std.offset**2 * (candidates.quantity == STRAIN)
+    at_end = std.drift**2 + std.warmed[1] ** 2
+    variance = (std.offset**2 + at_end / 3) * (candidates.quantity == STRAIN)
     for name, sigma in std.by_name.items():
         s = getattr(sensitivity, name)
         square = [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in (still, moving)]
@@ -112,7 +131,7 @@ def installed_rows(
     *,
     facets: Facets | Skin | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What the gauges as installed read of displacement fields, without their offsets:
+    """What the gauges as installed read of displacement fields, without offset and drift:
 
         (1 + g)(ε + K_t ε_t)/(1 − ν₀ K_t),   ε and ε_t along and across each grid where and how it really lies
 

@@ -19,6 +19,8 @@ REMEDY = {
     "gain": "channels calibrated more exactly",
     "transverse sensitivity": "gauges of known transverse sensitivity",
     "offset": "channels zeroed more exactly",
+    "drift": "channels that hold their zero, or a shorter record",
+    "temperature": "a steady temperature, or gauges beside on a part without load",
     "load direction": "loads aligned more exactly, or their components across among the unknowns",
     "load point": "loads put on more exactly",
     "load gain": "load cells calibrated more exactly",

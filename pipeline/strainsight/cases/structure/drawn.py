@@ -32,7 +32,17 @@ class LoadError:
 def installation_std(config: PlacementConfig) -> InstallationStd:
     """σ of how gauges are installed, in SI units and rad."""
     own = tolerances_of(config.tolerances)
-    return InstallationStd(own.position, float(np.deg2rad(own.angle)), own.gain, own.transverse, own.offset)
+    return InstallationStd(
+        own.position,
+        float(np.deg2rad(own.angle)),
+        own.gain,
+        own.transverse,
+        own.offset,
+        own.drift,
+        own.temperature,
+        own.thermal_output,
+        own.thermal_spread,
+    )
 
 
 def installation_of(config: PlacementConfig, pool: Candidates, realisation: int) -> Installation:
@@ -111,6 +121,8 @@ def varies(config: PlacementConfig) -> bool:
         or own.gain > 0
         or own.transverse > 0
         or own.offset > 0
+        or own.drift > 0
+        or any(installation_std(config).warmed)
         or loads_vary(config)
         or (own.model > 0 and not modulus_estimated(config))
     )
@@ -139,6 +151,8 @@ def in_words(config: PlacementConfig, given: bool) -> str:
         (own.gain, f"gain {100 * own.gain:g} %"),
         (own.transverse * moved, f"transverse sensitivity {100 * own.transverse:g} %"),
         (own.offset, f"offset {1e6 * own.offset:g} µm/m"),
+        (own.drift, f"drift {1e6 * own.drift:g} µm/m"),
+        (own.temperature * any(installation_std(config).warmed), f"temperature {own.temperature:g} K"),
         (own.load_angle, f"direction of loads {own.load_angle:g}°"),
         (own.load_position, f"point of loads {1e3 * own.load_position:g} mm"),
         (own.load_gain * _some_known(config), f"gain of known loads {100 * own.load_gain:g} %"),

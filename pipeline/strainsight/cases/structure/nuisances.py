@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.structure.drawn import installation_std, modulus_estimated
+from strainsight.cases.structure.tolerated_loads import ToleratedLoads, of_loads, stacked, tolerated_loads
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.tolerances import Tolerances, tolerances_of
+from strainsight.config.tolerances import tolerances_of
 from strainsight.estimation.conditional import (
     Nuisances,
-    acceleration_change,
     acceleration_rows,
-    on_loads,
     theta_at,
 )
 from strainsight.estimation.model import FilterModel
 from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
+from strainsight.gauges.installation import InstallationStd
 from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -35,20 +35,17 @@ SOURCE = {
     "transverse": "transverse sensitivity",
 }
 """Derivative of a reading → what it is one of, in a budget."""
-LOAD_GAIN = "load gain"
-MISALIGNMENT = ("load direction", "load direction", "load point", "load point")
-"""What the misalignments of a load are, in a budget."""
 
 
 @dataclass(frozen=True)
-class ToleratedLoads:
-    """σ times the derivatives with respect to how the loads of a model act: source (f,); load (f,) its column; shape (f, n) of
-    the input shape [1/√kg]; missed (f, k) static readings of k channels per N, beyond what the coordinates hold."""
+class Zero:
+    """An error that is the same in any motion: source; σ (k,) of it in each of k channels [unit of the channel]; owner (k,):
+    channels of one number are off by one constant; drifts: whether that is at the end of the record, and t/T of it before."""
 
-    source: tuple[str, ...]
-    load: np.ndarray
-    shape: np.ndarray
-    missed: np.ndarray
+    source: str
+    std: np.ndarray
+    owner: np.ndarray
+    drifts: bool
 
 
 @dataclass(frozen=True)
@@ -56,15 +53,15 @@ class Tolerated:
     """σ times the derivatives of some channels with respect to their installation.
 
     channels (k,) of train.h5, ascending; gauge (k,) of each; quantity (k,); slope: name → (k, n) per reduced coordinate, those
-    without a tolerance left out; offset (k,) σ of an offset [unit of the channel]; loads: how they act; damping, stiffness,
-    learned, discrepancy: of `Nuisances`.
+    without a tolerance left out; zeros: what is off whatever the motion is; loads: how they act; damping, stiffness, learned,
+    discrepancy: of `Nuisances`.
     """
 
     channels: np.ndarray
     gauge: np.ndarray
     quantity: np.ndarray
     slope: dict[str, np.ndarray]
-    offset: np.ndarray
+    zeros: tuple[Zero, ...]
     loads: ToleratedLoads
     damping: float
     stiffness: float
@@ -89,8 +86,8 @@ def tolerated(
         pool.gauge[wanted],
         part.quantity,
         {name: rows for name, rows in scaled.items() if rows.any()},
-        std.offset * (part.quantity == STRAIN),
-        _loads(own, reduced, training.missed[wanted], part.quantity),
+        _zeros(std, part),
+        tolerated_loads(own, reduced, training.missed[wanted], part.quantity),
         float(np.log(own.damping)),
         0.0 if modulus_estimated(config) else own.model,
         own.treat == "estimate",
@@ -98,26 +95,16 @@ def tolerated(
     )
 
 
-def _loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray) -> ToleratedLoads:
-    """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
-    model, off = reduced.model, reduced.misaligned.shape
-    std = np.repeat([np.deg2rad(own.load_angle), own.load_position], 2)
-    source, load, shape, read = [], [], [], []
-    for i in range(len(model.inputs)):
-        for name, sigma, change, static in zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True):
-            if sigma > 0 and (change.any() or static.any()):
-                source.append(name)
-                load.append(i)
-                shape.append(sigma * change)
-                read.append(sigma * np.where(quantity == ACCELERATION, 0.0, static))
-        if own.load_gain > 0:
-            source.append(LOAD_GAIN)
-            load.append(i)
-            shape.append(own.load_gain * model.input_shape[:, i])
-            read.append(np.zeros(len(missed)))
-    return ToleratedLoads(
-        tuple(source), np.array(load, dtype=int), _stacked(shape, (model.size,)), _stacked(read, (len(missed),))
+def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
+    each, alike, beside = np.arange(len(part)), *std.warmed
+    straining = part.quantity == STRAIN
+    found = (
+        Zero("offset", std.offset * straining, each, drifts=False),
+        Zero("drift", std.drift * straining, each, drifts=True),
+        Zero("temperature", alike * straining, np.zeros_like(each), drifts=True),
+        Zero("temperature", beside * straining, part.gauge, drifts=True),
     )
+    return tuple(own for own in found if own.std.any())
 
 
 def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Training) -> tuple[str, ...]:
@@ -154,12 +141,12 @@ def _slopes(
 
 def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nuisances:
     """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
-    turns of every gauge, gain, transverse sensitivity and offset of every channel."""
+    turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part."""
     at = np.searchsorted(own.channels, channels)
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
     moving = own.quantity[at] == ACCELERATION
-    sources, D, E, shape = _of_loads(own.loads, model, at, moving)
+    sources, D, E, shape = of_loads(own.loads, model, at, moving)
     offset = [np.zeros(m)] * len(D)
     for name, rows in own.slope.items():
         sensed = np.zeros((m, states))
@@ -177,54 +164,26 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nu
             D.append(np.where(there, sensed, 0.0))
             E.append(np.where(there, fed, 0.0))
             offset.append(np.zeros(m))
-    for row in np.diag(own.offset[at]):
-        if row.any():
-            sources.append("offset")
+    drift = [np.zeros(m)] * len(D)
+    for zero in own.zeros:
+        for each in np.unique(zero.owner[at]):
+            row = np.where(zero.owner[at] == each, zero.std[at], 0.0)
+            if not row.any():
+                continue
+            sources.append(zero.source)
             D.append(np.zeros((m, states)))
             E.append(np.zeros((m, len(model.known_inputs))))
-            offset.append(row)
+            offset.append(np.zeros(m) if zero.drifts else row)
+            drift.append(row if zero.drifts else np.zeros(m))
+    on_known, late = stacked(E, (m, len(model.known_inputs))), stacked(drift, (m,))
     return Nuisances(
         tuple(sources),
-        _stacked(D, (m, states)),
-        _stacked(E, (m, len(model.known_inputs))),
-        _stacked(offset, (m,)),
+        stacked(D, (m, states)),
+        np.concatenate([on_known, late[..., None]], axis=2) if late.any() else on_known,
+        stacked(offset, (m,)),
         own.damping,
         own.stiffness,
         own.learned,
         own.discrepancy,
-        _stacked(shape, model.model.input_shape.shape),
+        stacked(shape, model.model.input_shape.shape),
     )
-
-
-def _of_loads(
-    own: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
-) -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Source, D (m, states), E (m, n_known) and change of the input shape (n, n_u), load by load; at (m,): rows of `missed`;
-    moving (m,): which channels are accelerometers. Static readings at the guess."""
-    at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
-    named = model.model.inputs
-    sources: list[str] = []
-    D: list[np.ndarray] = []
-    E: list[np.ndarray] = []
-    shape: list[np.ndarray] = []
-    known = set(model.known_inputs)
-    used = known | set(model.unknowns.inputs)
-    for source, i, column, missed in zip(own.source, own.load.tolist(), own.shape, own.missed, strict=True):
-        if named[i] not in (known if source == LOAD_GAIN else used):
-            continue
-        change = np.zeros(model.model.input_shape.shape)
-        change[:, i] = column
-        direct = np.zeros((len(at), len(named)))
-        direct[:, i] = missed[at]
-        if moving.any():
-            direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
-        on_states, on_known = on_loads(model, direct)
-        sources.append(source)
-        D.append(on_states)
-        E.append(on_known)
-        shape.append(change)
-    return sources, D, E, shape
-
-
-def _stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    return np.stack(parts) if parts else np.zeros((0, *shape))

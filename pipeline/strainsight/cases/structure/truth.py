@@ -54,17 +54,19 @@ class Motion(Protocol):
 @dataclass(frozen=True)
 class ModalMotion:
     """q, acceleration (T + 1, r): coordinates and their second rates; rows (m, r) of all channels; moving (m,): which read
-    accelerations; offset (m,) of the readings [unit of the channel]."""
+    accelerations; offset (m,) of the readings, and drift (m,) of them by the end [unit of the channel]."""
 
     q: np.ndarray
     acceleration: np.ndarray
     rows: np.ndarray
     moving: np.ndarray
     offset: np.ndarray
+    drift: np.ndarray
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
         own = self.rows[channels].T
-        return np.where(self.moving[channels], self.acceleration @ own, self.q @ own) + self.offset[channels]
+        zero = self.offset[channels] + np.outer(np.linspace(0, 1, len(self.q)), self.drift[channels])
+        return np.where(self.moving[channels], self.acceleration @ own, self.q @ own) + zero
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ def truth_of(
         own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
         if loads_vary(config):
             own = replace(own, input_shape=basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
-        return _modal(theta, words, held, own, rows, part, installation.offset)
+        return _modal(theta, words, held, own, rows, part, installation)
 
     return replace(drawn(0, np.arange(pool.gauges)), again=drawn if varies(config) else None)
 
@@ -203,16 +205,17 @@ def _modal(
     model: ReducedModel,
     rows: np.ndarray,
     pool: Candidates,
-    offset: np.ndarray | None = None,
+    installation: Installation | None = None,
 ) -> Truth:
     # A model of the truth has the true values for its reference; the filter's own model is taken there.
     at = {name: theta[name] for name in model.reference}
-    constant = np.zeros(len(pool)) if offset is None else offset
+    exact = np.zeros(len(pool))
+    zero = (exact, exact) if installation is None else (installation.offset, installation.drift)
 
     def motion(loading: Loading) -> Motion:
         x = motion_of(model, at, loading)
         a = accelerations(model, at, x, instant_values(loading.held))
-        return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION, constant)
+        return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION, *zero)
 
     return Truth(theta, words, held, motion)
 

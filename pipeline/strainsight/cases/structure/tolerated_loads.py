@@ -1,0 +1,85 @@
+"""How loads may act otherwise than the filter believes: their direction, point and gain, with σ from the tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.config.tolerances import Tolerances
+from strainsight.estimation.conditional import acceleration_change, on_loads, theta_at
+from strainsight.estimation.model import FilterModel
+from strainsight.gauges.candidates import ACCELERATION
+from strainsight.records.reduced import Reduced
+
+LOAD_GAIN = "load gain"
+MISALIGNMENT = ("load direction", "load direction", "load point", "load point")
+"""What the misalignments of a load are, in a budget."""
+
+
+@dataclass(frozen=True)
+class ToleratedLoads:
+    """σ times the derivatives with respect to how the loads of a model act: source (f,); load (f,) its column; shape (f, n) of
+    the input shape [1/√kg]; missed (f, k) static readings of k channels per N, beyond what the coordinates hold."""
+
+    source: tuple[str, ...]
+    load: np.ndarray
+    shape: np.ndarray
+    missed: np.ndarray
+
+
+def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray) -> ToleratedLoads:
+    """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
+    model, off = reduced.model, reduced.misaligned.shape
+    std = np.repeat([np.deg2rad(own.load_angle), own.load_position], 2)
+    source, load, shape, read = [], [], [], []
+    for i in range(len(model.inputs)):
+        for name, sigma, change, static in zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True):
+            if sigma > 0 and (change.any() or static.any()):
+                source.append(name)
+                load.append(i)
+                shape.append(sigma * change)
+                read.append(sigma * np.where(quantity == ACCELERATION, 0.0, static))
+        if own.load_gain > 0:
+            source.append(LOAD_GAIN)
+            load.append(i)
+            shape.append(own.load_gain * model.input_shape[:, i])
+            read.append(np.zeros(len(missed)))
+    return ToleratedLoads(
+        tuple(source), np.array(load, dtype=int), stacked(shape, (model.size,)), stacked(read, (len(missed),))
+    )
+
+
+def of_loads(
+    own: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
+) -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Source, D (m, states), E (m, n_known) and change of the input shape (n, n_u), load by load; at (m,): rows of `missed`;
+    moving (m,): which channels are accelerometers. Static readings at the guess."""
+    at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
+    named = model.model.inputs
+    sources: list[str] = []
+    D: list[np.ndarray] = []
+    E: list[np.ndarray] = []
+    shape: list[np.ndarray] = []
+    known = set(model.known_inputs)
+    used = known | set(model.unknowns.inputs)
+    for source, i, column, missed in zip(own.source, own.load.tolist(), own.shape, own.missed, strict=True):
+        if named[i] not in (known if source == LOAD_GAIN else used):
+            continue
+        change = np.zeros(model.model.input_shape.shape)
+        change[:, i] = column
+        direct = np.zeros((len(at), len(named)))
+        direct[:, i] = missed[at]
+        if moving.any():
+            direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
+        on_states, on_known = on_loads(model, direct)
+        sources.append(source)
+        D.append(on_states)
+        E.append(on_known)
+        shape.append(change)
+    return sources, D, E, shape
+
+
+def stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """(k, *shape) of k parts, also of none."""
+    return np.stack(parts) if parts else np.zeros((0, *shape))

@@ -1,0 +1,72 @@
+"""The small beam under tolerances: what drawn truths of it are off by, beside the σ that is claimed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import yaml
+
+from strainsight import api
+from strainsight.cases.structure.nuisances import tolerated
+from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
+from strainsight.cases.structure.trial import sample_noise, trial_of
+from strainsight.cases.structure.truth import truth_of
+
+from ..edges.beam import PLACEMENT_CONFIG, bricks, config_of
+
+NOTHING = {"position": 0, "angle": 0, "gain": 0, "transverse": 0, "damping": 1, "discrepancy": 0,
+           "load_angle": 0, "load_position": 0, "load_gain": 0}  # fmt: skip
+
+
+def beam_in(folder):
+    """Changes of the small beam's config → its case up to four gauges of its pool, made once."""
+    (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
+
+    def made(changes):
+        path = folder / "edge.yaml"
+        path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, changes)), encoding="utf-8")
+        case = api.load(path, [])
+        mesh = api.mesh(case)
+        reduced = api.reduce(case, mesh)
+        training = api.train(case, mesh, reduced)
+        screened = api.screen(case, mesh, training)
+        problem = problem_of(case.config, case.files, reduced, training, screened)
+        everything = SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened,
+                                     gauges=screened.kept[:4], problem=problem)  # fmt: skip
+        everything.channels = problem.channels.of(everything.gauges)[:, 0]
+        everything.tolerated = tolerated(case.config, mesh, reduced, training, everything.channels)
+        return everything
+
+    return made
+
+
+def trial(own):
+    truth = truth_of(own.case.config, own.mesh, None, own.reduced, own.training, own.problem, own.case)
+    return trial_of(own.case.config, own.problem, truth, own.tolerated, own.gauges)
+
+
+def filtered(own, found, realisation):
+    """Error and σ of every unknown in time, of the truth of one realisation with noise."""
+    model, reading = filter_model(own.problem, found.chosen, found.h), found.again(realisation)
+    noise = sample_noise(7, realisation, len(reading) - 1, reading.shape[1])
+    measured = reading[1:] + noise * sample_std(own.problem, found.chosen, found.h)
+    run = found.filtered(model, found.chosen, measured).run
+    (name,), at = own.problem.unknowns.names, model.position[0]
+    if name in own.problem.unknowns.parameters:
+        true = np.log(found.history[name] / own.problem.unknowns.guess[name])
+        late = slice(-1, None)
+    else:
+        true, late = found.history[name] / model.amplitude[0], slice(len(run.mean) // 4, None)
+    return (run.mean[:, 0, at] - true)[late], run.std[late, 0, at]
+
+
+def spread(own, draws, tolerances=None):
+    """Of draws of truths: share within 2σ, RMS error over RMS σ, and RMS σ."""
+    found = trial(own)
+    if tolerances is not None:
+        found = replace(found, tolerated=tolerances)
+    error, std = (np.array(values) for values in zip(*(filtered(own, found, r) for r in range(1, draws + 1)), strict=True))
+    level = np.sqrt(np.mean(std**2))
+    return np.mean(np.abs(error) < 2 * std), np.sqrt(np.mean(error**2)) / level, level
