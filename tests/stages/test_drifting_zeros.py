@@ -27,24 +27,30 @@ def beam(tmp_path_factory):
     return beam_in(tmp_path_factory.mktemp("beam"))
 
 
+ROSETTES = {
+    "gauges.direction": {"type": "axis", "axis": [1, 0, 0], "angles": [0.0, 60.0]},
+    "gauges.rosette": True,
+    "tolerances": NOTHING | ZEROS,
+}
+
+
 def test_what_the_filter_allows_for_has_the_covariance_of_what_is_drawn(beam):
-    """Of readings at the end of the record, over 3000 draws."""
-    own = beam({"tolerances": NOTHING | ZEROS})
-    model = filter_model(own.problem, own.channels, own.problem.h)
-    nuisances = nuisances_of(own.tolerated, model, own.channels)
-    assert nuisances.source == ("drift",) * 4 + ("temperature",) * 5
-    assert not nuisances.D.any()
-    assert not nuisances.offset.any()
-    assert not nuisances.E[..., :-1].any()
-    late = nuisances.E[..., -1]
-    pool = own.training.candidates
-    drawn = np.array([installation_of(own.case.config, pool, i).drift[own.channels] for i in range(3000)])
+    """Of readings of two rosettes at the end of the record, over 3000 draws: one temperature, and what a rosette reads of it."""
+    own = beam(ROSETTES)
+    channels = own.problem.channels.of(own.gauges[:2]).ravel()
+    model = filter_model(own.problem, channels, own.problem.h)
+    nuisances = nuisances_of(own.tolerated, model, channels)
+    assert nuisances.source == ("drift",) * 4 + ("temperature",) * 3
+    for nothing in (nuisances.D, nuisances.offset, nuisances.E[..., :-1]):
+        assert not nothing.any()
+    late, pool = nuisances.E[..., -1], own.training.candidates
+    drawn = np.array([installation_of(own.case.config, pool, i).drift[channels] for i in range(3000)])
     allowed, found = late.T @ late, drawn.T @ drawn / len(drawn)
-    np.testing.assert_allclose(np.diag(found), np.diag(allowed), rtol=0.12)
     np.testing.assert_allclose(found, allowed, atol=0.1 * allowed.max())
-    # correlated, as one temperature is
-    assert allowed[0, 1] == pytest.approx((8.0 * 1e-6) ** 2, rel=1e-12)
-    assert np.all(allowed[~np.eye(4, dtype=bool)] > 0.5 * np.diag(allowed).max())
+    common, beside, each = (8.0 * 1e-6) ** 2, (8.0 * 5e-7) ** 2, (4e-6) ** 2
+    one = np.array([[1.0, 1.0], [1.0, 1.0]])
+    expected = common + np.kron(np.eye(2), beside * one) + each * np.eye(4)
+    np.testing.assert_allclose(allowed, expected, rtol=1e-12)
 
 
 def test_some_gauges_alone_drift_as_they_do_among_all(beam):
