@@ -11,6 +11,7 @@ from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.posterior import posterior_doubts
+from strainsight.config.tolerances import tolerances_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
@@ -132,7 +133,9 @@ def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
         notes.append("Damping, gauges and loads are exact in this truth; choose truth model rich to test them.")
     elif read(Training, train).given is not None:
         notes.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
-    notes.append("Temperature, drift and the bond are outside this model.")
+    own = tolerances_of(config.tolerances)
+    outside = "temperature" * (own.temperature == 0), "drift" * (own.drift == 0), "supports that give"
+    notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are outside this model.")
     return tuple(notes)
 
 
