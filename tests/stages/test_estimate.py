@@ -91,6 +91,24 @@ def test_the_variance_of_an_estimate_is_made_of_what_place_expects(known, projec
         assert estimate[source] == pytest.approx(share, abs=0.03), source
 
 
+def test_a_drift_and_a_temperature_are_in_every_budget(tmp_path):
+    """Of place, validate and estimate, by shares that go with the square of the strain, and so with 1.1² of E. They are small:
+    what grows with time is unlike a sine, and learned where it is large."""
+    warm = KNOWN | {
+        "name: test\n": "name: warm\n",
+        "tolerances: {load_angle: 0, load_position: 0}": "tolerances: {load_angle: 0, load_position: 0, gain: 0, load_gain: 0, "
+        "drift: 2.0e-7, temperature: 0.4, thermal_spread: 5.0e-7}"
+    }
+    results = changed(tmp_path, "warm", warm)
+    code, said = estimated(tmp_path, results / "measured.csv", "estimate.start=settled", config="warm.yaml")
+    assert code == 0, said
+    place, *others = (shares(Artefact(results / f"{s}.h5"))["E"] for s in ("place", "validate", "estimate"))
+    for source in ("drift", "temperature"):
+        assert place[source] > 1e-6
+        for own in others:
+            assert own[source] == pytest.approx(place[source], rel=0.5), source
+
+
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
