@@ -43,6 +43,8 @@ are bonded already (test_sensors.py); where sweeps are asked for (test_estimate.
 UNITS_OF = {
     "unit of <name>": ("N", "N m", "m", "rad", "Pa", "kg/m^3"),
     "unit of the channel": ("strain", "m/s^2", "m", "strain or m/s^2", "strain or m", "strain or m/s^2 or m"),
+    "unit of the intensity": ("strain^2 s", "(strain or m/s^2)^2 s"),
+    "unit of the row": ("strain/(kg^1/2 m)", "(strain or m)/(kg^1/2 m)"),
     "unit of the biased channel": ("strain",),
     "unit of the candidate": ("strain", "strain or m"),
     "unit of input <name>": ("N", "N m"),

@@ -162,6 +162,10 @@ def test_an_array_over_channels_has_the_units_of_what_they_measure(mixed):
     for name in ("measured", "true", "estimated", "std"):
         assert validate.attributes(f"/gauge/{name}")["units"] == units
     assert validate.attributes("/field/true")["units"] == "strain or m"
+    for stage, name in (("train", "/strain"), ("screen", "/noise_std"), ("screen", "/range"), ("place", "/augmented/H")):
+        assert mixed[stage].attributes(name)["units"] == "strain or m/s^2 or m"
+    assert mixed["place"].attributes("/augmented/R")["units"] == "(strain or m/s^2 or m)^2 s"
+    assert mixed["train"].attributes("/gauges/row")["units"] == "(strain or m)/(kg^1/2 m)"
 
 
 def test_all_seven_cases_are_compared(mixed):

@@ -27,6 +27,11 @@ def _unset() -> np.ndarray:
     return np.zeros(0)
 
 
+def grouped(unit: str) -> str:
+    """A unit that stands in a product: "strain", "(strain or m)"."""
+    return f"({unit})" if " or " in unit else unit
+
+
 @dataclass(frozen=True)
 class Candidates:
     """Channels that could be bonded, m of them, those of one gauge one behind the other.

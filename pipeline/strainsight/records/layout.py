@@ -16,9 +16,9 @@ class Augmented:
     """Every scenario exactly as it was solved, so that anyone can solve it again."""
 
     F: np.ndarray = dataset("/F", "1/s", "scenario × state × state", "augmented state matrix F*")
-    H: np.ndarray = dataset("/H", "strain", "scenario × channel × state", "rows H* of every channel")
+    H: np.ndarray = dataset("/H", "unit of the channel", "scenario × channel × state", "rows H* of every channel")
     Q: np.ndarray = dataset("/Q", "1/s", "scenario × state × state", "process intensity")
-    R: np.ndarray = dataset("/R", "strain^2 s", "scenario × channel", "intensity of every channel")
+    R: np.ndarray = dataset("/R", "unit of the intensity", "scenario × channel", "intensity of every channel")
     weight: np.ndarray = dataset("/weight", "1", "scenario × state", "diagonal of W")
     scale: np.ndarray = dataset(
         "/scale",

@@ -17,7 +17,7 @@ class Training:
     candidates: Candidates = group("/gauges", CandidateColumns)
     rows: np.ndarray = dataset(
         "/gauges/row",
-        "strain/(kg^1/2 m)",
+        "unit of the row",
         "channel × coordinate",
         "strain, or displacement [m], per reduced coordinate",
     )
@@ -35,9 +35,7 @@ class Training:
     load: np.ndarray = dataset("/input", "N", "/time × input", "training load")
     coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
-    reading: np.ndarray = dataset(
-        "/strain", "strain", "/time × channel", "reading of every channel, of motion sensors in m/s² or m"
-    )
+    reading: np.ndarray = dataset("/strain", "unit of the channel", "/time × channel", "reading of every channel")
 
     @property
     def numbers(self) -> np.ndarray:
@@ -73,12 +71,12 @@ class Screened:
     clearance: Clearance | None = group("/clearance", default=None)
     noise_std: np.ndarray = dataset(
         "/noise_std",
-        "strain",
+        "unit of the channel",
         "channel",
-        "noise of one sample of every channel at the training time step, of motion sensors in m/s² or m",
+        "noise of one sample of every channel at the training time step",
     )
     range: np.ndarray = dataset(
-        "/range", "strain", "channel", "what every channel can measure, of motion sensors in m/s² or m; inf: not stated"
+        "/range", "unit of the channel", "channel", "what every channel can measure; inf: not stated"
     )
     family: tuple[str, ...] = dataset(
         "/family", "1", "kind", "name of every kind of sensor, as /gauges/array of train.h5 counts them"

@@ -19,7 +19,7 @@ def run(context: Context) -> Output:
 
 PLACE = Stage(
     "place",
-    version=15,
+    version=16,
     reads=(
         "seed",
         "loads.*.node",

@@ -59,7 +59,7 @@ def run(context: Context) -> Output:
 REPORT = Stage(
     "report",
     version=11,
-    reads=("name", "seed", "loads", "place.estimate", "validate.truth.model", "report"),
+    reads=("name", "seed", "loads", "tolerances", "place.estimate", "validate.truth.model", "report"),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),
     run=run,

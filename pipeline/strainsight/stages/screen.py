@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 
+from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.clearance import clearance_in_words, clearance_warning
 from strainsight.cases.structure.training import screened_of
 from strainsight.gauges.screening import CLEARANCE
@@ -29,7 +30,7 @@ def run(context: Context) -> Output:
         if warning := clearance_warning(own):
             warnings.warn(warning, stacklevel=2)
     return Output(
-        datasets=written(found),
+        datasets=written(found, training_units(pool.quantity)),
         summary={"candidates": pool.gauges, "kept": len(found.kept), "noise_std": noise}
         | {f"dropped.{code}": count for code, count in dropped.items()}
         | numbers,
@@ -39,7 +40,7 @@ def run(context: Context) -> Output:
 
 SCREEN = Stage(
     "screen",
-    version=5,
+    version=6,
     reads=(
         "screen",
         "loads.*.node",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.cases.structure.candidates import OnSurface
+from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.training import trained
 from strainsight.gauges.candidates import Candidates
 from strainsight.measurements.calibration import LARGE_STRAIN
@@ -23,7 +24,7 @@ def run(context: Context) -> Output:
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     steps = len(training.time) - 1
     return Output(
-        datasets=written(training),
+        datasets=written(training, training_units(pool.quantity)),
         summary={
             "candidates": pool.gauges,
             "left_out": surface.left_out if surface else 0,
@@ -78,7 +79,7 @@ def _bonded_table(own: Candidates, moved: np.ndarray) -> Table:
 
 TRAIN = Stage(
     "train",
-    version=6,
+    version=7,
     reads=(
         "loads.*.signal",
         "train",

@@ -11,7 +11,7 @@ from strainsight.cases.layout.advice import advice_table
 from strainsight.cases.layout.comparison import Comparison, criteria_table
 from strainsight.cases.layout.gauge_list import gauge_csv, gauge_table
 from strainsight.cases.layout.placement import Placed
-from strainsight.gauges.candidates import channels_of_gauges
+from strainsight.gauges.candidates import STRAIN, UNITS, channels_of_gauges, grouped
 from strainsight.gauges.export import uff_text
 from strainsight.placement.recommendation import worth_keeping
 from strainsight.records.grids import gauge_grid
@@ -74,8 +74,10 @@ def layout_output(
     numbers: Mapping[str, Scalar],
     attributes: Mapping[str, Mapping[str, Any]],
     tables: tuple[Table, ...] = (),
+    unit: str = UNITS[STRAIN],
 ) -> Output:
-    """Datasets of the record and the pool, numbers, tables and files; numbers, attributes, tables: those of the case beside."""
+    """Datasets of the record and the pool, numbers, tables and files; numbers, attributes, tables: those of the case beside;
+    unit of its channels."""
     task, listed, std, names = found.task, found.listed, found.expected.std, found.task.unknowns.names
     criterion, certificate, proof = task.metric.criterion, found.layout.certificate, found.layout.proof
     grid, own = _pool_grid(found)
@@ -86,8 +88,9 @@ def layout_output(
         parts.append("proven")
     parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
     directions = np.array([each[0] for each in listed.directions])
+    units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
-        datasets=grid | written(record, at=Place("", what=criterion.symbol)),
+        datasets=grid | written(record, units, Place("", what=criterion.symbol)),
         attributes={**own, "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name}, **attributes},
         summary={**_summary(found), **{f"std.{name}": value for name, value in std.items()}, **numbers},
         message=", ".join(parts),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.gauges.candidates import ACCELERATION, UNITS, channels_of_gauges
+from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN, UNITS, channels_of_gauges, grouped
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, damping_matrix
 
@@ -39,6 +39,12 @@ class Channels:
 def units_in_words(quantity: np.ndarray) -> str:
     """The unit of an array over channels of these quantities: "strain", or "strain or m/s^2" where they differ."""
     return " or ".join(UNITS[kind] for kind in np.unique(quantity))
+
+
+def training_units(quantity: np.ndarray) -> dict[str, str]:
+    """Of what is written of channels of these quantities (m,), a row of which is strain or displacement per coordinate."""
+    still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)
+    return {"the channel": units_in_words(quantity), "the row": f"{grouped(units_in_words(still))}/(kg^1/2 m)"}
 
 
 def channels_of(training: Training, screened: Screened) -> Channels:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from strainsight.cases.layout.budget import budget_table
 from strainsight.cases.layout.output import layout_output, layout_record
+from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.hot_spots import hot_spot_table
 from strainsight.cases.structure.placement import Placement
 from strainsight.cases.structure.problem import rests_on_loads_in_words
@@ -38,6 +39,6 @@ def placement_output(found: Placement) -> Output:
         numbers |= {"hot_spots": int(hot.hot.sum())}
         tables += (hot_spot_table(hot, found.listed.labels),)
     attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
-    output = layout_output(found, record, numbers, attributes, tables)
+    output = layout_output(found, record, numbers, attributes, tables, units_in_words(found.problem.channels.quantity))
     message = f"{output.message}, hardly observable: {lost}" if lost else output.message
     return replace(output, message=f"{message}; {rests}" if rests else message)
