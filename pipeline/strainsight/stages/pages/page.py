@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.posterior import posterior_doubts
+from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
@@ -125,7 +125,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     return notes
 
 
-def _not_tested(train: Artefact, config: Any) -> tuple[str, ...]:
+def _not_tested(train: Artefact, config: PlacementConfig) -> tuple[str, ...]:
     notes = ["No measured data: the truth is simulated."]
     if config.validation.truth.model == "rom":
         notes.append("The truth is the filter's own model: no model error was tested.")
