@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -41,8 +42,9 @@ def beam(tmp_path_factory):
     screened = api.screen(plain, mesh, training)
     gauges = screened.kept[:3]
 
-    def validated(*overrides):
-        return api.validate(case(*overrides), mesh, reduced, training, screened, gauges)
+    def validated(*overrides, noise=1.0):
+        own = replace(screened, noise_std=noise * screened.noise_std)
+        return api.validate(case(*overrides), mesh, reduced, training, own, gauges)
 
     def expected(*overrides):
         return api.expect(case(*overrides), mesh, reduced, training, screened, gauges)
@@ -66,6 +68,15 @@ def beam(tmp_path_factory):
 
     return SimpleNamespace(case=case, training=training, validated=validated, intensity=intensity, expected=expected,
                            slopes=slopes)
+
+
+def test_a_parameter_of_which_the_samples_say_nothing_keeps_the_sigma_of_its_start_which_holds(beam):
+    """The guess is one σ off, which is no fault of σ."""
+    found = beam.validated("validate.repeats=40", "filter.compare=false", noise=1e4).validated
+    assert found.posterior["E"].left > 0.99
+    error, std = found.repeats.error["E"], found.repeats.std["E"]
+    low, high = np.sqrt(chi2.ppf([0.001, 0.999], 40) / 40)
+    assert low < np.sqrt(np.mean(error**2) / np.mean(std**2)) < high
 
 
 def readings(found):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.structure.problem import filter_model, sample_std
-from strainsight.cases.structure.trial import Trial, real_and_claimed, sample_noise, without_truth
+from strainsight.cases.structure.trial import Trial, real_and_claimed, sample_noise, scaled_truth, without_truth
 from strainsight.config.validation import Validate
 from strainsight.estimation.filter import all_lost
 from strainsight.estimation.model import physical
@@ -64,12 +64,15 @@ def studies_of(
     trial: Trial, settings: Validate, kept: np.ndarray, allowed: np.ndarray, seed: int, sweep: Sweep = serial
 ) -> Studies:
     """Filtered in batches of at most BATCH runs; settings: the config's validate section, kept: the screened pool, allowed: every
-    gauge that keeps the clearance."""
+    gauge that keeps the clearance.
+
+    Repeats begin at the truth plus a draw of the initial σ, so that the two differ as much as the filter takes them to: σ
+    of what the samples say little of is that of its start, and about the guess it would be judged by how good that is."""
     rng = np.random.default_rng([seed, CHOICES])
     spread = np.array([settings.initial_std[name] for name in trial.names])
     repeats, count = settings.repeats, settings.random_sets
     factors = np.array(settings.noise_factors, dtype=float)
-    starts = spread * rng.standard_normal((repeats, len(spread)))
+    starts = scaled_truth(trial)[0] + spread * rng.standard_normal((repeats, len(spread)))
     home, others = np.zeros_like(spread), np.arange(1, repeats + 1)
     own = np.zeros(max(len(factors), count), dtype=int)
     parts = {

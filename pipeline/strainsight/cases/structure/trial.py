@@ -209,7 +209,12 @@ def real_and_claimed(
 
 def scaled_error(trial: Trial, mean: np.ndarray) -> np.ndarray:
     """Error of the unknowns in the states of x*, ũ and p = log(θ/guess): mean (T + 1, B, n*) → (T + 1, B, unknowns)."""
+    return mean[:, :, trial.problem.unknowns.position(trial.problem.model)] - scaled_truth(trial)[:, None]
+
+
+def scaled_truth(trial: Trial) -> np.ndarray:
+    """The unknowns as they are (T + 1, unknowns), in the states of x*."""
     unknowns = trial.problem.unknowns
     true = [trial.history[name] / unknowns.amplitude[name] for name in unknowns.inputs]
     true += [np.log(trial.history[name] / unknowns.guess[name]) for name in unknowns.parameters]
-    return mean[:, :, unknowns.position(trial.problem.model)] - np.stack(true, axis=-1)[:, None]
+    return np.stack(true, axis=-1)
