@@ -30,7 +30,7 @@ help:
 	@echo 'make status         which stages are up to date, and why the others are not'
 	@echo 'make all-configs    run on every file of configs/'
 	@echo 'make hub            the hub of thesis 6.2: 25 runs of configs/hub/ and one page, results/hub/report.html'
-	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html (a quarter of an hour)'
+	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html'
 	@echo 'make lug            three loads on a lug bracket with bolt holes, then these and its modulus: configs/lug/'
 	@echo 'make bench          chapters 2 to 4 of the thesis: 100 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make test           set up, then the tests, but for the long ones'
