@@ -24,6 +24,7 @@ from strainsight.workflow.store import write_artefact
 STEPS = 60
 UNITS = {
     "input Fz": "N", "parameter ball": "m", "sensor relative": "m or rad", "sensor tip": "m", "sensor gauges": "strain",
+    "the channel": "strain", "the intensity": "strain^2 s",
 }  # fmt: skip
 
 

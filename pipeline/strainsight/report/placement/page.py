@@ -83,7 +83,7 @@ def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfold
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    shown = _chosen(drawings, lambda key: key.startswith(("estimate-", "closing-")))
+    shown = _chosen(drawings, lambda key: key.startswith(("estimate-", "closing-", "posterior-")))
     signals = _chosen(drawings, lambda key: key.startswith("signal-"), unfolded=12)
     if not shown and not signals:
         return ""
