@@ -9,7 +9,7 @@ from strainsight.config.checks_model import model_problems
 from strainsight.config.layout import layout_problems
 from strainsight.config.loads import Load, MultiSine, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.problem import Problem, known
+from strainsight.config.problem import Problem, known, undivided
 from strainsight.errors import at_most, did_you_mean
 
 FEWEST_STEPS = 10
@@ -41,9 +41,8 @@ def _time(section: str, duration: float, step: float, config: PlacementConfig) -
     if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
         limit = f"at least {FEWEST_STEPS}" if steps < FEWEST_STEPS else f"at most {MOST_STEPS}"
         yield Problem(key, f"{duration:g} s are {steps:.3g} steps of {step:g} s", f"take {limit} steps")
-    elif abs(steps - round(steps)) > 1e-6 * steps:
-        what = f"{step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
-        yield Problem(key, what, f"take {duration / round(steps):.9g} s")
+    else:
+        yield from undivided(key, duration, step)
     for name, load in config.loads.items():
         highest = _highest(load)
         if highest is not None and step * highest * FEWEST_STEPS_A_PERIOD > 1:

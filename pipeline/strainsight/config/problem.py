@@ -27,6 +27,15 @@ def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
         yield Problem(key, what, f"give exactly one of {', '.join(listed)}", at_key=True)
 
 
+def undivided(key: str, duration: float, step: float, other: str = "") -> Iterator[Problem]:
+    """A problem unless the duration [s] is a whole number of steps [s]; other: key of the duration, where it may change too."""
+    steps = duration / step
+    if abs(steps - round(steps)) > 1e-6 * steps:
+        what = f"{step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
+        longer = f", or {other}: {step * round(steps):.9g}" if other else ""
+        yield Problem(key, what, f"take {duration / round(steps):.9g} s{longer}")
+
+
 def known(key: str, name: str, names: Collection[str], what: str) -> Iterator[Problem]:
     """A problem unless the name is one of these."""
     if name not in names:

@@ -13,6 +13,10 @@ Bearings = BearingName | Annotated[tuple[BearingName, ...], Field(min_length=1)]
 """Names of bearings; None: all."""
 
 
+RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
+"""Fields of a bearing that are the radius of a groove."""
+
+
 class Bearing(Section):
     """A four-point-contact ball bearing (thesis 1.18-1.25)."""
 

@@ -6,10 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
+from strainsight.config.bench.bearing import RADII, Bearing, Curve, LoadCase
 from strainsight.config.problem import Problem
 
-RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
 LARGEST_PRELOAD = 0.02
 """Share of the ball diameter: as oversize several times what hard steel bears, as clearance a worn-out bearing."""
 LEAST_REACH = 1e-9

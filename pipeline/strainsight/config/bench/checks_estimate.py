@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from strainsight.config.bench.bearing import RADII
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter
-from strainsight.config.problem import Problem, known
+from strainsight.config.problem import Problem, known, undivided
 
-if TYPE_CHECKING:
-    from strainsight.config.bench.bench import BenchConfig
-
-RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
 FEW = 3
 """Parameters of a bank."""
 FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
@@ -198,12 +195,8 @@ def _times(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
     if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
         what = f"{duration:g} s are {steps:.3g} steps of {h:g} s"
         yield Problem("estimate.time_step", what, f"take {FEWEST_STEPS} to {MOST_STEPS} steps")
-    elif abs(steps - round(steps)) > 1e-6 * steps:
-        yield Problem(
-            "estimate.time_step",
-            f"{h:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)",
-            f"take {duration / round(steps):.9g} s, or estimate.duration: {h * round(steps):.9g}",
-        )
+    else:
+        yield from undivided("estimate.time_step", duration, h, "estimate.duration")
 
 
 def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
