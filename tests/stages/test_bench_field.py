@@ -10,7 +10,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from strainsight.cases.bench.surface_field import Motion, instants, points
 from strainsight.cases.bench.surface_field import pictures as field_of
 from strainsight.cases.resources import Plain
-from strainsight.config.bench.field import SurfaceField
+from strainsight.config.bench.bench import SurfaceField
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read

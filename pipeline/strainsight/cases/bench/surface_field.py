@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight.cases.bench.reduction import flexible, moduli_of
 from strainsight.cases.resources import Resources
-from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.field import SurfaceField
+from strainsight.config.bench.bench import BenchConfig, SurfaceField
 from strainsight.errors import InfeasibleError
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state

@@ -11,7 +11,6 @@ from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
 from strainsight.config.bench.bodies import Body, Frame
 from strainsight.config.bench.connections import Force, Frames, Joint
 from strainsight.config.bench.estimate import Estimate
-from strainsight.config.bench.field import SurfaceField
 from strainsight.config.bench.place import BenchPlace, Layout
 from strainsight.config.gauges import BondedGauge
 from strainsight.config.names import FlexibleName, FrameName
@@ -67,6 +66,17 @@ class Simulate(Section):
         description="How far the joints may move a body from its pose at the start before it is refused [m]; velocities may "
         "change by 1 %.",
     )
+
+
+class SurfaceField(Section):
+    """Displacement, strain and stress of a flexible body's surface in time, as a grid that ParaView plays."""
+
+    body: FlexibleName = Field(description="Name of the flexible body.")
+    of: Literal["simulate", "estimate"] = Field(
+        "simulate", description="Of the simulated motion, or of the estimated one with the estimated moduli."
+    )
+    every: int | None = Field(None, ge=1, description="Steps between pictures [-]; null: as many as `instants` says.")
+    instants: int | None = Field(None, ge=2, le=10_000, description="Pictures, evenly from start to end [-]; null: 50.")
 
 
 class BenchConfig(Section):

@@ -11,8 +11,7 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FlexibleBody, Pose, RigidBody
 from strainsight.config.bench.checks_bearing import bearings_alone
 from strainsight.config.bench.checks_estimate import estimate_problems
-from strainsight.config.bench.field import field_problems
-from strainsight.config.bench.place import place_problems
+from strainsight.config.bench.checks_place import place_problems
 from strainsight.config.checks_model import RESERVED
 from strainsight.config.names import GROUND, name_problems, names_in
 from strainsight.config.problem import Problem, undivided
@@ -45,7 +44,7 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _time(config)
     yield from estimate_problems(config)
     yield from place_problems(config)
-    yield from field_problems(config)
+    yield from _field(config)
 
 
 def _time(config: BenchConfig) -> Iterator[Problem]:
@@ -64,6 +63,17 @@ def _time(config: BenchConfig) -> Iterator[Problem]:
                         "a bench that starts from its equilibrium is at rest",
                         "set simulate.start: as_given",
                     )
+
+
+def _field(config: BenchConfig) -> Iterator[Problem]:
+    """What `field` demands of the rest of a bench."""
+    field = config.field
+    if field is None:
+        return
+    if field.of == "estimate" and config.estimate is None:
+        yield Problem("field.of", "nothing is estimated", "give the section estimate, or say simulate")
+    if field.every is not None and field.instants is not None:
+        yield Problem("field.every", "every and instants are both given", "give one of them")
 
 
 def _moduli(config: BenchConfig) -> Iterator[Problem]:

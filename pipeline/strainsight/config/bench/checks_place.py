@@ -1,0 +1,44 @@
+"""What the placement of a bench demands of its other sections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from strainsight.config.bench.bench import BenchConfig, StrainSensor
+from strainsight.config.bench.place import BenchPlace
+from strainsight.config.layout import layout_problems
+from strainsight.config.problem import Problem
+from strainsight.config.zones import zone_problems
+
+
+def place_problems(config: BenchConfig) -> Iterator[Problem]:
+    """What `place` and the sensors that use it demand of the rest of a bench."""
+    place = config.place
+    if place is not None:
+        if config.estimate is None or not config.estimate.inputs:
+            yield Problem(
+                "place", "no input is unknown", "name the loads to place for under estimate.inputs", at_key=True
+            )
+        if place.pool + place.bonded < place.keep:
+            yield Problem("place.pool", f"{place.pool} candidates for {place.keep} gauges", "take a larger pool")
+        inputs = () if config.estimate is None else tuple(config.estimate.inputs)
+        yield from layout_problems(place, inputs, "estimate.inputs", place.bonded, "place.fixed")
+        yield from zone_problems("place.include", place.include)
+        yield from zone_problems("place.exclude", place.exclude)
+    for name, sensor in config.sensors.items():
+        if isinstance(sensor, StrainSensor):
+            yield from _layout(f"sensors.{name}", sensor, place)
+
+
+def _layout(key: str, sensor: StrainSensor, place: BenchPlace | None) -> Iterator[Problem]:
+    if (sensor.layout is None) == (not sensor.gauges):
+        what = "neither is given" if sensor.layout is None else "both are given"
+        yield Problem(key, f"gauges and layout: {what}", "give one of them", at_key=True)
+    if sensor.layout is None:
+        return
+    if place is None:
+        yield Problem(f"{key}.layout", "nothing is placed", "give the section place, or gauges")
+    elif sensor.body != place.body:
+        yield Problem(f"{key}.body", f"gauges are placed on '{place.body}'", f"name '{place.body}', or give gauges")
+    elif sensor.layout == "random" and place.random == 0:
+        yield Problem(f"{key}.layout", "no layout is drawn at random", "set place.random to 1 or more")
