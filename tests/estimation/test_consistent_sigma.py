@@ -11,13 +11,18 @@ from strainsight.augmentation.input_models import Matern, Oscillator
 from strainsight.estimation.consistency import nees, nis, whiteness, whiteness_band
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.metrics import honesty
+from strainsight.estimation.metrics import after_start
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.verdict import chi_square_band
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.steady import steady_start
 
 SEEDS = range(200)
+
+
+def honesty(error, std):
+    """Real error over claimed one, √(mean e²) / √(mean σ²) over time and runs, after the first tenth; both (T + 1, B, k)."""
+    return np.sqrt(np.mean(after_start(error) ** 2, axis=(0, 1)) / np.mean(after_start(std) ** 2, axis=(0, 1)))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
-from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
+from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov, solve_discrete_are
 
 from strainsight.augmentation.input_models import (
     IntegratedRandomWalk,
@@ -14,7 +14,6 @@ from strainsight.augmentation.input_models import (
     RandomWalk,
     input_intensity,
     rate_matrix,
-    stationary_covariance,
 )
 from strainsight.augmentation.linearisation import linearise
 from strainsight.augmentation.unknowns import Unknowns
@@ -47,7 +46,7 @@ def test_the_gathered_noise_is_the_integral(model, h):
 
 @pytest.mark.parametrize("model", [Matern(10.0, nu) for nu in (0.5, 1.5, 2.5)] + [Oscillator(20.0, 0.02)])
 def test_a_stationary_input_stays_as_large_as_it_is(model):
-    P = stationary_covariance(model)
+    P = solve_continuous_lyapunov(rate_matrix(model), -input_intensity(model, 0.0))
     A, h = input_transition(unknowns(model), 2e-3), 2e-3
     Q = process_covariance(rate_matrix(model), input_intensity(model, 0.0), h)
     np.testing.assert_allclose(A @ P @ A.T + Q, P, atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.metrics import input_error, parameter_error
+from strainsight.estimation.metrics import input_error
 from strainsight.estimation.model import physical
 from strainsight.estimation.smoother import smooth
 from strainsight.rom.modal_step import simulate
@@ -30,7 +30,8 @@ def test_a_parameter_is_found_from_a_guess_ten_percent_off(make_beam, make_filte
     mean = np.zeros(21)
     mean[20] = start
     run = run_filter(model, mean, prior(model), u, y)
-    assert parameter_error(physical(model, run.mean, run.std)[name][0][:, 0], truth) < 2e-3
+    found = physical(model, run.mean, run.std)[name][0][:, 0]
+    assert np.mean(found[len(found) // 2 :]) == pytest.approx(truth, rel=2e-3)
 
 
 def test_sine_load_is_followed_as_well_as_claimed_and_better_when_smoothed(make_beam, make_filter, sine):

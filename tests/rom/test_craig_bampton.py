@@ -13,7 +13,7 @@ from strainsight.errors import InfeasibleError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.model import RigidElement
-from strainsight.rom.craig_bampton import craig_bampton, floating_basis, frame_shapes, rigid_motions
+from strainsight.rom.craig_bampton import craig_bampton, floating_basis, rigid_motions
 
 from .bars import RHO, ROOT, SIDE, SIZE, START, TIP, bar, dense, frequencies, gauge_rows, inertia_of, pick, rigid
 
@@ -186,11 +186,10 @@ def test_interface_motions_are_along_the_basic_axes_whatever_the_axes_of_the_nod
     assert np.allclose(nodal(own, body.basis), nodal(free, plain.basis), rtol=0, atol=1e-10)
 
 
-def test_frame_shapes_are_the_motions_of_the_node(free):
+def test_rows_of_an_interface_are_the_motions_of_the_node(free):
     body = craig_bampton(free, [SIDE, TIP], modes=4)
     for node in (SIDE, TIP):
-        Phi, Psi = frame_shapes(body, node)
-        assert np.allclose(np.vstack([Phi, Psi]), pick(free, node) @ body.basis, rtol=0, atol=1e-12)
+        assert np.allclose(body.interface[node], pick(free, node) @ body.basis, rtol=0, atol=1e-12)
 
 
 def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamped):
@@ -203,9 +202,7 @@ def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamp
         scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
         sign = np.sign(np.einsum("ij,ij->j", nodal(free, seen.basis[:, :17]), nodal(clamped, held.basis[:, :17])))
         assert np.all(np.abs(found * np.outer(sign, sign) - exact) <= 1e-9 * scale)
-    Phi, Psi = frame_shapes(seen, ROOT)
-    assert not Phi.any()
-    assert not Psi.any()
+    assert not seen.interface[ROOT].any()
     assert eigvalsh(seen.stiffness.constant)[0] > 0
 
 
@@ -281,8 +278,8 @@ def test_a_node_that_follows_an_interface_is_refused(free):
     with pytest.raises(UserError, match="950 are not its own"):
         craig_bampton(model, [TIP, 950], modes=1)
     # alone it stands for the node that it follows
-    Phi, _ = frame_shapes(craig_bampton(model, [950], modes=1), 950)
-    assert np.allclose(Phi[:, :3], np.eye(3))
+    alone = craig_bampton(model, [950], modes=1).interface[950]
+    assert np.allclose(alone[:3, :3], np.eye(3))
 
 
 def test_counts_cut_offs_and_parameters_that_do_not_go_are_refused(clamped, free):
@@ -303,6 +300,6 @@ def test_counts_cut_offs_and_parameters_that_do_not_go_are_refused(clamped, free
         craig_bampton(build_model(bar(clamped=True), MODULI), [TIP], modes=1, reference={"E1": 2.1e11})
     body = craig_bampton(free, [ROOT, TIP], modes=1)
     with pytest.raises(UserError, match="node 903 is not an interface"):
-        frame_shapes(body, SIDE)
+        floating_basis(body, SIDE)
     with pytest.raises(UserError, match="901 already"):
         floating_basis(floating_basis(body, ROOT), TIP)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import pyvista
@@ -9,12 +11,13 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight.cases.bench.surface_field import Motion, instants, points
 from strainsight.cases.bench.surface_field import pictures as field_of
-from strainsight.cases.resources import Plain
+from strainsight.cases.resources import silent
 from strainsight.config.bench.bench import SurfaceField
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.stages.bench.pipeline import bench_stages
+from strainsight.sweep.sweep import serial
 
 from .conftest import finished, job_of
 from .test_bench_place import HEIGHT, LENGTH, MODULUS, WIDTH, written
@@ -114,9 +117,10 @@ def test_an_estimated_modulus_scales_the_stress_of_its_instant(beam):
     config, done = beam
     mesh, reduced = read(Meshes, done["import"]).bodies["beam"], read(ReducedBodies, done["reduce"]).bodies["beam"]
     time, q = np.array([0.0, 1.0]), np.tile(done["simulate"]["/q"][0], (2, 1))
-    found = field_of(config, mesh, reduced, Motion(time, q, {"E": MODULUS * np.array([1.0, 1.1])}), Plain()).found
+    alone = SimpleNamespace(files={}, progress=silent, sweep=serial)
+    found = field_of(config, mesh, reduced, Motion(time, q, {"E": MODULUS * np.array([1.0, 1.1])}), alone).found
     assert found.von_mises[1] == pytest.approx(1.1 * found.von_mises[0], rel=1e-6)
-    plain = field_of(config, mesh, reduced, Motion(time, q, {}), Plain()).found
+    plain = field_of(config, mesh, reduced, Motion(time, q, {}), alone).found
     np.testing.assert_array_equal(plain.moduli["E"], [MODULUS, MODULUS])
     np.testing.assert_allclose(plain.von_mises, found.von_mises[0], rtol=1e-6)
 

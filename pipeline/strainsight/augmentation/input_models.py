@@ -124,17 +124,6 @@ def component_names(model: InputModel, name: str) -> tuple[str, ...]:
     return (name, f"rate of {name}", f"curvature of {name}")[: components(model)]
 
 
-def stationary_covariance(model: InputModel) -> np.ndarray | None:
-    """Covariance (k, k) of ζ in the long run, with unit variance of ũ; None for a walk, which has none."""
-    match model:
-        case Matern() if components(model) == 3:
-            # var ũ̈ = λ⁴ and cov(ũ, ũ̈) = −var ũ̇ = −λ²/3
-            return np.array([[1.0, 0.0, -1 / 3], [0.0, 1 / 3, 0.0], [-1 / 3, 0.0, 1.0]])
-        case Matern() | Oscillator():
-            return np.eye(components(model))
-    return None
-
-
 def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
     """Square matrices one behind the other."""
     size = sum(len(block) for block in blocks)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from strainsight.sweep.sweep import Sweep, serial
+from strainsight.sweep.sweep import Sweep
 
 
 class Resources(Protocol):
@@ -24,12 +23,3 @@ class Resources(Protocol):
 
 def silent(doing: str, share: float) -> None:
     """Say nothing."""
-
-
-@dataclass(frozen=True)
-class Plain:
-    """Resources of a program that calls the library: one process, no progress bar."""
-
-    files: Mapping[str, Path] = field(default_factory=dict)
-    progress: Callable[[str, float], None] = silent
-    sweep: Sweep = serial

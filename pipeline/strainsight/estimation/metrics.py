@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth, in the two numbers that reports quote."""
+"""How far the estimate of a load is from the truth, in the number that reports quote."""
 
 from __future__ import annotations
 
@@ -6,11 +6,6 @@ import numpy as np
 
 NONE = 1e-9
 """Share of its amplitude up to which a load is zero: what rounding leaves in a file of it."""
-
-
-def parameter_error(estimate: np.ndarray, truth: float) -> np.ndarray:
-    """|mean of the estimate over the last half − θ| / |θ|; estimate (T + 1, ...) in the unit of θ. Returns (...)."""
-    return np.abs(np.mean(estimate[len(estimate) // 2 :], axis=0) - truth) / abs(truth)
 
 
 def load_scale(truth: np.ndarray, amplitude: float, burn_in: float = 0.1) -> tuple[float, bool]:
@@ -34,13 +29,3 @@ def input_error(error: np.ndarray, scale: float, burn_in: float = 0.1) -> np.nda
 def after_start(history: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
     """A history (T + 1, ...) without its first tenth, which no error counts."""
     return history[int(np.ceil(burn_in * len(history))) :]
-
-
-def honesty(error: np.ndarray, std: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
-    """Real error over claimed one, √(mean e²) / √(mean σ²) over time and runs, after the first tenth: 1 is consistent.
-
-    error, std (T + 1, B, k), estimate less truth. Returns (k,).
-    """
-    return np.sqrt(
-        np.mean(after_start(error, burn_in) ** 2, axis=(0, 1)) / np.mean(after_start(std, burn_in) ** 2, axis=(0, 1))
-    )

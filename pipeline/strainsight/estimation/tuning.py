@@ -20,12 +20,11 @@ DIFFERENCE = 0.02
 @dataclass(frozen=True)
 class Tuning:
     """factors by part; gained: rise of the log-likelihood over factors of 1; undecided: parts whose factor ran to its
-    limit, about which the measurements say nothing; evaluations of the likelihood and its gradient."""
+    limit, about which the measurements say nothing."""
 
     factors: Mapping[str, float]
     gained: float
     undecided: tuple[str, ...]
-    evaluations: int
 
 
 def tune(
@@ -87,7 +86,7 @@ def tune(
     found = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=[(-bound, bound)] * count)
     factors = {str(part): float(np.exp(value)) for part, value in zip(parts, found.x, strict=True)}
     at_limit = tuple(str(part) for part, value in zip(parts, found.x, strict=True) if abs(value) > bound - 1e-6)
-    return Tuning(factors, float(-found.fun - first), at_limit, int(found.nfev) + 1)
+    return Tuning(factors, float(-found.fun - first), at_limit)
 
 
 def _lost(value: np.ndarray, count: int) -> bool:

@@ -1,4 +1,7 @@
-"""The whole strain tensor on the surface, as rows for displacements: [εxx εyy εzz γxy γyz γzx] at every point."""
+"""The whole strain tensor on the surface, as rows for displacements: [εxx εyy εzz γxy γyz γzx] at every point, γ = 2ε.
+
+The order is that of a symmetric tensor in VTK.
+"""
 
 from __future__ import annotations
 
@@ -14,24 +17,16 @@ from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import CellBlock, Mesh
 
-COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")
-"""Shears are γ = 2ε; VTK's order of a symmetric tensor."""
 SHEARS = ((0, 1), (1, 2), (2, 0))
 CHUNK = 2048
 
 
 @dataclass(frozen=True)
 class StrainRows:
-    """matrix CSR (6p, 3n): row 6·point + component for displacements of the nodes, column 3·node + component.
-
-    region (p,) ids; node (p,) index, −1 at the centre of a facet; corner (f, 8): the points on the nodes of every facet,
-    padded with −1, where points are at nodes; None where they are the facets' centres, in their order.
-    """
+    """matrix CSR (6p, 3n): row 6·point + component for displacements of the nodes, column 3·node + component; region (p,) ids."""
 
     matrix: sparse.csr_array
     region: np.ndarray
-    node: np.ndarray
-    corner: np.ndarray | None = None
 
 
 def facet_strain(mesh: Mesh, facets: Facets) -> StrainRows:
@@ -42,46 +37,24 @@ def facet_strain(mesh: Mesh, facets: Facets) -> StrainRows:
     facet, and nothing to that along it, which is the gauges'.
     facets (f) of this mesh. Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
     """
-    rows = _rows(mesh, facets, nodal=False)
-    return StrainRows(rows, facets.region, np.full(len(facets.region), -1))
+    return StrainRows(_rows(mesh, facets), facets.region)
 
 
-def node_strain(mesh: Mesh, facets: Facets) -> StrainRows:
-    """Strain at the nodes of the facets: the mean of what every facet on the node says there, region by region.
-
-    A node between two regions is one point in each, so that what jumps from material to material is not smeared.
-    Otherwise as `facet_strain`.
-    """
-    facet, local = np.nonzero(facets.nodes >= 0)
-    key = np.column_stack([facets.region[facet], facets.nodes[facet, local]])
-    points, point = np.unique(key, axis=0, return_inverse=True)
-    point = point.ravel()
-    share = 1.0 / np.bincount(point)[point]
-    mean = sparse.csr_array((share, (point, np.arange(len(point)))), shape=(len(points), len(point)))
-    corner = np.full(facets.nodes.shape, -1)
-    corner[facet, local] = point
-    rows = sparse.csr_array(sparse.kron(mean, sparse.eye_array(6), format="csr") @ _rows(mesh, facets, nodal=True))
-    return StrainRows(rows, points[:, 0], points[:, 1], corner)
-
-
-def _rows(mesh: Mesh, facets: Facets, nodal: bool) -> sparse.csr_array:
-    """Rows at the centre of every facet, or at each of its nodes, facet by facet."""
-    count = np.sum(facets.nodes >= 0, axis=1) if nodal else np.ones(len(facets.kind), dtype=np.int64)
-    first = np.r_[0, np.cumsum(count)]
+def _rows(mesh: Mesh, facets: Facets) -> sparse.csr_array:
+    """Rows at the centre of every facet, in their order."""
     value, row, column = [], [], []
     for block, local, which, element in _groups(mesh, facets):
         kind = FACETS[facets.kind[which[0]]]
-        xi = kind.shape(kind.nodes if nodal else kind.centre) @ kind_of(block.kind).nodes[list(local)]
+        xi = kind.shape(kind.centre) @ kind_of(block.kind).nodes[list(local)]
         nodes = block.nodes[element]
         B = _strain(mesh, block, element, xi)
-        at = first[which][:, None] + np.arange(len(xi))
-        rows = 6 * at[:, :, None, None, None] + np.arange(6)[:, None, None]
+        rows = 6 * which[:, None, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, None, :, None] + np.arange(3)
         there = np.nonzero(B)
         value.append(B[there])
         row.append(np.broadcast_to(rows, B.shape)[there])
         column.append(np.broadcast_to(columns, B.shape)[there])
-    shape_ = (6 * int(first[-1]), 3 * len(mesh.position))
+    shape_ = (6 * len(facets.kind), 3 * len(mesh.position))
     if not value:
         return sparse.csr_array(shape_)
     entries = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))

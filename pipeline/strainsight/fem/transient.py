@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,14 +24,13 @@ BAND = 1 / 2.56
 
 @dataclass(frozen=True)
 class Transient:
-    """Readings at T + 1 instants: reading (T + 1, m), rows · z; acceleration (T + 1, a), acceleration rows · z̈; snapshot
-    (k, n_free) [m], z at the instants asked for; end (2, n_free), z and ż at the last one. order of the scheme in the time
-    step, substeps of every step, highest [Hz]: to there periods are right to 1e-4 and no mode gains more damping than 1e-4.
+    """Readings at T + 1 instants: reading (T + 1, m), rows · z; acceleration (T + 1, a), acceleration rows · z̈; end
+    (2, n_free), z and ż at the last one. order of the scheme in the time step, substeps of every step, highest [Hz]: to there
+    periods are right to 1e-4 and no mode gains more damping than 1e-4.
     """
 
     reading: np.ndarray
     acceleration: np.ndarray
-    snapshot: np.ndarray
     end: np.ndarray
     order: int
     substeps: int
@@ -49,7 +48,6 @@ def transient(
     acceleration_rows: sparse.csr_array | np.ndarray | None = None,
     *,
     highest: float | None = None,
-    snapshots: Sequence[int] = (),
     start: tuple[np.ndarray, np.ndarray] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Transient:
@@ -63,7 +61,7 @@ def transient(
     mode has low rank and is added to every solution (Woodbury).
     S (n_free, n_u) [-]; theta [SI]; held (T, J, n_u) polynomial coefficients of the load in τ/h, J ≤ 3; h [s] between
     instants; rows (m, n_free) and acceleration_rows (a, n_free) of what is read, sparse or dense (`free_rows` makes them
-    from rows of nodes); snapshots: instants 0 … T; start: z and ż (n_free,) at first, rest where not given; progress takes
+    from rows of nodes); start: z and ż (n_free,) at first, rest where not given; progress takes
     the share done.
     highest [Hz]: up to there every mode keeps its period to 1e-4; degree and substeps follow from it. Not given, it is
     what the loads reach (99.9 % of their power) or the fourth mode, whichever is higher; where accelerations are read,
@@ -82,13 +80,9 @@ def transient(
     z, v = (np.zeros(K.shape[0]),) * 2 if start is None else start
     motion = np.stack([z, v]).astype(float)
     recorder = _Recorder(step, rows, acceleration_rows, mass, len(held) + 1)
-    wanted = set(snapshots)
-    kept: dict[int, np.ndarray] = {}
     for i in range(len(held) + 1):
         u = held[i, 0] if i < len(held) else held[-1].sum(axis=0)
         recorder.take(motion, u)
-        if i in wanted:
-            kept[i] = motion[0].copy()
         if i < len(held):
             motion = step.advance(motion, held[i])
         if progress is not None and i % BLOCK == 0:
@@ -99,7 +93,6 @@ def transient(
     return Transient(
         recorder.reading,
         recorder.acceleration,
-        np.array([kept[i] for i in snapshots]).reshape(-1, K.shape[0]),
         motion,
         2 * scheme.degree - 1,
         substeps,

@@ -135,12 +135,6 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
     )
 
 
-def frame_shapes(body: CraigBampton, node: int) -> tuple[np.ndarray, np.ndarray]:
-    """Φ (3, n) and Ψ (3, n) of an interface node: u = Φq [m], θ = Ψq [rad]. Raises UserError for any other node."""
-    rows = rows_of(body, node)
-    return rows[:3], rows[3:]
-
-
 def rows_of(body: CraigBampton, node: int) -> np.ndarray:
     """Six motions of an interface node on q (6, n). Raises UserError for any other node."""
     if node not in body.interface:
