@@ -12,9 +12,8 @@ from strainsight.records.estimated import Estimated
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
-from strainsight.records.simulated import Simulated
+from strainsight.records.simulated import Simulated, SurfaceInTime
 from strainsight.records.suite import SuiteNumbers
-from strainsight.records.surface_field import SurfaceInTime
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 

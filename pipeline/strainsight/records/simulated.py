@@ -1,4 +1,4 @@
-"""simulate.h5: a bench in time (thesis 1.5-1.7)."""
+"""A bench in time (thesis 1.5-1.7): simulate.h5, and field.h5 of the surface of a flexible body, whose pictures are /VTKHDF."""
 
 from __future__ import annotations
 
@@ -57,3 +57,14 @@ class Simulated:
         "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a frame",
     )
     bearings: dict[str, RingMotion] = group("/bearings/<name>")
+
+
+@record
+class SurfaceInTime:
+    """field.h5 beside its grid."""
+
+    time: np.ndarray = dataset("/time", "s", "/time", "instants of the pictures")
+    von_mises: np.ndarray = dataset("/von_mises", "Pa", "/time", "largest von Mises stress of every picture")
+    moduli: dict[str, np.ndarray] = dataset(
+        "/moduli/<name>", "Pa", "/time", "Young's modulus <name> that the stress is of; as estimated, where it was"
+    )

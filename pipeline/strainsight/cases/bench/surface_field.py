@@ -19,7 +19,7 @@ from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
 from strainsight.ordering import first_of_largest
 from strainsight.records.bodies import ReducedBody
-from strainsight.records.surface_field import SurfaceInTime
+from strainsight.records.simulated import SurfaceInTime
 
 PICTURES = 50
 

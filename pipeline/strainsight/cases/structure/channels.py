@@ -1,4 +1,4 @@
-"""What every candidate measures, channel by channel, and which channels belong to a set of gauges."""
+"""What every candidate measures, channel by channel, and the channels and the list of a set of gauges."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.cases.layout.gauge_list import GaugeList, gauge_list
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN, UNITS, channels_of_gauges, grouped
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, damping_matrix
@@ -51,6 +52,14 @@ def channels_of(training: Training, screened: Screened) -> Channels:
     """All channels of the training run, with their noise."""
     pool = training.candidates
     return Channels(training.rows, pool.quantity, screened.noise_std, pool.gauge)
+
+
+def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
+    """Gauges (k,) by their numbers, as a layout lists them, with what they read in the training run."""
+    candidates = training.candidates
+    used, peak = candidates.channels(gauges), np.full(len(candidates), np.nan)
+    peak[used] = np.abs(training.reading[:, used]).max(axis=0)
+    return gauge_list(candidates, gauges, screened.family, peak, screened.range)
 
 
 def readings(

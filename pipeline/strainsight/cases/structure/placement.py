@@ -13,9 +13,8 @@ from strainsight.cases.layout.placement import Placed, placed
 from strainsight.cases.layout.pool import PoolRows, layout_limits
 from strainsight.cases.layout.task import Readings, Task, Unknowns
 from strainsight.cases.resources import Resources
-from strainsight.cases.structure.channels import largest_of_quantity
+from strainsight.cases.structure.channels import largest_of_quantity, listed_gauges
 from strainsight.cases.structure.expectation import alike_gauges, expectation
-from strainsight.cases.structure.gauges import listed_gauges
 from strainsight.cases.structure.hot_spots import hot_spot_advice, tested_hot_spots
 from strainsight.cases.structure.installation_noise import installation_intensity
 from strainsight.cases.structure.nuisances import not_held_in_words, tolerated

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.cases.layout.gauge_list import GaugeList
-from strainsight.cases.structure.gauges import listed_gauges as gauges_of
+from strainsight.cases.structure.channels import listed_gauges as gauges_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.placed import HotSpots, Placed
