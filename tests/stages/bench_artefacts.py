@@ -26,10 +26,11 @@ UNITS = {
     "input Fz": "N", "parameter ball": "m", "sensor relative": "m or rad", "sensor tip": "m", "sensor gauges": "strain",
     "the channel": "strain", "the intensity": "strain^2 s",
 }  # fmt: skip
+SENSORS = {name: {"type": kind} for name, kind in (("relative", "relative"), ("tip", "motion"), ("gauges", "strain"))}
 
 
 def written(folder: Path, stage: str, record, summary, tables=()) -> Artefact:
-    header = Header(stage, 1, f"key-{folder.name}-{stage}", {}, {}, {})
+    header = Header(stage, 1, f"key-{folder.name}-{stage}", {"sensors": SENSORS}, {}, {})
     output = Output(datasets_of(record, UNITS), summary, stage, tables=tables)
     return write_artefact(folder / f"{stage}.h5", output, header)
 

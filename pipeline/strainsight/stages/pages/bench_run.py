@@ -29,11 +29,11 @@ WARNINGS = "warnings"
 
 def estimate_of(artefact: Artefact) -> BenchEstimate:
     """Everything that a page shows of estimate.h5."""
-    own = read(BenchEstimated, artefact)
+    own, kinds = read(BenchEstimated, artefact), _kinds(artefact)
     return BenchEstimate(
         time=own.time,
         unknowns=(*(_input(own, name) for name in own.inputs), *(_parameter(own, name) for name in own.parameters)),
-        sensors=tuple(_compared(name, match, own.time[1:]) for name, match in own.sensors.items()),
+        sensors=tuple(_compared(name, kinds[name], match, own.time[1:]) for name, match in own.sensors.items()),
         nis=own.nis,
         violation=own.violation,
         numbers=artefact.summary,
@@ -42,12 +42,14 @@ def estimate_of(artefact: Artefact) -> BenchEstimate:
 
 def motion_of(artefact: Artefact) -> BenchMotion:
     """Everything that a page shows of simulate.h5."""
-    own = read(Simulated, artefact)
+    own, kinds = read(Simulated, artefact), _kinds(artefact)
     return BenchMotion(
         time=own.time,
         inputs={name: (unit_of(own, "inputs", name), values) for name, values in own.inputs.items()},
         sensors=tuple(
-            BenchSensor(name, own.time, values, None, *_components(unit_of(own, "sensors", name), values.shape[1]))
+            BenchSensor(
+                name, own.time, values, None, *_components(kinds[name], unit_of(own, "sensors", name), values.shape[1])
+            )
             for name, values in own.sensors.items()
         ),
         bearings=tuple(
@@ -104,17 +106,20 @@ def _parameter(own: BenchEstimated, name: str) -> BenchUnknown:
     return BenchUnknown("parameter", history, errors, stds)
 
 
-def _compared(name: str, match: SensorMatch, time: np.ndarray) -> BenchSensor:
-    components = _components(unit_of(match, "expected"), match.expected.shape[1])
+def _compared(name: str, kind: str, match: SensorMatch, time: np.ndarray) -> BenchSensor:
+    components = _components(kind, unit_of(match, "expected"), match.expected.shape[1])
     measured = np.full_like(match.expected, np.nan) if match.measured is None else match.measured
     return BenchSensor(name, time, measured, match.expected, *components, match.used)
 
 
-def _components(unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the components of a sensor are called, and their units."""
-    if unit == "m or rad" and count == len(RELATIVE):
+def _kinds(artefact: Artefact) -> dict[str, str]:
+    """Sensor → its `type` in the config that the artefact was made from."""
+    return {name: str(sensor["type"]) for name, sensor in artefact.header.config["sensors"].items()}
+
+
+def _components(kind: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What the components of a sensor are called, and their units; unit: of all of them, where they have one."""
+    if kind == "relative":
         return tuple(name for name, _ in RELATIVE), tuple(own for _, own in RELATIVE)
-    if unit == "strain":
-        return tuple(f"gauge {i}" for i in range(1, count + 1)), (unit,) * count
-    names = tuple("xyz") if count == len("xyz") else tuple(str(i) for i in range(1, count + 1))
+    names = tuple(f"gauge {i}" for i in range(1, count + 1)) if kind == "strain" else tuple("xyz")
     return names, ("–" if unit == "1" else unit,) * count
