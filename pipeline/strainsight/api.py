@@ -1,4 +1,4 @@
-"""strainsight as a library: the steps of a placement as functions, and the results of a run as NumPy arrays.
+"""strainsight as a library: the steps of a placement as functions, and the results of runs as NumPy arrays.
 
     from strainsight import api
 
@@ -11,7 +11,7 @@
     validation = api.validate(case, mesh, reduced, training, screened, layout.gauges)
 
 Every function computes what the stage of the same name writes, from a config and what came before it; nothing is written.
-`open_run` reads what a run on the command line has written.
+`open_run` reads what a run on the command line has written, `open_bench` what one of a bench has.
 """
 
 from __future__ import annotations
@@ -26,22 +26,15 @@ import numpy as np
 from strainsight.cases.resources import silent
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, UserError
+from strainsight.errors import ConfigError
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
-from strainsight.records.estimated import Estimated
-from strainsight.records.mesh import mesh_from
-from strainsight.records.placed import HotSpots, Observed, Placed
-from strainsight.records.record import Record, read
+from strainsight.records.placed import HotSpots, Observed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.records.validated import Validated
+from strainsight.runs import BenchRun, Run, open_bench, open_run, to_pyvista
 from strainsight.sweep.sweep import Sweep, serial
-from strainsight.workflow.artefact import Artefact
 
 if TYPE_CHECKING:
-    import pyvista
-
     from strainsight.cases.layout.expectation import Expectation
     from strainsight.cases.structure.estimation import Estimation
     from strainsight.cases.structure.placement import Placement
@@ -51,6 +44,7 @@ Gauges = Sequence[int] | np.ndarray
 """Numbers of gauges, as train.h5 counts the candidates; `gauges` of a placement are those of its layout, G1 first."""
 
 __all__ = [
+    "BenchRun",
     "Case",
     "Gauges",
     "Run",
@@ -61,6 +55,7 @@ __all__ = [
     "mesh",
     "modes",
     "observe",
+    "open_bench",
     "open_run",
     "place",
     "reduce",
@@ -222,96 +217,3 @@ def estimate(
     from strainsight.cases.structure.estimation import estimation_of
 
     return estimation_of(case.config, mesh, reduced, training, screened, np.asarray(gauges, dtype=int), case)
-
-
-def to_pyvista(grid: VtkHdf | Mesh, step: int = 0) -> pyvista.UnstructuredGrid:
-    """A mesh, or a grid at one of its steps."""
-    from pyvista import UnstructuredGrid
-
-    own = unstructured_grid(grid.position, grid.blocks) if isinstance(grid, Mesh) else grid
-    offset, points = own.datasets["Offsets"], own.datasets["Points"]
-    cells = np.insert(own.datasets["Connectivity"], offset[:-1], np.diff(offset))
-    found = UnstructuredGrid(cells, own.datasets["Types"], points)
-    for path, values in own.datasets.items():
-        where, _, name = path.partition("/")
-        if where in ("PointData", "CellData"):
-            data, size = (found.point_data, len(points)) if where == "PointData" else (found.cell_data, len(offset) - 1)
-            data[name] = values[step * size :][:size] if len(values) > size else values
-    return found
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a run has written, stage by stage, as records of NumPy arrays; each array is read when it is asked for.
-
-    folder: results/NAME. Raises ArtefactError for a stage that has not run, and for a file that is damaged.
-    """
-
-    folder: Path
-
-    def artefact(self, stage: str) -> Artefact:
-        """The artefact of a stage: `.summary`, `.tables`, `.message`, and its datasets by path."""
-        return Artefact(self.folder / f"{stage}.h5")
-
-    def _record(self, kind: type[Record], stage: str) -> Record:
-        return read(kind, self.artefact(stage))
-
-    @property
-    def mesh(self) -> Mesh:
-        return mesh_from(self.artefact("import"))
-
-    @property
-    def modes(self) -> Modes:
-        return self._record(Modes, "modes")
-
-    @property
-    def reduced(self) -> Reduced:
-        return self._record(Reduced, "rom")
-
-    @property
-    def training(self) -> Training:
-        return self._record(Training, "train")
-
-    @property
-    def screened(self) -> Screened:
-        return self._record(Screened, "screen")
-
-    @property
-    def observed(self) -> Observed:
-        return self._record(Observed, "observe")
-
-    @property
-    def placed(self) -> Placed:
-        return self._record(Placed, "place")
-
-    @property
-    def validated(self) -> Validated:
-        return self._record(Validated, "validate")
-
-    @property
-    def estimated(self) -> Estimated:
-        return self._record(Estimated, "estimate")
-
-    def to_pyvista(self, stage: str = "import", step: int = 0) -> pyvista.UnstructuredGrid:
-        """The grid of a stage at one of its steps.
-
-        "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the candidates, "estimate"
-        with `estimate.field` the surface in time.
-        """
-        artefact = self.artefact(stage)
-        if "/VTKHDF" not in artefact:
-            raise UserError(
-                f"the stage '{stage}' has written no grid",
-                where=str(artefact.path),
-                remedy="import, rom, place or validate; estimate with estimate.field",
-            )
-        paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
-        return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
-
-
-def open_run(folder: Path | str) -> Run:
-    """The results of a run on the command line, `results/NAME`. Raises UserError where there are none."""
-    path = Path(folder)
-    if not any(path.glob("*.h5")):
-        raise UserError("no results of a run", where=str(path), remedy="give the folder results/NAME of a run")
-    return Run(path)

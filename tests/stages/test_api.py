@@ -142,6 +142,18 @@ def test_all_that_a_run_has_written_is_read(run_there, stage):
     assert any(isinstance(part, np.ndarray) and part.size for part in found)
 
 
+def test_all_that_a_bench_has_written_is_read(bench):
+    run = api.open_bench(bench["simulate"].path.parent)
+    np.testing.assert_array_equal(run.simulated.sensors["relative"], bench["simulate"]["/sensors/relative"])
+    np.testing.assert_array_equal(run.reduced["hub"].frequency, bench["reduce"]["/bodies/hub/frequency"])
+    np.testing.assert_array_equal(run.meshes["hub"].position, bench["import"]["/bodies/hub/nodes/position"])
+    assert len(list(everything(run.bearings))) > 2
+    with pytest.raises(UserError, match="has written no grid"):
+        run.to_pyvista("simulate")
+    with pytest.raises(ArtefactError):
+        _ = run.surface
+
+
 def test_grids_go_to_pyvista(run_there):
     assert isinstance(run_there.to_pyvista("import"), pyvista.UnstructuredGrid)
     assert run_there.to_pyvista("import").volume == pytest.approx(api.to_pyvista(run_there.mesh).volume)

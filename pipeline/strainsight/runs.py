@@ -1,0 +1,166 @@
+"""What runs on the command line have written, stage by stage, as records of NumPy arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
+from strainsight.records.bearing import BearingsAlone
+from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bodies import ReducedBodies, ReducedBody
+from strainsight.records.estimated import Estimated
+from strainsight.records.mesh import Meshes, mesh_from
+from strainsight.records.placed import Observed, Placed
+from strainsight.records.record import Record, read
+from strainsight.records.reduced import Modes, Reduced
+from strainsight.records.simulated import Simulated, SurfaceInTime
+from strainsight.records.training import Screened, Training
+from strainsight.records.validated import Validated
+from strainsight.workflow.artefact import Artefact
+
+if TYPE_CHECKING:
+    import pyvista
+
+
+@dataclass(frozen=True)
+class Written:
+    """The artefacts of a run; each array is read when it is asked for.
+
+    folder: results/NAME. Raises ArtefactError for a stage that has not run, and for a file that is damaged.
+    """
+
+    GRIDS: ClassVar[str]
+    """Stages that write a grid."""
+    folder: Path
+
+    def artefact(self, stage: str) -> Artefact:
+        """The artefact of a stage: `.summary`, `.tables`, `.message`, and its datasets by path."""
+        return Artefact(self.folder / f"{stage}.h5")
+
+    def _record(self, kind: type[Record], stage: str) -> Record:
+        return read(kind, self.artefact(stage))
+
+    def to_pyvista(self, stage: str = "import", step: int = 0) -> pyvista.UnstructuredGrid:
+        """The grid of a stage at one of its steps."""
+        artefact = self.artefact(stage)
+        if "/VTKHDF" not in artefact:
+            raise UserError(f"the stage '{stage}' has written no grid", where=str(artefact.path), remedy=self.GRIDS)
+        paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
+        return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
+
+
+class Run(Written):
+    """What a placement has written. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain
+    of the candidates, "estimate" with `estimate.field` the surface in time."""
+
+    GRIDS = "import, rom, place or validate; estimate with estimate.field"
+
+    @property
+    def mesh(self) -> Mesh:
+        return mesh_from(self.artefact("import"))
+
+    @property
+    def modes(self) -> Modes:
+        return self._record(Modes, "modes")
+
+    @property
+    def reduced(self) -> Reduced:
+        return self._record(Reduced, "rom")
+
+    @property
+    def training(self) -> Training:
+        return self._record(Training, "train")
+
+    @property
+    def screened(self) -> Screened:
+        return self._record(Screened, "screen")
+
+    @property
+    def observed(self) -> Observed:
+        return self._record(Observed, "observe")
+
+    @property
+    def placed(self) -> Placed:
+        return self._record(Placed, "place")
+
+    @property
+    def validated(self) -> Validated:
+        return self._record(Validated, "validate")
+
+    @property
+    def estimated(self) -> Estimated:
+        return self._record(Estimated, "estimate")
+
+
+class BenchRun(Written):
+    """What a bench has written, or bearings alone. Grids: "place" the pool, "field" the surface of a body in time."""
+
+    GRIDS = "place, with the section place; field, with the section field"
+
+    @property
+    def meshes(self) -> dict[str, Mesh]:
+        return self._record(Meshes, "import").bodies
+
+    @property
+    def reduced(self) -> dict[str, ReducedBody]:
+        return self._record(ReducedBodies, "reduce").bodies
+
+    @property
+    def bearings(self) -> BearingsAlone:
+        return self._record(BearingsAlone, "bearing")
+
+    @property
+    def placed(self) -> BenchPlaced:
+        return self._record(BenchPlaced, "place")
+
+    @property
+    def simulated(self) -> Simulated:
+        return self._record(Simulated, "simulate")
+
+    @property
+    def estimated(self) -> BenchEstimated:
+        return self._record(BenchEstimated, "estimate")
+
+    @property
+    def surface(self) -> SurfaceInTime:
+        return self._record(SurfaceInTime, "field")
+
+
+def open_run(folder: Path | str) -> Run:
+    """The results of a placement on the command line, `results/NAME`. Raises UserError where there are none."""
+    return Run(_results(folder))
+
+
+def open_bench(folder: Path | str) -> BenchRun:
+    """The results of a bench on the command line, or of bearings alone, as of `open_run`."""
+    return BenchRun(_results(folder))
+
+
+def to_pyvista(grid: VtkHdf | Mesh, step: int = 0) -> pyvista.UnstructuredGrid:
+    """A mesh, or a grid at one of its steps."""
+    from pyvista import UnstructuredGrid
+
+    own = unstructured_grid(grid.position, grid.blocks) if isinstance(grid, Mesh) else grid
+    offset, points = own.datasets["Offsets"], own.datasets["Points"]
+    cells = np.insert(own.datasets["Connectivity"], offset[:-1], np.diff(offset))
+    found = UnstructuredGrid(cells, own.datasets["Types"], points)
+    for path, values in own.datasets.items():
+        where, _, name = path.partition("/")
+        if where in ("PointData", "CellData"):
+            data, size = (found.point_data, len(points)) if where == "PointData" else (found.cell_data, len(offset) - 1)
+            data[name] = values[step * size :][:size] if len(values) > size else values
+    return found
+
+
+def _results(folder: Path | str) -> Path:
+    path = Path(folder)
+    if not any(path.glob("*.h5")):
+        raise UserError("no results of a run", where=str(path), remedy="give the folder results/NAME of a run")
+    return path
