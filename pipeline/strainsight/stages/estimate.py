@@ -10,6 +10,7 @@ from strainsight.cases.structure.estimation_text import (
     estimation_tables,
 )
 from strainsight.cases.structure.full_model import FILES, READS
+from strainsight.config.placement import PlacementConfig
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import written
 from strainsight.stages import inputs
@@ -17,7 +18,7 @@ from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The estimate, with the surface in time as a grid where it is asked for."""
     found = estimation_of(
         context.config,

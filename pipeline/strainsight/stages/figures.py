@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel
-
+from strainsight.cases.resources import silent
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.report.chart.drawing import Drawing, kept
 from strainsight.report.chart.files import figure_files
@@ -18,7 +19,9 @@ from strainsight.workflow.slices import declared, prune
 from strainsight.workflow.stage import Context, Stage
 
 
-def figures_of(config: BaseModel, report: Stage, folder: Path, config_file: str) -> dict[str, bytes]:
+def figures_of(
+    config: PlacementConfig | BenchConfig, report: Stage, folder: Path, config_file: str
+) -> dict[str, bytes]:
     """File name → content of every figure of the page that `report`, the last stage of a placement or a bench, would write.
 
     Raises UserError with the command to run where artefacts are missing.
@@ -32,20 +35,23 @@ def figures_of(config: BaseModel, report: Stage, folder: Path, config_file: str)
         )
     upstream = {name: Artefact(folder / f"{name}.h5") for name in report.upstream}
     data = config.model_dump(mode="json", by_alias=True)
-    context = Context(declared(config, prune(data, report.reads)), upstream, {}, lambda doing, share: None)
+    own = declared(config, prune(data, report.reads))
     with kept() as drawn:
-        drawings = _of_bench(context) if data["kind"] == "bench" else _of_placement(context)
+        if isinstance(own, BenchConfig):
+            drawings = _of_bench(Context(own, upstream, {}, silent))
+        else:
+            drawings = _of_placement(Context(own, upstream, {}, silent))
         return figure_files(drawings, drawn)
 
 
-def _of_placement(context: Context) -> list[Drawing]:
+def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
     from strainsight.report.placement.figures import placement_figures
     from strainsight.stages.pages.page import placement_report
 
     return list(placement_figures(placement_report(context)))
 
 
-def _of_bench(context: Context) -> list[Drawing]:
+def _of_bench(context: Context[BenchConfig]) -> list[Drawing]:
     from strainsight.report.bench.page import bench_figures
     from strainsight.stages.bench.report import bench_run
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.mesh import MeshFile
+from strainsight.config.placement import PlacementConfig
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
@@ -20,7 +21,7 @@ from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """Read the deck, convert its units, add what the config adds, check it, weigh it."""
     config = context.config.mesh
     mesh = mesh_of(config, context.files["mesh.file"])

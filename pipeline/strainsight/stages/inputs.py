@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.cases.structure.problem import Problem, problem_of
+from strainsight.config.placement import PlacementConfig
 from strainsight.mesh.model import Mesh
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
@@ -14,37 +15,37 @@ from strainsight.records.training import Screened, Training
 from strainsight.workflow.stage import Context
 
 
-def mesh(context: Context) -> Mesh:
+def mesh(context: Context[object]) -> Mesh:
     """The mesh of import.h5."""
     return mesh_from(context.upstream["import"])
 
 
-def reduced(context: Context) -> Reduced:
+def reduced(context: Context[object]) -> Reduced:
     """rom.h5."""
     return read(Reduced, context.upstream["rom"])
 
 
-def training(context: Context) -> Training:
+def training(context: Context[object]) -> Training:
     """train.h5."""
     return read(Training, context.upstream["train"])
 
 
-def screened(context: Context) -> Screened:
+def screened(context: Context[object]) -> Screened:
     """screen.h5."""
     return read(Screened, context.upstream["screen"])
 
 
-def problem(context: Context) -> Problem:
+def problem(context: Context[PlacementConfig]) -> Problem:
     """The estimation problem of the config, from rom, train and screen."""
     return problem_of(context.config, context.files, reduced(context), training(context), screened(context))
 
 
-def layout(context: Context) -> np.ndarray:
+def layout(context: Context[object]) -> np.ndarray:
     """Numbers of the gauges of place.h5, G1 first."""
     return read(Placed, context.upstream["place"]).final.number
 
 
-def spectrum(context: Context) -> Modes | None:
+def spectrum(context: Context[object]) -> Modes | None:
     """spectrum.h5, which only a truth that is made of modes has."""
     found = context.upstream.get("spectrum")
     return None if found is None else read(Modes, found)

@@ -6,13 +6,14 @@ from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import modes_of
 from strainsight.cases.structure.scales import hertz
 from strainsight.cases.structure.settings import reference_value
+from strainsight.config.placement import PlacementConfig
 from strainsight.records.record import written
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The lowest modes; runs that differ in their loads alone share the result."""
     config = context.config
     found = modes_of(config, inputs.mesh(context), context)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from strainsight.cases.structure.observation import observed_of
+from strainsight.config.placement import PlacementConfig
 from strainsight.ordering import first_of_largest
 from strainsight.records.placed import Observed
 from strainsight.records.record import written
@@ -11,7 +12,7 @@ from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The cases, and which is the worst at the training motion."""
     reduced, training, screened = inputs.reduced(context), inputs.training(context), inputs.screened(context)
     found = observed_of(context.config, reduced, training, screened, context)

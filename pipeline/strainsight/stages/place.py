@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from strainsight.cases.structure.placed import placement_output
 from strainsight.cases.structure.placement import placement_of
+from strainsight.config.placement import PlacementConfig
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
     mesh, problem = inputs.mesh(context), inputs.problem(context)
     training, screened = inputs.training(context), inputs.screened(context)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import StrainsightError
 from strainsight.report.picture.scene import render
 from strainsight.report.placement.figures import placement_figures
@@ -15,7 +16,7 @@ from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """Gather what the page shows and write it as one self-contained file."""
     report = placement_report(context)
     context.progress("picture", 0.1)

@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import reduced_of
 from strainsight.cases.structure.scales import hertz
+from strainsight.config.placement import PlacementConfig
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import read, written
@@ -16,7 +17,7 @@ from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The reduced model, with the modes of the full one as steps of a grid."""
     mesh, modes = inputs.mesh(context), context.config.rom.modes
     reduced = reduced_of(context.config, mesh, read(Modes, context.upstream["modes"]), context)

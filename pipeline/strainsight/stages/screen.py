@@ -8,6 +8,7 @@ from collections import Counter
 from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.clearance import clearance_in_words, clearance_warning
 from strainsight.cases.structure.training import screened_of
+from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.screening import CLEARANCE
 from strainsight.records.record import written
 from strainsight.stages import inputs
@@ -15,7 +16,7 @@ from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """Which candidates go on, and why the others do not."""
     training = inputs.training(context)
     found, pool = screened_of(context.config, inputs.mesh(context), training), training.candidates

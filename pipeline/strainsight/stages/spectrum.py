@@ -5,13 +5,14 @@ from __future__ import annotations
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import spectrum_of
 from strainsight.cases.structure.scales import hertz
+from strainsight.config.placement import PlacementConfig
 from strainsight.records.record import written
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
     found = spectrum_of(context.config, inputs.mesh(context), context)
     frequency, size = found.frequency, len(found.shape)

@@ -14,10 +14,11 @@ from strainsight.report.suite.results import RED, counts, is_estimated, without_
 from strainsight.stages.pages.suite import suite_of
 from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
 from strainsight.workflow.output import Output
+from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[Slice]) -> Output:
     """Gather what the page shows, measure the claims, write it as one self-contained file."""
     suite = suite_of(context)
     context.progress("pictures and figures", 0.5)

@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.structure.candidates import OnSurface
 from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.training import trained
+from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.candidates import Candidates
 from strainsight.measurements.calibration import LARGE_STRAIN
 from strainsight.records.record import written
@@ -15,7 +16,7 @@ from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The training run, and where bonded gauges were moved to."""
     found = trained(context.config, inputs.mesh(context), inputs.reduced(context), context)
     training, surface = found.training, found.surface

@@ -9,6 +9,7 @@ from strainsight.cases.structure.measured_csv import measured_csv
 from strainsight.cases.structure.sweeps import sweep_table
 from strainsight.cases.structure.validation import validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
+from strainsight.config.placement import PlacementConfig
 from strainsight.records.grids import gauge_grid
 from strainsight.records.record import written
 from strainsight.report.placement.verdicts import OVER, in_words
@@ -18,7 +19,7 @@ from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[PlacementConfig]) -> Output:
     """The validation, with the strain of every candidate as points of a grid."""
     config, training = context.config, inputs.training(context)
     found = validation_of(

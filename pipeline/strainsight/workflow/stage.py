@@ -5,40 +5,33 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Output
 
+Config = TypeVar("Config", covariant=True)
+
 
 @dataclass(frozen=True)
-class Context:
+class Context(Generic[Config]):
     """All that a stage may look at.
 
     config    the frozen config model with the declared keys only: `config.place.keep`, `config.loads["tip"].node`; all else
-              is an AttributeError. Of a job without a model, a `Slice` of its data
+              is an AttributeError. Of a job without a model, a `Slice` of its data. `Context[PlacementConfig]` is that of a
+              stage of a placement; a function that does not look at the config takes a `Context[object]`
     upstream  stage name → Artefact, opened when asked for
     files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file
     progress  progress("elimination", 0.4): what is being done and the share that is done
     sweep     runs one function at many points, wherever the user wants that: the results are the same
     """
 
-    config: Any
+    config: Config
     upstream: Mapping[str, Artefact]
     files: Mapping[str, Path]
     progress: Callable[[str, float], None]
     sweep: Sweep = serial
-
-    @property
-    def name(self) -> str:
-        """The run's name; the stage must declare "name" in `reads`."""
-        return str(self.config.name)
-
-    @property
-    def seed(self) -> int:
-        """The run's seed; the stage must declare "seed" in `reads`."""
-        return int(self.config.seed)
 
 
 @dataclass(frozen=True)
@@ -52,7 +45,7 @@ class Stage:
     files     dotted keys whose values are input files: ("mesh.file", "loads.*.signal.file"), covered by `reads`; keys
               that the config lacks are passed over. A plain name under a key `from` stands for
               results/<that name>/validate.h5, under `measured.from` for its simulate.h5
-    run       the function
+    run       the function; of a config of its own kind, which pipelines of other kinds need not know
     """
 
     name: str
@@ -60,4 +53,4 @@ class Stage:
     reads: tuple[str, ...]
     upstream: tuple[str, ...]
     files: tuple[str, ...]
-    run: Callable[[Context], Output]
+    run: Callable[[Context[Any]], Output]

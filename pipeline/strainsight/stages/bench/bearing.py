@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.cases.bench.bearings import bearings_of, displaced, loaded
+from strainsight.config.bench.bearing import BearingConfig
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.records.bearing import BearingCases, BearingCurves, BearingsAlone
 from strainsight.records.record import written
@@ -21,7 +23,7 @@ from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     """Load-displacement curves, and for every load case the displacement, the stiffness and what each ball carries."""
     config = context.config
     bearings = bearings_of(config.bearings)

@@ -10,6 +10,7 @@ from strainsight.cases.bench.inverse.verdicts import claim_numbers, message_of, 
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate
 from strainsight.errors import ArtefactError
 from strainsight.records.bench_estimated import BenchEstimated
@@ -38,22 +39,23 @@ COLUMNS = {
 """Numbers in the table of the unknowns."""
 
 
-def run(context: Context) -> Output:
+def run(context: Context[BenchConfig]) -> Output:
     """Simulate or fetch the measurements, run the filter on them, compare."""
-    config, there = context.config, _there(context)
+    config, estimate, there = context.config, context.config.estimate, _there(context)
+    assert estimate is not None  # a bench without it has no such stage
     own = estimated(config, inputs.bodies(context), inputs.meshes(context), inputs.placed(context), there, context)
     result = compared(config, own)
-    found, summary = result.found, _summary(config.estimate, own, result)
+    found, summary = result.found, _summary(estimate, own, result)
     method, truth = str(summary["method"]), str(summary["truth"])
     free = own.unknowns.free
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * len(own.trial.noise)
     warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
-    warnings = [*own.notes, *warned, *_disagreements(config.estimate, own)]
+    warnings = [*own.notes, *warned, *_disagreements(estimate, own)]
     tables = [_table(own, result)]
     if warnings:
         tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
     units = dataset_units(config, load_units(config, found.inputs))
-    of = {name: "Pa" if config.estimate.parameters[name].bearing is None else "m" for name in free}
+    of = {name: "Pa" if estimate.parameters[name].bearing is None else "m" for name in free}
     units |= {f"parameter {name}": unit for name, unit in of.items()} | of
     if own.compared is not None:
         tables.insert(1, comparison_table(own.compared, of, COMPARED))
@@ -77,7 +79,7 @@ def _disagreements(estimate: Estimate, own: Estimated) -> list[str]:
     return words
 
 
-def _there(context: Context) -> Simulated | None:
+def _there(context: Context[object]) -> Simulated | None:
     """The run of `estimate.measured`."""
     key = "estimate.measured.from"
     if key not in context.files:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from strainsight.cases.bench.surface_field import Motion, pictures
+from strainsight.config.bench.bench import BenchConfig, SurfaceField
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import read, written
@@ -23,10 +24,12 @@ UNITS = {
 }
 
 
-def run(context: Context) -> Output:
+def run(context: Context[BenchConfig]) -> Output:
     """Pictures of the simulated motion or of the estimated one."""
-    config, name = context.config, context.config.field.body
-    own = pictures(config, inputs.meshes(context)[name], inputs.bodies(context)[name], _motion(context), context)
+    config, settings = context.config, context.config.field
+    assert settings is not None  # a bench without it has no such stage
+    name, motion = settings.body, _motion(settings, context)
+    own = pictures(config, inputs.meshes(context)[name], inputs.bodies(context)[name], motion, context)
     grid, attributes = vtkhdf_datasets(own.grid)
     attributes |= {f"/VTKHDF/{path}": {"units": unit} for path, unit in UNITS.items() if f"/VTKHDF/{path}" in grid}
     count, largest, instant = len(own.found.time), float(own.found.von_mises.max()), float(own.found.time[own.worst])
@@ -45,9 +48,9 @@ def run(context: Context) -> Output:
     )
 
 
-def _motion(context: Context) -> Motion:
+def _motion(settings: SurfaceField, context: Context[object]) -> Motion:
     """The body's coordinates, and the moduli where they were estimated."""
-    settings, simulated = context.config.field, read(Simulated, context.upstream["simulate"])
+    simulated = read(Simulated, context.upstream["simulate"])
     part = slice(*simulated.coordinates[settings.body])
     if settings.of == "simulate":
         return Motion(simulated.time, simulated.q[:, part], {})

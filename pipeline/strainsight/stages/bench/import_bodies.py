@@ -7,6 +7,7 @@ from pathlib import Path
 
 from strainsight.cases.bench.reduction import flexible
 from strainsight.cases.structure.mesh import checked, mesh_of
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.scaling import scaled
@@ -17,7 +18,7 @@ from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[BenchConfig]) -> Output:
     """Read every deck, convert its units, add what the config adds, check it, weigh it."""
     meshes: dict[str, Mesh] = {}
     summary: dict[str, Scalar] = {}

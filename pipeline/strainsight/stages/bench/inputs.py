@@ -10,16 +10,16 @@ from strainsight.records.record import read
 from strainsight.workflow.stage import Context
 
 
-def meshes(context: Context) -> dict[str, Mesh]:
+def meshes(context: Context[object]) -> dict[str, Mesh]:
     """import.h5: flexible body → its mesh."""
     return read(Meshes, context.upstream["import"]).bodies
 
 
-def bodies(context: Context) -> dict[str, ReducedBody]:
+def bodies(context: Context[object]) -> dict[str, ReducedBody]:
     """reduce.h5: flexible body → what it was reduced to."""
     return read(ReducedBodies, context.upstream["reduce"]).bodies
 
 
-def placed(context: Context) -> BenchPlaced | None:
+def placed(context: Context[object]) -> BenchPlaced | None:
     """place.h5, of a stage that has it above it: where a sensor takes a layout of it."""
     return read(BenchPlaced, context.upstream["place"]) if "place" in context.upstream else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from strainsight.cases.bench.reduction import Reduction, reductions
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.record import written
 from strainsight.stages.bench import inputs
@@ -10,7 +11,7 @@ from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
 
-def run(context: Context) -> Output:
+def run(context: Context[BenchConfig]) -> Output:
     """The reduced bodies, and their natural frequencies for a look."""
     found = reductions(context.config, inputs.meshes(context), context)
     summary: dict[str, Scalar] = {}

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from strainsight import __version__
 from strainsight.cases.bench.reduction import flexible
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import StrainsightError
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import bench_figures, bench_page
@@ -22,13 +23,13 @@ SHOWN = ("import", "reduce", "place", "simulate", "estimate", "field")
 """Stages that the page shows, of those that a bench has."""
 
 
-def run(context: Context) -> Output:
+def run(context: Context[BenchConfig]) -> Output:
     """Gather what the page shows and write it as one self-contained file."""
     report = bench_run(context)
     context.progress("figures", 0.2)
     drawings = bench_figures(report)
     up = context.upstream
-    provenance = {"strainsight": __version__, "seed": str(context.seed)} | {
+    provenance = {"strainsight": __version__, "seed": str(context.config.seed)} | {
         f"{stage} artefact": up[stage].digest[:16] for stage in up
     }
     context.progress("pictures", 0.6)
@@ -46,7 +47,7 @@ def run(context: Context) -> Output:
     )
 
 
-def _body(context: Context) -> str | None:
+def _body(context: Context[BenchConfig]) -> str | None:
     """The flexible body to show: that of the field or of the placement, else the first with gauges, else the first."""
     config, up = context.config, context.upstream
     if "import" not in up or not flexible(config):
@@ -55,7 +56,7 @@ def _body(context: Context) -> str | None:
     return body_of(config, None if "field" in up or "place" in up else next(iter(strain), None))
 
 
-def _in_space(context: Context, body: str) -> str:
+def _in_space(context: Context[BenchConfig], body: str) -> str:
     """The body with its gauges and modes to turn round."""
     config, up = context.config, context.upstream
     modes = bench_view(config, "modes", body, up, None)
@@ -63,7 +64,7 @@ def _in_space(context: Context, body: str) -> str:
     return space_section([("", bench_view(config, "layout", body, up, None).layout)], shapes, body)
 
 
-def _pictures(context: Context, body: str) -> tuple[list[tuple[str, bytes]], str]:
+def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str, bytes]], str]:
     """Captions and PNGs of the gauges on the body and of its stress, and why there are none."""
     config, up = context.config, context.upstream
     views = [bench_view(config, what, body, up, None) for what in ("layout", "field") if what == "layout" or what in up]
@@ -76,7 +77,7 @@ def _pictures(context: Context, body: str) -> tuple[list[tuple[str, bytes]], str
         return [], f"{error.what}: {error.remedy}"
 
 
-def bench_run(context: Context) -> BenchRun:
+def bench_run(context: Context[BenchConfig]) -> BenchRun:
     """The page's content."""
     up = {stage: context.upstream[stage] for stage in context.upstream}
     estimate = estimate_of(up["estimate"]) if "estimate" in up else None
@@ -85,7 +86,7 @@ def bench_run(context: Context) -> BenchRun:
     if placement is not None and motion is not None:
         placement = replace(placement, units={name: unit for name, (unit, _) in motion.inputs.items()})
     return BenchRun(
-        name=context.name,
+        name=context.config.name,
         motion=motion,
         estimate=estimate,
         placement=placement,

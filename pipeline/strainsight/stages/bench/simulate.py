@@ -5,6 +5,7 @@ from __future__ import annotations
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.bench.simulation import Simulation, simulation
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.records.record import written
 from strainsight.stages.bench import inputs
 from strainsight.workflow.output import Output, Scalar, Table
@@ -17,7 +18,7 @@ BAND = 0.1
 """Share of the first coupled frequency up to which implicit Euler follows a load."""
 
 
-def run(context: Context) -> Output:
+def run(context: Context[BenchConfig]) -> Output:
     """The bench in time, and up to which frequency it may be believed."""
     config = context.config
     own = simulation(config, inputs.bodies(context), inputs.meshes(context), inputs.placed(context), context)

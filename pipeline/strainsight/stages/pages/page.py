@@ -45,7 +45,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
 
-def placement_report(context: Context) -> PlacementReport:
+def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
     """The page's content, from the artefacts of all stages."""
     up, config = context.upstream, context.config
     names = [str(name) for name in config.place.estimate]
@@ -54,8 +54,8 @@ def placement_report(context: Context) -> PlacementReport:
     budget = read(Validated, validate).budget or place.budget
     mesh = mesh_from(up["import"])
     return PlacementReport(
-        name=context.name,
-        title=f"{context.name}: {_number_of_gauges(up)} for {' and '.join(names)}",
+        name=context.config.name,
+        title=f"{context.config.name}: {_number_of_gauges(up)} for {' and '.join(names)}",
         unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
         layout=layout_of_page(mesh, up, config.loads),
         trend=trend_of(up["place"]),
@@ -83,7 +83,7 @@ def placement_report(context: Context) -> PlacementReport:
         seconds={
             stage: artefact.header.seconds for stage, artefact in up.items() if artefact.header.seconds is not None
         },
-        provenance={"strainsight": __version__, "seed": str(context.seed)}
+        provenance={"strainsight": __version__, "seed": str(context.config.seed)}
         | {f"{stage} artefact": up[stage].key[:16] for stage in up},
     )
 

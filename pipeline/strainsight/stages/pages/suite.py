@@ -24,13 +24,14 @@ from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, s
 from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
 from strainsight.stages.pages.statements import statements_of
 from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context
 
 PAGE = "report"
 """The stage of a run that writes its own page, report.html."""
 
 
-def suite_of(context: Context) -> Suite:
+def suite_of(context: Context[Slice]) -> Suite:
     """The page's content, run by run. Raises ConfigError for every number that a claim or a study names and no run has."""
     runs: list[SuiteRun] = []
     provenance = {"strainsight": __version__}
@@ -42,7 +43,7 @@ def suite_of(context: Context) -> Suite:
         provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
     studies = _studies(context.config.studies, runs)
     statements = statements_of(context.config.claims, runs)
-    return Suite(context.name, str(context.config.title), tuple(runs), studies, statements, provenance)
+    return Suite(str(context.config.name), str(context.config.title), tuple(runs), studies, statements, provenance)
 
 
 def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:
