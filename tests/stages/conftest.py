@@ -15,6 +15,12 @@ from ..shared import ROOT, SHORT, job_of, made  # noqa: F401  for the tests besi
 
 BENCHES = "benches"
 """Runs of benches, which take each other's reduced hub over (`made`)."""
+LOADS = ROOT / "configs" / "bench" / "loads.yaml"
+DIAMETER = ROOT / "configs" / "bench" / "diameter.yaml"
+MODULUS = ROOT / "configs" / "bench" / "modulus.yaml"
+SMALL = ROOT / "configs" / "bench" / "small.yaml"
+"""Benches of one hub, each with an estimate of its own."""
+BANK = "estimate.method.parameters=bank"
 
 
 def finished(job: Job, stages=PLACEMENT):
@@ -47,3 +53,13 @@ def results(artefacts, tmp_path_factory) -> Path:
 def bench():
     """stage → Artefact of one second of bench-full."""
     return made(ROOT / "configs" / "bench-full.yaml", "simulate.duration=1.0", "name=bench-full", beside=BENCHES)
+
+
+@pytest.fixture(scope="session")
+def estimate():
+    """overrides → the artefact of an estimate, its hub reduced once for all."""
+
+    def of(config, *overrides, stage="estimate"):
+        return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=BENCHES)[stage]
+
+    return of

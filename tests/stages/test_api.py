@@ -17,7 +17,7 @@ from strainsight import api
 from strainsight.errors import ArtefactError, ConfigError, UserError
 from strainsight_cli.main import app
 
-from .conftest import ROOT, SHORT
+from .conftest import LOADS, ROOT, SHORT
 
 LINES = 12
 
@@ -167,7 +167,7 @@ def test_what_is_not_there_is_reported(tmp_path):
     with pytest.raises(UserError, match="no results of a run"):
         api.open_run(tmp_path)
     with pytest.raises(ConfigError, match="config of kind bench"):
-        api.load(ROOT / "configs" / "bench" / "loads.yaml")
+        api.load(LOADS)
     (tmp_path / "import.h5").write_bytes(b"")
     with pytest.raises(ArtefactError):
         _ = api.open_run(tmp_path).placed

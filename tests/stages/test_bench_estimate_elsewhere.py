@@ -1,0 +1,76 @@
+"""A bench that is measured on another one: of another size, with fewer loads, and what is refused."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from strainsight.errors import ConfigError
+
+from .conftest import ROOT, SMALL
+
+
+@pytest.mark.slow
+def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(estimate, bench):
+    large = ("estimate.duration=1.0", f"estimate.measured.from={bench['simulate'].path}")
+    three = estimate(SMALL, *large)
+    five = estimate(
+        SMALL,
+        *large,
+        "estimate.sensors.relative.noise=1.0e-9",
+        *(f"estimate.inputs.M{k}={{std: 1.0e+5, increment: 1.0e+4}}" for k in "yz"),
+    )
+    assert five.summary["mismatch.relative"] < 1e-4
+    assert three.summary["mismatch.relative"] > 0.01
+    assert {f"mismatch.relative.{i}" for i in range(1, 6)} <= three.summary.keys()
+    assert three.summary["ratio_high.Fx"] > 1.5 * three.summary["ratio_low.Fx"] or three.summary["ratio_low.Fx"] < 0
+
+
+@pytest.mark.slow
+def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(estimate):
+    """Displacements, preload × s, g/s, static loads: all strains are those of the large bench, forces go with s²."""
+    static = tuple(
+        f"forces.F{k}.signal={{type: constant, value: {v}}}" for k, v in zip("xyz", (3e4, 2e4, 4e4), strict=True)
+    )
+    large = estimate(ROOT / "configs" / "bench-full.yaml", *static, stage="simulate")
+    found = estimate(
+        SMALL, "estimate.duration=1.0", f"estimate.measured={{from: {large.path}, scale: 0.5}}",
+        "estimate.sensors.relative.noise=1.0e-9",
+        "bearings.pitch-bearing.preload=5.0e-6", "forces.weight.acceleration=[0.0, 0.0, -19.62]",
+    )  # fmt: skip
+    for name in ("Fx", "Fy", "Fz"):
+        assert found.summary[f"ratio_slope.{name}"] == pytest.approx(0.25, abs=1e-5)
+    assert found.summary["mismatch.relative"] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (
+            "estimate.measured.sensors={relative: tip}",
+            "'relative' has 5 channels in m or rad, sensors/tip there 3 in m",
+        ),
+        ("estimate.measured.sensors={relative: relativ}", "did you mean relative"),
+        ("estimate.measured.inputs={Fx: My}", "no input 'My'"),
+        ("estimate.time_step=0.025", "does not divide the filter's step"),
+    ],
+)
+def test_another_bench_that_cannot_be_imported_is_refused(estimate, bench, change, what):
+    with pytest.raises(ConfigError, match=re.escape(what)) as refused:
+        estimate(SMALL, f"estimate.measured.from={bench['simulate'].path}", "estimate.duration=1.0", change)
+    assert refused.value.key.startswith("estimate.measured")
+
+
+@pytest.mark.slow
+def test_a_bench_without_weight_and_loads_stays_at_rest(estimate):
+    """Nothing deforms the hub: its coordinates are rounding, which no iteration can settle to twelve digits."""
+    found = estimate(
+        SMALL,
+        "forces.weight.acceleration=[0.0, 0.0, 0.0]",
+        "simulate.duration=0.1",
+        "estimate.measured=null",
+        stage="simulate",
+    )
+    assert np.abs(found["/q"] - found["/q"][0]).max() < 1e-12
