@@ -79,7 +79,7 @@ def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str,
 
 def bench_run(context: Context[BenchConfig]) -> BenchRun:
     """The page's content."""
-    up = {stage: context.upstream[stage] for stage in context.upstream}
+    up = context.upstream
     estimate = estimate_of(up["estimate"]) if "estimate" in up else None
     motion = motion_of(up["simulate"]) if "simulate" in up else None
     placement = placement_of(up["place"]) if "place" in up else None
