@@ -43,11 +43,11 @@ def test_whiteness_tells_white_from_coloured():
     ("process", "noise", "said"),
     [
         (1, 1, "as large as the noise you stated and independent"),
-        (1, 1 / 9, "2.6 times larger than the noise you stated: raise R or Q"),
-        (9, 9, "3.0 times smaller than the noise you stated: lower R or Q"),
+        (1, 1 / 9, "2.6 times larger than the noise you stated: raise noise_std or process_noise"),
+        (9, 9, "3.0 times smaller than the noise you stated: lower noise_std or process_noise"),
         (1 / 100, 1, "resembles the one before"),
-        (1 / 100, 1, "; raise Q"),
-        (1, 9, "; lower R"),
+        (1 / 100, 1, "; raise process_noise"),
+        (1, 9, "; lower noise_std"),
     ],
 )
 def test_a_verdict_names_what_was_stated_wrongly(make_beam, make_filter, process, noise, said):
@@ -66,7 +66,7 @@ def test_a_verdict_on_coloured_innovations_of_the_right_size():
     white = np.random.default_rng(3).standard_normal((4000, 5))
     opposed = (white[1:] - 0.5 * white[:-1]) / np.sqrt(1.25)
     assert (
-        "each undoes the one before (correlation -0.39): the filter overreacts; lower Q and raise R"
+        "each undoes the one before (correlation -0.39): the filter overreacts; lower process_noise and raise noise_std"
         in verdict(opposed).text
     )
     assert verdict(white).consistent

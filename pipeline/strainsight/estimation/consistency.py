@@ -9,6 +9,10 @@ from scipy.special import ndtri
 
 from strainsight.estimation.verdict import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUTIOUS, judged
 
+PROCESS, NOISE = "process_noise", "noise_std"
+"""Q and R by the keys of a config."""
+EITHER = f"{NOISE} or {PROCESS}"
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -81,13 +85,15 @@ def verdict(whitened: np.ndarray) -> Verdict:
     alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
     if large:
         said = f"the innovations are {ratio:.1f} times larger than the noise you stated"
-        advice = "raise Q" if alike else "raise R" if opposed else "raise R or Q"
+        advice = f"raise {PROCESS if alike else NOISE if opposed else EITHER}"
     elif small:
         said = f"the innovations are {1 / ratio:.1f} times smaller than the noise you stated"
-        advice = "lower R" if alike else "lower Q" if opposed else "lower R or Q"
+        advice = f"lower {NOISE if alike else PROCESS if opposed else EITHER}"
     else:
         said = "the innovations are as large as the noise you stated"
-        advice = "raise Q and lower R" if alike else "lower Q and raise R" if opposed else ""
+        advice = (
+            f"raise {PROCESS} and lower {NOISE}" if alike else f"lower {PROCESS} and raise {NOISE}" if opposed else ""
+        )
     if alike:
         said += f" and each resembles the one before (correlation {correlation:.2f}): the model lags or lacks something"
     elif opposed:

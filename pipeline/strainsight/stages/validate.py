@@ -56,7 +56,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=17,
+    version=18,
     reads=(
         *(
             "seed",
