@@ -69,10 +69,10 @@ def test_every_run_gets_what_is_set_its_name_and_the_suffix(write):
 
 def test_a_guess_from_a_run_of_the_suite_follows_its_suffix_and_others_stay(write):
     runs = runs_of(load_config(write()))
-    assert runs[2].config.data["parameters"]["E"]["guess"] == {"from": "cantilever-youngs-modulus-short"}
+    assert runs[2].config.data["parameters"]["E"]["guess"]["from"] == "cantilever-youngs-modulus-short"
     head, _, _, last = SUITE.split("  - config: ")
     alone = runs_of(load_config(write(f"{head}  - config: {last}")))
-    assert alone[-1].config.data["parameters"]["E"]["guess"] == {"from": "cantilever-youngs-modulus"}
+    assert alone[-1].config.data["parameters"]["E"]["guess"]["from"] == "cantilever-youngs-modulus"
 
 
 def test_overrides_of_the_command_line_reach_the_suite_and_its_set(write):

@@ -43,6 +43,19 @@ def test_estimate_finds_what_validate_found(project, plain):
     assert plain[0]["consistent"]
 
 
+def test_what_a_test_found_is_the_guess_of_another_run(project):
+    summary, _ = as_written(project)
+    named = ("name=next", "parameters.E.guess={from: test, stage: estimate}")
+    done = CliRunner().invoke(
+        app,
+        ["rom", str(project / "test.yaml"), "--results", str(project / "results"), *(f"--set={own}" for own in named)],
+    )
+    assert done.exit_code == 0, done.output
+    found = Artefact(project / "results" / "next" / "rom.h5")
+    assert found["/reduced/reference"].tolist() == [summary["estimate.E"]]
+    assert summary["estimate.E"] != Artefact(project / "results" / "test" / "validate.h5").summary["estimate.E"]
+
+
 def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_file(project):
     """Nothing between samples is guessed then: the filter sees what that of validate saw."""
     results = changed(project, "blind", BLIND)

@@ -148,6 +148,11 @@ def test_another_runs_result_enters_by_its_content(job):
     asking = Job({"name": "next", "guess": {"from": "other"}}, job.base, job.results, job.locate)
     assert done(asking, (user,)) == {"use": "done"}
     assert done(asking, (user,)) == {"use": "up to date"}
+    (job.results / "other" / "validate.h5").rename(job.results / "other" / "estimate.h5")
+    tested = Job({"name": "next", "guess": {"from": "other", "stage": "estimate"}}, job.base, job.results, job.locate)
+    assert done(tested, (user,)) == {"use": "done"}
+    with pytest.raises(UserError, match=r"no result of a run 'other' \(.*validate\.h5\)"):
+        done(asking, (user,))
     with pytest.raises(UserError, match="no result of a run 'nobody'"):
         done(Job({"name": "next", "guess": {"from": "nobody"}}, job.base, job.results, job.locate), (user,))
 

@@ -25,6 +25,10 @@ class GuessFrom(Section):
         alias="from",
         description="Name of the run (results/NAME/validate.h5), or the path of such a file from the config's folder.",
     )
+    stage: Literal["validate", "estimate"] = Field(
+        "validate",
+        description="Which estimates of the run named so: of simulated measurements, or of a test (results/NAME/estimate.h5).",
+    )
 
 
 Guess = Annotated[

@@ -16,7 +16,7 @@ from strainsight.workflow.slices import canonical, differences, expand, look_up,
 from strainsight.workflow.stage import Stage
 
 ESTIMATED, MEASURED = "validate", "simulate"
-"""Stages whose artefacts another run starts from: `guess: {from: NAME}`, `measured: {from: NAME}`."""
+"""Stages whose artefacts another run starts from: `guess: {from: NAME}`, but for its `stage`, and `measured: {from: NAME}`."""
 UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
 
@@ -191,7 +191,8 @@ def files_of(stage: Stage, job: Job) -> dict[str, Path]:
 def _input_path(key: str, value: str, job: Job) -> Path:
     """A path as written, from the config's folder; a plain name under a key `from` is another run's artefact."""
     if key.endswith(".from") and "/" not in value and "." not in value:
-        return job.results / value / f"{MEASURED if key.endswith('measured.from') else ESTIMATED}.h5"
+        usual = MEASURED if key.endswith("measured.from") else ESTIMATED
+        return job.results / value / f"{look_up(job.config, key.removesuffix('.from')).get('stage', usual)}.h5"
     return job.base / value
 
 

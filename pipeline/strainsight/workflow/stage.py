@@ -44,7 +44,7 @@ class Stage:
     upstream  names of the stages whose artefacts it may read
     files     dotted keys whose values are input files: ("mesh.file", "loads.*.signal.file"), covered by `reads`; keys
               that the config lacks are passed over. A plain name under a key `from` stands for
-              results/<that name>/validate.h5, under `measured.from` for its simulate.h5
+              results/<that name>/validate.h5, or that of the stage beside it, under `measured.from` for its simulate.h5
     run       the function; of a config of its own kind, which pipelines of other kinds need not know
     """
 
