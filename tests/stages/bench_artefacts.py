@@ -137,6 +137,7 @@ def placed(folder: Path) -> Artefact:
             response=np.zeros((500, 1)),
         ),
         augmented=Augmented(
+            state=("q1", "dq1/dt", "Fz"),
             F=-np.eye(3)[None], H=np.ones((1, 12, 3)), Q=np.eye(3)[None], R=np.ones((1, 12)), weight=np.ones((1, 3)),
             scale=np.ones((1, 3)),
         ),

@@ -229,6 +229,11 @@ def test_the_metric_uses_the_input_model_of_the_filter(tmp_path):
     place, n = done["place"][2], done["rom"][2]["/basis"].shape[1]
     F, scale = place["/augmented/F"][0], place["/augmented/scale"][0]
     assert F.shape == (2 * n + 2, 2 * n + 2)
+    state = place["/augmented/state"].tolist()
+    assert state[0] == "q1"
+    assert state[n : 2 * n] == [f"d{name}/dt" for name in state[:n]]
+    np.testing.assert_allclose((F * scale[:, None] / scale)[:n], np.eye(n, 2 * n + 2, n), atol=1e-12)
+    assert state[2 * n :] == ["tip", "rate of tip"]
     assert (F * scale[:, None] / scale)[2 * n, 2 * n + 1] == pytest.approx(2 * np.pi * 20.0, rel=1e-9)
     weight = place["/augmented/weight"][0]
     assert weight[2 * n] > 0

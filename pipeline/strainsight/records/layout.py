@@ -15,15 +15,21 @@ from strainsight.records.record import dataset, group, record
 class Augmented:
     """Every scenario exactly as it was solved, so that anyone can solve it again."""
 
-    F: np.ndarray = dataset("/F", "1/s", "scenario × state × state", "augmented state matrix F*")
-    H: np.ndarray = dataset("/H", "unit of the channel", "scenario × channel × state", "rows H* of every channel")
-    Q: np.ndarray = dataset("/Q", "1/s", "scenario × state × state", "process intensity")
+    state: tuple[str, ...] = dataset(
+        "/state",
+        "1",
+        "/state",
+        "what each of x* is: coordinates q, their rates, then the unknowns with what their models add",
+    )
+    F: np.ndarray = dataset("/F", "1/s", "scenario × /state × /state", "augmented state matrix F*")
+    H: np.ndarray = dataset("/H", "unit of the channel", "scenario × channel × /state", "rows H* of every channel")
+    Q: np.ndarray = dataset("/Q", "1/s", "scenario × /state × /state", "process intensity")
     R: np.ndarray = dataset("/R", "unit of the intensity", "scenario × channel", "intensity of every channel")
-    weight: np.ndarray = dataset("/weight", "1", "scenario × state", "diagonal of W")
+    weight: np.ndarray = dataset("/weight", "1", "scenario × /state", "diagonal of W")
     scale: np.ndarray = dataset(
         "/scale",
         "x*",
-        "scenario × state",
+        "scenario × /state",
         "x* = scale · the coordinates above, in which diag P = 1 with the whole pool",
     )
 

@@ -20,7 +20,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=16,
+    version=17,
     reads=(
         "seed",
         "loads.*.node",

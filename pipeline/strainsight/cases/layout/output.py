@@ -31,6 +31,7 @@ def layout_record(found: Placed) -> PlacedLayout:
     cost = {metric_key(metric.criterion.name): result.cost}
     return PlacedLayout(
         augmented=Augmented(
+            state=task.states,
             F=np.array([s.F for s in solved]),
             H=np.array([s.H[there] if several else s.H for s in solved]),
             Q=np.array([s.Q for s in solved]),

@@ -66,6 +66,13 @@ class Task:
     coherence: float = 0.0
 
     @property
+    def states(self) -> tuple[str, ...]:
+        """What each of x* = [q, q̇, unknowns with what their models add] is."""
+        last = self.unknowns.states
+        numbers = range(1, (len(self.pools[0].P) - len(last)) // 2 + 1)
+        return (*(f"q{i}" for i in numbers), *(f"dq{i}/dt" for i in numbers), *last)
+
+    @property
     def over(self) -> tuple[str, ...]:
         """The unknowns that the criterion covers."""
         return self.settings.metric_over or self.unknowns.names

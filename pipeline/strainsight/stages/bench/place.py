@@ -17,7 +17,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=7,
+    version=8,
     reads=(
         "seed",
         "bodies",
