@@ -7,9 +7,9 @@ import pyvista
 
 from strainsight import api
 
-# test.csv has four gauges in µm/m, sampled every millisecond, with noise; test.yaml says which column is which candidate. (The
-# test was simulated: more modes, other damping, misplaced gauges, and a force that sweeps from 5 to 60 Hz.)
-case = api.load("docs/examples/test.yaml")
+# test.csv has four gauges in µm/m, sampled every millisecond, with noise; test.yaml says which column is which gauge, bonded.csv
+# where they sit. (The test was simulated: more modes, other damping, misplaced gauges, a force that sweeps from 5 to 60 Hz.)
+case = api.load("docs/examples/test.yaml", ["gauges.fixed_file=bonded.csv"])
 mesh = api.mesh(case)
 reduced = api.reduce(case, mesh)
 training = api.train(case, mesh, reduced)

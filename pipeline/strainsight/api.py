@@ -210,7 +210,7 @@ def estimate(
 ) -> Estimation:
     """The filter on the measurements of a test, `estimate.file` of the config.
 
-    gauges: those that the config calls G1, G2, …; none where it names them by number. `.estimated` has loads, parameters and
+    gauges: those that the config calls G1, G2, …; none where all have names of their own. `.estimated` has loads, parameters and
     strains with their σ as estimate.h5 has them, `.surface` the pictures of the surface for `to_pyvista`. Raises UserError
     for what the file contradicts, and InfeasibleError where its channels cannot tell the unknowns.
     """

@@ -31,6 +31,7 @@ screen: {keep: 20, minimum_spacing: 0.02}
 place: {estimate: [E], keep: 3, instants: 2, aggregate: mean, certificate: true}
 estimate:
   file: measured.csv
+  as_placed: true
   time: {channel: time}
   channels:
     - {gauge: G1, channel: G1, unit: um/m}

@@ -81,6 +81,7 @@ def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
     text = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text().replace("../meshes", str(ROOT / "meshes"))
     stated = {
         "file": str(folder / "measured.csv"),
+        "as_placed": True,
         "time": {"channel": "time"},
         "channels": channels,
         "inputs": {"tip": {"channel": "tip", "unit": "N"}},

@@ -126,7 +126,7 @@ def test_whole_samples_that_are_missing_are_filled_and_reported(project, plain, 
     ("settings", "key", "says"),
     [
         (["estimate.channels.0.gauge=G9"], "estimate.channels.0.gauge", "G9"),
-        (["estimate.channels.0.gauge=608"], "estimate.channels.0.gauge", "or a number: 0 to 607"),
+        (["estimate.channels.0.gauge=608"], "estimate.channels.0.gauge", "no gauge '608'"),
         (["estimate.channels.0.grid=2"], "estimate.channels.0.grid", "grid 2"),
         (["estimate.channels.1.gauge=G1"], "estimate.channels", "one grid"),
         (["estimate.channels.0.channel=Gx"], "Gx", "no"),

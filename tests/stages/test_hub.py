@@ -24,6 +24,7 @@ CONFIG = HUB / "hub-youngs-modulus.yaml"
 QUICK = ("place.instants=3", "validate.truth.modes=20", "validate.random_sets=2", "validate.repeats=2")
 ESTIMATE = """
 estimate:
+  as_placed: true
   time: {channel: time}
   channels:
     - {channel: G1, gauge: G1, unit: m/m}

@@ -43,6 +43,7 @@ validate:
   random_sets: 0
   repeats: 1
 estimate:
+  as_placed: true
   time: {channel: time}
   channels:
     - {channel: G1, gauge: G1, unit: m/m}

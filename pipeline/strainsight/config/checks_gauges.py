@@ -9,6 +9,9 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, zone_problems
 
+LARGEST_ROSETTE = 3
+"""Grids."""
+
 
 def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Contradictions between the fields that make the candidates and the limits of a layout."""
@@ -37,6 +40,7 @@ def channels_of_a_gauge(config: PlacementConfig) -> int:
     direction = config.gauges.direction
     counts = [len(sensors.axes) for sensors in config.motion_sensors.values()]
     counts += [len(bonded.angles) for bonded in config.gauges.fixed]
+    counts += [LARGEST_ROSETTE] * (config.gauges.fixed_file is not None)  # nobody has read it yet
     return max([len(direction.angles) if direction is not None and config.gauges.rosette else 1, *counts])
 
 
@@ -57,6 +61,7 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
         ("gauges.grid_length", gauges.grid_length > 0),
         ("gauges.clearance", isinstance(gauges.clearance, float)),
         ("gauges.fixed", bool(gauges.fixed)),
+        ("gauges.fixed_file", gauges.fixed_file is not None),
         ("motion_sensors", bool(config.motion_sensors)),
         ("place.symmetry", config.place.symmetry is not None),
     ):
@@ -79,7 +84,7 @@ def _directions(gauges: Gauges) -> Iterator[Problem]:
             yield Problem(
                 "gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]"
             )
-    if direction is not None and len(direction.angles) > 3 and gauges.rosette:
+    if direction is not None and len(direction.angles) > LARGEST_ROSETTE and gauges.rosette:
         yield Problem("gauges.direction.angles", f"a rosette of {len(direction.angles)} grids", "give at most three")
     for i, bonded in enumerate(gauges.fixed):
         if not any(bonded.direction):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from strainsight.config.base import Name, Positive, Section, Text, with_defaults
-from strainsight.config.gauges import BondedGauge
+from strainsight.config.gauges import NamedGauge
 
 BridgeKind = Literal["quarter", "half", "half-opposite", "half-poisson", "full", "full-bending-poisson", "full-poisson"]
 
@@ -41,9 +41,9 @@ class Channel(Section):
 class GaugeChannel(Channel):
     """A channel of a gauge."""
 
-    gauge: Text | Annotated[int, Field(ge=0)] = Field(
-        description="Label in the layout (G1, as gauges.csv has it), or number of a candidate: that in the table of "
-        "gauges.given, else that in train.h5, from 0."
+    gauge: Text | int = Field(
+        description="Name of the gauge: of gauges.fixed, number in the table of gauges.given, or label in the layout (G1, as "
+        "gauges.csv has it)."
     )
     grid: int = Field(1, ge=1, description="Which grid of a rosette or axis of a sensor, from 1.")
     noise_std: Positive | None = Field(
@@ -106,6 +106,14 @@ class Estimate(Section):
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(
         description="Channels of gauges, an entry each: {gauge: G1, channel: NAME, unit: um/m}, as in docs/estimation.md."
     )
+    gauges_file: Text | None = Field(
+        None,
+        description="Where the gauges of the layout were bonded: a copy of its gauges.csv. Needed where a channel is of a "
+        "gauge without a name of its own (G1).",
+    )
+    as_placed: bool = Field(
+        False, description="true: in place of gauges_file; G1 is where the layout has it now, which nothing checks."
+    )
     inputs: dict[Name, Channel] = Field({}, description="Channels of the known loads, by the names of these.")
     start: Literal["rest", "moving", "settled"] = Field(
         "moving",
@@ -115,7 +123,7 @@ class Estimate(Section):
     initial_std: dict[Name, Positive] = Field(
         {}, description="Initial σ of unknowns, relative to guess or amplitude [-]; default: those of validate."
     )
-    virtual: tuple[BondedGauge, ...] = Field((), description="Gauges that were never bonded, whose strain is wanted.")
+    virtual: tuple[NamedGauge, ...] = Field((), description="Gauges that were never bonded, whose strain is wanted.")
     field: Field3D | None = Field(None, description="Strain and stress of the surface in time; null: none.")
     tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
     loads_as_stated: bool = Field(

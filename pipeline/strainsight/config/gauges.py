@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag
 
-from strainsight.config.base import NotNegative, Positive, Section, Text, Vector
+from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector
 from strainsight.config.zones import Zone, key_of
 
 Angles = Annotated[tuple[float, ...], Field(min_length=1)]
@@ -78,6 +78,12 @@ class BondedGauge(Section):
     )
 
 
+class NamedGauge(BondedGauge):
+    """A gauge with a name of its own."""
+
+    name: Name | None = Field(None, description="What it is called wherever it is named; null: the next free number.")
+
+
 class SensorSites(Section):
     """Where sensors may go, and what one costs."""
 
@@ -99,6 +105,12 @@ class GaugeSites(SensorSites):
 class Gauges(GaugeSites):
     """Where strain gauges may go, along what, and how noisy they are."""
 
+    fixed: tuple[NamedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
+    fixed_file: Text | None = Field(
+        None,
+        description="CSV file of more of them, with their names: a gauges.csv that `place` has written, or one like it with "
+        "gauge, position_x, …, direction_x, … in metres.",
+    )
     direction: Direction | None = Field(
         None, description="Measuring directions of the candidates; left out only with `given`."
     )

@@ -25,12 +25,15 @@ ALIKE = 1e-6
 @dataclass(frozen=True)
 class BondedEntry:
     """One gauge: position (3,) [m], direction (3,) of any length, length of its grid [m], angles of its grids [deg] from
-    the direction, right-handed about the outward normal (several: a rosette)."""
+    the direction, right-handed about the outward normal (several: a rosette); name, empty: none; key of the config that states
+    it, empty: its number below that of all."""
 
     position: Sequence[float]
     direction: Sequence[float]
     length: float = 0.0
     angles: Sequence[float] = (0.0,)
+    name: str = ""
+    key: str = ""
 
 
 def bonded(
@@ -45,15 +48,15 @@ def bonded(
         d ∥ a − (a·n) n,     turned by each angle about n
 
     facets of the whole surface; tolerance [m]; key: what to blame, the number of the entry is added to it.
-    Raises UserError, with the number of the entry (from 1), for one that is farther from the surface than the tolerance, whose
-    direction has no length or is within 10° of the normal, whose grid runs over a sharp edge, or that is in the place and
-    direction of another.
+    Raises UserError, with the name of the entry or its number from 1, for one that is farther from the surface than the
+    tolerance, whose direction has no length or is within 10° of the normal, whose grid runs over a sharp edge, or that is in the
+    place and direction of another.
     """
     skin = facets if isinstance(facets, Skin) else skin_of(mesh.position, facets)
     place = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
     if not np.isfinite(place).all():
         i = int(np.argmin(np.isfinite(place).all(axis=1)))
-        raise _refused(key, i, f"has the position {tuple(entries[i].position)}", "give three numbers")
+        raise _refused(key, entries, i, f"has the position {tuple(entries[i].position)}", "give three numbers")
     if not len(entries):
         return _channels(skin, entries, np.zeros(0, int), np.zeros((0, 2)), place, place, place), np.zeros(0)
     found = locate(skin, place)
@@ -62,19 +65,21 @@ def bonded(
         i = int(np.argmax(beyond))
         raise _refused(
             key,
+            entries,
             i,
             f"is {found.distance[i]:.4g} m from the surface (nearest: {_xyz(found.point[i])}), beyond {tolerance:g} m",
             "correct its position, or raise snap_tolerance beside it; positions are in metres",
         )
     normal = normals_at(skin, found.facet, found.local)
-    d = np.array([_laid(key, i, entry, normal[i]) for i, entry in enumerate(entries)])
-    _check_apart(key, found.point, d, ALIKE * float(np.ptp(skin.position, axis=0).max()))
+    d = np.array([_laid(key, entries, i, normal[i]) for i in range(len(entries))])
+    _check_apart(key, entries, found.point, d, ALIKE * float(np.ptp(skin.position, axis=0).max()))
     pool = _channels(skin, entries, found.facet, found.local, found.point, normal, d)
     whole = fits(mesh.position, pool, skin)
     if not whole.all():
         i = int(pool.gauge[np.argmin(whole)])
         raise _refused(
             key,
+            entries,
             i,
             f"has a grid of {entries[i].length:.3g} m that runs over a sharp edge",
             "correct its position, direction or length",
@@ -109,17 +114,21 @@ def _channels(
     )
 
 
-def _laid(key: str, i: int, entry: BondedEntry, n: np.ndarray) -> np.ndarray:
+def _laid(key: str, entries: Sequence[BondedEntry], i: int, n: np.ndarray) -> np.ndarray:
+    entry = entries[i]
     a = np.asarray(entry.direction, dtype=float)
     length = np.linalg.norm(a)
     if a.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise _refused(key, i, f"has the direction {tuple(entry.direction)}", "give three numbers, not all zero")
+        raise _refused(
+            key, entries, i, f"has the direction {tuple(entry.direction)}", "give three numbers, not all zero"
+        )
     a = a / length
     t = a - (a @ n) * n
     angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
     if angle < STEEPEST:
         raise _refused(
             key,
+            entries,
             i,
             f"has a direction at {angle:.3g}° to the normal {_xyz(n)} of the surface there, and so none on it",
             f"give a direction along the surface, at more than {STEEPEST:g}° to its normal",
@@ -127,14 +136,16 @@ def _laid(key: str, i: int, entry: BondedEntry, n: np.ndarray) -> np.ndarray:
     return t / np.linalg.norm(t)
 
 
-def _check_apart(key: str, point: np.ndarray, d: np.ndarray, near: float) -> None:
+def _check_apart(key: str, entries: Sequence[BondedEntry], point: np.ndarray, d: np.ndarray, near: float) -> None:
     for i, j in sorted(cKDTree(point).query_pairs(near)):
         if abs(d[i] @ d[j]) > np.cos(np.deg2rad(0.1)):
-            raise _refused(key, j, f"is in the place and direction of gauge {i + 1}", "leave one of them out")
+            other = entries[i].name or f"gauge {i + 1}"
+            raise _refused(key, entries, j, f"is in the place and direction of {other}", "leave one of them out")
 
 
-def _refused(key: str, i: int, what: str, remedy: str) -> UserError:
-    return UserError(f"bonded gauge {i + 1} {what}", key=f"{key}.{i}", remedy=remedy)
+def _refused(key: str, entries: Sequence[BondedEntry], i: int, what: str, remedy: str) -> UserError:
+    own = entries[i]
+    return UserError(f"bonded gauge {own.name or i + 1} {what}", key=own.key or f"{key}.{i}", remedy=remedy)
 
 
 def _xyz(x: np.ndarray) -> str:

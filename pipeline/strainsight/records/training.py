@@ -15,6 +15,9 @@ class Training:
     """train.h5."""
 
     candidates: Candidates = group("/gauges", CandidateColumns)
+    name: tuple[str, ...] = dataset(
+        "/gauges/name", "1", "gauge", "what the config calls every gauge; empty: nothing, it is named in the layout"
+    )
     rows: np.ndarray = dataset(
         "/gauges/row",
         "unit of the row",
@@ -36,11 +39,6 @@ class Training:
     coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
     reading: np.ndarray = dataset("/strain", "unit of the channel", "/time × channel", "reading of every channel")
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """What a config calls every gauge by (gauges,): its number in the table it was given in, else its place here."""
-        return np.arange(self.candidates.gauges) if self.given is None else self.candidates.element
 
 
 STATED, CARRIER = "stated", "carrier"

@@ -42,7 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=14,
+    version=15,
     reads=(
         "seed",
         "loads",
@@ -60,6 +60,6 @@ ESTIMATE = Stage(
         *READS,
     ),
     upstream=("import", "rom", "train", "screen", "place"),
-    files=("loads.*.signal.file", "estimate.file", "parameters.*.guess.from", *FILES),
+    files=("loads.*.signal.file", "estimate.file", "estimate.gauges_file", "parameters.*.guess.from", *FILES),
     run=run,
 )

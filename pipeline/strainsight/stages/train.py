@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from strainsight.cases.structure.candidates import OnSurface
@@ -34,7 +36,7 @@ def run(context: Context[PlacementConfig]) -> Output:
             "strongest_rms": strongest,
         },
         message=_message(pool, steps, strongest, surface),
-        tables=() if moved is None else (_bonded_table(pool, moved),),
+        tables=() if moved is None else (_bonded_table(pool, training.name, moved),),
     )
 
 
@@ -60,11 +62,11 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     return ", ".join(said)
 
 
-def _bonded_table(own: Candidates, moved: np.ndarray) -> Table:
+def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> Table:
     """Where the bonded gauges are; they are the first candidates."""
     rows = tuple(
         (
-            f"fixed {i + 1}",
+            names[i] or f"fixed {i + 1}",
             str(own.element[c]),
             str(own.facet[c]),
             " ".join(f"{x:.4f}" for x in own.position[c]),
@@ -80,7 +82,7 @@ def _bonded_table(own: Candidates, moved: np.ndarray) -> Table:
 
 TRAIN = Stage(
     "train",
-    version=7,
+    version=8,
     reads=(
         "loads.*.signal",
         "train",
@@ -91,6 +93,7 @@ TRAIN = Stage(
         "gauges.include",
         "gauges.exclude",
         "gauges.fixed",
+        "gauges.fixed_file",
         "gauges.snap_tolerance",
         "gauges.given",
         "motion_sensors.*.quantity",
@@ -103,6 +106,12 @@ TRAIN = Stage(
         "mesh.matrices",
     ),
     upstream=("import", "rom"),
-    files=("loads.*.signal.file", "gauges.given.rows", "gauges.given.table", "mesh.matrices.numbering"),
+    files=(
+        "loads.*.signal.file",
+        "gauges.fixed_file",
+        "gauges.given.rows",
+        "gauges.given.table",
+        "mesh.matrices.numbering",
+    ),
     run=run,
 )

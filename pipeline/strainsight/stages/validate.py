@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from strainsight.cases.filters_compared import comparison_table
 from strainsight.cases.layout.budget import budget_tables
+from strainsight.cases.layout.names import layout_labels
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.measured_csv import measured_csv
 from strainsight.cases.structure.sweeps import sweep_table
@@ -32,6 +33,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         inputs.layout(context),
         context,
     )
+    labels = layout_labels(training.name, found.trial.gauges)
     own, repeats = found.validated, found.validated.repeats
     numbers = validation_numbers(found, config.validation.truth.model)
     claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
@@ -50,13 +52,13 @@ def run(context: Context[PlacementConfig]) -> Output:
             *([] if own.compared is None else [comparison_table(own.compared, found.units)]),
             *([] if own.sweep is None else [sweep_table(own.sweep)]),
         ),
-        files={"measured.csv": measured_csv(found.trial, own.gauge.measured)},
+        files={"measured.csv": measured_csv(found.trial, labels, own.gauge.measured)},
     )
 
 
 VALIDATE = Stage(
     "validate",
-    version=18,
+    version=19,
     reads=(
         *(
             "seed",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.cases.layout.names import layout_labels
 from strainsight.gauges.candidates import ACCELERATION, STRAIN, UNITS, Candidates
 from strainsight.workflow.output import Table
 
@@ -15,10 +16,10 @@ from strainsight.workflow.output import Table
 class GaugeList:
     """The gauges of a layout, k of them in its order.
 
-    labels "G1", …; kind: in words; unit of its readings; element, facet ids, of given gauges their number and 0; position,
-    normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of its grid;
-    bonded (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks: that of
-    each channel; range (k,): what it can measure, NaN where not stated.
+    labels as of `layout_labels`; kind: in words; unit of its readings; element, facet ids, of given gauges their number and
+    0; position, normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of
+    its grid; bonded (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks:
+    that of each channel; range (k,): what it can measure, NaN where not stated.
     """
 
     labels: tuple[str, ...]
@@ -39,18 +40,23 @@ class GaugeList:
 
 
 def gauge_list(
-    candidates: Candidates, gauges: np.ndarray, families: Sequence[str], peak: np.ndarray, limit: np.ndarray
+    candidates: Candidates,
+    names: Sequence[str],
+    gauges: np.ndarray,
+    families: Sequence[str],
+    peak: np.ndarray,
+    limit: np.ndarray,
 ) -> GaugeList:
     """Gauges (k,) by their numbers, as a layout lists them.
 
-    families: names of the arrays of the candidates; peak (m,): largest reading of every channel; limit (m,): what it can
-    measure, infinite where that is not stated.
+    names: of every candidate gauge, empty where it has none; families: names of the arrays of the candidates; peak (m,): largest
+    reading of every channel; limit (m,): what it can measure, infinite where that is not stated.
     """
     own = [candidates.channels(gauges[i : i + 1]) for i in range(len(gauges))]
     first = candidates.first[gauges]
     stated = np.array([limit[c].min() for c in own])
     return GaugeList(
-        labels=tuple(f"G{i + 1}" for i in range(len(gauges))),
+        labels=layout_labels(names, gauges),
         kind=tuple(_kind(int(candidates.quantity[c[0]]), len(c)) for c in own),
         unit=tuple(UNITS[int(candidates.quantity[c])] for c in first),
         element=candidates.element[first],
@@ -96,8 +102,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
         (
             listed.labels[i],
             *([listed.kind[i] + ", bonded" * bool(listed.bonded[i])] if kinds else []),
-            str(listed.element[i]),
-            *([] if given else [str(listed.facet[i])]),
+            *([] if given else [str(listed.element[i]), str(listed.facet[i])]),
             " ".join(f"{x:.4f}" for x in listed.position[i]),
             " ".join(f"{round(x, 3) + 0.0:g}" for x in listed.directions[i][0]),
             " ".join(f"{angle:g}°" for angle in listed.angles[i])
@@ -110,7 +115,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
     columns = (
         "gauge",
         *(["kind"] if kinds else []),
-        *(["number"] if given else ["element", "facet"]),
+        *([] if given else ["element", "facet"]),
         "x y z [m]",
         "direction",
         "angle",

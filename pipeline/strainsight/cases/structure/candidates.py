@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from strainsight.cases.layout.zones import zone_of
+from strainsight.cases.structure.fixed_gauges import fixed_gauges
 from strainsight.cases.structure.settings import families
 from strainsight.config.gauges import AxisDirection, Gauges
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
-from strainsight.gauges.bonded import BondedEntry, bonded
+from strainsight.gauges.bonded import bonded
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.principal import ROSETTE, principal_angles
@@ -24,19 +27,24 @@ from strainsight.mesh.model import Mesh
 
 @dataclass(frozen=True)
 class OnSurface:
-    """candidates: all channels that the config allows, bonded gauges first; moved (bonded,) [m]: how far each of these was moved
-    to the surface; left_out: places where a grid would run over a sharp edge; empty: keys of zones that take no facet."""
+    """candidates: all channels that the config allows, bonded gauges first; names of these, empty where they have none;
+    moved (bonded,) [m]: how far each of them was moved to the surface; left_out: places where a grid would run over a sharp
+    edge; empty: keys of zones that take no facet."""
 
     candidates: Candidates
+    names: tuple[str, ...]
     moved: np.ndarray
     left_out: int
     empty: tuple[str, ...]
 
 
-def candidates_on_surface(mesh: Mesh, config: PlacementConfig, basis: np.ndarray, q: np.ndarray) -> OnSurface:
+def candidates_on_surface(
+    mesh: Mesh, config: PlacementConfig, files: Mapping[str, Path], basis: np.ndarray, q: np.ndarray
+) -> OnSurface:
     """Every sensor of the config on the exterior facets.
 
-    basis (3 nodes, n) displacement per reduced coordinate; q (steps, n): the training run, for principal directions.
+    files: that of `gauges.fixed_file`; basis (3 nodes, n) displacement per reduced coordinate; q (steps, n): the training run,
+    for principal directions.
     """
     if not mesh.blocks:
         raise ConfigError(
@@ -45,9 +53,10 @@ def candidates_on_surface(mesh: Mesh, config: PlacementConfig, basis: np.ndarray
             remedy="give mesh.matrices and gauges.given: strain rows of the gauges",
         )
     facets, parts, distance = exterior_facets(mesh), [], np.zeros(0)
-    if config.gauges.fixed:
+    fixed = fixed_gauges(config.gauges, files.get("gauges.fixed_file"))
+    if fixed:
         with blame("gauges.fixed"):
-            there, distance = bonded(mesh, facets, _entries(config.gauges), float(config.gauges.snap_tolerance))
+            there, distance = bonded(mesh, facets, fixed, float(config.gauges.snap_tolerance))
         parts.append(there)
     own, left_out = _strain_gauges(mesh, facets, config.gauges, basis, q)
     parts.append(own)
@@ -69,7 +78,8 @@ def candidates_on_surface(mesh: Mesh, config: PlacementConfig, basis: np.ndarray
                     key=key,
                 )
             )
-    return OnSurface(concatenate(parts), distance, left_out, _empty_zones(mesh, facets, config))
+    names = tuple(entry.name for entry in fixed)
+    return OnSurface(concatenate(parts), names, distance, left_out, _empty_zones(mesh, facets, config))
 
 
 def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:
@@ -82,13 +92,6 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[s
                 if not inside(zone_of(entry), mesh, facets, centre, normal).any():
                     found.append(f"{key}.exclude.{i}")
     return tuple(found)
-
-
-def _entries(gauges: Gauges) -> list[BondedEntry]:
-    return [
-        BondedEntry(e.position, e.direction, float(gauges.grid_length if e.length is None else e.length), e.angles)
-        for e in gauges.fixed
-    ]
 
 
 def _strain_gauges(

@@ -59,7 +59,7 @@ def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) ->
     candidates = training.candidates
     used, peak = candidates.channels(gauges), np.full(len(candidates), np.nan)
     peak[used] = np.abs(training.reading[:, used]).max(axis=0)
-    return gauge_list(candidates, gauges, screened.family, peak, screened.range)
+    return gauge_list(candidates, training.name, gauges, screened.family, peak, screened.range)
 
 
 def readings(

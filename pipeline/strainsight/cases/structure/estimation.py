@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.resources import Resources
+from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.detectable import undetectable
@@ -86,7 +87,7 @@ def estimation_of(
 ) -> Estimation:
     """Read the file, check that it can tell the unknowns, filter and smooth; then what no gauge measured.
 
-    gauges (k,): numbers of those that the config calls G1, G2, … Raises ConfigError where no file is named, and
+    gauges (k,): numbers of those of the layout. Raises ConfigError where no file is named, and
     InfeasibleError where the channels cannot tell the unknowns and that is not allowed.
     """
     settings = config.estimate
@@ -94,7 +95,8 @@ def estimation_of(
         raise ConfigError("no measurements of a test", key="estimate.file", remedy="name a CSV, HDF5 or UFF58 file")
     using.progress("reading", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
-    test = measured_of(settings, using.files["estimate.file"], problem, gauges, training.numbers)
+    named = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
+    test = measured_of(settings, using.files["estimate.file"], problem, named)
     allowed = settings.allow_unobservable
     hidden = undetectable(problem, test.channels, config.place.instants, config.seed, allowed)
     using.progress("filter", 0.2)

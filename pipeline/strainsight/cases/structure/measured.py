@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.cases.structure.problem import Problem, settled_at
 from strainsight.cases.structure.start import tones_in
 from strainsight.config.estimate import Channel, Estimate, GaugeChannel
-from strainsight.errors import ConfigError, UserError, blame, did_you_mean
+from strainsight.errors import ConfigError, UserError, blame
 from strainsight.estimation.settled import Settled
 from strainsight.measurements.assemble import Signals, assemble
 from strainsight.measurements.bridges import Bridge
@@ -47,15 +47,15 @@ class Measured:
     notes: tuple[str, ...]
 
 
-def measured_of(settings: Estimate, path: Path, problem: Problem, layout: np.ndarray, numbers: np.ndarray) -> Measured:
+def measured_of(settings: Estimate, path: Path, problem: Problem, gauges: Mapping[str, int]) -> Measured:
     """Read and calibrate the channels that `estimate` of a config names.
 
-    layout: gauges that are called G1, G2, …; numbers (gauges,): what a config calls every gauge by, `Training.numbers`.
+    gauges: number of every gauge by its name (`bonded_gauges`).
 
     Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
     a gap, and UserError for what the file contradicts.
     """
-    channels = np.array([_channel(i, entry, problem, layout, numbers) for i, entry in enumerate(settings.channels)])
+    channels = np.array([_channel(i, entry, problem, gauges) for i, entry in enumerate(settings.channels)])
     if len(np.unique(channels)) < len(channels):
         raise ConfigError(
             "two channels are one grid of a gauge", key="estimate.channels", remedy="check `gauge` and `grid` of each"
@@ -124,46 +124,19 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
 
 
 def _label(entry: GaugeChannel) -> str:
-    grid = f".{entry.grid}" if entry.grid > 1 else ""
-    return f"{entry.gauge if isinstance(entry.gauge, str) else f'gauge {entry.gauge}'}{grid}"
+    return f"{entry.gauge}{f'.{entry.grid}' if entry.grid > 1 else ''}"
 
 
-def _channel(i: int, entry: GaugeChannel, problem: Problem, layout: np.ndarray, numbers: np.ndarray) -> int:
+def _channel(i: int, entry: GaugeChannel, problem: Problem, gauges: Mapping[str, int]) -> int:
     """The row of train.h5 that a channel of the file measures."""
-    labels = {f"G{j + 1}": int(gauge) for j, gauge in enumerate(layout)}
     key = f"estimate.channels.{i}"
-    if isinstance(entry.gauge, str):
-        if entry.gauge not in labels:
-            raise ConfigError(
-                f"no gauge '{entry.gauge}' in the layout",
-                key=f"{key}.gauge",
-                remedy=did_you_mean(entry.gauge, labels, f"there are {', '.join(labels)} (gauges.csv)"),
-            )
-        gauge = labels[entry.gauge]
-    else:
-        found = np.flatnonzero(numbers == entry.gauge)
-        if not len(found):
-            raise ConfigError(
-                f"no candidate has the number {entry.gauge}",
-                key=f"{key}.gauge",
-                remedy=f"give a label of the layout ({', '.join(labels)}), or a number: {_ranges(numbers)}",
-            )
-        gauge = int(found[0])
-    own = problem.channels.of(np.array([gauge]))[0]
+    own = problem.channels.of(np.array([gauges[str(entry.gauge)]]))[0]
     own = own[own >= 0]
     if entry.grid > len(own):
         raise ConfigError(
             f"grid {entry.grid} of a gauge that has {len(own)}", key=f"{key}.grid", remedy=f"give 1 to {len(own)}"
         )
     return int(own[entry.grid - 1])
-
-
-def _ranges(numbers: np.ndarray) -> str:
-    """Whole numbers as "0 to 607", or "3, 5, 7 to 9 …"; the first eight parts."""
-    ordered = np.sort(numbers)
-    parts = np.split(ordered, 1 + np.flatnonzero(np.diff(ordered) != 1))
-    said = [f"{part[0]}" if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts[:8]]
-    return ", ".join(said) + " …" * (len(parts) > 8)
 
 
 def _signals(settings: Estimate, path: Path, wanted: Mapping[str, Channel]) -> Signals:

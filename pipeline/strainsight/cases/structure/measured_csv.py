@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from strainsight.cases.structure.trial import Trial
@@ -10,15 +12,16 @@ UNITS = ("m/m", "m/s2", "m")
 """Of strain, acceleration and displacement, as a measurement file writes them."""
 
 
-def measured_csv(trial: Trial, measured: np.ndarray) -> bytes:
+def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray) -> bytes:
     """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
 
-    measured (T, m) by the channels of the layout.
+    labels (k,) of the gauges of the layout; measured (T, m) by their channels.
     """
     channels = trial.problem.channels.of(trial.gauges)
     which, grid = np.nonzero(channels >= 0)
     quantity = trial.problem.channels.quantity[channels[which, grid]]
-    names = [f"G{i + 1}{f'.{j + 1}' if j else ''} [{UNITS[q]}]" for i, j, q in zip(which, grid, quantity, strict=True)]
+    each = zip(which.tolist(), grid.tolist(), quantity.tolist(), strict=True)
+    names = [f"{labels[i]}{f'.{j + 1}' if j else ''} [{UNITS[q]}]" for i, j, q in each]
     loads = [f"{name} [N]" for name in trial.problem.known]
     first = np.concatenate([trial.time[:1], np.full(len(names), np.nan), trial.known[0, 0]])
     rows = np.vstack([first, np.column_stack([trial.time[1:], measured, trial.known.sum(axis=1)])])

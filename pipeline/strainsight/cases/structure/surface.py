@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.config.estimate import Field3D
-from strainsight.config.gauges import BondedGauge, Gauges
+from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.errors import ConfigError
 from strainsight.estimation.model import FilterModel, theta_of
 from strainsight.estimation.smoother import Smoothed
@@ -23,17 +23,18 @@ from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.records.estimated import VirtualStrain
 
 
-def virtual_labels(entries: Sequence[BondedGauge]) -> tuple[str, ...]:
-    """ "V1", "V2 45°": every grid of `estimate.virtual`."""
+def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
+    """Names, or "V1", "V2 45°": every grid of `estimate.virtual`."""
+    labels = [entry.name or f"V{i + 1}" for i, entry in enumerate(entries)]
     return tuple(
-        f"V{i + 1}" if len(entry.angles) == 1 else f"V{i + 1} {angle:g}°"
-        for i, entry in enumerate(entries)
+        label if len(entry.angles) == 1 else f"{label} {angle:g}°"
+        for label, entry in zip(labels, entries, strict=True)
         for angle in entry.angles
     )
 
 
 def virtual_strain(
-    mesh: Mesh, basis: np.ndarray, entries: Sequence[BondedGauge], gauges: Gauges, smoothed: Smoothed
+    mesh: Mesh, basis: np.ndarray, entries: Sequence[NamedGauge], gauges: Gauges, smoothed: Smoothed
 ) -> VirtualStrain | None:
     """The smoothed strain of gauges that are not there, each at the nearest point of the surface; None without one.
 

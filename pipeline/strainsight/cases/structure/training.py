@@ -56,14 +56,16 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     n = model.size
     using.progress("candidates", 0.3)
     surface, given = None, None
+    names: tuple[str, ...] = ()
     if config.gauges.given is None:
-        surface = candidates_on_surface(mesh, config, reduced.basis, x[:, :n])
-        pool = surface.candidates
+        surface = candidates_on_surface(mesh, config, using.files, reduced.basis, x[:, :n])
+        pool, names = surface.candidates, surface.names
         both = channel_rows(
             mesh.position, pool, _with_missed(reduced.basis, reduced.misaligned.missed), facets=exterior_facets(mesh)
         )
     else:
         pool, given = _given(config, mesh, using)
+        names = tuple(str(number) for number in pool.element)
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
         both = given @ _with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
@@ -74,6 +76,7 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     refuse_readings(reading)
     training = Training(
         candidates=pool,
+        name=names + ("",) * (pool.gauges - len(names)),
         rows=rows,
         missed=missed,
         given=given,

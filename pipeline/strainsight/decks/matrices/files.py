@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import struct
 import zlib
 from collections.abc import Iterator
@@ -157,6 +158,32 @@ def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[s
                 f"{line.strip()[:60]!r} has {len(cells)} cells", where=f"{path}:{number}", remedy=f"give {wanted}"
             )
         yield number, cells
+
+
+def csv_columns(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line number and cells by column of every line below the header that is not blank; other columns are taken along.
+
+    Raises DeckError with file:line for a column of `needed` that is missing, and for lines with more or fewer cells.
+    """
+    lines = list(csv.reader(text_lines(path)))
+    header = [cell.strip().lower() for cell in lines[0]] if lines else []
+    if missing := [column for column in needed if column not in header]:
+        raise DeckError(
+            f"no column {', '.join(missing)}",
+            where=f"{path}:1",
+            remedy=f"the first line names them: {','.join(needed)}",
+        )
+    for number, line in enumerate(lines[1:], start=2):
+        cells = [cell.strip() for cell in line]
+        if not any(cells):
+            continue
+        if len(cells) != len(header):
+            raise DeckError(
+                f"{len(cells)} cells under a header of {len(header)}",
+                where=f"{path}:{number}",
+                remedy="give one a column",
+            )
+        yield number, dict(zip(header, cells, strict=True))
 
 
 def _integer(cell: str, path: Path, number: int) -> int:

@@ -102,7 +102,9 @@ def placement_of(
     found = placed(
         [_task(place, config.seed, meshes[place.body], on, inputs, strained)],
         lambda gauges: _expectation(strained, gauges, inputs),
-        lambda gauges: gauge_list(on.candidates, gauges, ("gauges",), peak, np.full(len(peak), np.inf)),
+        lambda gauges: gauge_list(
+            on.candidates, [""] * on.candidates.gauges, gauges, ("gauges",), peak, np.full(len(peak), np.inf)
+        ),
         using.progress,
     )
     units = tuple(load_units(config, inputs).values())

@@ -1,0 +1,115 @@
+"""Which gauge a channel of a test means: by its name, which has to stand for the place where it was bonded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.cases.layout.names import layout_labels
+from strainsight.cases.structure.bonded_file import BondedPlace, read_bonded
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import tolerances_of
+from strainsight.errors import ConfigError, blame, did_you_mean
+from strainsight.gauges.candidates import STRAIN, Candidates
+from strainsight.records.training import Training
+
+KEY = "estimate.gauges_file"
+ROUNDED = 1e-6
+"""Of a position and of a direction: what a file with nine digits may be off by, where nothing is tolerated."""
+
+
+def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarray, file: Path | None) -> dict[str, int]:
+    """Numbers of the gauges that the channels of `estimate` are of, by name.
+
+    layout (k,): numbers of the gauges of the layout; file: that of `estimate.gauges_file`, None where it names none. Names of the
+    config stand for their places. G1, G2, … are those of the layout as it is now: they have to be where the file says that they
+    were bonded, within one σ of place and of direction (`tolerances`).
+
+    Raises ConfigError for a gauge that is not there or sits elsewhere now, and where it is not said where it was bonded.
+    """
+    assert config.estimate is not None
+    named = {name: i for i, name in enumerate(training.name) if name}
+    placed = dict(zip(layout_labels(training.name, layout), layout.tolist(), strict=True))
+    places = None
+    if file is not None:
+        with blame(KEY):
+            places = read_bonded(file)
+    found = {}
+    for i, entry in enumerate(config.estimate.channels):
+        name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
+        if name not in named and name not in placed:
+            raise _absent(key, name, {**placed, **named}, places)
+        found[name] = number = named[name] if name in named else placed[name]
+        if name in named:
+            continue
+        if places is None and not config.estimate.as_placed:
+            raise ConfigError(
+                f"{name} is the name of a place in the layout as it is now, and nothing says where it was bonded",
+                key=KEY,
+                remedy="keep gauges.csv of the results beside the config when gauges are bonded, and name it: "
+                "estimate.gauges_file: gauges.csv; or set estimate.as_placed: true where the layout is sure to be the same",
+            )
+        if places is not None:
+            _check_place(config, key, name, training.candidates, number, places)
+    return found
+
+
+def _absent(key: str, name: str, there: Mapping[str, int], places: Mapping[str, BondedPlace] | None) -> ConfigError:
+    listed = list(there)
+    known = f"there are {', '.join(listed[:12])}{' …' * (len(listed) > 12)}"
+    if places is not None and name in places:
+        was = f": it was bonded at {_xyz(places[name].position)} m"
+        return ConfigError(f"the layout has no gauge '{name}' now{was}", key=key, remedy=_KEPT)
+    return ConfigError(f"no gauge '{name}'", key=key, remedy=did_you_mean(name, listed, known))
+
+
+_KEPT = "bonded gauges stay in every layout, under their names, with gauges.fixed_file: that file"
+
+
+def _check_place(
+    config: PlacementConfig,
+    key: str,
+    name: str,
+    candidates: Candidates,
+    number: int,
+    places: Mapping[str, BondedPlace],
+) -> None:
+    """Raises ConfigError where the gauge is not where it was bonded."""
+    if name not in places:
+        raise ConfigError(
+            f"{KEY} does not say where {name} was bonded",
+            key=key,
+            remedy=did_you_mean(name, places, f"it has {', '.join(places)}"),
+        )
+    was, own = places[name], candidates.channels(np.array([number]))
+    allowed, position = tolerances_of(config.tolerances), candidates.position[own[0]]
+    moved = float(np.linalg.norm(position - was.position))
+    if moved > max(allowed.position, ROUNDED * float(np.abs(was.position).max())):
+        raise ConfigError(
+            f"{name} sits elsewhere now: it was bonded at {_xyz(was.position)} m, and the layout has it at {_xyz(position)} m, "
+            f"{1e3 * moved:.3g} mm from there",
+            key=key,
+            remedy=_KEPT,
+        )
+    if len(own) != len(was.direction):
+        raise ConfigError(
+            f"{name} had {len(was.direction)} channels where it was bonded, and has {len(own)} now",
+            key=key,
+            remedy=_KEPT,
+        )
+    along = np.sum(candidates.direction[own] * was.direction, axis=1)
+    if candidates.quantity[own[0]] == STRAIN:
+        along = np.abs(along)  # a gauge that is turned by half a turn reads the same
+    turned = float(np.rad2deg(np.arccos(np.clip(along.min(), -1.0, 1.0))))
+    if turned > max(allowed.angle, float(np.rad2deg(np.sqrt(2 * ROUNDED)))):
+        raise ConfigError(
+            f"{name} is turned by {turned:.3g}° from where it was bonded, along {_xyz(was.direction[0])}",
+            key=key,
+            remedy=_KEPT,
+        )
+
+
+def _xyz(x: np.ndarray) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in x + 0.0)})"

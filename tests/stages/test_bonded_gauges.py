@@ -1,0 +1,193 @@
+"""Names that stay: a channel means the gauge that was bonded, whatever a later placement calls G1."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from strainsight import api
+from strainsight.cases.layout.gauge_list import gauge_csv
+from strainsight.cases.layout.names import layout_labels
+from strainsight.cases.structure.bonded_file import read_bonded
+from strainsight.errors import UserError
+
+from .tested_beam import KNOWN, changed, estimated, result
+
+NAMES = ("G1", "G2", "G3", "G4")
+BEFORE = "estimate.as_placed=false"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """The beam with its modulus unknown, validated, and the file of where its gauges went."""
+    folder = tmp_path_factory.mktemp("bonded")
+    results = changed(folder, "known", {**KNOWN, "name: test\n": "name: test\n"})
+    (folder / "test.yaml").write_text((folder / "known.yaml").read_text())
+    (folder / "bonded.csv").write_bytes((folder / "results" / "test" / "gauges.csv").read_bytes())
+    assert results.name == "known"
+    return folder
+
+
+def lines(path):
+    with path.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def rewritten(path, rows):
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def run(project, *settings):
+    return estimated(project, project / "results" / "test" / "measured.csv", *settings)
+
+
+def test_unnamed_gauges_are_numbered_past_the_names_that_are_taken():
+    names = ["", "G2", "root", "", ""]
+    assert layout_labels(names, np.array([3, 2, 0, 1, 4])) == ("G1", "root", "G3", "G2", "G4")
+
+
+def test_a_name_of_the_layout_alone_does_not_say_where_a_gauge_was_bonded(project):
+    code, said = run(project, BEFORE)
+    assert code == 2
+    assert "estimate.gauges_file" in said
+    assert "nothing says where it was bonded" in said
+
+
+def test_the_file_of_the_day_of_bonding_stands_for_the_layout(project):
+    assert run(project)[0] == 0
+    as_placed = result(project)["/smoothed/E"]
+    code, said = run(project, BEFORE, "estimate.gauges_file=bonded.csv")
+    assert code == 0, said
+    np.testing.assert_array_equal(result(project)["/smoothed/E"], as_placed)
+
+
+def test_a_layout_that_is_ranked_anew_is_refused_and_says_where_the_gauge_was(project, tmp_path):
+    """The file of the day of bonding has the places of G1 and G2 the other way round."""
+    rows = lines(project / "bonded.csv")
+    rows[0]["gauge"], rows[1]["gauge"] = "G2", "G1"
+    file = rewritten(tmp_path / "other.csv", [rows[1], rows[0], *rows[2:]])
+    code, said = run(project, BEFORE, f"estimate.gauges_file={file}")
+    assert code == 2
+    assert "estimate.channels.0.gauge" in said
+    was = ", ".join(f"{float(rows[1][f'position_{axis}']):.4g}" for axis in "xyz")
+    assert f"G1 sits elsewhere now: it was bonded at ({was}) m" in " ".join(said.split())
+
+
+@pytest.mark.parametrize(("moved", "turned", "code"), [(1.9e-3, 0, 0), (2.1e-3, 0, 2), (0, 1.9, 0), (0, 2.1, 2)])
+def test_a_gauge_may_have_been_bonded_one_sigma_off(project, tmp_path, moved, turned, code):
+    """σ of a place is 2 mm and of a direction 2°."""
+    rows = lines(project / "bonded.csv")
+    rows[0]["position_x"] = str(float(rows[0]["position_x"]) + moved)
+    angle = np.deg2rad(turned)
+    rows[0]["direction_x"], rows[0]["direction_y"] = str(np.cos(angle)), str(np.sin(angle))
+    file = rewritten(tmp_path / "other.csv", rows)
+    found, said = run(project, BEFORE, f"estimate.gauges_file={file}")
+    assert found == code, said
+    assert code == 0 or ("sits elsewhere" if moved else "is turned by 2.1°") in " ".join(said.split())
+
+
+def test_bonded_gauges_keep_names_and_places_in_another_placement(project):
+    """Another noise, another pool: the layout for them holds the bonded gauges, and the test says the same of the modulus."""
+    assert run(project)[0] == 0
+    modulus = result(project)["/smoothed/E"]
+    bonded = "gauges.fixed_file=bonded.csv"
+    code, said = run(project, BEFORE, bonded, "screen.keep=30")
+    assert code == 0, said
+    # The rows differ by rounding, on which the bank's lattice may be laid a little differently.
+    np.testing.assert_allclose(result(project)["/smoothed/E"], modulus, rtol=1e-5)
+    assert sorted(row["gauge"] for row in lines(project / "results" / "test" / "gauges.csv")) == list(NAMES)
+    for own, was in zip(
+        sorted(lines(project / "results" / "test" / "gauges.csv"), key=lambda row: row["gauge"]),
+        lines(project / "bonded.csv"),
+        strict=True,
+    ):
+        assert [float(own[f"position_{x}"]) for x in "xyz"] == pytest.approx([float(was[f"position_{x}"]) for x in "xyz"])
+
+
+def test_a_bonded_gauge_may_have_a_name_of_the_users(project):
+    """It needs no file of the day: the name stands for the place that the config states."""
+    row = lines(project / "bonded.csv")[0]
+    place, along = ([float(row[f"{vector}_{x}"]) for x in "xyz"] for vector in ("position", "direction"))
+    fixed = f"gauges.fixed=[{{name: root, position: {place}, direction: {along}}}]"
+    channels = "estimate.channels=[{channel: G1, gauge: root, unit: m/m}]"
+    code, said = run(project, BEFORE, fixed, channels)
+    assert code == 0, said
+    assert result(project)["/gauge/label"].tolist() == ["root"]
+    assert "root" in (project / "results" / "test" / "gauges.csv").read_text()
+
+
+def test_a_rosette_comes_back_from_its_file_as_it_was(project, tmp_path):
+    """Places, directions, angles between the grids, for grids in any sense about the normal."""
+    rosettes = ["gauges.direction={type: axis, axis: [1, 0.2, 0], angles: [0, 45, 120]}", "gauges.rosette=true"]
+    case = api.load(project / "test.yaml", [*rosettes, "place.keep=2"])
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    placed = api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
+    (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, {}))
+    again = api.train(api.load(project / "test.yaml", [*rosettes, "gauges.fixed_file=rosettes.csv"]), mesh, reduced)
+    assert again.name[:3] == ("G1", "G2", "")
+    own, was = again.candidates, training.candidates
+    at = was.channels(placed.gauges)
+    np.testing.assert_allclose(own.position[:6], was.position[at], atol=1e-9)
+    np.testing.assert_allclose(own.direction[:6], was.direction[at], atol=1e-9)
+    np.testing.assert_allclose(again.rows[:6], training.rows[at], rtol=1e-6, atol=1e-9 * np.abs(training.rows).max())
+
+
+HEAD = "gauge,position_x,position_y,position_z,direction_x,direction_y,direction_z"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "the file is empty"),
+        ("\n\n", "the file is empty"),
+        ("gauge,x,y,z\nG1,0,0,0\n", "no column position_x"),
+        (f"{HEAD}\n", "no gauge in the file"),
+        (f"{HEAD}\nG1,0.3,0,0.095,1,0\n", "6 cells under a header of 7"),
+        (f"{HEAD}\nG1,0.3,zero,0.095,1,0,0\n", "'zero' under position_y is no number"),
+        (f"{HEAD}\nG1,0.3,nan,0.095,1,0,0\n", "is no number"),
+        (f"{HEAD}\nG1,0.3,0,0.095,0,0,0\n", "direction of length zero"),
+        (f"{HEAD}\n,0.3,0,0.095,1,0,0\n", "without the name"),
+        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG2,0.4,0,0.095,1,0,0\nG1,0.5,0,0.095,1,0,0\n", "is there twice"),
+        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.3,0,0.095,0,1,0\n", "no normal"),
+        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.4,0,0.095,0,1,0\n", "several places"),
+    ],
+)
+def test_a_file_of_bonded_gauges_that_cannot_be_is_refused_with_its_line(tmp_path, text, says):
+    (tmp_path / "bonded.csv").write_text(text)
+    with pytest.raises(UserError) as error:
+        read_bonded(tmp_path / "bonded.csv")
+    assert says in error.value.what
+    assert "bonded.csv" in (error.value.where or "")
+
+
+@pytest.mark.parametrize(
+    ("file", "settings", "says"),
+    [
+        (f"{HEAD},kind\nA1,0.3,0,0.095,0,0,1,accelerometer\n", (), "A1 is of the kind 'accelerometer'"),
+        (f"{HEAD}\nA1,0.3,0,0.5,1,0,0\n", (), "bonded gauge A1 is 0.405 m from the surface"),
+        (
+            f"{HEAD}\nA1,0.3,0,0.095,1,0,0\n",
+            ("gauges.fixed=[{name: A1, position: [0.4, 0, 0.095], direction: [1, 0, 0]}]",),
+            "two bonded gauges are called A1",
+        ),
+        (
+            f"{HEAD}\nA1,0.3,0,0.095,1,0,0\n",
+            ("gauges.fixed=[{name: B1, position: [0.3, 0, 0.095], direction: [1, 0, 0]}]",),
+            "bonded gauge A1 is in the place and direction of B1",
+        ),
+    ],
+)
+def test_bonded_gauges_that_cannot_be_are_refused(project, file, settings, says):
+    (project / "wrong.csv").write_text(file)
+    code, said = run(project, "gauges.fixed_file=wrong.csv", *settings)
+    assert code == 2
+    assert says in " ".join(said.split())
+    assert "gauges.fixed" in said
