@@ -125,6 +125,11 @@ class Estimate(Section):
     )
     virtual: tuple[NamedGauge, ...] = Field((), description="Gauges that were never bonded, whose strain is wanted.")
     field: Field3D | None = Field(None, description="Strain and stress of the surface in time; null: none.")
+    hold_out: Literal["each"] | None = Field(
+        None,
+        description="each: leave every gauge out in turn, and compare what it read with what the others say; a filter and a "
+        "smoother more for each.",
+    )
     tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
     loads_as_stated: bool = Field(
         False,

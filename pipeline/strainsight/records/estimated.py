@@ -23,6 +23,19 @@ class Channels:
 
 
 @record
+class HoldOut:
+    """Every gauge left out in turn, and what the others say that it reads."""
+
+    predicted: np.ndarray = dataset(
+        "/predicted", "unit of the channel", "/gauge/time × /gauge/label", "readings by the other gauges, NaN: not told"
+    )
+    std: np.ndarray = dataset("/std", "unit of the channel", "/gauge/time × /gauge/label", "σ of measured − predicted")
+    left_in: tuple[str, ...] = dataset(
+        "/left_in", "1", "/gauge/label", "why a gauge was not left out, empty where it was"
+    )
+
+
+@record
 class Offsets:
     """Channels whose offset is unknown."""
 
@@ -114,6 +127,7 @@ class Estimated(Histories):
         "/gauge/time × /gauge/label",
         "innovations over their σ, white if the model is true",
     )
+    hold_out: HoldOut | None = group("/hold_out", default=None)
     bias: Offsets | None = group("/bias", default=None)
     resultant: dict[str, Resultant] = group("/resultant/<name>")
     virtual: VirtualStrain | None = group("/virtual", default=None)

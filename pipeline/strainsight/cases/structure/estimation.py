@@ -14,6 +14,7 @@ from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.filtering import by_moments
+from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, nuisances_of, tolerated
 from strainsight.cases.structure.posterior import posteriors_of
@@ -43,6 +44,7 @@ from strainsight.estimation.settled import Settled
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
+from strainsight.gauges.candidates import UNITS
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.budget import budget_of_shares
@@ -59,14 +61,16 @@ SHORTER = "give a part of the record at a time, or a larger machine"
 class Estimation:
     """What the measurements of a test say.
 
-    unknowns; estimated: histories, channels and strains; units: of what it holds; verdict on the innovations; tuning: factors
-    on the noises, None where they are as stated; undetectable: what the channels cannot tell, in words; places of the
-    resultants, labels of the virtual gauges; surface: its pictures in time, None where none are asked for.
+    unknowns; estimated: histories, channels and strains; units: of what it holds; channel_units: of every channel; verdict on
+    the innovations; tuning: factors on the noises, None where they are as stated; undetectable: what the channels cannot tell,
+    in words; places of the resultants, labels of the virtual gauges; surface: its pictures in time, None where none are asked
+    for.
     """
 
     unknowns: Unknowns
     estimated: Estimated
     units: Mapping[str, str]
+    channel_units: tuple[str, ...]
     verdict: Verdict
     tuning: Tuning | None
     withheld: str
@@ -113,7 +117,18 @@ def estimation_of(
     budget, not_so = _budget(problem, tolerances, model, test, start, run, smoothed, settled, withheld, long)
     if withheld:
         run, smoothed = _without_sigma(run, smoothed)
-    using.progress("field", 0.7)
+    without = None
+    if settings.hold_out is not None:
+
+        def smoothed_by(part: FilterModel, measured: Measured) -> Smoothed:
+            run, later, *_ = _filtered(problem, tolerances, part, measured, start, settled, False)
+            return _without_sigma(run, later)[1] if withheld else later
+
+        def told(channels: np.ndarray) -> str:
+            return undetectable(problem, channels, config.place.instants, config.seed, True)
+
+        without = held_out(problem, tolerances, model, test, told, smoothed_by, using.progress)
+    using.progress("field", 0.95 if without else 0.7)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
     surface = None
@@ -138,8 +153,10 @@ def estimation_of(
             posterior={} if withheld else posteriors_of(problem, start, bank),
             compared=beside,
             budget=budget_of_shares(budget),
+            hold_out=without,
         ),
         units | {"the biased channel": units_in_words(kinds[test.bias > 0])},
+        tuple(UNITS[kind] for kind in kinds),
         judged,
         tuning,
         withheld,

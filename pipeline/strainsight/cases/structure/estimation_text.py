@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.structure.estimation import Estimation
+from strainsight.cases.structure.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.workflow.output import Scalar, Table
 
@@ -28,6 +29,8 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
             numbers[f"std.{name}"] = _rms(own.smoothed_std[name])
     if found.tuning:
         numbers |= {f"factor.{part}": float(value) for part, value in found.tuning.factors.items()}
+    if own.hold_out is not None:
+        numbers |= hold_out_numbers(own.hold_out, own.gauge.label, own.gauge.measured)
     if found.withheld:
         numbers["withheld"] = found.withheld
     if found.undetectable:
@@ -44,6 +47,10 @@ def estimation_message(found: Estimation) -> str:
         what = " RMS" if name in found.unknowns.inputs else ""
         sigma = "" if found.withheld else f" ± {numbers[f'std.{name}']:.2g}"
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {units[name]}{what}")
+    if "hold_out.inside" in numbers:
+        parts.append(f"gauges by the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
+    if (held := found.estimated.hold_out) is not None:
+        parts += misfits_in_words(held, found.estimated.gauge.label, found.estimated.gauge.measured)
     if not found.verdict.consistent:
         parts.append("the noise does not fit the innovations")
     parts += posterior_doubts(found.estimated.posterior, units)
@@ -63,11 +70,12 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
             estimate, sigma = f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
         rows.append((name, estimate, "withheld" if found.withheld else sigma))
     notes = tuple((note,) for note in (*found.estimated.notes, found.verdict.text))
-    beside = found.estimated.compared
+    beside, held, own = found.estimated.compared, found.estimated.hold_out, found.estimated.gauge
     return (
         Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),
         *budget_tables(found.estimated.budget),
         *([] if beside is None else [comparison_table(beside, found.units)]),
+        *([] if held is None else [hold_out_table(held, own.label, found.channel_units, own.measured)]),
         Table("measurements", ("",), notes),
     )
 

@@ -1,0 +1,167 @@
+"""Gauges left out of a test in turn: what the others say that each of them reads, beside what it read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.structure.measured import Measured
+from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
+from strainsight.cases.structure.problem import Problem
+from strainsight.errors import NumericalError
+from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.smoother import Smoothed
+from strainsight.estimation.update import output_std
+from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, samples_alike
+from strainsight.gauges.candidates import STRAIN, UNITS
+from strainsight.records.estimated import HoldOut
+from strainsight.workflow.output import Scalar, Table
+
+
+def held_out(
+    problem: Problem,
+    tolerances: Tolerated,
+    model: FilterModel,
+    test: Measured,
+    tells: Callable[[np.ndarray], str],
+    smoothed: Callable[[FilterModel, Measured], Smoothed],
+    progress: Callable[[str, float], None],
+) -> HoldOut:
+    """Predict every gauge by the others: all channels of one gauge are left out together.
+
+        ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
+
+    x̂ˢ, Pˢ smoothed from the other channels; R of one sample; D, E, o what the gauge's own installation may be off by
+    (`Nuisances`), and σ_b the σ of its unknown offset. model: of all channels; tells: in words, what some channels (k,) of
+    train.h5 cannot tell, empty where nothing; smoothed: filter and smoother on a model and its part of the test.
+    NaN for a gauge without which the others cannot tell the unknowns, and where σ is withheld.
+    """
+    owner = problem.channels.gauge[test.channels]
+    mean, std = np.full((2, *test.values.shape), np.nan)
+    said = [""] * len(owner)
+    gauges = np.unique(owner)
+    for i, gauge in enumerate(gauges):
+        progress(f"without {test.labels[int(np.argmax(owner == gauge))]}", 0.7 + 0.25 * i / len(gauges))
+        out = np.flatnonzero(owner == gauge)
+        rest = np.flatnonzero(owner != gauge)
+        lost = tells(test.channels[rest]) if len(rest) else "anything"
+        try:
+            found = None if lost else smoothed(_part_of(model, rest), _measured_by(test, rest))
+        except NumericalError as error:
+            found, lost = None, error.what
+        for j in out:
+            said[j] = f"the others cannot tell {lost}" if lost else ""
+        if found is not None:
+            nuisances = tolerances, _part_of(model, out), test.channels[out]
+            mean[:, out], std[:, out] = _predicted(*nuisances, _measured_by(test, out), found)
+    return HoldOut(predicted=mean, std=std, left_in=tuple(said))
+
+
+def _part_of(model: FilterModel, which: np.ndarray) -> FilterModel:
+    """The model with some of its channels."""
+    quantity = None if model.quantity is None else model.quantity[which]
+    return replace(model, H=model.H[which], r=model.r[which], quantity=quantity)
+
+
+def _measured_by(test: Measured, which: np.ndarray) -> Measured:
+    return replace(
+        test,
+        values=test.values[:, which],
+        channels=test.channels[which],
+        labels=tuple(test.labels[i] for i in which),
+        std=test.std[which],
+        bias=test.bias[which],
+    )
+
+
+def _predicted(
+    tolerances: Tolerated, model: FilterModel, channels: np.ndarray, test: Measured, found: Smoothed
+) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (T, c) of channels (c,) and their σ; model: of these."""
+    states, sampled = model.parameter_states.start, slice(model.every, None, model.every)
+    x = found.mean[sampled, 0]
+    assert found.covariance is not None
+    P = found.covariance[sampled, 0, :states, :states]
+    H, fed = model.H[:, :states].copy(), np.zeros((len(channels), len(model.known_inputs)))
+    if model.accelerometers is not None:
+        moving = model.accelerometers
+        theta = theta_at(model, x[-1:, model.parameter_states])
+        on_states, on_known = acceleration_rows(model, theta, model.H[moving, : model.model.size])
+        H[moving], fed[moving] = on_states[0], on_known[0]
+    nuisances = nuisances_of(tolerances, model, channels)
+    ends = known_ends(test.known, nuisances)[model.every - 1 :: model.every]
+    own = np.einsum("dmn,tn->tdm", nuisances.D, x[:, :states]) + np.einsum("dmp,tp->tdm", nuisances.E, ends)
+    own += nuisances.offset
+    loads = test.known.sum(axis=1)[model.every - 1 :: model.every]
+    variance = output_std(H, P) ** 2 + model.noise + np.sum(own**2, axis=1) + test.bias**2
+    return x[:, :states] @ H.T + loads @ fed.T, np.sqrt(variance)
+
+
+@dataclass(frozen=True)
+class Left:
+    """Of a channel that was left out: RMS of its readings, and of what the others say less these [unit of the channel]; share of
+    the samples within 2σ; the verdict on error over σ, None where there is no σ or the others cannot tell."""
+
+    reading: float
+    error: float
+    inside: float
+    claim: Claim | None
+
+
+def left_out(found: HoldOut, measured: np.ndarray) -> list[Left]:
+    """Every channel of a test; measured (T, m) its samples. Neighbouring samples are off alike: as many draws as the samples are
+    worth (`samples_alike`)."""
+    rows = []
+    for predicted, std, own in zip(found.predicted.T, found.std.T, measured.T, strict=True):
+        error = predicted - own
+        there = np.isfinite(error)
+        scaled = error[there] / std[there]
+        claim = claim_of(error[there], std[there], alike=samples_alike(scaled)) if np.isfinite(scaled).any() else None
+        inside = float(np.mean(np.abs(scaled) < 2)) if claim is not None else np.nan
+        rows.append(Left(_rms(own[there]), _rms(error[there]), inside, claim))
+    return rows
+
+
+def hold_out_numbers(found: HoldOut, labels: tuple[str, ...], measured: np.ndarray) -> dict[str, Scalar]:
+    """Share of all samples within 2σ; error over σ of every channel."""
+    rows = left_out(found, measured)
+    inside = [own.inside for own in rows if own.claim is not None]
+    numbers: dict[str, Scalar] = {"hold_out.inside": float(np.mean(inside))} if inside else {}
+    each = zip(labels, rows, strict=True)
+    return numbers | {f"hold_out.ratio.{label}": own.claim.ratio for label, own in each if own.claim is not None}
+
+
+def misfits_in_words(found: HoldOut, labels: tuple[str, ...], measured: np.ndarray) -> list[str]:
+    """The channels that the others contradict."""
+    rows = zip(labels, left_out(found, measured), strict=True)
+    off = {
+        label: own.claim.ratio for label, own in rows if own.claim is not None and own.claim.verdict == OVERCONFIDENT
+    }
+    return [f"the other gauges contradict {label}: error {ratio:.2g} σ" for label, ratio in off.items()]
+
+
+def hold_out_table(found: HoldOut, labels: tuple[str, ...], units: tuple[str, ...], measured: np.ndarray) -> Table:
+    """What every channel read and what the others say of it."""
+    lines = []
+    for label, unit, own, said in zip(labels, units, left_out(found, measured), found.left_in, strict=True):
+        if said:
+            lines.append((label, "–", "–", "–", "–", said))
+            continue
+        share = f"{100 * own.error / own.reading:.3g} %" if own.reading > 0 else "–"
+        claim = ("–", "–", "σ is withheld")
+        factor, shown = (1e6, "µm/m") if unit == UNITS[STRAIN] else (1.0, unit)
+        if own.claim is not None:
+            claim = f"{own.claim.ratio:.2g}", f"{100 * own.inside:.3g} %", own.claim.verdict
+        lines.append((label, f"{factor * own.reading:.4g} {shown}", share, *claim))
+    return Table(
+        "every gauge by the others",
+        ("channel", "RMS reading", "RMS error", "error over σ", "within 2σ", "verdict"),
+        tuple(lines),
+    )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
