@@ -70,5 +70,9 @@ def format_of(path: Path) -> str:
 
 def _needed(time: str | None, path: Path) -> str:
     if time is None:
-        raise UserError("the clock is not named", where=str(path), remedy="state the column or dataset of the time")
+        raise UserError(
+            "the clock is not named",
+            where=str(path),
+            remedy="name the column or dataset of the time: `time: {channel: NAME}`",
+        )
     return time

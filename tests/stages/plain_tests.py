@@ -1,0 +1,201 @@
+"""Plain tests of a cantilever: what is known, what is not, which gauges; and their records in every format."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyuff
+from typer.testing import CliRunner
+
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .conftest import ROOT
+
+FORMATS = {"csv": "test.csv", "hdf5": "test.h5", "uff58": "test.uff"}
+E, DENSITY = 2.1e11, 7850.0
+"""The truth [Pa, kg/m³]."""
+
+
+def _load(name: str, node: str, axis: str, frequency: float, amplitude: float, known: bool = False) -> str:
+    model = "" if known else ", process_noise: {model: integrated_random_walk}"
+    signal = f"{{type: sine, frequency: {frequency}, amplitude: {amplitude}}}"
+    return f"{name}: {{node: {node}, direction: {axis}, known: {str(known).lower()}, signal: {signal}{model}}}"
+
+
+X, Y, Z = "[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]"
+TIP, SHAKER = _load("tip", "2", Z, 20, 1e4, known=True), _load("shaker", "2", Z, 35, 1e4, known=True)
+AXIAL, SIDE, LIFT = _load("axial", "2", X, 8, 1e5), _load("side", "2", Y, 10, 3e3), _load("lift", "2", Z, 5, 3e3)
+MIDDLE = _load("middle", "MIDDLE", Z, 6, 8e3)
+MODULUS = "E: {property: youngs_modulus, region: 1, guess: 1.95e+11, range: [1.6e+11, 2.4e+11]}"
+MASS = "rho: {property: density, region: 1, guess: 7400, range: [6000, 9500]}"
+
+
+@dataclass(frozen=True)
+class Case:
+    """loads, parameters: lines of the config; unknown names; gauges; whether σ is withheld."""
+
+    loads: tuple[str, ...]
+    parameters: tuple[str, ...]
+    unknown: tuple[str, ...]
+    gauges: int = 4
+    withheld: bool = False
+
+
+CASES = {
+    "modulus": Case((TIP,), (MODULUS,), ("E",)),
+    "density": Case((SHAKER,), (MASS,), ("rho",)),
+    "load": Case((SIDE,), (), ("side",)),
+    "load-modulus-shaker": Case((SHAKER, SIDE), (MODULUS,), ("side", "E")),
+    "two-loads": Case((SIDE, MIDDLE), (), ("side", "middle")),
+    "three-loads-at-a-node": Case((AXIAL, SIDE, LIFT), (), ("axial", "side", "lift")),
+    "one-gauge": Case((LIFT,), (), ("lift",), gauges=1),
+    "parameters": Case((TIP, SHAKER), (MODULUS, MASS), ("E", "rho")),
+    "nothing-known": Case((LIFT,), (MODULUS,), ("lift", "E"), withheld=True),
+}
+CONFIG = """
+kind: placement
+name: {name}
+mesh: {{file: {deck}}}
+parameters: {{{parameters}}}
+loads: {{{loads}}}
+damping: {{type: modal, ratio: 0.01}}
+rom: {{modes: 6, parameter_samples: {samples}}}
+train: {{duration: 0.12, time_step: 1.0e-3}}
+gauges:
+  direction: {{type: axis, axis: [1, 0, 0], angles: [0]}}
+  include: [{{box: [[0.1, -1, -1], [1.4, 1, 1]]}}]
+  exclude: [{{normal_cone: {{axis: [1, 0, 0], angle: 10}}}}]
+  noise_std: {{relative_to_strongest: 0.01}}
+tolerances: none
+screen: {{keep: 12, minimum_spacing: 0.05}}
+place: {{estimate: [{unknown}], keep: {gauges}, instants: 2}}
+validate:
+  truth: {{model: modes, modes: 12{truth}}}
+  time_step: 1.0e-3
+  duration: 0.12
+  initial_std: {{{initial}}}
+  random_sets: 0
+  repeats: 1
+filter: {{compare: false}}
+estimate:
+  as_placed: true
+  time: {{{clock}}}
+  channels: [{channels}]
+  inputs: {{{inputs}}}
+"""
+
+
+def config(name: str, case: Case, deck: Path, node: int, form: str) -> str:
+    """The config of a case for a file of this format."""
+    known = [load.split(":")[0] for load in case.loads if "known: true" in load]
+    truth = {"E": f"E: {E:g}", "rho": f"rho: {DENSITY:g}"}
+    labels = [f"G{i + 1}" for i in range(case.gauges)]
+    parameters = [line.split(":")[0] for line in case.parameters]
+    return CONFIG.format(
+        name=name,
+        deck=deck,
+        parameters=", ".join(case.parameters),
+        loads=", ".join(case.loads).replace("MIDDLE", str(node)),
+        samples=3 if parameters else 1,
+        unknown=", ".join(case.unknown),
+        gauges=case.gauges,
+        truth=f", parameters: {{{', '.join(truth[p] for p in parameters)}}}" if parameters else "",
+        initial=", ".join(f"{u}: {0.1 if u in parameters else 1.0}" for u in case.unknown),
+        clock="channel: time" if form != "uff58" else "",
+        channels=", ".join(f"{{channel: {label}, gauge: {label}, unit: m/m}}" for label in labels),
+        inputs=", ".join(f"{load}: {{channel: {load}, unit: N}}" for load in known),
+    )
+
+
+def invoked(*words: object) -> str:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return " ".join(done.output.split())
+
+
+def node_at(deck: Path, place: tuple[float, float, float]) -> int:
+    """The node of a deck in small fields at a place."""
+    for line in deck.read_text().splitlines():
+        if line.startswith("GRID"):
+            x = [float(line[k : k + 8]) for k in (24, 32, 40)]
+            if np.allclose(x, place):
+                return int(line[8:16])
+    raise AssertionError(place)
+
+
+def recorded(folder: Path, name: str) -> Path:
+    """The folder with readings of a case in three formats, a config for each, and its results up to validate."""
+    case, deck = CASES[name], ROOT / "meshes" / "cantilever.bdf"
+    node = node_at(deck, (1.0, 0.0, 0.095))
+    for form in FORMATS:
+        (folder / f"{name}-{form}.yaml").write_text(config(name, case, deck, node, form))
+    invoked("validate", folder / f"{name}-csv.yaml", "--results", folder / "results")
+    with (folder / "results" / name / "measured.csv").open(encoding="utf-8") as lines:
+        head, *rows = csv.reader(lines)
+    names = [cell.split(" ")[0] for cell in head]
+    values = dict(zip(names, np.array([[float(cell or "nan") for cell in row] for row in rows]).T, strict=True))
+    own = folder / name
+    own.mkdir()
+    _as_csv(own / FORMATS["csv"], values)
+    _as_hdf5(own / FORMATS["hdf5"], values)
+    _as_uff58(own / FORMATS["uff58"], values)
+    return own
+
+
+def estimated(own: Path, form: str) -> tuple[Artefact, str]:
+    """What a file says, and what is said of it."""
+    folder, name = own.parent, own.name
+    said = invoked(
+        "estimate",
+        folder / f"{name}-{form}.yaml",
+        "--results",
+        folder / "results",
+        "--measurements",
+        own / FORMATS[form],
+    )
+    return Artefact(folder / "results" / name / "estimate.h5"), said
+
+
+def _unit(name: str) -> str:
+    return "m/m" if name.startswith("G") else "N"
+
+
+def _as_csv(path: Path, values: dict[str, np.ndarray]) -> None:
+    rows = zip(*values.values(), strict=True)
+    lines = [",".join(values), *(",".join("" if np.isnan(x) else repr(float(x)) for x in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _as_hdf5(path: Path, values: dict[str, np.ndarray]) -> None:
+    with h5py.File(path, "w") as file:
+        for name, own in values.items():
+            file[name] = own
+            file[name].attrs["units"] = "s" if name == "time" else _unit(name)
+
+
+def _as_uff58(path: Path, values: dict[str, np.ndarray]) -> None:
+    writer = pyuff.UFF(str(path))
+    none = {
+        f"{axis}_{what}": value
+        for axis in ("abscissa", "ordinate", "orddenom", "z_axis")
+        for what, value in (("len_unit_exp", 0), ("force_unit_exp", 0), ("temp_unit_exp", 0))
+    }
+    for node, (name, own) in enumerate(values.items()):
+        if name == "time":
+            continue
+        writer.write_sets(
+            pyuff.prepare_58(
+                binary=1, id1=name, id2="NONE", id3="NONE", id4="NONE", id5="NONE", func_type=1, ver_num=1, load_case_id=0,
+                rsp_ent_name="NONE", rsp_node=node, rsp_dir=1, ref_ent_name="NONE", ref_node=0, ref_dir=0, abscissa_spacing=1,
+                z_axis_value=0.0, abscissa_spec_data_type=17, abscissa_axis_units_lab="s",
+                ordinate_spec_data_type=3 if name.startswith("G") else 9, ordinate_axis_units_lab=_unit(name),
+                orddenom_spec_data_type=0, orddenom_axis_units_lab="NONE", z_axis_spec_data_type=0,
+                z_axis_axis_units_lab="NONE", data=own, x=values["time"], **none,
+            ),
+            "add",
+        )  # fmt: skip

@@ -1,0 +1,67 @@
+"""estimate in every plain case, from a file of every format: the truth within three σ, and the same from every file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.workflow.artefact import Artefact
+
+from .plain_tests import CASES, DENSITY, FORMATS, E, estimated, recorded
+
+SETTLED = 0.05
+"""Of the record: before it, what was stated of the start counts, and not the readings."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("plain")
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request, folder):
+    return request.param, recorded(folder, request.param)
+
+
+@pytest.fixture(scope="module")
+def found(case):
+    """format → arrays, summary and words."""
+    files = {}
+    for form in FORMATS:
+        artefact, said = estimated(case[1], form)
+        files[form] = {path: artefact[path].copy() for path in artefact.paths()}, dict(artefact.summary), said
+    return files
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_the_truth_is_within_three_sigma_or_sigma_is_withheld(case, found, form):
+    name, own = case
+    arrays, summary, said = found[form]
+    truth = Artefact(own.parent / "results" / name / "validate.h5")
+    late = slice(round(SETTLED * len(arrays["/time"])), None)
+    for unknown in CASES[name].unknown:
+        parameter = {"E": E, "rho": DENSITY}.get(unknown)
+        if CASES[name].withheld:
+            assert np.isnan(arrays[f"/std/{unknown}"]).all()
+            assert f"std.{unknown}" not in summary
+            continue
+        if parameter is not None:
+            estimate, std = arrays[f"/estimate/{unknown}"][-1], arrays[f"/std/{unknown}"][-1]
+            assert abs(estimate - parameter) < 3 * std
+            assert std < 0.05 * parameter
+        else:
+            load = truth[f"/truth/{unknown}"]
+            error = (arrays[f"/smoothed/{unknown}"] - load)[late] / arrays[f"/smoothed_std/{unknown}"][late]
+            assert np.sqrt(np.mean(error**2)) < 1.5
+            assert np.mean(np.abs(error) < 3) > 0.97
+    assert ("σ is withheld" in said) == CASES[name].withheld
+
+
+@pytest.mark.parametrize("form", [form for form in FORMATS if form != "csv"])
+def test_every_format_gives_the_same_estimate(found, form):
+    of_csv, own = found["csv"][0], found[form][0]
+    assert own.keys() == of_csv.keys()
+    for path in of_csv:
+        if path.startswith(("/estimate/", "/smoothed/", "/std/", "/smoothed_std/")):
+            size = np.nanmax(np.abs(of_csv[path])) if np.isfinite(of_csv[path]).any() else 1.0
+            np.testing.assert_allclose(own[path], of_csv[path], rtol=0, atol=1e-6 * size, err_msg=path)
