@@ -8,8 +8,8 @@ The mesh is made in the plane of the plate, s along it from the clamp, y across,
 lie across the plate: with one, full integration makes torsion too stiff, and frequencies 0.8 % too high. `solids(2)` has elements
 of half the size in the plane, and `tetrahedra` cuts them: a mesh for another program that shares nodes with this one.
 
-Sets of nodes: 11 the surface for gauges, both faces of the plate; 21 the clamp; 22 the four nodes that an unknown load acts on, on
-top near a corner of the free end; 23 those of a shaker, outside on the upright part.
+Sets of nodes: 11 the surface for gauges, both faces of the plate; 21 the clamp; 22 the four nodes that an unknown load acts on,
+on top near a corner of the free end; 23 those of a shaker, outside on the upright part.
 """
 
 from __future__ import annotations
@@ -29,7 +29,12 @@ UPRIGHT, BEND, ARM = 150.0, 20.0, 110.0
 ARC = BEND * math.pi / 2
 HOLE, RADIUS, SQUARE = 60.0, 15.0, 25.0
 """s of the centre of the hole, its radius, half the side of the square of elements about it."""
-LENGTHS = ((0.0, HOLE - SQUARE, 3), (HOLE - SQUARE, HOLE + SQUARE, 4), (HOLE + SQUARE, UPRIGHT, 5), (UPRIGHT, UPRIGHT + ARC, 6))
+LENGTHS = (
+    (0.0, HOLE - SQUARE, 3),
+    (HOLE - SQUARE, HOLE + SQUARE, 4),
+    (HOLE + SQUARE, UPRIGHT, 5),
+    (UPRIGHT, UPRIGHT + ARC, 6),
+)
 """From, to and number of elements along s; the arm follows."""
 ALONG = (*LENGTHS, (UPRIGHT + ARC, UPRIGHT + ARC + ARM, 9))
 ACROSS = ((-WIDTH / 2, -SQUARE, 1), (-SQUARE, SQUARE, 4), (SQUARE, WIDTH / 2, 1))
