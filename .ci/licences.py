@@ -1,6 +1,7 @@
 """Check the licence of every package that is there at run time, and that docs/dependencies.md names it; --table prints it.
 
-Reads pyproject.toml and the metadata of what is installed. A licence that is not known here fails, GPL, AGPL and LGPL with it.
+Reads pyproject.toml and the metadata of what is installed. A licence that is not known here fails, GPL and AGPL with it, and LGPL
+where it is not judged by name.
 """
 
 import re
@@ -13,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 # Extras of use beyond development. `meshes` is none: gmsh (GPL) writes the meshes of this repository and is never imported.
-EXTRAS = ("dask",)
+EXTRAS = ("dask", "daq")
 DOCS = Path("docs/dependencies.md")
 # What a package may say: SPDX expressions without their operators, classifiers, or one line.
 FREE = {
@@ -24,25 +25,27 @@ FREE = {
 }
 # Free of charge and to be passed on, but not free software: what MKL's PARDISO brings.
 INTEL = {"Intel Simplified Software License", "Intel End User License Agreement for Developer Tools"}
+# LGPL, each judged in docs/dependencies.md: package → the words it was judged under. Of an extra only.
+JUDGED = {"asammdf": "LGPLv3+", "nptdms": "LGPL-3.0-only"}
 OPERATORS = re.compile(r"\s+(?:AND|OR|WITH)\s+|[()]")
 
 
-def at_run_time() -> dict[str, Distribution]:
+def at_run_time(extras: tuple[str, ...] = EXTRAS) -> dict[str, Distribution]:
     """The packages that an installation of strainsight has, from Requires-Dist and its markers."""
     project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["project"]
-    asked = [*project["dependencies"], *(line for e in EXTRAS for line in project["optional-dependencies"].get(e, []))]
+    asked = [*project["dependencies"], *(line for e in extras for line in project["optional-dependencies"].get(e, []))]
     found, seen = {}, set()
     while asked:
         wanted = Requirement(asked.pop())
         name = canonicalize_name(wanted.name)
-        extras = ("", *sorted(wanted.extras))
-        if (name, extras) in seen or (wanted.marker and not wanted.marker.evaluate({"extra": ""})):
+        own = ("", *sorted(wanted.extras))
+        if (name, own) in seen or (wanted.marker and not wanted.marker.evaluate({"extra": ""})):
             continue
-        seen.add((name, extras))
+        seen.add((name, own))
         found[name] = distribution(name)
         for line in found[name].requires or []:
             marker = Requirement(line).marker
-            if marker is None or any(marker.evaluate({"extra": extra}) for extra in extras):
+            if marker is None or any(marker.evaluate({"extra": extra}) for extra in own):
                 # settled here: its extra is that of the package which asks
                 asked.append(line.partition(";")[0])
     return dict(sorted(found.items()))
@@ -51,6 +54,9 @@ def at_run_time() -> dict[str, Distribution]:
 def licence(package: Distribution) -> str | None:
     """What it says, as one line; None where that is not known here."""
     said = package.metadata.get("License-Expression")
+    judged = JUDGED.get(canonicalize_name(package.metadata["Name"]))
+    if judged is not None and judged in (said, (package.metadata.get("License") or "").strip()):
+        return judged
     if said:
         return said if all(part in FREE for part in OPERATORS.split(said) if part) else None
     line = (package.metadata.get("License") or "").strip()
@@ -74,6 +80,8 @@ if __name__ == "__main__":
     wrong = [
         f"{name}: its licence is not known; judge it in .ci/licences.py" for name, said in licences.items() if not said
     ]
+    plainly = at_run_time(())
+    wrong += [f"{name}: {licences[name]} is judged for an extra, and it comes with all" for name in JUDGED if name in plainly]
     wrong += [f"{name}: {DOCS} lacks '{row}'" for name, row in rows.items() if licences[name] and row not in documented]
     if wrong:
         sys.exit("\n".join(["licences:", *wrong]))

@@ -83,6 +83,17 @@ def asked_of_reader(*modules: str) -> Any:
     return asked
 
 
+def limit_memory(more: int) -> None:
+    """From now on this process may take no more than so many bytes beside what it has, where the system can."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        there = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        most = there + more
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
 def peak_memory(children: bool = False) -> int:
     """The most memory that this process has held, or the largest of its children that have ended [bytes]."""
     import resource

@@ -9,6 +9,7 @@ import pytest
 
 from strainsight.fem import memory
 
+from ..measurements.written import mat5, mat73, mdf, signal, tdms
 from .tested_beam import as_written, estimated, result, table, validated, write
 
 
@@ -143,3 +144,67 @@ def test_what_does_not_fit_is_refused_with_its_key(project, settings, key, says)
     assert code == 2, said
     assert key in said
     assert says in said
+
+
+def columns(project):
+    """Name → values, unit, of the file that validate writes."""
+    head, values = table(project)
+    names, units = zip(*(column.rstrip("]").split(" [") for column in head), strict=True)
+    return {name: (values[:, i], unit) for i, (name, unit) in enumerate(zip(names, units, strict=True))}
+
+
+def written(path, found):
+    t = found["time"][0]
+    channels = {name: column for name, column in found.items() if name != "time"}
+    if path.suffix == ".mf4":
+        bits = {name: {"invalidation_bits": np.isnan(values)} for name, (values, _) in channels.items()}
+        signals = [
+            signal(name, np.nan_to_num(values), t, unit, **bits[name]) for name, (values, unit) in channels.items()
+        ]
+        return mdf(path, ("rig", signals))
+    if path.suffix == ".tdms":
+        clock = {"wf_increment": (t[-1] - t[0]) / (len(t) - 1), "wf_start_offset": t[0]}
+        return tdms(
+            path, {f"rig/{name}": (values, clock | {"unit_string": unit}) for name, (values, unit) in channels.items()}
+        )
+    variables = {name: values for name, (values, _) in found.items()}
+    return (mat5 if path.name == "5.mat" else mat73)(
+        path, variables | {"units": {name: u for name, (_, u) in channels.items()}}
+    )
+
+
+@pytest.mark.parametrize("name", ["a.mf4", "a.tdms", "5.mat", "73.mat"])
+def test_the_estimate_is_that_of_the_csv_file(project, plain, tmp_path, name):
+    file = written(tmp_path / name, columns(project))
+    code, said = estimated(project, file, *([] if file.suffix == ".mat" else ["estimate.time.channel=null"]))
+    assert code == 0, said
+    found = result(project)
+    for dataset, values in plain[1].items():
+        np.testing.assert_allclose(found[dataset], values, rtol=1e-6, atol=1e-9 * np.abs(values).max())
+
+
+def test_several_rates_end_with_channels_and_rates(project, tmp_path):
+    found = columns(project)
+    t = found["time"][0]
+    signals = [signal(name, np.nan_to_num(found[name][0]), t, found[name][1]) for name in ("G1", "G2", "G3", "G4")]
+    slow = [signal("tip", found["tip"][0][::5], t[::5], "N")]
+    code, said = estimated(
+        project, mdf(tmp_path / "a.mf4", ("gauges", signals), ("shaker", slow)), "estimate.time.channel=null"
+    )
+    said = " ".join(said.split())
+    assert code == 2
+    assert "2 sampling rates: 2000 Hz ('G1', 'G2', 'G3', 'G4'), 400 Hz ('tip')" in said
+    assert "resampled to one" in said
+
+
+def test_a_channel_that_is_missing_and_a_unit_that_differs(project, tmp_path):
+    file = written(tmp_path / "a.tdms", columns(project))
+    clock = "estimate.time.channel=null"
+    for change, says in (
+        ("estimate.channels.0.channel=rig/G11", "did you mean"),
+        ("estimate.channels.0.unit=um/m", "the file has it in m/m"),
+        ("estimate.channels.0={channel: G1, gauge: G1}", "estimate.channels[0].unit: missing"),
+    ):
+        code, said = estimated(project, file, clock, change)
+        assert code == 2, said
+        assert says in " ".join(said.split())

@@ -23,7 +23,10 @@ class Bridge(Section):
 class Channel(Section):
     """A channel of the file, and what is done to it. Nothing is guessed: unit and bridge are stated."""
 
-    channel: Text = Field(description="Column, dataset, or node:direction or id line of a UFF function.")
+    channel: Text = Field(
+        description="Column, dataset, node:direction or id line of a UFF function, channel or group/channel of MDF4 and TDMS, "
+        "variable of a MAT file (a.b of a struct)."
+    )
     unit: Text = Field(
         description="Unit of the readings: um/m, mV/V, m/s2, g, mm, kN, …; has to agree with the file's."
     )
@@ -56,10 +59,14 @@ class GaugeChannel(Channel):
 
 
 class Clock(Section):
-    """The time of the file; a UFF function carries its own."""
+    """The time of the file; a UFF function carries its own, channels of MDF4 and TDMS mostly."""
 
-    channel: Text | None = Field(None, description="Column or dataset of the time.")
-    unit: Text = Field("s", description="Its unit: s, ms, us, min.")
+    channel: Text | None = Field(
+        None,
+        description="Column, dataset, channel or variable of the time; of a MAT file also the one interval between samples, or "
+        "with unit Hz their rate.",
+    )
+    unit: Text = Field("s", description="Its unit: s, ms, us, min; Hz of a rate.")
 
 
 class TextForm(Section):
@@ -93,10 +100,11 @@ class Estimate(Section):
 
     file: Text | None = Field(
         None,
-        description="CSV, HDF5 or UFF58 file, from the config's folder; `estimate --measurements FILE` gives another.",
+        description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder; `estimate --measurements FILE` gives "
+        "another.",
     )
-    format: Literal["auto", "csv", "hdf5", "uff58"] = Field(
-        "auto", description="Which reader; auto goes by the ending."
+    format: Literal["auto", "csv", "hdf5", "uff58", "mdf", "tdms", "mat"] = Field(
+        "auto", description="Which reader; auto: by the ending; mdf and tdms need the extra daq."
     )
     text: TextForm = with_defaults(TextForm, "How a CSV file is written.")
     time: Clock = with_defaults(Clock, "The time of the file.")

@@ -11,6 +11,7 @@ import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements.records import plain
+from strainsight.measurements.sandbox import DAMAGED
 
 MOST_SAMPLES = 200_000_000
 """Of one channel: five and a half hours at 10 kHz."""
@@ -22,7 +23,6 @@ _HOPS = 16
 _COLUMN = re.compile(r"(.*)\[(\d{1,9})\]")
 _UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 _PACKING = {"scale_factor": 1.0, "add_offset": 0.0}
-DAMAGED = "export the test data again: the file is damaged or none"
 INSTEAD = "write the samples into the file itself, one plain dataset a channel"
 
 
@@ -51,11 +51,11 @@ def signals(path: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str 
 def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.ndarray, str | None]:
     """Values (T,) of a dataset, or of a column of it, NaN where missing, and its unit."""
     where = place_of(path, name)
-    item, column = _resolved(file, name, where), None
+    item, column = resolved(file, name, where), None
     if item is None and (found := _COLUMN.fullmatch(name)):
-        item, column = _resolved(file, found[1], where), int(found[2])
+        item, column = resolved(file, found[1], where), int(found[2])
     if item is None:
-        known = _datasets(file)
+        known = datasets(file)
         raise UserError(
             f"no dataset {name!r}",
             where=str(path),
@@ -77,7 +77,7 @@ def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.n
     return values, _unit(item, column, where)
 
 
-def _resolved(file: Any, name: str, where: str) -> Any:
+def resolved(file: Any, name: str, where: str) -> Any:
     """The dataset, or None. Every link on the way is looked at first: one that leaves the file is never followed."""
     import h5py
 
@@ -127,7 +127,7 @@ def _check(item: Any, column: int | None, samples: int | None, path: Path, where
             where=where,
             remedy="give channels of one clock, or cut both",
         )
-    _check_stored(item, where, path.stat().st_size)
+    check_stored(item, where, path.stat().st_size)
     for name, harmless in _PACKING.items():
         if name in item.attrs and np.any(item.attrs[name] != harmless):
             raise UserError(
@@ -135,7 +135,7 @@ def _check(item: Any, column: int | None, samples: int | None, path: Path, where
             )
 
 
-def _check_stored(item: Any, where: str, file_size: int) -> None:
+def check_stored(item: Any, where: str, file_size: int) -> None:
     """Samples that were never written read as the fill value, mostly zero: they are no measurement."""
     if item.nbytes > PACKING * file_size:
         raise UserError(
@@ -177,7 +177,7 @@ def _unit(item: Any, column: int | None, where: str) -> str | None:
     return stated.pop() if stated else None
 
 
-def _datasets(file: Any) -> list[str]:
+def datasets(file: Any) -> list[str]:
     """Paths of the first thousand datasets."""
     import h5py
 

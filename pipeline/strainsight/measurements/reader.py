@@ -10,9 +10,12 @@ from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.records import Recording
 
 FORMATS = {
-    "csv": (".csv", ".txt", ".tsv", ".dat", ".asc"),
+    "csv": (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"),
     "hdf5": (".h5", ".hdf5", ".hdf", ".nc"),
     "uff58": (".uff", ".unv", ".ufb", ".uff58", ".58"),
+    "mdf": (".mf4", ".mdf"),
+    "tdms": (".tdms",),
+    "mat": (".mat",),
 }
 """Format → endings of the names it has."""
 
@@ -28,9 +31,10 @@ def read_recording(
 ) -> Recording:
     """Read channels of a test, each as the file has it.
 
-    channels: columns of a table, datasets, or "node:direction" or id line of a function; time: column or dataset of the
-    clock, not for UFF58; time_unit: that of the file has to agree; format: csv, hdf5, uff58, or auto by the ending of the
-    name; form: how a text table is written.
+    channels: columns of a table, datasets, "node:direction" or id line of a function, "group/channel", variables; time:
+    column, dataset, channel or variable of the clock, not for UFF58, and for MDF and TDMS only where it is not the file's
+    own; time_unit: that of the file has to agree; format: a key of FORMATS, or auto by the ending of the name; form: how a
+    text table is written.
     Raises UserError for a file that cannot be imported, with its line.
     """
     path = Path(path)
@@ -53,6 +57,14 @@ def read_recording(
                     remedy="drop the name of the time",
                 )
             return read_uff58(path, channels, time_unit=time_unit)
+        case "mdf" | "tdms" as kind:
+            from strainsight.measurements.daq_file import read_daq
+
+            return read_daq(kind, path, channels, time=time, time_unit=time_unit)
+        case "mat":
+            from strainsight.measurements.daq_file import read_daq
+
+            return read_daq("mat", path, channels, time=_needed(time, path), time_unit=time_unit)
         case unknown:
             raise UserError(f"unknown format {unknown!r}", remedy=f"known formats: {', '.join(FORMATS)}")
 

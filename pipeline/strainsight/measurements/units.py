@@ -22,7 +22,7 @@ class Unit(NamedTuple):
 
 _TABLE: Mapping[str, Mapping[str, float]] = {
     "strain": {
-        **dict.fromkeys(("strain", "m/m", "ε"), 1.0),
+        **dict.fromkeys(("strain", "Strain", "m/m", "ε"), 1.0),
         **dict.fromkeys(("um/m", "ppm", "microstrain", "ustrain", "uε"), 1e-6),
         "mm/m": 1e-3,
         "%": 1e-2,
@@ -39,7 +39,7 @@ _TABLE: Mapping[str, Mapping[str, float]] = {
     },
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
     "force": {
-        "N": 1.0,
+        **dict.fromkeys(("N", "Newton", "Newtons"), 1.0),
         "mN": 1e-3,
         "daN": 10.0,
         "kN": 1e3,
@@ -74,6 +74,10 @@ TIME: Mapping[str, float] = {
     "h": 3600.0,
 }
 """[s]."""
+
+
+RATES: Mapping[str, float] = {"Hz": 1.0, "kHz": 1e3, "1/s": 1.0}
+"""[1/s]."""
 
 
 def spelling(unit: str) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +18,7 @@ import numpy as np
 
 from strainsight.decks.other.load import INSTEAD, Loaded, load
 from strainsight.errors import DeckError
-from strainsight.processes import START_LIMIT, asked_of_reader, python, reader
+from strainsight.processes import START_LIMIT, asked_of_reader, limit_memory, python, reader
 
 TIME_LIMIT = 7.0
 """[s] to read, and one more for every 100 kB of the file."""
@@ -102,13 +101,7 @@ def _unpacked(answer: bytes) -> Loaded:
 
 def _limit_memory(size: int) -> None:
     """From now on no more than is there, MEMORY_LIMIT and the share of a file of so many bytes, where the system can."""
-    with suppress(ImportError, OSError, ValueError):
-        import resource
-
-        there = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        most = there + MEMORY_LIMIT + MEMORY_A_BYTE * size
-        resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+    limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * size)
 
 
 def _answer(out: BinaryIO) -> None:

@@ -1,0 +1,125 @@
+"""Damaged MDF, TDMS and MAT files end in a UserError, and so does a library that is missing, crashes or hangs."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.measurements import daq_file
+from strainsight.measurements.daq_file import read_daq
+
+from .written import A, B, T, mat5, mat73, mdf, signal, tdms, waveform
+
+pytest.importorskip("asammdf")
+pytest.importorskip("nptdms")
+RUBBISH = np.random.default_rng(5).bytes(100_000)
+HEADS = {
+    "mdf": b"MDF     4.10    ",
+    "tdms": b"TDSm\x0e\0\0\0\x69\x12\0\0",
+    "mat": b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM",
+}
+NAMES = {"mdf": "a.mf4", "tdms": "a.tdms", "mat": "a.mat"}
+FILES = {
+    "a.mf4": lambda path: mdf(path, ("rig", [signal("G1"), signal("G2", B)])),
+    "a.tdms": lambda path: tdms(path, {"rig/G1": waveform(), "rig/G2": waveform(B)}),
+    "5.mat": lambda path: mat5(path, {"t": T, "G1": A, "G2": B}),
+    "73.mat": lambda path: mat73(path, {"t": T, "G1": A, "G2": B}),
+}
+
+
+def kind_of(path):
+    return {".mf4": "mdf", ".tdms": "tdms", ".mat": "mat"}[path.suffix]
+
+
+def read(path, sandboxed=False):
+    time = ("t", "s") if kind_of(path) == "mat" else (None, None)
+    return read_daq(kind_of(path), path, ["G1", "G2"], time=time[0], time_unit=time[1], sandboxed=sandboxed)
+
+
+def refused(path, said="", **options):
+    with pytest.raises(UserError, match=said) as caught:
+        read(path, **options)
+    assert caught.value.exit_code == 2
+    assert caught.value.remedy
+    assert "Traceback" not in str(caught.value)
+    assert len(str(caught.value)) < 2000
+
+
+@pytest.mark.parametrize("kind", NAMES)
+@pytest.mark.parametrize("content", ["empty", "rubbish", "head", "zeros", "text"])
+def test_what_is_no_such_file(tmp_path, kind, content):
+    path = tmp_path / NAMES[kind]
+    path.write_bytes(
+        {
+            "empty": b"",
+            "rubbish": RUBBISH,
+            "head": HEADS[kind] + RUBBISH,
+            "zeros": bytes(5000),
+            "text": b"time,G1\n0,1\n" * 99,
+        }[content]
+    )
+    refused(
+        path,
+        "the file is empty"
+        if content == "empty"
+        else f"cannot be read as {kind.upper()}|no channel|no variable|claims|ends in",
+    )
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9, 0.995])
+def test_a_file_that_was_cut(tmp_path, name, share):
+    path = FILES[name](tmp_path / name)
+    np.testing.assert_array_equal(read(path).channels["G1"], A)
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    refused(path)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_channel_that_is_missing_through_the_process(tmp_path, name):
+    path = FILES[name](tmp_path / name)
+    time = ("t", "s") if kind_of(path) == "mat" else (None, None)
+    with pytest.raises(UserError, match=r"no (channel|variable) 'G3'") as caught:
+        read_daq(kind_of(path), path, ["G1", "G3"], time=time[0], time_unit=time[1])
+    assert "did you mean" in caught.value.remedy
+
+
+HANGS = "import time; time.sleep(60)"
+
+
+@pytest.mark.parametrize("does", ["import os; os.abort()", HANGS, f"print('ready', flush=True); {HANGS}", "print('{')"])
+def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
+    monkeypatch.setattr(daq_file, "COMMAND", [sys.executable, "-c", does])
+    for limit in ("START_LIMIT", "TIME_LIMIT"):
+        monkeypatch.setattr(daq_file, limit, 0.5)
+    refused(FILES["a.tdms"](tmp_path / "a.tdms"), "the TDMS library crashed, or did not come to an end", sandboxed=True)
+
+
+@pytest.mark.parametrize(("kind", "package"), [("mdf", "asammdf"), ("tdms", "npTDMS")])
+def test_a_package_that_is_not_installed_is_named_with_its_extra(tmp_path, monkeypatch, kind, package):
+    monkeypatch.setattr(daq_file, "find_spec", lambda name: None)
+    (tmp_path / NAMES[kind]).write_bytes(b"x")
+    with pytest.raises(UserError, match=f"read by {package}, which is not installed") as caught:
+        read_daq(kind, tmp_path / NAMES[kind], ["G1"])
+    assert caught.value.remedy == 'install it: pip install "strainsight[daq]"'
+
+
+def test_no_package_is_asked_for_a_mat_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(daq_file, "find_spec", lambda name: None)
+    np.testing.assert_array_equal(read(FILES["5.mat"](tmp_path / "a.mat")).channels["G1"], A)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RecursionError("deep"), ValueError("odd\nvalue"), KeyError()])
+def test_whatever_a_library_raises_ends_in_a_sentence(tmp_path, monkeypatch, error):
+    def signals(path, names):
+        raise error
+
+    monkeypatch.setattr(daq_file, "import_module", lambda name: SimpleNamespace(signals=signals))
+    refused(
+        FILES["a.tdms"](tmp_path / "a.tdms"),
+        "more memory" if isinstance(error, MemoryError) else "cannot be read as TDMS: ",
+    )

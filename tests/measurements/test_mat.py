@@ -1,0 +1,164 @@
+"""Variables of MAT files as SciPy writes them, and of version 7.3 as MATLAB lays them out in HDF5, come back by name."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+import scipy.sparse
+
+from strainsight.errors import UserError
+from strainsight.measurements.daq_file import read_daq
+from strainsight.measurements.reader import read_recording
+
+from .written import COUNT, A, B, T, mat5, mat73
+
+WRITERS = [mat5, mat73]
+RIG = {
+    "t": T[:, None],
+    "fs": 1000.0,
+    "dt": 1e-3,
+    "units": {"top": "N"},
+    "top": A,
+    "rig": {"G1": A[:, None], "G2": B[None], "deep": {"a": 2 * A, "unit": "mV/V"}, "units": {"G1": "um/m"}},
+    "all": np.stack([1e3 * T, A, 2 * A], axis=1),
+    "wide": np.stack([T, A]),
+    "word": "hello",
+}
+
+
+def read(path, channels, **options):
+    return read_daq("mat", path, channels, **options, sandboxed=False)
+
+
+@pytest.fixture(params=WRITERS)
+def rig(request, tmp_path):
+    return request.param(tmp_path / "a.mat", RIG)
+
+
+def test_vectors_fields_of_structs_and_their_units(rig):
+    found = read_recording(rig, ["top", "rig.G1", "rig.G2", "rig.deep.a"], time="t", time_unit="s")
+    np.testing.assert_array_equal(found.time, T)
+    for name, values in {"top": A, "rig.G1": A, "rig.G2": B, "rig.deep.a": 2 * A}.items():
+        np.testing.assert_array_equal(found.channels[name], values)
+    assert found.units == {"top": "N", "rig.G1": "um/m", "rig.G2": None, "rig.deep.a": "mV/V"}
+
+
+def test_the_same_as_pymatreader(rig):
+    from pymatreader import read_mat
+
+    theirs = read_mat(rig)
+    ours = read(rig, ["rig.G1", "rig.G2", "rig.deep.a", "all(:,2)"], time="t", time_unit="s").channels
+    for name in ("rig.G1", "rig.G2", "rig.deep.a"):
+        value = theirs
+        for field in name.split("."):
+            value = value[field]
+        np.testing.assert_array_equal(ours[name], value)
+    np.testing.assert_array_equal(ours["all(:,2)"], theirs["all"][:, 1])
+
+
+def test_columns_and_rows_count_from_one(rig):
+    found = read(rig, ["all(:,3)", "all(:, 2)"], time="all(:,1)", time_unit="ms")
+    np.testing.assert_allclose(found.time, T, atol=1e-15)
+    np.testing.assert_array_equal(found.channels["all(:,3)"], 2 * A)
+    np.testing.assert_array_equal(found.channels["all(:, 2)"], A)
+    np.testing.assert_array_equal(read(rig, ["wide(2,:)"], time="wide(1,:)", time_unit="s").channels["wide(2,:)"], A)
+
+
+def test_one_number_is_the_interval_or_the_rate(rig):
+    np.testing.assert_allclose(read(rig, ["top"], time="dt", time_unit="s").time, T, rtol=1e-14)
+    np.testing.assert_allclose(read(rig, ["top"], time="fs", time_unit="Hz").time, T, rtol=1e-14)
+    np.testing.assert_allclose(read(rig, ["top"], time="dt", time_unit="ms").time, 1e-3 * T, rtol=1e-14)
+    with pytest.raises(UserError, match="the one number 'fs', 1000, is taken for the interval") as caught:
+        read(rig, ["top"], time="fs", time_unit="s")
+    assert "unit: Hz" in caught.value.remedy
+    with pytest.raises(UserError, match="unit of time asked for, 'Hz', is unknown"):
+        read(rig, ["top"], time="t", time_unit="Hz")
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "remedy"),
+    [
+        ("Top", "no variable 'Top'", "did you mean top?"),
+        ("rig.G3", "no variable 'rig.G3'", "did you mean rig.G"),
+        ("rig.G1.x", "'rig.G1' is no|no variable 'rig.G1.x'", ""),
+        ("rig", "'rig' is a struct", "name one of its fields, as in"),
+        ("word", "'word' (is text|holds char)", "plain vector"),
+        ("all", "'all' is a matrix of 400 × 3", r"as in 'all(:,1)'"),
+        ("all(:,4)", "its size is 400 × 3", "count from 1"),
+        ("all(:,0)", "its size is 400 × 3", "count from 1"),
+        ("wide(3,:)", "its size is 2 × 400", "count from 1"),
+    ],
+)
+def test_what_is_no_vector_is_refused(rig, name, said, remedy):
+    with pytest.raises(UserError, match=said) as caught:
+        read(rig, [name], time="t", time_unit="s")
+    assert remedy in caught.value.remedy
+
+
+def test_cells_struct_arrays_sparse_and_complex_are_refused(tmp_path):
+    cells = np.empty(2, object)
+    cells[:] = [A, B]
+    array = np.zeros(2, [("a", object)])
+    path = mat5(
+        tmp_path / "a.mat",
+        {
+            "t": T,
+            "cells": cells,
+            "many": array,
+            "thin": scipy.sparse.csc_array(np.eye(3)),
+            "z": A + 1j,
+            "yes": A > 0,
+            "cube": np.ones((2, 2, 2)),
+        },
+    )
+    for name, said in {
+        "cells": "struct array or cell array of 2",
+        "many": "struct array or cell array of 2",
+        "many.a": "'many' is a struct array",
+        "thin": "sparse matrix",
+        "z": "complex numbers",
+        "cube": "matrix of 2 × 2 × 2",
+    }.items():
+        with pytest.raises(UserError, match=said):
+            read(path, [name], time="t", time_unit="s")
+
+
+def fill(path, values):
+    with h5py.File(path, "r+") as file:
+        values(file)
+    return path
+
+
+def never_written(file):
+    file.create_dataset("a", (1, COUNT), float, chunks=(1, 100))
+
+
+def a_table(file):
+    file["a"] = np.zeros((1, 6), "u4")
+    file["a"].attrs["MATLAB_object_decode"] = 3
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (never_written, "0 of 4 blocks"),
+        (lambda file: file.__setitem__("a", h5py.ExternalLink("other.h5", "/a")), "a link to another file"),
+        (lambda file: file.__setitem__("a", h5py.SoftLink("/a")), "more than 16 links"),
+        (
+            lambda file: file.create_dataset("a", (1, COUNT), float, external=[("o.raw", 0, 8 * COUNT)]),
+            "from another file",
+        ),
+        (lambda file: file.create_dataset("a", (1, 10**12), float, chunks=(1, 1000)), "claims 1000000000000 samples"),
+        (a_table, "a table or an object of MATLAB"),
+    ],
+)
+def test_what_version_73_may_hide_is_refused(tmp_path, values, said):
+    path = fill(mat73(tmp_path / "a.mat", {"t": T}), values)
+    with pytest.raises(UserError, match=said):
+        read(path, ["a"], time="t", time_unit="s")
+
+
+def test_lengths_that_differ(rig):
+    with pytest.raises(UserError, match="'dt' has 1 samples, the clock 400"):
+        read(rig, ["top", "dt"], time="t", time_unit="s")

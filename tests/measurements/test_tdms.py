@@ -1,0 +1,158 @@
+"""Channels of TDMS files as npTDMS writes them come back scaled, on the clock of their waveform or of a time channel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.measurements.daq_file import read_daq
+from strainsight.measurements.reader import read_recording
+
+from .written import STEP, A, B, T, tdms, waveform
+
+pytest.importorskip("nptdms")
+START = np.datetime64("2025-01-06T10:00:00.000000")
+
+
+def read(path, channels, **options):
+    return read_daq("tdms", path, channels, **options, sandboxed=False)
+
+
+def test_values_units_and_time(tmp_path):
+    """Times of sample k are wf_start_offset + k wf_increment."""
+    path = tdms(
+        tmp_path / "a.tdms",
+        {"rig/G1": waveform(wf_start_offset=0.25), "rig/G2": waveform(B, "N", wf_start_offset=0.25)},
+    )
+    found = read_recording(path, ["G2", "rig/G1"])
+    np.testing.assert_allclose(found.time, 0.25 + T, rtol=1e-14)
+    np.testing.assert_array_equal(found.channels["rig/G1"], A)
+    np.testing.assert_array_equal(found.channels["G2"], B)
+    assert found.units == {"G2": "N", "rig/G1": "um/m"}
+
+
+def test_scales_of_the_driver_are_applied(tmp_path):
+    """A linear scale as DAQmx writes it: y = 0.5 raw + 3."""
+    values, properties = waveform(B)
+    properties |= {
+        "NI_Number_Of_Scales": np.int32(1),
+        "NI_Scaling_Status": "unscaled",
+        "NI_Scale[0]_Scale_Type": "Linear",
+        "NI_Scale[0]_Linear_Slope": 0.5,
+        "NI_Scale[0]_Linear_Y_Intercept": 3.0,
+        "NI_Scale[0]_Linear_Input_Source": np.uint32(0xFFFFFFFF),
+    }
+    path = tdms(tmp_path / "a.tdms", {"rig/G1": (values, properties)})
+    np.testing.assert_allclose(read(path, ["G1"]).channels["G1"], 0.5 * B + 3.0, rtol=1e-15)
+
+
+def test_a_name_in_several_groups_wants_its_group(tmp_path):
+    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(), "old/G1": waveform(2 * A)})
+    with pytest.raises(UserError, match="2 channels are called 'G1'") as caught:
+        read(path, ["G1"])
+    assert caught.value.remedy == "name the group too: 'old/G1' or 'rig/G1'"
+    np.testing.assert_array_equal(read(path, ["old/G1"]).channels["old/G1"], 2 * A)
+
+
+def test_channels_with_slashes_and_quotes_in_their_names(tmp_path):
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(tmp_path / "a.tdms") as file:
+        file.write_segment([ChannelObject("cDAQ1Mod1/ai", "ai0/it's", *waveform())])
+    for name in ("ai0/it's", "cDAQ1Mod1/ai/ai0/it's"):
+        np.testing.assert_array_equal(read(tmp_path / "a.tdms", [name]).channels[name], A)
+
+
+def test_several_rates_are_refused_with_channels_and_rates(tmp_path):
+    path = tdms(
+        tmp_path / "a.tdms", {"rig/G1": waveform(), "rig/G2": waveform(), "slow/F": waveform(A[::10], "N", 10 * STEP)}
+    )
+    with pytest.raises(UserError) as caught:
+        read(path, ["G1", "F", "G2"])
+    assert caught.value.what == "the channels have 2 sampling rates: 1000 Hz ('G1', 'G2'), 100 Hz ('F')"
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("later", [{"wf_start_time": START + np.timedelta64(100, "ms")}, {"wf_start_offset": 0.1}])
+def test_channels_that_started_at_different_times_are_refused(tmp_path, later):
+    path = tdms(
+        tmp_path / "a.tdms",
+        {"rig/G1": waveform(wf_start_time=START), "rig/G2": waveform(**{"wf_start_time": START} | later)},
+    )
+    with pytest.raises(UserError, match=r"'G2' has 400 samples from 0\.1 to 0\.499 s"):
+        read(path, ["G1", "G2"])
+
+
+def test_an_offset_that_makes_up_for_the_start_is_one_clock(tmp_path):
+    """0.1 s later by the clock of the wall, 0.1 s earlier by the offset."""
+    later = {"wf_start_time": START + np.timedelta64(100, "ms"), "wf_start_offset": -0.1}
+    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(wf_start_time=START), "rig/G2": waveform(**later)})
+    np.testing.assert_allclose(read(path, ["G1", "G2"]).time, T, atol=1e-12)
+
+
+def test_a_time_channel(tmp_path):
+    stamps = START + np.arange(len(A)) * np.timedelta64(1000, "us")
+    path = tdms(
+        tmp_path / "a.tdms",
+        {
+            "rig/Zeit": (1e3 * T + 7.0, {"unit_string": "ms"}),
+            "rig/stamps": (stamps, {}),
+            "rig/G1": (A, {"unit_string": "um/m"}),
+        },
+    )
+    np.testing.assert_allclose(read(path, ["G1"], time="Zeit", time_unit="ms").time, T + 7e-3, rtol=1e-12)
+    np.testing.assert_allclose(read(path, ["G1"], time="stamps", time_unit="s").time, T, atol=1e-12)
+    with pytest.raises(UserError, match="'G1' has no wf_increment") as caught:
+        read(path, ["G1"])
+    assert caught.value.remedy == "name the channel of the time in estimate.time.channel, as 'rig/Zeit'"
+    with pytest.raises(UserError, match="'stamps' holds times of the day, not numbers"):
+        read(path, ["stamps"], time="Zeit", time_unit="ms")
+
+
+@pytest.mark.parametrize("step", [0.0, -1e-3, "fast", np.nan])
+def test_an_increment_that_is_none(tmp_path, step):
+    with pytest.raises(UserError, match="a wf_increment of"):
+        read(tdms(tmp_path / "a.tdms", {"rig/G1": waveform(step=step)}), ["G1"])
+
+
+def test_nan_is_missing_and_infinite_is_refused(tmp_path):
+    bad = np.where(np.arange(len(A)) == 4, np.nan, A)
+    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(bad), "rig/G2": waveform(np.where(np.isnan(bad), np.inf, A))})
+    np.testing.assert_array_equal(read(path, ["G1"]).channels["G1"], bad)
+    with pytest.raises(UserError, match="sample 5 of 'G2' is infinite"):
+        read(path, ["G2"])
+
+
+def test_text_lengths_and_units_that_cannot_be_imported(tmp_path):
+    path = tdms(
+        tmp_path / "a.tdms",
+        {
+            "rig/G1": waveform(),
+            "rig/short": waveform(A[:-1]),
+            "rig/note": waveform(["a"] * len(A)),
+            "rig/two": waveform(unit="um/m", Unit="N"),
+        },
+    )
+    for names, said in (
+        (["G1", "short"], "'short' has 399 samples from 0 to 0.398 s"),
+        (["note"], "'note' holds text or objects, not numbers"),
+        (["two"], "'two' states the units 'N' and 'um/m'"),
+        (["G5"], "no channel 'G5'"),
+    ):
+        with pytest.raises(UserError, match=said):
+            read(path, names)
+
+
+def test_an_index_beside_the_file_is_not_believed(tmp_path):
+    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform()})
+    (tmp_path / "a.tdms_index").write_bytes(b"TDSh" + bytes(100))
+    np.testing.assert_array_equal(read(path, ["G1"]).channels["G1"], A)
+
+
+def test_a_record_that_stops_in_the_middle_is_refused(tmp_path):
+    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(), "rig/G2": waveform()})
+    path.write_bytes(path.read_bytes()[:-1000])
+    with pytest.raises(UserError, match=r"the file ends in the middle of its last segment.*G2") as caught:
+        read(path, ["G1"])
+    assert "save what there is anew" in caught.value.remedy
