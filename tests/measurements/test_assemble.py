@@ -164,3 +164,15 @@ def test_the_step_of_the_filter_moves_no_sample(factor):
     np.testing.assert_allclose(signals.values[seen, 0], FORCE[sample], rtol=1e-14)
     expected = KEPT if factor < 1 else KEPT[KEPT % factor == 0]
     np.testing.assert_array_equal(sample, expected)
+
+
+@pytest.mark.parametrize(("count", "said"), [(20, True), (19, False)])
+def test_a_stretch_of_missing_samples_is_named_with_its_time(count, said):
+    values = np.zeros(500)
+    values[100 : 100 + count] = np.nan
+    values[[3, 400, 401]] = np.nan
+    notes = assemble(
+        Recording(1e-3 * np.arange(500), {"a": values}, {"a": "um/m"}, "rig"), {"a": ChannelSettings("um/m")}
+    ).notes
+    assert f"a: {count + 3} of 500 samples are missing" in notes
+    assert any(note.startswith("a: 20 of them in a row, from 0.1 to 0.119 s") for note in notes) == said

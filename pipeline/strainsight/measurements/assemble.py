@@ -12,6 +12,9 @@ from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import to_step, uniform_clock
 from strainsight.measurements.records import Recording
 
+STRETCH = 20
+"""Samples missing in a row of which the record says where they are."""
+
 
 @dataclass(frozen=True)
 class Signals:
@@ -50,10 +53,24 @@ def assemble(
             )
         with blame(name):
             calibrated, done = calibrate(recording, name, stated)
-        missing = int(np.count_nonzero(np.isnan(calibrated)))
-        if missing:
-            notes.append(f"{name}: {missing} of {len(calibrated)} samples are missing")
+        missing = np.isnan(calibrated)
+        if missing.any():
+            notes.append(f"{name}: {np.count_nonzero(missing)} of {len(calibrated)} samples are missing")
+            notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
         values[:, column] = clock.spread(calibrated[taken])
     names = tuple(settings)
     return Signals(clock.time, values, names, tuple(settings[name].quantity for name in names), tuple(notes))
+
+
+def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...]:
+    """A sentence on the longest stretch of samples that are missing, if it is long."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
+    first, behind = ends[::2], ends[1::2]
+    longest = int(np.argmax(behind - first))
+    if (count := int(behind[longest] - first[longest])) < STRETCH:
+        return ()
+    start, end = time[first[longest]], time[behind[longest] - 1]
+    return (
+        f"{name}: {count} of them in a row, from {start:.9g} to {end:.9g} s, where the other channels have to do without it",
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,13 +12,16 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.measurements.csv_layout import Layout, TextFormat, header, is_comment, stated_delimiter, with_units
 from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
-from strainsight.measurements.records import Recording, opened
+from strainsight.measurements.lvm import SIGN, Header, header_of
+from strainsight.measurements.records import Recording, opened, plain
 from strainsight.measurements.units import time_factor
 
 BLOCK = 1 << 22
 """[bytes] read at a time."""
 LONGEST = 1 << 20
 """[bytes] of a line: beyond, it is no table."""
+MOST_ABOVE = 500
+"""Lines that are searched for the names."""
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -41,7 +45,12 @@ def read_csv(
     with opened(path) as file:
         table = _Table(path, form, time, tuple(channels))
         for first, block in _blocks(file, path):
-            table.take(first, block)
+            try:
+                table.take(first, block)
+            except UserError as error:
+                if table.layout is None and table.form.header_line is None and not block.startswith(SIGN):
+                    _name_the_line(error, block, first, table)
+                raise
     return table.recording(time_unit)
 
 
@@ -78,12 +87,30 @@ def _checked(lines: bytes, number: int, path: Path) -> bytes:
     return lines
 
 
+def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) -> None:
+    """Say in the remedy which line has the names that are wanted, or at least that of the time, if one near the top has."""
+    for wanted in dict.fromkeys((table.channels, ())):
+        for number, line in enumerate(block.split(b"\n", MOST_ABOVE)[:MOST_ABOVE], start=first):
+            try:
+                header(line, "", table.form, table.time, wanted)
+            except UserError:
+                continue
+            if f"{table.path}:{number}" == error.where:
+                return
+            form = table.form
+            error.remedy = f"line {number} has the name {plain(table.time)}: " + form.stating(
+                "header_line", str(number), "say that the names stand there"
+            )
+            return
+
+
 class _Table:
     """The columns asked for, block by block."""
 
     def __init__(self, path: Path, form: TextFormat, time: str, channels: tuple[str, ...]):
         self.path, self.form, self.time, self.channels = path, form, time, channels
         self.layout: Layout | None = None
+        self.lvm: Header | None = None
         self.units_passed = False
         self.pieces: list[list[np.ndarray]] = [[] for _ in range(1 + len(channels))]
         self.runs: list[tuple[int, int]] = []
@@ -92,6 +119,9 @@ class _Table:
 
     def take(self, first: int, block: bytes) -> None:
         at = 0
+        if first == 1 and block.startswith(SIGN):
+            self.lvm = header_of(block, self.form, str(self.path))
+            self.form = self.lvm.form
         while at < len(block) and not self.units_passed:
             end = block.index(b"\n", at)
             if self._is_data(block[at:end], first):
@@ -108,18 +138,19 @@ class _Table:
         if self.layout is None:
             if form.header_line is not None:
                 if number == form.header_line:
-                    self.layout = header(line, where, form, self.time, self.channels)
+                    found = header(line, where, form, self.time, self.channels)
+                    self.layout = self.lvm.applied(found) if self.lvm else found
             elif number == 1 and (said := stated_delimiter(line)) and form.delimiter in (None, said):
-                self.form = TextFormat(said, form.decimal, form.comment, None, form.missing)
+                self.form = replace(form, delimiter=said)
             elif line.strip() and not is_comment(line, form):
                 self.layout = header(line, where, form, self.time, self.channels)
             return False
         if not line.strip() or is_comment(line, form):
             return False
         self.units_passed = True
-        if (found := with_units(line, where, self.layout)) is None:
+        if (below := with_units(line, where, self.layout)) is None:
             return True
-        self.layout = found
+        self.layout = below
         return False
 
     def _add(self, rows: Rows) -> None:

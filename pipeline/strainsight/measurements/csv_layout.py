@@ -14,6 +14,7 @@ from strainsight.measurements.units import known_unit, seconds_in, spelling
 DELIMITERS = (",", ";", "\t")
 _QUOTED = re.compile(r'"[^"]*"')
 _BRACKETS = re.compile(r"(.*\S)\s*(\[[^\[\]]*\]|\([^()]*\))")
+_NUMBERS = re.compile(r'[-+\s0-9.,;eE"]*[0-9][-+\s0-9.,;eE"]*')
 _SPREADSHEET = re.compile(r"sep=(.)")
 
 
@@ -22,7 +23,8 @@ class TextFormat:
     """How a text table is written; None where it shows from the file.
 
     delimiter: one sign; decimal: "." or ","; comment: what lines to pass over begin with; header_line: from 1, where lines
-    without a comment sign stand above the names; missing: words that stand for no sample, beside an empty cell and NaN.
+    without a comment sign stand above the names; missing: words that stand for no sample, beside an empty cell and NaN; key:
+    of the config, where these are stated, for remedies.
     """
 
     delimiter: str | None = None
@@ -30,6 +32,7 @@ class TextFormat:
     comment: str = "#"
     header_line: int | None = None
     missing: tuple[str, ...] = ()
+    key: str | None = None
 
     def __post_init__(self) -> None:
         if self.decimal not in (".", ","):
@@ -43,16 +46,22 @@ class TextFormat:
         if self.header_line is not None and self.header_line < 1:
             raise UserError(f"names in line {self.header_line}", remedy="lines count from 1")
 
+    def stating(self, name: str, value: str, otherwise: str) -> str:
+        """A remedy: which key takes which value, or in other words where no key is known."""
+        return f"state `{self.key}.{name}: {value}`" if self.key else otherwise
+
 
 @dataclass(frozen=True)
 class Layout:
-    """delimiter; names as in the header, its brackets off; units, None where not stated; columns: time, then channels."""
+    """delimiter; names as in the header, its brackets off; units, None where not stated; columns: time, then channels;
+    remarks: a line may have one more cell, with a remark."""
 
     delimiter: str
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     columns: tuple[int, ...]
     where: str
+    remarks: bool = False
 
 
 def is_comment(line: bytes, form: TextFormat) -> bool:
@@ -74,13 +83,14 @@ def header(line: bytes, where: str, form: TextFormat, time: str, channels: Seque
     text = decoded(line)
     if form.comment and text.lstrip().startswith(form.comment):
         text = text.lstrip().removeprefix(form.comment)
-    delimiter = form.delimiter or _delimiter(text, where)
-    cells = [cell.strip() for cell in split(text, delimiter, where)]
+    delimiter = form.delimiter or ("" if _NUMBERS.fullmatch(text) else _delimiter(text, where, form))
+    cells = [cell.strip() for cell in split(text, delimiter, where)] if delimiter else []
     if all(_number_like(cell) for cell in cells):
         raise UserError(
             f"the columns have no names: the first line is {plain(text)}",
             where=where,
-            remedy="write a line of names above the numbers, or say in which line it is",
+            remedy="write a line of names above the numbers, or "
+            + form.stating("header_line", "LINE", "say in which line it is"),
         )
     names, units = [], []
     for cell in cells:
@@ -130,7 +140,7 @@ def split(text: str, delimiter: str, where: str) -> list[str]:
         ) from None
 
 
-def _delimiter(text: str, where: str) -> str:
+def _delimiter(text: str, where: str, form: TextFormat) -> str:
     bare = _QUOTED.sub("", text)
     found = [sign for sign in DELIMITERS if sign in bare]
     if len(found) == 1:
@@ -140,12 +150,14 @@ def _delimiter(text: str, where: str) -> str:
         raise UserError(
             f"the line of names has {' and '.join(said[sign] for sign in found)}: {plain(text)}",
             where=where,
-            remedy="say which of them is the delimiter",
+            remedy=form.stating("delimiter", f'"{found[-1]}"', "say which of them is the delimiter")
+            + (", or the one that it is" if form.key else ""),
         )
     raise UserError(
         f"no comma, semicolon or tab in the line of names: {plain(text)}",
         where=where,
-        remedy="the first line that is no comment holds the names of the columns; state it or the delimiter if it is another",
+        remedy="the first line that is no comment holds the names of the columns: "
+        + form.stating("header_line", "LINE", "say which line does, if it is another"),
     )
 
 

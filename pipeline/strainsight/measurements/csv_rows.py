@@ -15,6 +15,9 @@ from strainsight.measurements.records import decoded, plain
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
 
+_SEGMENT = "the line was cut short, or another segment begins here: export one segment a file"
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+(?:,\d*)?")
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -66,13 +69,13 @@ def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, pat
         cells = _cells(line, layout, where)
         if not any(cells):
             continue
+        if layout.remarks and len(cells) == len(layout.names) + 1:
+            cells.pop()
         if len(cells) != len(layout.names):
             raise UserError(
                 f"{len(cells)} cells where the names are {len(layout.names)}: {plain(decoded(line))}",
                 where=where,
-                remedy="numbers with a decimal comma need another delimiter: write the file with ';'"
-                if layout.delimiter == "," and len(cells) > len(layout.names)
-                else "the line was cut short or altered: export the test data again",
+                remedy=_why(len(cells), layout),
             )
         row = [_number(cells[column], column, layout, form, where) for column in layout.columns]
         if row[0] != row[0]:
@@ -82,6 +85,14 @@ def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, pat
         found.extend(row)
         lines.append(number)
     return Rows(np.frombuffer(found, float).reshape(len(lines), len(layout.columns)), np.frombuffer(lines, np.int64))
+
+
+def _why(count: int, layout: Layout) -> str:
+    if layout.delimiter == "," and count > len(layout.names):
+        return "numbers with a decimal comma need another delimiter: write the file with ';'"
+    if layout.remarks:
+        return _SEGMENT
+    return "the line was cut short or altered: export the test data again"
 
 
 def _cells(line: bytes, layout: Layout, where: str) -> list[str]:
@@ -101,13 +112,24 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
         value = float(text) if "_" not in text else float("no number")
     except ValueError:
         if form.decimal == "." and _DECIMAL_COMMA.fullmatch(cell):
-            remedy = "write points as decimal marks, or say that the decimal mark is the comma"
+            remedy = "write points as decimal marks, or " + form.stating(
+                "decimal", '","', "say that the decimal mark is the comma"
+            )
+        elif form.decimal == "," and _THOUSANDS.fullmatch(cell):
+            remedy = "export numbers without points between the thousands"
         elif form.decimal == "," and "." in cell:
-            remedy = "the decimal mark is stated to be the comma: correct the number, or the statement"
+            remedy = "the decimal mark is stated to be the comma: correct the number, or " + form.stating(
+                "decimal", '"."', "the statement"
+            )
+        elif column == layout.columns[0] and layout.remarks:
+            remedy = _SEGMENT
         elif column == layout.columns[0]:
             remedy = "give the time as a number, counted from any instant, not as a date or the time of the day"
         else:
-            remedy = "give a number, an empty cell where the sample is missing, or name the word for missing samples"
+            remedy = (
+                "give a number, or an empty cell where the sample is missing; where the word stands for that, "
+                + form.stating("missing", f"[{_word(cell)}]", "name it as one for missing samples")
+            )
         raise UserError(f"{plain(cell)} under {name!r} is no number", where=where, remedy=remedy) from None
     if not np.isfinite(value):
         raise UserError(
@@ -116,3 +138,8 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
             remedy="leave the cell empty where the sample is missing",
         )
     return value
+
+
+def _word(cell: str) -> str:
+    """The cell as an entry of a YAML list, where it is a plain word."""
+    return cell if cell.isalnum() and len(cell) < 20 else "WORD"

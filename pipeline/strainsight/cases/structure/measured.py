@@ -149,7 +149,9 @@ def _signals(settings: Estimate, path: Path, wanted: Mapping[str, Channel]) -> S
                 f"channel {name!r} of the file is used twice", key=f"{list(wanted)[i]}.channel", remedy="check both"
             )
     with blame("estimate.text"):
-        form = TextFormat(text.delimiter, text.decimal, text.comment, text.header_line, tuple(text.missing))
+        form = TextFormat(
+            text.delimiter, text.decimal, text.comment, text.header_line, tuple(text.missing), "estimate.text"
+        )
     with blame("estimate.file"):
         recording = read_recording(
             path,

@@ -1,0 +1,171 @@
+"""Text tables as catman, DIAdem and LabVIEW export them: read, or refused with the key of the config and its value."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.measurements.csv_layout import TextFormat
+from strainsight.measurements.reader import read_recording
+
+COUNT = 300
+T = 1e-3 * np.arange(COUNT)
+A = np.round(100 * np.sin(40 * T), 6)
+F = np.round(2.5 * np.cos(9 * T), 6)
+TIME = "Zeit  1 - Standardmessrate"
+ABOVE = ["HBM catmanEasy V5.3", "Bremsversuch 3", "", "Anzahl Kanäle:\t3", "T0 = 22.11.2021 09:42:17"]
+LVM = """LabVIEW Measurement\t
+Writer_Version\t2
+Reader_Version\t2
+Separator\tTab
+Decimal_Separator\t,
+Multi_Headings\tNo
+X_Columns\tOne
+Time_Pref\tAbsolute
+Operator\tSYSTEM
+Date\t2021/11/22
+Time\t09:42:17,1234567
+***End_of_Header***\t
+\t
+Channels\t2\t\t
+Samples\t300\t300\t
+Date\t2021/11/22\t2021/11/22\t
+Time\t09:42:17,1234567\t09:42:17,1234567\t
+Y_Unit_Label\tum/m\tkN\t
+X_Dimension\tTime\tTime\t
+X0\t0,0000000000000000E+0\t0,0000000000000000E+0\t
+Delta_X\t0,001000\t0,001000\t
+***End_of_Header***\t\t\t
+X_Value\tG1\tF\tComment"""
+
+
+def rows(mark, decimal=","):
+    return [mark.join(f"{x:.6f}".replace(".", decimal) for x in row) for row in zip(T, A, F, strict=True)]
+
+
+def written(path, lines):
+    path.write_bytes(("\r\n".join(lines) + "\r\n").encode("cp1252"))
+    return path
+
+
+def read(path, channels=("G1", "F"), time="Time", **form):
+    return read_recording(path, list(channels), time=time, time_unit="s", form=TextFormat(**form, key="estimate.text"))
+
+
+def the_record(found, names=("G1", "F")):
+    np.testing.assert_allclose(found.time, T, atol=1e-15)
+    for name, values, unit in zip(names, (A, F), (("µm/m", "um/m"), ("kN",)), strict=True):
+        np.testing.assert_array_equal(found.channels[name], values)
+        assert found.units[name] in unit
+
+
+def advised(path, key, **options):
+    """The value that a remedy states for a key."""
+    with pytest.raises(UserError) as caught:
+        read(path, **options)
+    found = re.search(rf"`estimate\.text\.{key}: (.*?)`", caught.value.remedy)
+    assert found, str(caught.value)
+    return found[1]
+
+
+@pytest.mark.parametrize("mark", ["\t", ";"])
+@pytest.mark.parametrize("below", [True, False])
+def test_catman_is_read_after_what_its_messages_say(tmp_path, mark, below):
+    """Lines of the project above the names, units below them or in brackets, decimal commas, the code page of Windows."""
+    names = [TIME, "MX840A_0 hw Kanal_1", "Kraft"]
+    units = ["s", "µm/m", "kN"]
+    head = (
+        [mark.join(names), mark.join(units)]
+        if below
+        else [mark.join(f"{n} [{u}]" for n, u in zip(names, units, strict=True))]
+    )
+    options = {"channels": names[1:], "time": TIME}
+    path = written(tmp_path / "catman.asc", [*ABOVE, *head, *rows(mark)])
+    line = int(advised(path, "header_line", **options))
+    assert line == 6
+    assert advised(path, "decimal", header_line=line, **options) == '","'
+    the_record(read(path, header_line=line, decimal=",", **options), names[1:])
+
+
+def test_the_line_of_names_is_found_where_a_channel_is_misspelt(tmp_path):
+    path = written(tmp_path / "a.asc", [*ABOVE, "Time\tG1\tF", *rows("\t")])
+    assert advised(path, "header_line", channels=("G7",)) == "6"
+    with pytest.raises(UserError, match=r"a\.asc:6  no column 'G7'") as caught:
+        read(path, ("G7",), header_line=6)
+    assert "did you mean" in caught.value.remedy
+
+
+def test_diadem(tmp_path):
+    path = written(tmp_path / "diadem.csv", ["Time;G1;F", "s;µm/m;kN", *rows(";")])
+    assert advised(path, "decimal") == '","'
+    the_record(read(path, decimal=","))
+
+
+def test_two_kinds_of_delimiters_in_the_names(tmp_path):
+    path = written(tmp_path / "a.csv", ["Time [s];G1, links [um/m];F [kN]", *rows(";")])
+    assert advised(path, "delimiter", channels=("G1, links", "F")) == '";"'
+    the_record(read(path, ("G1, links", "F"), delimiter=";", decimal=","), ("G1, links", "F"))
+
+
+def test_points_between_the_thousands(tmp_path):
+    path = written(tmp_path / "a.csv", ["Time;G1;F", "0,000;3.998,93;1,0", "0,001;1.003.998,93;1,0"])
+    with pytest.raises(UserError, match=r"'3\.998,93' under 'G1' is no number") as caught:
+        read(path, decimal=",")
+    assert caught.value.remedy == "export numbers without points between the thousands"
+
+
+def test_a_word_for_missing_samples(tmp_path):
+    path = written(tmp_path / "a.csv", ["Time,G1,F", "0.000,1,1", "0.001,Overflow,1", "0.002,2,1"])
+    assert advised(path, "missing") == "[Overflow]"
+    np.testing.assert_array_equal(read(path, missing=("Overflow",)).channels["G1"], [1, np.nan, 2])
+
+
+def test_names_that_are_missing(tmp_path):
+    assert advised(written(tmp_path / "a.csv", rows(";")), "header_line") == "LINE"
+
+
+@pytest.mark.parametrize("decimal", [",", "."])
+def test_labview_says_itself_how_it_is_written(tmp_path, decimal):
+    head = LVM.replace("Decimal_Separator\t,", f"Decimal_Separator\t{decimal}").split("\n")
+    path = written(tmp_path / "a.lvm", [*head, *rows("\t", decimal)])
+    the_record(read(path, time="X_Value"))
+    lines = rows("\t", decimal)
+    lines[7] += "\tfirst brake"
+    lines[8] += "\t"
+    found = read(written(path, [*head, *lines]), time="X_Value")
+    the_record(found)
+    assert found.place(0).endswith("a.lvm:24")
+
+
+def test_labview_with_commas(tmp_path):
+    head = (
+        LVM.replace("\t", ",")
+        .replace("Decimal_Separator,,", "Decimal_Separator,.")
+        .replace("Separator,Tab", "Separator,Comma")
+    )
+    the_record(read(written(tmp_path / "a.lvm", [*head.split("\n"), *rows(",", ".")]), time="X_Value"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said", "remedy"),
+    [
+        (("X_Columns\tOne", "X_Columns\tNo"), "no times are written", "one column"),
+        (("X_Columns\tOne", "X_Columns\tMulti"), "a time for every channel", "one column"),
+        (("***End_of_Header***\t\t\t", ""), "without two lines", "export the test data again"),
+    ],
+)
+def test_labview_files_that_cannot_be_read(tmp_path, change, said, remedy):
+    path = written(tmp_path / "a.lvm", [*LVM.replace(*change).split("\n"), *rows("\t")])
+    with pytest.raises(UserError, match=said) as caught:
+        read(path, time="X_Value")
+    assert remedy in caught.value.remedy
+
+
+def test_a_second_segment_of_labview(tmp_path):
+    path = written(tmp_path / "a.lvm", [*LVM.split("\n"), *rows("\t"), "", *LVM.split("\n")[13:], *rows("\t")])
+    with pytest.raises(UserError, match=f"a.lvm:{24 + COUNT + 1}  ") as caught:
+        read(path, time="X_Value")
+    assert "another segment begins here" in caught.value.remedy
