@@ -179,6 +179,7 @@ def test_another_time_of_the_same_group(tmp_path):
         tmp_path / "a.mf4", ("rig", [signal("G1"), signal("t2", 1e3 * T + 5e3, unit="ms")]), ("other", [signal("F")])
     )
     np.testing.assert_allclose(read(path, ["G1"], time="t2", time_unit="ms").time, T + 5.0, atol=1e-12)
+    np.testing.assert_allclose(read(path, ["G1"], time="time", time_unit="s").time, T, atol=1e-12)
     with pytest.raises(UserError, match="the time 't2' and 'F' are of different groups"):
         read(path, ["F"], time="t2")
     with pytest.raises(UserError, match="the time is stated in s, the file has it in ms"):

@@ -156,3 +156,9 @@ def test_a_record_that_stops_in_the_middle_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"the file ends in the middle of its last segment.*G2") as caught:
         read(path, ["G1"])
     assert "save what there is anew" in caught.value.remedy
+
+
+def test_a_time_that_is_asked_for_where_the_waveform_has_its_own(tmp_path):
+    with pytest.raises(UserError, match="no channel 'time'") as caught:
+        read(tdms(tmp_path / "a.tdms", {"rig/G1": waveform()}), ["G1"], time="time", time_unit="s")
+    assert caught.value.remedy.startswith("leave estimate.time.channel out, or null")

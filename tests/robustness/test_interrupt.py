@@ -56,6 +56,29 @@ def task(folder, point):
 processes.WORTH = 0.0
 processes.in_processes(2, lambda: math.inf)(task, range(9), sys.argv[1])
 """
+READ = """
+import tempfile
+from pathlib import Path
+from strainsight.measurements.reader import read_recording
+from strainsight_cli.failures import reported
+
+with tempfile.TemporaryDirectory() as folder:
+    path = Path(folder) / "long.csv"
+    path.write_bytes(b"time,a,b\\n" + b"0.001,1.5,-2.25\\n" * 4_000_000)
+    with reported():
+        print("starts", flush=True)
+        read_recording(path, ["a", "b"], time="time", time_unit="s")
+"""
+APART = """
+import sys
+from strainsight.measurements import daq_file
+from strainsight_cli.failures import reported
+
+daq_file.COMMAND = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(60)"]
+with reported():
+    print("starts", flush=True)
+    daq_file.read_daq("mat", __import__("pathlib").Path(daq_file.__file__), ["a"], time="t")
+"""
 LOCKED = """
 import gc, os, signal, time
 import h5py
@@ -120,7 +143,9 @@ def test_while_the_picture_is_drawn(project, results, launcher, number, everybod
     words = ["report", str(project / "beam.yaml"), "--results", str(results), "--force"]
     launcher.start(words, project / "says")
     assert until(
-        lambda: launcher.has_ended() or any("report.picture.scene" in said for said in of_session(launcher.pid).values())
+        lambda: (
+            launcher.has_ended() or any("report.picture.scene" in said for said in of_session(launcher.pid).values())
+        )
     )
     ended(launcher, number, everybody)
     assert "Traceback" not in (project / "says").read_text()
@@ -152,9 +177,10 @@ def test_whoever_works_for_a_killed_process_ends_with_it(tmp_path):
     assert until(lambda: not of_session(process.pid), AT_ONCE), of_session(process.pid)
 
 
-@pytest.mark.parametrize("code", [LONG, LOCKED])
+@pytest.mark.parametrize("code", [LONG, READ, APART, LOCKED])
 def test_inside_a_library(code):
-    """A factorisation, in C, where Python has no turn for seconds; a lock that whoever collects garbage waits for."""
+    """A factorisation, in C, where Python has no turn for seconds; a table of 64 MB; a reader that does not answer; a lock
+    that whoever collects garbage waits for."""
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "starts\n"
     time.sleep(0.4)

@@ -30,6 +30,8 @@ class Rows:
 def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Rows | None:
     """A block in which every line is a full row of plain numbers or empty cells, or None where it is not."""
     mark = layout.delimiter.encode()
+    if b'"' in block:
+        block = _unquoted(block, mark)
     odd = ['"', *form.missing, form.comment, "." if form.decimal == "," else ""]
     if any(sign and sign.encode() in block for sign in odd):
         return None
@@ -57,6 +59,19 @@ def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Ro
     if len(values) != len(ends) or not np.isfinite(values[:, 0]).all() or np.isinf(values).any():
         return None
     return Rows(values, first + np.arange(len(values)))
+
+
+def _unquoted(block: bytes, mark: bytes) -> bytes:
+    """The block without its quotes, where each pair stands around a whole cell that holds neither a delimiter nor a quote."""
+    signs = np.frombuffer(block, np.uint8)
+    quotes = np.flatnonzero(signs == ord('"'))
+    edge = (signs == mark[0]) | (signs == ord("\n"))
+    if len(quotes) % 2:
+        return block
+    opened, closed = quotes[::2], quotes[1::2]
+    within = np.diff(np.searchsorted(np.flatnonzero(edge), quotes))[::2]
+    whole = (opened == 0) | edge[opened - 1]
+    return block.replace(b'"', b"") if whole.all() and edge[closed + 1].all() and not within.any() else block
 
 
 def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, path: Path) -> Rows:

@@ -21,8 +21,9 @@ _OTHER = {2: "an angle", 3: "a distance", 4: "an index"}
 def signals(path: Path, names: Sequence[str | None]) -> Signals:
     """Time (T,) and values (T,) of every name behind the first, physical, NaN where an invalidation bit is set, and units.
 
-    names: that of a time channel, or None for the master channel, then "channel", or "group/channel" by the acquisition name
-    of the group, or by its number from 0. Raises UserError for channels that are missing, no numbers, or of several clocks.
+    names: that of a time channel, or None or its own name for the master channel, then "channel", or "group/channel" by the
+    acquisition name of the group, or by its number from 0.
+    Raises UserError for channels that are missing, no numbers, or of several clocks.
     """
     from asammdf import MDF
 
@@ -32,7 +33,7 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
         wanted = {name: at[chosen(name, places, path)] for name in channels if name is not None}
         clock: np.ndarray
         unit: str | None
-        if time is None:
+        if time is None or time in _master_names(file) - {place.name for place in places}:
             clock, unit = _master_clock(file, wanted, path)
         else:
             clock, unit = _time_channel(file, time, at[chosen(time, places, path)], wanted, path)
@@ -51,6 +52,10 @@ def _places(file: Any) -> tuple[list[Place], list[tuple[int, int]]]:
                 places.append(Place(label, channel.name, g))
                 at.append((g, c))
     return places, at
+
+
+def _master_names(file: Any) -> set[str]:
+    return {file.groups[group].channels[number].name for group, number in file.masters_db.items()}
 
 
 def _master_group(file: Any, group: int) -> int:

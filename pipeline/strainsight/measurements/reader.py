@@ -85,6 +85,6 @@ def _needed(time: str | None, path: Path) -> str:
         raise UserError(
             "the clock is not named",
             where=str(path),
-            remedy="name the column or dataset of the time: `time: {channel: NAME}`",
+            remedy="name it in estimate.time.channel: a column, dataset or variable",
         )
     return time

@@ -37,7 +37,7 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
             check_one_clock(clocks, path)
             yield next(iter(clocks.values())), "s"
         else:
-            yield _time_channel(held[chosen(time, places, path)][2], time, path)
+            yield _time_channel(_chosen_time(held, places, time, wanted, path), time, path)
         for name, channel in wanted.items():
             values, unit = _values(channel, name, path)
             yield numbers(values, name, str(path)), unit
@@ -86,6 +86,19 @@ def _waveform_clocks(wanted: dict[str, Any], places: Sequence[Place], path: Path
         offset = float(channel.properties.get("wf_start_offset", 0.0)) + behind
         found[name] = offset + float(step) * np.arange(len(channel))
     return found
+
+
+def _chosen_time(
+    held: Sequence[tuple[int, str, Any]], places: Sequence[Place], time: str, wanted: dict[str, Any], path: Path
+) -> Any:
+    try:
+        return held[chosen(time, places, path)][2]
+    except UserError as error:
+        if wanted and all("wf_increment" in channel.properties for channel in wanted.values()):
+            error.remedy = (
+                f"leave estimate.time.channel out, or null: the waveforms have a time of their own; {error.remedy}"
+            )
+        raise
 
 
 def _time_channel(channel: Any, name: str, path: Path) -> tuple[np.ndarray, str | None]:
