@@ -169,3 +169,34 @@ def test_a_second_segment_of_labview(tmp_path):
     with pytest.raises(UserError, match=f"a.lvm:{24 + COUNT + 1}  ") as caught:
         read(path, time="X_Value")
     assert "another segment begins here" in caught.value.remedy
+
+
+def test_lines_of_text_below_the_names_are_passed_over_by_their_beginning(tmp_path):
+    path = written(tmp_path / "a.csv", ["Time;G1;F", "DT_DOUBLE;DT_DOUBLE;DT_DOUBLE", "s;µm/m;kN", *rows(";")])
+    assert advised(path, "comment", decimal=",") == '"DT_DOUBLE"'
+    the_record(read(path, decimal=",", comment="DT_DOUBLE"))
+
+
+@pytest.mark.parametrize("decimal", [",", "."])
+def test_a_date_is_no_number_in_any_spelling(tmp_path, decimal):
+    path = written(tmp_path / "a.csv", ["Time\tG1", "22.11.2021 09:42:17,100\t1", "22.11.2021 09:42:17,200\t2"])
+    with pytest.raises(UserError) as caught:
+        read(path, ("G1",), decimal=decimal)
+    assert (
+        caught.value.remedy
+        == "give the time as a number, counted from any instant, not as a date or the time of the day"
+    )
+
+
+def test_a_delimiter_at_the_end_of_every_line(tmp_path):
+    the_record(
+        read(written(tmp_path / "a.csv", ["Time;G1;F", "s;µm/m;kN", *(f"{row};" for row in rows(";"))]), decimal=",")
+    )
+    path = written(tmp_path / "b.csv", ["Time,G1,F", *(f"{row}," for row in rows(",", "."))])
+    with pytest.raises(UserError, match="4 cells where the names are 3"):
+        read(path)
+
+
+@pytest.mark.parametrize("unit", ["Sek.", "sek", "Sekunden", ""])
+def test_units_below_the_names_in_german_or_without_that_of_the_time(tmp_path, unit):
+    the_record(read(written(tmp_path / "a.csv", ["Time;G1;F", f"{unit};µm/m;kN", *rows(";")]), decimal=","))

@@ -102,12 +102,14 @@ def header(line: bytes, where: str, form: TextFormat, time: str, channels: Seque
 
 
 def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
-    """The layout with the units of a line of units, or None where it is none: its time cell holds no unit of time."""
+    """The layout with the units of a line of units, or None where it is none: its time cell holds no unit of time, nor is it
+    empty above known units of all channels."""
     try:
         cells = [cell.strip() for cell in split(decoded(line), layout.delimiter, where)]
     except UserError:
         return None
-    if layout.columns[0] >= len(cells) or seconds_in(cells[layout.columns[0]]) is None:
+    time, *others = (cells[column] if column < len(cells) else None for column in layout.columns)
+    if time is None or (seconds_in(time) is None and (time or not others or not all(map(known_unit, others)))):
         return None
     if len(cells) != len(layout.names):
         raise UserError(
@@ -157,7 +159,8 @@ def _delimiter(text: str, where: str, form: TextFormat) -> str:
         f"no comma, semicolon or tab in the line of names: {plain(text)}",
         where=where,
         remedy="the first line that is no comment holds the names of the columns: "
-        + form.stating("header_line", "LINE", "say which line does, if it is another"),
+        + form.stating("header_line", "LINE", "say which line does, if it is another")
+        + ", or export with ';' between the columns",
     )
 
 

@@ -16,6 +16,8 @@ from strainsight.measurements.records import decoded, plain
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
 
 _SEGMENT = "the line was cut short, or another segment begins here: export one segment a file"
+_COUNTED = "give the time as a number, counted from any instant, not as a date or the time of the day"
+_DATE = re.compile(r"\d[:/]\d|\d\.\d+\.\d")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+(?:,\d*)?")
 
 
@@ -84,7 +86,7 @@ def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, pat
         cells = _cells(line, layout, where)
         if not any(cells):
             continue
-        if layout.remarks and len(cells) == len(layout.names) + 1:
+        if len(cells) == len(layout.names) + 1 and (layout.remarks or not (cells[-1] or layout.delimiter == ",")):
             cells.pop()
         if len(cells) != len(layout.names):
             raise UserError(
@@ -130,6 +132,8 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
             remedy = "write points as decimal marks, or " + form.stating(
                 "decimal", '","', "say that the decimal mark is the comma"
             )
+        elif column == layout.columns[0] and _DATE.search(cell):
+            remedy = _COUNTED
         elif form.decimal == "," and _THOUSANDS.fullmatch(cell):
             remedy = "export numbers without points between the thousands"
         elif form.decimal == "," and "." in cell:
@@ -139,7 +143,12 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
         elif column == layout.columns[0] and layout.remarks:
             remedy = _SEGMENT
         elif column == layout.columns[0]:
-            remedy = "give the time as a number, counted from any instant, not as a date or the time of the day"
+            remedy = _COUNTED
+            if form.key and cell[0].isalpha():
+                begin = "".join(sign for sign in cell[:20] if sign.isprintable() and sign not in '`"\\')
+                remedy += (
+                    f'; a line of text below the names is passed over by its beginning: `{form.key}.comment: "{begin}"`'
+                )
         else:
             remedy = (
                 "give a number, or an empty cell where the sample is missing; where the word stands for that, "

@@ -66,7 +66,7 @@ SI: Mapping[str, str] = {
 }
 """Quantity → unit of the calibrated channel; a bridge output becomes a strain."""
 TIME: Mapping[str, float] = {
-    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+    **dict.fromkeys(("s", "sec", "sec.", "second", "seconds", "sek", "sek.", "sekunde", "sekunden"), 1.0),
     "ms": 1e-3,
     "us": 1e-6,
     "ns": 1e-9,
