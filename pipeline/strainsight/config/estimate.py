@@ -95,7 +95,17 @@ class Tune(Section):
     )
 
 
-class Estimate(Section):
+class RecordedFile(Section):
+    """How the file of a test is read."""
+
+    format: Literal["auto", "csv", "hdf5", "uff58", "mdf", "tdms", "mat"] = Field(
+        "auto", description="Which reader; auto: by the ending; mdf and tdms need the extra daq."
+    )
+    text: TextForm = with_defaults(TextForm, "How a CSV file is written.")
+    time: Clock = with_defaults(Clock, "The time of the file.")
+
+
+class Estimate(RecordedFile):
     """The filter on measurements of a test."""
 
     file: Text | None = Field(
@@ -103,11 +113,6 @@ class Estimate(Section):
         description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder; `estimate --measurements FILE` gives "
         "another.",
     )
-    format: Literal["auto", "csv", "hdf5", "uff58", "mdf", "tdms", "mat"] = Field(
-        "auto", description="Which reader; auto: by the ending; mdf and tdms need the extra daq."
-    )
-    text: TextForm = with_defaults(TextForm, "How a CSV file is written.")
-    time: Clock = with_defaults(Clock, "The time of the file.")
     time_step: Positive | None = Field(
         None, description="Time step of the filter [s], a whole part of the sampling interval; null: that interval."
     )

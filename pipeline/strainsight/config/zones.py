@@ -19,7 +19,8 @@ def key_of(*keys: str) -> Any:
 
     def which(value: Any) -> str | None:
         if isinstance(value, Section):
-            return next((key for key in keys if key in type(value).model_fields), None)
+            own = {field.alias or name for name, field in type(value).model_fields.items()}
+            return next((key for key in keys if key in own), None)
         found = [key for key in keys if key in value] if isinstance(value, dict) else []
         return found[0] if len(found) == 1 else None
 

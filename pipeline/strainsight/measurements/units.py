@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -49,6 +50,9 @@ _TABLE: Mapping[str, Mapping[str, float]] = {
         "kgf": STANDARD_GRAVITY,
     },
     "moment": {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3, "MNm": 1e6, "lbfft": _POUND * 0.3048, "lbfin": _POUND * 0.0254},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "in/s": 0.0254, "ft/s": 0.3048},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "°": math.pi / 180},
+    "ratio": {"1": 1.0},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": _POUND / 0.0254**2},
 }
 UNITS: Mapping[str, Unit] = {
@@ -62,6 +66,9 @@ SI: Mapping[str, str] = {
     "displacement": "m",
     "force": "N",
     "moment": "N m",
+    "velocity": "m/s",
+    "angle": "rad",
+    "ratio": "1",
     "pressure": "Pa",
 }
 """Quantity → unit of the calibrated channel; a bridge output becomes a strain."""

@@ -8,16 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.cases.recorded_channels import signals_of
 from strainsight.cases.structure.problem import Problem, settled_at
 from strainsight.cases.structure.start import tones_in
 from strainsight.config.estimate import Channel, Estimate, GaugeChannel
-from strainsight.errors import ConfigError, UserError, blame
+from strainsight.errors import ConfigError
 from strainsight.estimation.settled import Settled
-from strainsight.measurements.assemble import Signals, assemble
-from strainsight.measurements.bridges import Bridge
-from strainsight.measurements.calibration import ChannelSettings
-from strainsight.measurements.csv_layout import TextFormat
-from strainsight.measurements.reader import read_recording
+from strainsight.measurements.assemble import Signals
 from strainsight.rom.oscillator import HOLD
 from strainsight.signals.histories import tones_of
 
@@ -69,7 +66,7 @@ def measured_of(settings: Estimate, path: Path, problem: Problem, gauges: Mappin
             )
     wanted: dict[str, Channel] = {f"estimate.channels.{i}": entry for i, entry in enumerate(settings.channels)}
     wanted |= {f"estimate.inputs.{name}": settings.inputs[name] for name in problem.known}
-    signals = _signals(settings, path, wanted)
+    signals = signals_of(settings, "estimate", path, wanted)
     _check_quantities(wanted, signals, problem, channels)
     dt = float(signals.time[1] - signals.time[0])
     every = 1 if settings.time_step is None else round(dt / settings.time_step)
@@ -137,54 +134,6 @@ def _channel(i: int, entry: GaugeChannel, problem: Problem, gauges: Mapping[str,
             f"grid {entry.grid} of a gauge that has {len(own)}", key=f"{key}.grid", remedy=f"give 1 to {len(own)}"
         )
     return int(own[entry.grid - 1])
-
-
-def _signals(settings: Estimate, path: Path, wanted: Mapping[str, Channel]) -> Signals:
-    """The channels in the order of `wanted` (config key → settings)."""
-    text = settings.text
-    names = [entry.channel for entry in wanted.values()]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise ConfigError(
-                f"channel {name!r} of the file is used twice", key=f"{list(wanted)[i]}.channel", remedy="check both"
-            )
-    with blame("estimate.text"):
-        form = TextFormat(
-            text.delimiter, text.decimal, text.comment, text.header_line, tuple(text.missing), "estimate.text"
-        )
-    with blame("estimate.file"):
-        recording = read_recording(
-            path,
-            names,
-            time=settings.time.channel,
-            time_unit=settings.time.unit if settings.time.channel is not None else None,
-            format=settings.format,
-            form=form,
-        )
-        stated = {}
-        for key, entry in wanted.items():
-            with blame(key):
-                stated[entry.channel] = _calibration(entry)
-        keys = {entry.channel: key for key, entry in wanted.items()}
-        try:
-            return assemble(recording, stated)
-        except UserError as error:
-            error.key = keys.get(error.key or "", error.key)
-            raise
-
-
-def _calibration(entry: Channel) -> ChannelSettings:
-    bridge = entry.bridge
-    return ChannelSettings(
-        unit=entry.unit,
-        bridge=None if bridge is None else Bridge(bridge.arrangement, bridge.gauge_factor, bridge.poisson_ratio),
-        offset=entry.offset,
-        drift=entry.drift,
-        zero=entry.zero,
-        scale=entry.scale,
-        sign=entry.sign,
-        override=entry.override,
-    )
 
 
 def _check_quantities(wanted: Mapping[str, Channel], signals: Signals, problem: Problem, channels: np.ndarray) -> None:

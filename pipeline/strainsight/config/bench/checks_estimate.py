@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bearing import RADII
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.estimate import Estimate, EstimatedParameter
+from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
 from strainsight.config.problem import Problem, known, undivided
 
 FEW = 3
@@ -204,8 +204,11 @@ def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
     if measured is None:
         return
     if estimate.truth.model != "fine":
-        what = f"'{estimate.truth.model}' beside measurements from another bench"
+        what = f"'{estimate.truth.model}' beside measurements"
         yield Problem("estimate.truth.model", what, "leave truth.model out, or measured")
+    if isinstance(measured, FromFile):
+        yield from _in_file(config, estimate, measured)
+        return
     for name in estimate.sensors:
         sensor = config.sensors.get(name)
         if sensor is not None and sensor.type == "strain" and sensor.zeroed:
@@ -217,3 +220,25 @@ def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         yield from known(f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "unknown input")
     if measured.run == config.name:
         yield Problem("estimate.measured.from", "is this run itself", "name another run, whose sensors are measured")
+
+
+def _in_file(config: BenchConfig, estimate: Estimate, measured: FromFile) -> Iterator[Problem]:
+    """Channels of a file beside the sensors of the filter."""
+    if estimate.runs != 1:
+        yield Problem("estimate.runs", "a test is one run, with the noise that it has", "set runs: 1")
+    for name, channels in measured.channels.items():
+        key = f"estimate.measured.channels.{name}"
+        yield from known(key, name, list(estimate.sensors), "sensor of the filter")
+        count = channels_of(config, name) if name in config.sensors else None
+        if count is not None and len(channels) != count:
+            what = f"{len(channels)} channels for {count} components"
+            yield Problem(key, what, "give a channel for each, in their order; null where one was not measured")
+        if not any(channels):
+            yield Problem(key, "no component is measured", "leave the sensor out of estimate.sensors")
+    for name in estimate.sensors:
+        if name not in measured.channels:
+            yield Problem(
+                "estimate.measured.channels",
+                f"the sensor '{name}' has none",
+                f"add {name}, or take it from estimate.sensors",
+            )

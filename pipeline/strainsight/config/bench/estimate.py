@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, Tag
 
 from strainsight.config.base import Name, NotNegative, Positive, Section, Text, with_defaults
+from strainsight.config.estimate import Channel, RecordedFile
 from strainsight.config.names import BearingName
+from strainsight.config.zones import key_of
 
 BearingParameter = Literal[
     "ball_diameter", "radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right", "preload"
@@ -77,6 +79,22 @@ class FromRun(Section):
     scale: Positive = Field(1.0, description="Factor on lengths of the other run [-].")
 
 
+class FromFile(RecordedFile):
+    """Measurements of a test of this bench, from a file whose first sample is the start."""
+
+    file: Text = Field(description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder.")
+    channels: Annotated[dict[Name, tuple[Channel | None, ...]], Field(min_length=1)] = Field(
+        description="Sensor → a channel of the file for each of its components, in their order: {channel: NAME, unit: um/m}; "
+        "null: not measured."
+    )
+
+
+Measured = Annotated[
+    Annotated[FromRun, Tag("from")] | Annotated[FromFile, Tag("file")],
+    key_of("from", "file"),
+]
+
+
 class Method(Section):
     """How a measurement corrects the estimate."""
 
@@ -116,6 +134,8 @@ class Estimate(Section):
         0.0, description="σ of a white acceleration on every body, drawn anew in every step: model error [m/s²]."
     )
     truth: BenchTruth = with_defaults(BenchTruth, "What stands for reality.")
-    measured: FromRun | None = Field(None, description="Measurements from another bench instead.")
+    measured: Measured | None = Field(
+        None, description="Measurements instead: of another bench (from), or of a test (file)."
+    )
     method: Method = with_defaults(Method, "How a measurement corrects the estimate.")
     runs: int = Field(1, ge=1, le=10_000, description="Seeds of the noise, a run each [-].")

@@ -11,7 +11,7 @@ from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.estimate import Estimate
+from strainsight.config.bench.estimate import Estimate, FromFile
 from strainsight.errors import ArtefactError
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.record import read, written
@@ -35,6 +35,7 @@ COLUMNS = {
     "inputs": ("slope", "offset", "error", "std"),
     "elsewhere": ("ratio_slope", "ratio_offset", "ratio_low", "ratio_high"),
     "parameters": ("error", "std", "ratio"),
+    "measured": ("rms", "estimate", "largest", "rms_std"),
 }
 """Numbers in the table of the unknowns."""
 
@@ -51,7 +52,9 @@ def run(context: Context[BenchConfig]) -> Output:
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * len(own.trial.noise)
     warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
     warnings = [*own.notes, *warned, *_disagreements(estimate, own)]
-    tables = [_table(own, result)]
+    tables = [_table(own, result, isinstance(estimate.measured, FromFile))]
+    if own.done:
+        tables.append(Table("measurements", ("",), tuple((text,) for text in own.done)))
     if warnings:
         tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
     units = dataset_units(config, load_units(config, found.inputs))
@@ -62,7 +65,7 @@ def run(context: Context[BenchConfig]) -> Output:
     return Output(
         datasets=written(found, units),
         summary=summary,
-        message=message_of(config, free, summary, method, truth),
+        message=message_of(config, free, summary, load_units(config, found.inputs) | of, method, truth),
         tables=tuple(tables),
         files={"loads.csv": _command_history(found)} if found.inputs and own.lost[0] < 0 else {},
     )
@@ -112,22 +115,28 @@ def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, 
 
 
 def _truth(estimate: Estimate) -> str:
+    if isinstance(estimate.measured, FromFile):
+        return f"measured in {estimate.measured.file}"
     if estimate.measured is not None:
         return f"measured on {estimate.measured.run}"
     text = TRUTHS[estimate.truth.model].format(substeps=estimate.truth.substeps)
     return text + ("" if estimate.truth.noise else ", without noise")
 
 
-def _table(own: Estimated, result: Compared) -> Table:
+def _table(own: Estimated, result: Compared, in_test: bool) -> Table:
     shown = dict.fromkeys(result.found.inputs, COLUMNS["inputs"])
     shown |= dict.fromkeys(own.elsewhere, COLUMNS["elsewhere"])
     shown |= dict.fromkeys(own.unknowns.free, COLUMNS["parameters"])
+    if in_test:
+        shown = dict.fromkeys(shown, COLUMNS["measured"])
     rows = []
     for name, keys in shown.items():
         numbers = [(key, result.numbers.get(f"{key}.{name}")) for key in keys]
         cells = [f"{key.replace('_', ' ')} {value:.4g}" for key, value in numbers if value is not None]
         rows.append((name, *cells, *[""] * (4 - len(cells))))
-    title = "unknowns" if own.elsewhere else "unknowns, errors and σ over the largest true value"
+    title = "unknowns, errors and σ over the largest true value"
+    if in_test or own.elsewhere:
+        title = "unknowns, settled" if in_test else "unknowns"
     return Table(title, ("unknown", "", "", "", ""), tuple(rows))
 
 
@@ -141,9 +150,9 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=4,
+    version=5,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
-    files=("forces.*.signal.file", "estimate.measured.from"),
+    files=("forces.*.signal.file", "estimate.measured.from", "estimate.measured.file"),
     run=run,
 )

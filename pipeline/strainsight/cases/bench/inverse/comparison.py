@@ -9,6 +9,7 @@ import numpy as np
 from strainsight.cases.bench.inverse.estimation import Estimated
 from strainsight.cases.bench.inverse.numbers import (
     Numbers,
+    history_numbers,
     load_numbers,
     mismatch_numbers,
     parameter_numbers,
@@ -102,6 +103,8 @@ def _load(
         if mean.shape[1] > 1:
             error = np.sqrt(np.mean(off**2, axis=0))
             numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
+    elif there is None:
+        numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
     if there is not None:
         numbers |= ratio_numbers(name, there[1:], mean[1:, 0])
     history = LoadHistory(estimate=mean[:, 0], std=std[:, 0], true=true[:, 0] if known else None, there=there)
@@ -123,6 +126,8 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
+    else:
+        numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
     history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
     error = theta[-1] - true if known else None
     return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers

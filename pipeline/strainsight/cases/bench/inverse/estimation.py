@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
+from strainsight.cases.bench.inverse.from_file import from_file
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
@@ -17,6 +18,7 @@ from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.estimate import FromFile
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench_placed import BenchPlaced
@@ -32,7 +34,8 @@ class Estimated:
     measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
     (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input;
-    compared: the parameters of the first run by bank and extended filter, where a bank has filtered.
+    compared: the parameters of the first run by bank and extended filter, where a bank has filtered; done: what was done to
+    measurements from a file; notes: doubts. Sentences.
     """
 
     bench: Bench
@@ -51,6 +54,7 @@ class Estimated:
     reading: np.ndarray
     elsewhere: Mapping[str, np.ndarray]
     compared: Compared | None
+    done: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -85,11 +89,15 @@ def estimated(
     reality: Reality | None = None
     elsewhere: dict[str, np.ndarray] = {}
     first = None
+    done: tuple[str, ...] = ()
     if estimate.measured is not None:
-        assert there is not None
         own = {name: (config.sensors[name], part.stop - part.start) for name, part in used.channels.items()}
-        units = load_units(config, estimate.inputs)
-        read, elsewhere = from_run(there, estimate.measured, own, units, h, steps)
+        if isinstance(estimate.measured, FromFile):
+            read, done = from_file(using.files["estimate.measured.file"], estimate.measured, own, h, steps)
+        else:
+            assert there is not None
+            units = load_units(config, estimate.inputs)
+            read, elsewhere = from_run(there, estimate.measured, own, units, h, steps)
         readings = np.full((steps, 1, len(sensors.zeroed)), np.nan)
         for name, values in read.items():
             readings[:, 0, sensors.channels[name]] = values[1:]
@@ -103,11 +111,14 @@ def estimated(
         )
     among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
     runs, starts = estimate.runs, len(unknowns.starts)
-    largest = np.zeros(len(among)) if reality is None else np.abs(reality.readings[:, 0, among]).max(axis=0)
+    largest = np.zeros(len(among))
+    if reality is not None:
+        largest = np.nan_to_num(np.abs(reality.readings[:, 0, among])).max(axis=0)
     trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, zeroing, first, h)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
-    y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, estimate.truth.noise)
+    simulated_noise = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
+    y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, simulated_noise)
 
     def filtering(share: float) -> None:
         using.progress("filter", 0.3 + 0.7 * share)
@@ -118,10 +129,11 @@ def estimated(
         else by_extended(estimate.method, trial, y, filtering)
     )
     reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
+    nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
-        found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], found.nis / len(among), found.lost,
-        reading, elsewhere, found.compared, (*trial.notes, *found.notes),
+        found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], nis, found.lost, reading,
+        elsewhere, found.compared, done, (*trial.notes, *found.notes),
     )  # fmt: skip
 
 

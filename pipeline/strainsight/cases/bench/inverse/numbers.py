@@ -34,6 +34,16 @@ def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndar
     }
 
 
+def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers:
+    """Of a load that nobody knows: RMS and largest size of its estimate, and RMS of σ [N, N m], settled. (T,) each."""
+    estimate, std = _settled(estimate, std)
+    return {
+        f"rms.{name}": float(np.sqrt(np.mean(estimate**2))),
+        f"largest.{name}": float(np.abs(estimate).max()),
+        f"rms_std.{name}": float(np.sqrt(np.mean(std**2))),
+    }
+
+
 def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> Numbers:
     """A load here over the one of the other bench, settled: affine fit, and the quotient where the other is large. (T,) each."""
     there, estimate = _settled(there, estimate)
@@ -68,8 +78,14 @@ def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.nda
 def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> Numbers:
     """rms of measured − expected over that of measured, of every component (T, components) and of the worst; a component that
     hardly moves counts beside the largest of its unit (of a pair of metres and radians: x, y, z, then tilts)."""
-    off = np.sqrt(np.mean((measured - expected) ** 2, axis=0))
-    whole = np.sqrt(np.mean(measured**2, axis=0))
+    there = np.isfinite(measured)
+    if not there.any():
+        return {}
+    count = np.maximum(there.sum(axis=0), 1)
+    off, whole = (
+        np.sqrt(np.sum(np.where(there, x, 0.0) ** 2, axis=0) / count) for x in (measured - expected, measured)
+    )
+    off[~there.any(axis=0)] = np.nan
     for kind in (slice(3), slice(3, None)) if whole.size == RELATIVE else (slice(None),):
         whole[kind] = np.where(whole[kind] < STILL * whole[kind].max(), whole[kind].max(), whole[kind])
     share = np.divide(off, whole, out=np.full_like(off, np.nan), where=whole > 0)

@@ -53,16 +53,19 @@ def loads_at_rest(
     """Loads (nu,) under which the bench at rest reads what was measured first, by Gauss-Newton from the guess:
 
     min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
+
+    first y₀ (m,), NaN where nothing was measured.
     """
     free = [i for i, entry in enumerate(asked(config).inputs.values()) if entry.guess is None]
+    there = np.isfinite(first)
     columns, u, theta = unknowns.inputs[free], guess.copy(), unknowns.starts[0]
     for _ in range(FITS if free else 0):
         with blame("estimate.measured"):
             q, v = start_of(replace(bench, theta=theta), config.simulate, u)
             by_u, _ = static_response(bench.system, q, u, theta)
         read, H, _ = channels.read(q, v)
-        W = np.concatenate([(H @ by_u[:, columns]) / noise[:, None], np.diag(1 / unknowns.std_u[free])])
-        r = np.concatenate([(first - read) / noise, (guess - u)[columns] / unknowns.std_u[free]])
+        W = np.concatenate([((H @ by_u[:, columns]) / noise[:, None])[there], np.diag(1 / unknowns.std_u[free])])
+        r = np.concatenate([((first - read) / noise)[there], (guess - u)[columns] / unknowns.std_u[free]])
         du = np.linalg.lstsq(W, r, rcond=None)[0]
         u[columns] += du
         if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):

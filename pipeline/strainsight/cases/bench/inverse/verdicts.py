@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.estimate import FromFile
 from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
 
 Scalar = float | str
@@ -63,14 +64,21 @@ def warnings_of(
         for name in estimate.sensors:
             mismatch = _float(numbers, f"mismatch.{name}")
             if mismatch > MATCHES:
-                there = estimate.measured.run
-                yield f"these loads do not make {name} read as on {there}: it is {100 * mismatch:.3g} % off"
+                there = "in the test" if isinstance(estimate.measured, FromFile) else f"on {estimate.measured.run}"
+                yield f"these loads do not make {name} read as {there}: it is {100 * mismatch:.3g} % off"
 
 
 def message_of(
-    config: BenchConfig, free: tuple[str, ...], numbers: Mapping[str, Scalar], method: str, truth: str
+    config: BenchConfig,
+    free: tuple[str, ...],
+    numbers: Mapping[str, Scalar],
+    units: Mapping[str, str],
+    method: str,
+    truth: str,
 ) -> str:
-    """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value."""
+    """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value.
+
+    units: of every unknown."""
     said, estimate = [], asked(config)
     for name in (*estimate.inputs, *free):
         if f"error.{name}" in numbers:
@@ -80,6 +88,11 @@ def message_of(
             offset = _float(numbers, f"ratio_offset.{name}")
             said.append(
                 f"{name} = {_float(numbers, f'ratio_slope.{name}'):.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}"
+            )
+        elif f"rms_std.{name}" in numbers:
+            kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
+            said.append(
+                f"{name} {kind}{_float(numbers, f'{value}.{name}'):.4g} ± {_float(numbers, f'rms_std.{name}'):.2g} {units[name]}"
             )
     if estimate.measured is not None:
         worst = max((_float(numbers, f"mismatch.{name}") for name in estimate.sensors), default=np.nan)
