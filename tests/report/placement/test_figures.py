@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from strainsight.report.arrays import History
+from strainsight.report.chart.histories import closing_figure, estimate_figure
 from strainsight.report.chart.panels import last_periods
 from strainsight.report.placement.comparisons import noise_figure, random_errors_figure, repeats_figure
 from strainsight.report.placement.data import Claim, Metric, NoiseRow, RandomSets, Repeats, Trend, Unknown
-from strainsight.report.placement.figures import closing_figure, elbow, estimate_figure, placement_figures, trend_figure
+from strainsight.report.placement.figures import elbow, placement_figures, trend_figure
 
 
 def words(drawing):

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from strainsight.report.arrays import FloatArray, History, IntArray
+from strainsight.report.chart.posterior import Posterior as Posterior
+from strainsight.report.page.filters import OtherFilter as OtherFilter
 from strainsight.report.picture.layout import Gauge as Gauge
 from strainsight.report.picture.layout import Layout as Layout
 from strainsight.report.picture.layout import Load as Load
@@ -197,20 +199,6 @@ class Consistency:
     nis_verdict: str = ""
 
 
-@dataclass(frozen=True)
-class OtherFilter:
-    """A parameter by one filter: estimate [unit]; std relative, claimed; ratio: RMS error that the bank expects of it over that,
-    and the verdict, empty of the bank itself."""
-
-    parameter: str
-    unit: str
-    filter: str
-    estimate: float
-    std: float
-    ratio: float
-    verdict: str = ""
-
-
 class Compared(Protocol):
     """A layout beside those of other rules: its trend; criteria: layouts by every rule, ours first; metrics: every one, that of
     the layout first; units: of every unknown."""
@@ -223,18 +211,6 @@ class Compared(Protocol):
     def metrics(self) -> tuple[Metric, ...]: ...
     @property
     def units(self) -> Mapping[str, str]: ...
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """What the measurements leave of a parameter: density and prior (k,) of its logarithm at value (k,) [unit], and the truth."""
-
-    name: str
-    unit: str
-    value: FloatArray
-    density: FloatArray
-    prior: FloatArray
-    truth: float
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from html import escape
 
 from strainsight.report.chart.drawing import Drawing
+from strainsight.report.page.budget import budget_section
 from strainsight.report.page.document import document
+from strainsight.report.page.filters import filters_section
 from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, share, table
-from strainsight.report.placement.budget import budget_section
 from strainsight.report.placement.data import PlacementReport
-from strainsight.report.placement.filters import filters_section
 from strainsight.report.placement.first import answer, first_screen, lost_of
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table

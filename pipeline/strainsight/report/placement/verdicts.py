@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 
+from strainsight.report.page.filters import HELD as HELD
 from strainsight.report.page.markup import plain, share
 from strainsight.report.placement.data import Claim, Unknown
 from strainsight.report.text import number
 
-OVER, CAUTIOUS, HELD = "overconfident", "too cautious", "consistent"
+OVER, CAUTIOUS = "overconfident", "too cautious"
 LOST, DIVERGED = "not identified", "diverged"
 HARDLY = "the measurements hardly narrow it"
 

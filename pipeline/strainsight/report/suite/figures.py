@@ -13,9 +13,9 @@ import numpy as np
 from strainsight.report.arrays import History
 from strainsight.report.bench.figures import STROKES
 from strainsight.report.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
+from strainsight.report.chart.histories import estimate_figure
 from strainsight.report.chart.panels import legend_above, plain_ticks
 from strainsight.report.placement.data import Trend
-from strainsight.report.placement.figures import estimate_figure
 from strainsight.report.suite.cases import SINGULAR, Series, groups_of, numbered, series_of
 from strainsight.report.suite.data import PlacementRun, Suite, metric_name, metric_words, metrics_of
 from strainsight.report.suite.results import Result, results_of

@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 
 from strainsight.report.page.markup import measure, plain, share, table
-from strainsight.report.placement.data import OtherFilter
-from strainsight.report.placement.verdicts import HELD
 
+HELD = "consistent"
 LEAD = "The same samples and model, tolerances left out: the filters differ in what they approximate."
 CAPTION = (
     "The bank is Bayes' rule but for quadrature; sigma-point and extended filter take parameter and motion as normal, and the "
     "extended one neglects the product of their errors. Ratio: the RMS error that the bank expects of an estimate, over "
     "the σ claimed for it; above 2 overconfident, below 0.5 too cautious."
 )
+
+
+@dataclass(frozen=True)
+class OtherFilter:
+    """A parameter by one filter: estimate [unit]; std relative, claimed; ratio: RMS error that the bank expects of it over that,
+    and the verdict, empty of the bank itself."""
+
+    parameter: str
+    unit: str
+    filter: str
+    estimate: float
+    std: float
+    ratio: float
+    verdict: str = ""
 
 
 def filters_section(claims: Sequence[OtherFilter]) -> str:

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import BLUE, INK, ORANGE, Drawing, figure, styled, svg
 from strainsight.report.chart.panels import legend_above
-from strainsight.report.placement.data import Posterior
 from strainsight.report.text import prefix, quantity
 
 
+@dataclass(frozen=True)
+class Posterior:
+    """What the measurements leave of a parameter: density and prior (k,) of its logarithm at value (k,) [unit], and the
+    truth, where it is known."""
+
+    name: str
+    unit: str
+    value: FloatArray
+    density: FloatArray
+    prior: FloatArray
+    truth: float | None = None
+
+
 def posterior_figure(own: Posterior) -> Drawing:
-    """Density of a parameter before and after the measurements, and its true value."""
+    """Density of a parameter before and after the measurements, and its true value where that is known."""
     factor, unit = prefix(float(own.value.max()), own.unit)
     value = own.value / factor
     with styled():
@@ -19,7 +34,8 @@ def posterior_figure(own: Posterior) -> Drawing:
         axes.fill_between(value, own.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
         axes.plot(value, own.density, color=BLUE, lw=1.6, label="_")
         axes.plot(value, own.prior, color=ORANGE, lw=1.4, label="before them")
-        axes.axvline(own.truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
+        if own.truth is not None:
+            axes.axvline(own.truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
         axes.set_xlabel(f"{own.name} [{unit}]")
         axes.set_ylabel(f"density of ln {own.name} [–]")
         axes.set_ylim(bottom=0)
