@@ -68,7 +68,7 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        loaded = pipelines.loaded_config(config, overrides)
+        loaded = pipelines.with_last_test(config, overrides, results)
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
 
@@ -93,7 +93,7 @@ def status(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        loaded = pipelines.loaded_config(config, overrides)
+        loaded = pipelines.with_last_test(config, overrides, results)
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
 
@@ -189,6 +189,7 @@ def estimate(
     allow_unobservable: Annotated[
         bool, typer.Option("--allow-unobservable", help="Go on where the channels cannot tell all unknowns.")
     ] = False,
+    page: Annotated[bool, typer.Option("--page/--no-page", help="Write test.html, too.")] = True,
     force: Force = False,
     dry_run: DryRun = False,
     results: Results = DEFAULT_RESULTS,
@@ -227,12 +228,14 @@ def estimate(
                 remedy="add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}` to the config "
                 "(docs/estimation.md), and give --measurements FILE",
             )
-        _one_stage(replace(work, where=Where(jobs, dask)), "estimate", force, dry_run, as_json, verbose)
+        names = [stage.name for stage in work.stages]
+        then = "test" if page and "test" in names else ""
+        _one_stage(replace(work, where=Where(jobs, dask)), "estimate", force, dry_run, as_json, verbose, then)
 
 
-def _one_stage(work: Work, name: str, force: bool, dry_run: bool, as_json: bool, verbose: bool) -> None:
-    """The stages up to this one, and its tables."""
-    last = [stage.name for stage in work.stages].index(name)
+def _one_stage(work: Work, name: str, force: bool, dry_run: bool, as_json: bool, verbose: bool, then: str = "") -> None:
+    """The stages up to this one, or one that comes after it, and its tables."""
+    last = [stage.name for stage in work.stages].index(then or name)
     upto = replace(work, stages=work.stages[: last + 1])
     _bring_up_to_date(upto, [name] if force else [], dry_run, as_json, verbose, tables=[name])
 

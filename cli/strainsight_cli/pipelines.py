@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from strainsight_cli.work import Work
+from strainsight_cli.work import Work, note
 
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
@@ -25,6 +25,7 @@ STAGES = {
     "place": "Choose the gauges",
     "simulate": "Simulate a bench in time",
     "estimate": "Estimate from measurements: of a test, or of a bench",
+    "test": "Write test.html, the page of a test",
     "field": "Write the strain and stress of a bench's body in time",
     "spectrum": "Find the modes of a validation's truth",
     "validate": "Estimate from simulated measurements",
@@ -42,6 +43,38 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
 
     return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)
+
+
+PAGES = ("test", "report")
+"""Stages that write a page."""
+LAST_TEST = ("file", "allow_unobservable")
+"""Keys of `estimate` that options of the command `estimate` set: the other commands take them from what it wrote."""
+
+
+def with_last_test(path: Path, overrides: Iterable[str | Override] | None, results: Path) -> LoadedConfig:
+    """The config, with the file of the test that was estimated last where its own section `estimate` names none.
+
+    That stands in estimate.h5; a file that is no longer there is reported and left out, with its estimate.
+    """
+    loaded = loaded_config(path, overrides)
+    section = loaded.data.get("estimate") if loaded.data["kind"] == "placement" else None
+    artefact = results / str(loaded.data["name"]) / "estimate.h5"
+    if not section or section.get("file") or not artefact.is_file():
+        return loaded
+    from strainsight.config.overrides import Override
+    from strainsight.errors import ArtefactError
+    from strainsight.workflow.artefact import header_of
+
+    try:
+        last = header_of(artefact).config.get("estimate") or {}
+    except ArtefactError as error:
+        note(f"{artefact} is left out: {error.what}")
+        return loaded
+    if not (loaded.path.parent / str(last.get("file") or "")).is_file():
+        note(f"{artefact} is left out: {last.get('file')}, the file of the test, is not there any more")
+        return loaded
+    kept = [Override(f"estimate.{key}", last[key], str(artefact)) for key in LAST_TEST if last.get(key)]
+    return loaded_config(path, [*(overrides or ()), *kept])
 
 
 def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> LoadedConfig:
@@ -67,7 +100,7 @@ def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] |
     if kind_of(path) == "suite":
         other = f"strainsight {stage} on the config of one of its runs, or: strainsight run {path}"
         raise UserError(f"a suite has no stage '{stage}'", where=str(path), remedy=other)
-    loaded = loaded_config(path, overrides)
+    loaded = with_last_test(path, overrides, results) if stage in PAGES else loaded_config(path, overrides)
     work = work_of(loaded, results)
     names = [own.name for own in work.stages]
     kind = loaded.data["kind"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,6 +30,13 @@ class What(StrEnum):
     field = "field"
 
 
+class Of(StrEnum):
+    """What a field is of."""
+
+    test = "test"
+    validation = "validation"
+
+
 def view(
     config: ConfigFile,
     what: Annotated[
@@ -37,6 +45,10 @@ def view(
     at: Annotated[
         float | None,
         typer.Option("--at", metavar="SECONDS", help="Instant of a field; default: that of the largest stress."),
+    ] = None,
+    of: Annotated[
+        Of | None,
+        typer.Option("--of", help="Whose field, of a placement; default: the test's where there is one."),
     ] = None,
     body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body of a bench.")] = None,
     screenshot: Annotated[
@@ -48,14 +60,14 @@ def view(
 ) -> None:
     with reported(verbose):
         _refuse_name(screenshot)
-        loaded = pipelines.loaded_config(config, overrides)
+        loaded = pipelines.with_last_test(config, overrides, results)
         model = viewable(loaded, config)
         stages = pipelines.stages_of(loaded.data)
         from strainsight.stages.view.views import view_of
 
         folder = results / str(loaded.data["name"])
         names = [stage.name for stage in stages]
-        shown, read = view_of(model, names, folder, str(config), what and what.value, at, body)
+        shown, read = view_of(model, names, folder, str(config), what and what.value, at, body, of and of.value)
         say_stale(loaded, results, read)
         from strainsight.report.view import viewing
 
@@ -112,12 +124,23 @@ def figures(
         from strainsight.report.chart.files import write_figures
         from strainsight.stages.figures import figures_of
 
-        loaded = pipelines.loaded_config(config, overrides)
+        loaded = pipelines.with_last_test(config, overrides, results)
         model = viewable(loaded, config)
         folder = results / str(loaded.data["name"])
-        report = pipelines.stages_of(loaded.data)[-1]
-        files = figures_of(model, report, folder, str(config))
-        say_stale(loaded, results, report.upstream)
-        write_figures(folder / "figures", files)
-        count = sum(name.endswith(".svg") for name in files)
-        print(f"wrote {count} figures as SVG, PNG and CSV: {folder / 'figures'}")
+        pages = [stage for stage in pipelines.stages_of(loaded.data) if stage.name in pipelines.PAGES]
+        found = figures_of(model, pages, folder, str(config))
+        say_stale(loaded, results, found.read)
+        write_figures(folder / "figures", found.files)
+        many = sum(found.counted.values())
+        of = _of_what(found.counted, loaded)
+        print(f"wrote {many} figures{of} as SVG, PNG and CSV: {folder / 'figures'}")
+
+
+def _of_what(counted: Mapping[str, int], loaded: LoadedConfig) -> str:
+    """Which pages they are of, where there is a test."""
+    if "test" not in counted:
+        return ""
+    parts = [f"{counted['test']} of the test {loaded.data['estimate']['file']}, their names begin with test-"]
+    if "report" in counted:
+        parts.append(f"{counted['report']} of the placement")
+    return f" ({'; '.join(parts)})"

@@ -16,6 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
+from strainsight.stages.placement import stages_for
 from strainsight_cli import pipelines
 from strainsight_cli.failures import failure_of
 from strainsight_cli.main import app
@@ -122,7 +123,9 @@ def test_the_stages_of_the_command_line_are_those_of_the_pipelines():
     placement, bench = stages_of_example("cantilever-youngs-modulus"), stages_of_example("bench/gauges")
     assert [name for name in pipelines.STAGES if name in placement] == placement
     assert [name for name in pipelines.STAGES if name in bench] == bench
-    assert set(pipelines.STAGES) == {*placement, *bench}
+    tested = [stage.name for stage in stages_for(True, "modes")]
+    assert [name for name in pipelines.STAGES if name in tested] == tested
+    assert set(pipelines.STAGES) == {*placement, *bench, *tested}
 
 
 def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(call, monkeypatch):

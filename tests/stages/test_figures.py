@@ -17,7 +17,7 @@ from .conftest import ROOT, SHORT, job_of
 
 def test_figures_of_a_placement_are_those_of_its_page(artefacts, config, results):
     job = job_of(config, results, *SHORT)
-    files = figures_of(job.model, REPORT, job.folder, "own.yaml")
+    files = figures_of(job.model, (REPORT,), job.folder, "own.yaml").files
     page = (job.folder / "report.html").read_text(encoding="utf-8")
     with io.StringIO(files["figures.csv"].decode()) as index:
         captions = [row["caption"] for row in csv.DictReader(index)]
@@ -31,7 +31,7 @@ def test_figures_of_a_placement_are_those_of_its_page(artefacts, config, results
 
 def test_figures_of_a_bench_have_the_loads_of_its_artefact(bench):
     job = job_of(ROOT / "configs" / "bench-full.yaml", bench["simulate"].path.parents[1], "simulate.duration=1.0")
-    files = figures_of(job.model, bench_stages(job.config)[-1], job.folder, "own.yaml")
+    files = figures_of(job.model, bench_stages(job.config)[-1:], job.folder, "own.yaml").files
     assert sum(name.endswith(".svg") for name in files) == bench["report"].summary["figures"]
     rows = list(csv.DictReader(io.StringIO(files["loads.csv"].decode())))
     simulated = bench["simulate"]

@@ -119,6 +119,7 @@ def estimated(folder: Path, file: Path, *settings: str, config: str = "test.yaml
             str(folder / "results"),
             "--measurements",
             str(file),
+            *([] if "--page" in flags else ["--no-page"]),
             *options,
             *flags,
         ],
@@ -137,5 +138,6 @@ def as_written(folder: Path) -> tuple[dict, dict[str, np.ndarray]]:
     assert code == 0, said
     found = result(folder)
     return dict(found.summary), {
-        name: found[name].copy() for name in ("/smoothed/side", "/smoothed/E", "/compared/estimate/E", "/virtual/strain")
+        name: found[name].copy()
+        for name in ("/smoothed/side", "/smoothed/E", "/compared/estimate/E", "/virtual/strain")
     }

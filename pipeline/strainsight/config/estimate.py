@@ -113,6 +113,7 @@ class Estimate(RecordedFile):
         description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder; `estimate --measurements FILE` gives "
         "another.",
     )
+    date: Text | None = Field(None, description="When it was measured, as the page of the test is to say it.")
     time_step: Positive | None = Field(
         None, description="Time step of the filter [s], a whole part of the sampling interval; null: that interval."
     )

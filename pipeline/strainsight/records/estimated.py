@@ -20,6 +20,9 @@ class Channels:
     )
     estimated: np.ndarray = dataset("/estimated", "unit of the channel", "/time × /label", "their estimate")
     std: np.ndarray = dataset("/std", "unit of the channel", "/time × /label", "its claimed σ")
+    noise_std: np.ndarray = dataset(
+        "/noise_std", "unit of the channel", "/label", "σ of the noise of a sample, as the filter took it"
+    )
 
 
 @record
@@ -48,6 +51,7 @@ class Offsets:
 class Resultant:
     """The vector sum of the unknown loads at one place."""
 
+    place: str = dataset("/place", "1", "", "node or set that they act on")
     force: np.ndarray = dataset("/force", "N", "/time × 3", "sum of the loads there")
     magnitude: np.ndarray = dataset("/magnitude", "N", "/time", "its size")
     std: np.ndarray = dataset("/std", "N", "/time", "claimed σ of its size")
@@ -95,6 +99,53 @@ class Posterior:
 
 
 @record
+class Moment:
+    """The surface at the moment of the largest reading; facets as `exterior_facets` of the mesh of import.h5 has them."""
+
+    time: float = dataset("/time", "s", "", "instant of the largest reading, on the clock of the file")
+    label: str = dataset("/label", "1", "", "channel that has it")
+    displacement: np.ndarray = dataset(
+        "/displacement", "m", "node × 3", "smoothed displacement then, nodes of import.h5"
+    )
+    strain: np.ndarray = dataset(
+        "/strain", "strain", "exterior facet × 6", "smoothed strain then, γ for shear, at the middle of the facet"
+    )
+    principal_strain: np.ndarray = dataset(
+        "/principal_strain", "strain", "exterior facet", "the principal strain of largest size then, with its sign"
+    )
+    von_mises: np.ndarray = dataset("/von_mises", "Pa", "exterior facet", "von Mises stress then")
+    von_mises_std: np.ndarray | None = dataset(
+        "/von_mises_std", "Pa", "exterior facet", "its claimed σ, where σ is not withheld", default=None
+    )
+
+
+@record
+class Source:
+    """The file of the test, and what was done to every channel of it that was used."""
+
+    file: str = dataset("/file", "1", "", "name of the file")
+    sha256: str = dataset("/sha256", "1", "", "digest of its bytes")
+    bytes: int = dataset("/bytes", "1", "", "its size in bytes")
+    format: str = dataset("/format", "1", "", "csv, hdf5 or uff58")
+    date: str = dataset("/date", "1", "", "when it was measured, as the config states it; empty where it does not")
+    channel: tuple[str, ...] = dataset("/channel", "1", "/channel", "name of every channel in the file")
+    measures: tuple[str, ...] = dataset("/measures", "1", "/channel", "the gauge and grid, or the known load, it is")
+    unit: tuple[str, ...] = dataset("/unit", "1", "/channel", "unit of its readings as stated")
+    bridge: tuple[str, ...] = dataset("/bridge", "1", "/channel", "arrangement of its bridge, empty without one")
+    gauge_factor: np.ndarray = dataset("/gauge_factor", "1", "/channel", "gauge factor, NaN without a bridge")
+    poisson_ratio: np.ndarray = dataset("/poisson_ratio", "1", "/channel", "that the bridge goes by, else NaN")
+    sign: np.ndarray = dataset("/sign", "1", "/channel", "-1: wired the other way round")
+    scale: np.ndarray = dataset("/scale", "1", "/channel", "factor on the calibrated signal")
+    offset: np.ndarray = dataset("/offset", "see /source/unit", "/channel", "subtracted from the readings")
+    drift: np.ndarray = dataset(
+        "/drift", "see /source/unit, per second", "/channel", "subtracted, times the time since the start"
+    )
+    zero: np.ndarray = dataset(
+        "/zero", "s", "/channel × 2", "from, to: the mean there is subtracted; NaN where none is"
+    )
+
+
+@record
 class Histories:
     """Every unknown in time."""
 
@@ -131,4 +182,7 @@ class Estimated(Histories):
     bias: Offsets | None = group("/bias", default=None)
     resultant: dict[str, Resultant] = group("/resultant/<name>")
     virtual: VirtualStrain | None = group("/virtual", default=None)
+    known: dict[str, np.ndarray] = dataset("/known/<name>", "N", "/time", "known load <name> as measured")
+    moment: Moment | None = group("/moment", default=None)
+    source: Source = group("/source")
     notes: tuple[str, ...] = dataset("/notes", "1", "sentence", "what was done to the measurements, and doubts")

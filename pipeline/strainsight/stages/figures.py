@@ -6,6 +6,8 @@ on every run; a run has some thirty figures, and drawing them as PNG takes as lo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from strainsight.cases.resources import silent
@@ -18,30 +20,56 @@ from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.slices import declared, prune
 from strainsight.workflow.stage import Context, Stage
 
+TEST = "test"
+"""Name of the stage whose page is of a test, and what the names of its figures begin with."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """files: file name → content; counted: page ("report", "test") → how many figures are of it; read: the stages whose
+    artefacts they were drawn from."""
+
+    files: dict[str, bytes]
+    counted: dict[str, int]
+    read: tuple[str, ...]
+
 
 def figures_of(
-    config: PlacementConfig | BenchConfig, report: Stage, folder: Path, config_file: str
-) -> dict[str, bytes]:
-    """File name → content of every figure of the page that `report`, the last stage of a placement or a bench, would write.
+    config: PlacementConfig | BenchConfig, pages: Sequence[Stage], folder: Path, config_file: str
+) -> Figures:
+    """Every figure of the pages that these stages of a placement or a bench would write, as far as what they are read from is
+    there.
 
-    Raises UserError with the command to run where artefacts are missing.
+    Raises UserError with the command to run where there is no page yet.
     """
-    missing = [name for name in report.upstream if not (folder / f"{name}.h5").is_file()]
-    if missing:
+    there = [page for page in pages if not _missing(page, folder)]
+    if not there:
         raise UserError(
-            f"there are no figures yet: {folder / missing[0]}.h5 has not been written",
+            f"there are no figures yet: {folder / _missing(pages[-1], folder)[0]}.h5 has not been written",
             where=config_file,
             remedy=f"run first: strainsight run {config_file}",
         )
-    upstream = {name: Artefact(folder / f"{name}.h5") for name in report.upstream}
     data = config.model_dump(mode="json", by_alias=True)
-    own = declared(config, prune(data, report.reads))
+    counted = {}
     with kept() as drawn:
-        if isinstance(own, BenchConfig):
-            drawings = _of_bench(Context(own, upstream, {}, silent))
-        else:
-            drawings = _of_placement(Context(own, upstream, {}, silent))
-        return figure_files(drawings, drawn)
+        drawings: list[Drawing] = []
+        for page in there:
+            upstream = {name: Artefact(folder / f"{name}.h5") for name in page.upstream}
+            own = declared(config, prune(data, page.reads))
+            if isinstance(own, BenchConfig):
+                found = _of_bench(Context(own, upstream, {}, silent))
+            elif page.name == TEST:
+                found = _of_test(Context(own, upstream, {}, silent))
+            else:
+                found = _of_placement(Context(own, upstream, {}, silent))
+            counted[page.name] = len(found)
+            drawings += found
+        files = figure_files(drawings, drawn)
+    return Figures(files, counted, tuple(dict.fromkeys(name for page in there for name in page.upstream)))
+
+
+def _missing(page: Stage, folder: Path) -> list[str]:
+    return [name for name in page.upstream if not (folder / f"{name}.h5").is_file()]
 
 
 def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
@@ -49,6 +77,15 @@ def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
     from strainsight.stages.pages.page import placement_report
 
     return list(placement_figures(placement_report(context)))
+
+
+def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
+    """Under names of their own: the page of the placement has an estimate of every unknown, too."""
+    from strainsight.report.tested.figures import figures_of_test
+    from strainsight.stages.pages.tested import findings_of
+
+    drawings = figures_of_test(findings_of(context))
+    return [replace(own, key=f"{TEST}-{own.key}", title=f"the test: {own.title}") for own in drawings]
 
 
 def _of_bench(context: Context[BenchConfig]) -> list[Drawing]:

@@ -28,6 +28,9 @@ def stages_for(estimates: bool, truth: str) -> tuple[Stage, ...]:
     if not estimates:
         return stages
     from strainsight.stages.estimate import ESTIMATE  # with readers that no other stage needs
+    from strainsight.stages.tested import TEST
 
     place = stages.index(PLACE) + 1
-    return (*stages[:place], ESTIMATE, *stages[place:])
+    linked = replace(REPORT, upstream=(*REPORT.upstream, ESTIMATE.name))
+    rest = tuple(linked if stage is REPORT else stage for stage in stages[place:])
+    return (*stages[:place], ESTIMATE, TEST, *rest)

@@ -118,7 +118,7 @@ def test_a_crash_of_the_child_is_an_error_with_a_remedy(beam, monkeypatch, tmp_p
     [((1920, 1080), (1400, 900)), ((1280, 720), (1008, 648)), ((1000, 2000), (900, 578)), ((0, 0), (1400, 900))],
 )
 def test_a_window_is_no_larger_than_its_screen(screen, size):
-    assert fitting(screen) == size
+    assert fitting(screen, (1400, 900)) == size
 
 
 def test_a_display_that_does_not_answer_is_reported_with_exit_code_2_and_leaves_nothing_behind(beam, monkeypatch, tmp_path):

@@ -29,11 +29,19 @@ from strainsight.cases.structure.problem import (
 )
 from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import parameters_of, unknown_units
-from strainsight.cases.structure.surface import surface_in_time, virtual_labels, virtual_strain
+from strainsight.cases.structure.source import source_of
+from strainsight.cases.structure.surface import (
+    largest_reading,
+    skin_of,
+    surface_in_time,
+    surface_then,
+    virtual_labels,
+    virtual_strain,
+)
 from strainsight.cases.structure.variance import Shares, budget_of
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, blame
+from strainsight.errors import ConfigError, DeckError, blame
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.biased import driven_with_offsets
@@ -44,11 +52,20 @@ from strainsight.estimation.settled import Settled
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
-from strainsight.gauges.candidates import UNITS
+from strainsight.gauges.candidates import STRAIN, UNITS
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.budget import budget_of_shares
-from strainsight.records.estimated import Channels, Compared, Estimated, Offsets, Resultant, VirtualStrain
+from strainsight.records.estimated import (
+    Channels,
+    Compared,
+    Estimated,
+    Moment,
+    Offsets,
+    Resultant,
+    Source,
+    VirtualStrain,
+)
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 
@@ -131,25 +148,24 @@ def estimation_of(
     using.progress("field", 0.95 if without else 0.7)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
-    surface = None
-    if settings.field is not None:
-        parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
-        surface = surface_in_time(mesh, reduced.basis, parameters, model, smoothed, settings.field)
+    surface, moment, bare = _surfaces(config, settings, mesh, reduced, test, model, smoothed, using)
     judged = verdict(run.whitened[:, 0])
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     rests = withheld or rests_on_loads_in_words(problem)
     words = scheme_in_words(problem, test.h), *not_held_in_words(config, reduced, training), rests
-    notes = (*test.notes, *filter(None, words), *not_so, *_doubts(hidden, tuning))
+    notes = (*test.notes, *filter(None, words), *not_so, *bare, *_doubts(hidden, tuning))
     if withheld:
         notes += ("filter.compare: other filters are not compared where σ is withheld",) * bool(config.filter.compare)
     elif long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
         notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)
+    source = source_of(settings, using.files["estimate.file"], test.labels, problem.known)
     kinds = problem.channels.quantity[test.channels]
     units = unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(
         problem.unknowns,
         replace(
-            _estimated(model, test, run, smoothed, resultants, virtual, notes),
+            _estimated(model, test, run, smoothed, resultants, virtual, notes, source),
+            moment=moment,
             posterior={} if withheld else posteriors_of(problem, start, bank),
             compared=beside,
             budget=budget_of_shares(budget),
@@ -239,6 +255,7 @@ def _estimated(
     resultants: Mapping[str, Resultant],
     virtual: VirtualStrain | None,
     notes: tuple[str, ...],
+    source: Source,
 ) -> Estimated:
     estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
     sampled, biased = slice(test.every - 1, None, test.every), np.flatnonzero(test.bias > 0)
@@ -256,14 +273,63 @@ def _estimated(
             measured=test.values,
             estimated=run.gauge_mean[sampled, 0],
             std=run.gauge_std[sampled, 0],
+            noise_std=np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0)),
         ),
         whitened=run.whitened[sampled, 0],
         bias=Offsets(channel=biased, mean=mean, std=std) if len(biased) else None,
         resultant={str(i): own for i, own in enumerate(resultants.values())},
         virtual=virtual,
+        known=dict(zip(model.known_inputs, _at_instants(test.known).T, strict=True)),
+        source=source,
         notes=notes,
         posterior={},
     )
+
+
+def _at_instants(held: np.ndarray) -> np.ndarray:
+    """Loads (T + 1, n) at the ends of the steps through which they are held (T, HOLD, n)."""
+    return np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
+
+
+def _surfaces(
+    config: PlacementConfig,
+    settings: Estimate,
+    mesh: Mesh,
+    reduced: Reduced,
+    test: Measured,
+    model: FilterModel,
+    smoothed: Smoothed,
+    using: Resources,
+) -> tuple[VtkHdf | None, Moment | None, tuple[str, ...]]:
+    """The surface in time where it is asked for, and at the moment of the largest reading; neither where nothing is solid, or
+    no stress known, with the reason.
+
+    Strains are looked at alone where there are any; else each channel beside its noise. Raises ConfigError where a surface in
+    time is asked for and the mesh has no solids, DeckError where they have no material.
+    """
+    if not mesh.blocks:
+        if settings.field is not None:
+            raise ConfigError(
+                "the mesh has no solids, and so no surface", key="estimate.field", remedy="remove the key"
+            )
+        return None, None, ()
+    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
+    try:
+        skin = skin_of(mesh, reduced.basis, parameters)
+    except DeckError as error:
+        # A model that came as matrices needs no materials, but for this.
+        if settings.field is not None:
+            raise
+        return None, None, (f"no strain and stress of the surface: {error.what}",)
+    surface = None if settings.field is None else surface_in_time(skin, model, smoothed, settings.field)
+    biased, offset = np.flatnonzero(test.bias > 0), np.zeros(len(test.labels))
+    offset[biased] = smoothed.mean[-1, 0, model.size :]
+    strains = STRAIN if model.quantity is None else np.asarray(model.quantity)
+    noise = np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0))
+    scale = np.where(strains == STRAIN, 1.0, np.inf) if np.any(strains == STRAIN) else noise
+    k, channel = largest_reading(test.values, offset, np.broadcast_to(scale, noise.shape))
+    then = (k + 1) * test.every
+    return surface, surface_then(skin, model, smoothed, then, float(test.time[k + 1]), test.labels[channel]), ()
 
 
 def _without_sigma(run: FilterRun, smoothed: Smoothed) -> tuple[FilterRun, Smoothed]:

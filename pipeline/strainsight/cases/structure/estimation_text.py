@@ -42,7 +42,7 @@ def estimation_message(found: Estimation) -> str:
     """One line."""
     numbers, units = estimation_numbers(found), found.units
     parts = [found.withheld] if found.withheld else []
-    parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels")
+    parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {found.estimated.source.file}")
     for name in found.unknowns.names:
         what = " RMS" if name in found.unknowns.inputs else ""
         sigma = "" if found.withheld else f" ± {numbers[f'std.{name}']:.2g}"

@@ -38,5 +38,5 @@ def resultants_of(
         P = smoothed.covariance[:, 0][:, at[:, None], at]
         along = e @ D
         std = np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", along, P, along), 0.0))
-        found[where] = Resultant(force=force, magnitude=magnitude, std=std)
+        found[where] = Resultant(place=where, force=force, magnitude=magnitude, std=std)
     return found

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.config.estimate import Field3D
 from strainsight.config.gauges import Gauges, NamedGauge
-from strainsight.errors import ConfigError
 from strainsight.estimation.model import FilterModel, theta_of
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.fem.affine import Parameter
 from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.stress import SurfaceModel, SurfaceState, principal, surface_model, surface_state
 from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.rows import channel_rows
-from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
-from strainsight.records.estimated import VirtualStrain
+from strainsight.records.estimated import Moment, VirtualStrain
 
 
 def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
@@ -64,43 +64,54 @@ FRAMES = 100
 """Pictures of the surface where no time between them is stated."""
 
 
-def surface_in_time(
-    mesh: Mesh,
-    basis: np.ndarray,
-    parameters: Sequence[Parameter],
-    model: FilterModel,
-    smoothed: Smoothed,
-    stated: Field3D,
-) -> VtkHdf:
-    """Displacement, strain and stress of every exterior facet in time, as a grid with steps; with claimed σ where it is given.
+@dataclass(frozen=True)
+class Skin:
+    """The surface of a reduced model: mesh, basis (3 nodes, n), exterior facets, and strain and stress at their middles."""
 
-    basis (3 nodes, n); stated: the time between pictures, a hundred of them where it says none. Stress and its σ to first
-    order in the coordinates and the estimated moduli. Raises ConfigError where the mesh has no solids.
-    """
-    if not mesh.blocks:
-        raise ConfigError("the mesh has no solids, and so no surface", key="estimate.field", remedy="remove the key")
+    mesh: Mesh
+    basis: np.ndarray
+    facets: Facets
+    model: SurfaceModel
+
+
+def skin_of(mesh: Mesh, basis: np.ndarray, parameters: Sequence[Parameter]) -> Skin:
+    """basis (3 nodes, n). Raises DeckError where a region of the surface has no material."""
     facets = exterior_facets(mesh)
     with mesh.located():
-        surface = surface_model(mesh, facet_strain(mesh, facets), basis, parameters)
-    used, blocks, order = facet_cells(facets)
+        return Skin(mesh, basis, facets, surface_model(mesh, facet_strain(mesh, facets), basis, parameters))
+
+
+def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> SurfaceState:
+    """Strain and stress of every exterior facet at instant k, with claimed σ where it is given."""
+    n, free = model.model.size, model.unknowns.parameters
+    at = np.concatenate([np.arange(n), np.arange(model.parameter_states.start, model.size)])
+    assert smoothed.covariance is not None
+    x = smoothed.mean[k, 0]
+    theta = {name: float(value) for name, value in theta_of(model, x[: model.size]).items()}
+    # θ = guess exp(p): to first order its covariance is that of p times θ.
+    scale = np.concatenate([np.ones(n), [theta[name] for name in free]])
+    P = smoothed.covariance[k, 0][np.ix_(at, at)] * np.outer(scale, scale)
+    return surface_state(skin.model, theta, x[:n], P if np.isfinite(P).all() else None, free)
+
+
+def surface_in_time(skin: Skin, model: FilterModel, smoothed: Smoothed, stated: Field3D) -> VtkHdf:
+    """Displacement, strain and stress of every exterior facet in time, as a grid with steps; with claimed σ where it is given.
+
+    stated: the time between pictures, a hundred of them where it says none. Stress and its σ to first order in the
+    coordinates and the estimated moduli.
+    """
+    mesh, n = skin.mesh, model.model.size
+    used, blocks, order = facet_cells(skin.facets)
     step = stated.every or smoothed.time[-1] / FRAMES
     frames = np.unique(np.round(np.arange(0, smoothed.time[-1] + 0.5 * step, step) / model.h).astype(int))
     frames = frames[frames < len(smoothed.time)]
-    n, free = model.model.size, model.unknowns.parameters
-    at = np.concatenate([np.arange(n), np.arange(model.parameter_states.start, model.size)])
     data: dict[str, list[np.ndarray]] = {}
-    assert smoothed.covariance is not None
     for k in frames:
-        x = smoothed.mean[k, 0]
-        theta = {name: float(value) for name, value in theta_of(model, x[: model.size]).items()}
-        # θ = guess exp(p): to first order its covariance is that of p times θ.
-        scale = np.concatenate([np.ones(n), [theta[name] for name in free]])
-        P = smoothed.covariance[k, 0][np.ix_(at, at)] * np.outer(scale, scale)
-        state = surface_state(surface, theta, x[:n], P if np.isfinite(P).all() else None, free)
+        state = _state(skin, model, smoothed, int(k))
         for name in SHOWN:
             if (shown := getattr(state, name)) is not None:
                 data.setdefault(name, []).append(shown[order].astype(np.float32))
-    shapes = basis.reshape(len(mesh.position), 3, -1)[used]
+    shapes = skin.basis.reshape(len(mesh.position), 3, -1)[used]
     displacement = np.stack([(shapes @ smoothed.mean[k, 0, :n]).astype(np.float32) for k in frames])
     return unstructured_grid(
         mesh.position[used],
@@ -109,3 +120,36 @@ def surface_in_time(
         cell_data={name: np.stack(values) for name, values in data.items()},
         steps=smoothed.time[frames],
     )
+
+
+def surface_then(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int, time: float, label: str) -> Moment:
+    """The surface at instant k of the smoother: `time` [s] on the clock of the file, when channel `label` reads most."""
+    state, n = _state(skin, model, smoothed, k), model.model.size
+    shapes = skin.basis.reshape(len(skin.mesh.position), 3, -1)
+    return Moment(
+        time=time,
+        label=label,
+        displacement=(shapes @ smoothed.mean[k, 0, :n]).astype(np.float32),
+        strain=state.strain.astype(np.float32),
+        principal_strain=largest_principal(state.strain).astype(np.float32),
+        von_mises=state.von_mises.astype(np.float32),
+        von_mises_std=None if state.von_mises_std is None else state.von_mises_std.astype(np.float32),
+    )
+
+
+def largest_principal(strain: np.ndarray) -> np.ndarray:
+    """The principal strain of largest size with its sign: strain (p, 6), shears γ → (p,)."""
+    tensors = np.concatenate([strain[:, :3], 0.5 * strain[:, 3:]], axis=1)
+    three = principal(tensors)
+    return np.where(np.abs(three[:, 0]) >= np.abs(three[:, 2]), three[:, 0], three[:, 2])
+
+
+def largest_reading(values: np.ndarray, offset: np.ndarray, scale: np.ndarray) -> tuple[int, int]:
+    """Sample and channel of the largest |reading − offset| over the scale of its channel, the first of equals.
+
+    values (T, m), NaN where missing; offset, scale (m,). (0, 0) where there is no sample.
+    """
+    size = np.abs(values - offset) / scale
+    size = np.where(np.isfinite(size), size, -1.0)
+    k, channel = np.unravel_index(int(np.argmax(size)), size.shape)
+    return int(k), int(channel)

@@ -104,15 +104,22 @@ def visible_instants(columns: FloatArray, buckets: int = 360) -> IntArray:
     return np.array(sorted(kept))
 
 
-def figure(height: float = 3.4, ratios: tuple[float, ...] = (1.0,)) -> Any:
-    """An empty figure 5.2 inches wide and its panels, one over the other on one x axis; drawn on inside `styled()`."""
+WIDE, SMALL = 5.2, 4.0
+"""Width of a figure, and of one among many [inch]: the page shows them so that letters are of about the same size."""
+
+
+def figure(height: float = 3.4, ratios: tuple[float, ...] = (1.0,), shared: bool = True, width: float = WIDE) -> Any:
+    """An empty figure and its panels, one over the other; drawn on inside `styled()`.
+
+    height, width [inch]; shared: on one x axis, which the lowest panel labels.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    drawn = Figure(figsize=(5.2, height), layout="constrained")
+    drawn = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(drawn)
     drawn.patch.set_visible(False)
-    panels = drawn.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+    panels = drawn.subplots(len(ratios), sharex=shared, squeeze=False, height_ratios=ratios)[:, 0]
     for axes in panels:
         axes.patch.set_visible(False)
     return drawn, *panels

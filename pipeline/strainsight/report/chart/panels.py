@@ -142,3 +142,19 @@ def last_periods(values: FloatArray, periods: float = 4.0, least: float = 0.02) 
     needed = round(2 * periods)
     start = int(crossing[-needed]) if len(crossing) > needed else 0
     return slice(max(min(start, steps - max(round(least * steps), 2)), 0), None)
+
+
+def about(values: FloatArray, at: int, periods: float = 5.0, least: int = 60, share: float = 0.6) -> slice:
+    """A few periods of an oscillation (T,) about sample `at`, of at least so many samples; all of it where that would be more
+    than `share` of it.
+
+    A period is twice the mean distance of crossings of its mean, counted where there are samples.
+    """
+    finite = values[np.isfinite(values)]
+    steps = len(values)
+    crossings = int(np.count_nonzero(np.diff(np.signbit(finite - finite.mean())))) if len(finite) else 0
+    width = max(least, round(2 * periods * len(finite) / crossings) if crossings else steps)
+    if width > share * steps:
+        return slice(0, steps)
+    start = min(max(at - width // 2, 0), steps - width)
+    return slice(start, start + width)

@@ -224,6 +224,7 @@ class PlacementReport:
     advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
     filters: parameters by the bank and the filters that were compared with it;
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
+    test: what the test of this layout said, empty before one;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
     provenance: versions, seed, keys.
     """
@@ -251,6 +252,7 @@ class PlacementReport:
     consistency: Consistency = field(default_factory=Consistency)
     warnings: tuple[str, ...] = ()
     not_tested: tuple[str, ...] = ()
+    test: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)

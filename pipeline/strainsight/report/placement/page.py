@@ -24,6 +24,9 @@ FOOTER = (
     "smoothed: what the smoother states; expected: what placement foresaw for the filter; steady-state: what ranks layouts."
 )
 
+TEST_PAGE = "test.html"
+"""Page of the test, in the same folder."""
+
 
 def placement_page(
     report: PlacementReport,
@@ -39,6 +42,7 @@ def placement_page(
     """
     sections = (
         first_screen(report, scene, scene_problem),
+        _test(report),
         space_section([("", report.layout)], shapes),
         _advice(report),
         _gauges(report),
@@ -55,6 +59,16 @@ def placement_page(
     lost = lost_of(report)
     title = headline((own.name, faults(own, own.name in lost)) for own in report.unknowns) + report.title
     return document("gauge placement", report.name, title, answer(report), sections, FOOTER, (STYLE,), (script(),))
+
+
+def _test(report: PlacementReport) -> str:
+    if not report.test:
+        return ""
+    link = f'<a href="{TEST_PAGE}">the page of the test</a>'
+    return (
+        f'<section class="card notes advice"><h2>The test</h2><p>{escape(report.test)}: {link}.</p>'
+        "<p>The rest of this page is of a simulated test.</p></section>"
+    )
 
 
 def _advice(report: PlacementReport) -> str:

@@ -58,10 +58,10 @@ class Space:
     thinned: bool
 
 
-def space(layouts: Sequence[Layout]) -> Space:
+def space(layouts: Sequence[Layout], colour: NDArray[np.uint8] | None = None) -> Space:
     """A structure with its loads and clamps, and the gauges and candidates of one or more layouts on it.
 
-    What the layouts share is taken from the first.
+    What the layouts share is taken from the first; colour (n, 3) of its points, None: that of steel.
     """
     layouts = [thinned(layout) for layout in layouts]
     shared = layouts[0]
@@ -80,7 +80,7 @@ def space(layouts: Sequence[Layout]) -> Space:
         first = gathered.add(points, np.zeros_like(points), colour, gathered.nearest(points))
         return [Drawn("points", np.arange(first, first + len(points)), colour, width, group)]
 
-    first = gathered.add(body.position, body.normal, STEEL, body.source)
+    first = gathered.add(body.position, body.normal, STEEL if colour is None else colour, body.source)
     loads = [solid(arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]
     solids = np.concatenate([body.triangle + first, *loads])
     parts = [Drawn("triangles", solids)] * bool(len(solids))
@@ -119,10 +119,13 @@ class _Gathered:
         """The layout's points nearest to these."""
         return self._tree.query(wanted)[1]
 
-    def add(self, position: Any, normal: Any, colour: str, source: Any) -> int:
-        """Take vertices of one colour; returns the number of the first."""
+    def add(self, position: Any, normal: Any, colour: str | NDArray[np.uint8], source: Any) -> int:
+        """Take vertices of one colour, or of those of the points they stand for; returns the number of the first."""
         first, many = self.count, len(position)
-        rgb = np.tile(np.frombuffer(bytes.fromhex(colour[1:]), np.uint8), (many, 1))
+        if isinstance(colour, str):
+            rgb = np.tile(np.frombuffer(bytes.fromhex(colour[1:]), np.uint8), (many, 1))
+        else:
+            rgb = colour[source]
         self._parts.append((np.asarray(position, float), np.asarray(normal, float), rgb, np.broadcast_to(source, many)))
         self.count += many
         return first

@@ -12,10 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import gauge_colour, ink_on
 from strainsight.report.page.document import own
 from strainsight.report.page.positions import coordinates, decimals
+from strainsight.report.page.scale import scale_bar
+from strainsight.report.picture.colours import Scale
+from strainsight.report.picture.colours import colours as colours_of
 from strainsight.report.picture.layout import Gauge, Layout
+from strainsight.report.picture.picture import STEEL
 from strainsight.report.space.model import Shape, Space, space, vertex_shift
 from strainsight.report.text import number, percent
 
@@ -45,16 +50,23 @@ def script() -> str:
     return "\n".join(map(own, SCRIPTS))
 
 
-def space_section(layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape] = (), name: str = "") -> str:
+def space_section(
+    layouts: Sequence[tuple[str, Layout]],
+    shapes: Sequence[Shape] = (),
+    name: str = "",
+    colours: tuple[FloatArray, Scale] | None = None,
+) -> str:
     """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
 
     layouts: caption and gauges on one and the same structure; shapes that it can take; name: of the body, where there are
-    others. What there are several of can be chosen.
+    others; colours: values (n,) at its points and their scale. What there are several of can be chosen.
     It is hidden until its script runs: without scripts, or on paper, the picture of the first screen stands for it.
     """
     if not layouts or not len(layouts[0][1].points):
         return ""
-    model = space([layout for _, layout in layouts])
+    shown = None if colours is None else colours_of(colours[1], colours[0], STEEL)
+    model = space([layout for _, layout in layouts], shown)
+    bar = "" if colours is None else scale_bar(colours[1])
     gauges = [
         _gauge(gauge, i, group, decimals(layout.points))
         for group, (_, layout) in enumerate(layouts)
@@ -66,7 +78,7 @@ def space_section(layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape]
         f'<section id="space" class="card" hidden><h2>{escape(name or "The structure")} in space</h2>'
         f'<p class="note">{MANNERS}{" The surface is thinned out for this view." * model.thinned}</p>'
         f'<div class="space-frame"><div><div id="space-view" tabindex="0" role="application" aria-label="{what}: '
-        f'arrow keys turn it, plus and minus zoom, 0 goes back"><canvas></canvas>{AXES}</div>'
+        f'arrow keys turn it, plus and minus zoom, 0 goes back"><canvas></canvas>{AXES}</div>{bar}'
         f'<div class="space-controls">{VIEWS}{_choices([caption for caption, _ in layouts], shapes)}</div></div>'
         f'<div class="space-side">{_side(gauges)}</div></div></section>'
         f'<script type="application/json" id="space-data">{_data(model, gauges, shapes)}</script>'

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
+from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.geometry import TRIANGLES, mesh_lines
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
@@ -21,7 +22,6 @@ from strainsight.report.view.viewed import DOTS, POINTS, Panel, View
 STEEL, LINES, POOL, CLAMP, INK = "#c3ccd6", "#5d6a79", "#7b8794", "#8a4fb5", "#1c2430"
 LENGTH = 0.07
 """Of a gauge's arrow, over the size of the structure."""
-MAP, DIVERGING = "viridis", "coolwarm"
 
 
 def carried(layout: Layout, panel: Panel) -> Layout:
@@ -82,17 +82,13 @@ def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: 
 
 def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
     """How values are coloured, about zero where they have both signs, with a scalar bar of their own."""
-    finite = panel.values[np.isfinite(panel.values)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    both = low < 0 < high
-    if both:
-        low, high = -max(-low, high), max(-low, high)
+    scale = scale_of(view.quantity, view.unit, panel.values)
     # VTK keeps one bar a title: spaces, which nobody sees, distinguish the panels' bars. The line feed keeps the title off
     # the numbers.
     title = f"{view.quantity} [{view.unit}]{' ' * (bar or 0)}\n"
     return {
-        "cmap": DIVERGING if both else MAP,
-        "clim": (low, high if high > low else low + 1.0),
+        "cmap": scale.name,
+        "clim": (scale.low, scale.high),
         "nan_color": STEEL,
         "ambient": 0.6,
         "diffuse": 0.4,

@@ -30,7 +30,8 @@ class View:
     """A structure in one or more panels side by side.
 
     title; layout: structure, gauges, loads, grey dots (its pool); panels, all with as many values; quantity, unit: of the
-    scalar bar; on: "points", "facets" or "dots"; dots (d, 3) [m]: coloured ones, where values stand on them.
+    scalar bar; on: "points", "facets" or "dots"; dots (d, 3) [m]: coloured ones, where values stand on them;
+    size: width and height of its picture [px]; bar: whether the scalar bar is in it.
     """
 
     title: str
@@ -40,6 +41,8 @@ class View:
     unit: str = ""
     on: str = POINTS
     dots: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    size: tuple[int, int] = (1400, 900)
+    bar: bool = True
 
 
 def exaggerated(points: FloatArray, shift: FloatArray, share: float = 0.06) -> float:

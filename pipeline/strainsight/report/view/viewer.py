@@ -6,6 +6,7 @@ import os
 import pickle
 import signal
 import sys
+from collections.abc import Sequence
 from io import BytesIO
 from textwrap import shorten
 from typing import Any
@@ -21,7 +22,6 @@ from strainsight.report.picture.picture import across, aim
 from strainsight.report.view.parts import INK, add_names, add_panel, carried, font, plain
 from strainsight.report.view.viewed import NO_DISPLAY, View
 
-WIDTH, HEIGHT = 1400, 900
 OF_A_SCREEN = 0.9
 """What a window may take of it, which leaves its frame and a task bar."""
 WINDOWLESS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
@@ -46,11 +46,11 @@ def draw(view: View, off_screen: bool) -> Any:
     rows, columns = _grid(len(cells), layout.points)
     # Light from the eye alone: a colour is never brighter than that of the scalar bar.
     plotter: Any = pv.Plotter(
-        off_screen=off_screen, window_size=[WIDTH, HEIGHT], shape=(rows, columns), border=False, lighting="none"
+        off_screen=off_screen, window_size=list(view.size), shape=(rows, columns), border=False, lighting="none"
     )
-    width, height = WIDTH, HEIGHT
+    width, height = view.size
     if not off_screen:
-        width, height = fitting(plotter.render_window.GetScreenSize())
+        width, height = fitting(plotter.render_window.GetScreenSize(), view.size)
         plotter.window_size = [width, height]
     plotter.set_background("white")
     plotter.add_light(pv.Light(light_type="headlight", intensity=1.0))  # this adds it to every panel
@@ -60,7 +60,7 @@ def draw(view: View, off_screen: bool) -> Any:
         # What one sees is found on the structure as it is: a place on the displaced one may lie under its facets.
         seen = seen_from(layout.points, triangle, position, normal, corner) if off_screen else np.ones(len(position))
         moved = carried(layout, panel)
-        add_panel(plotter, view, moved, panel, triangle, place if first else None)
+        add_panel(plotter, view, moved, panel, triangle, place if first and view.bar else None)
         add_names(plotter, moved, seen.astype(bool), through=off_screen)
         size = width // columns, height // rows
         _add_title(plotter, view.title if place == 0 else "", panel.title if first else "", size)
@@ -71,11 +71,12 @@ def draw(view: View, off_screen: bool) -> Any:
     return plotter
 
 
-def fitting(screen: tuple[int, int]) -> tuple[int, int]:
-    """Width and height of a window of which all is on the screen (width, height) in pixels; zero: not known."""
-    shares = [OF_A_SCREEN * there / wanted for there, wanted in zip(screen, (WIDTH, HEIGHT), strict=True) if there > 0]
+def fitting(screen: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height of a window of this size [px] or, so that all of it is on the screen (width, height; zero: not known),
+    smaller."""
+    shares = [OF_A_SCREEN * there / wanted for there, wanted in zip(screen, size, strict=True) if there > 0]
     share = min(1.0, *shares) if shares else 1.0
-    return int(share * WIDTH), int(share * HEIGHT)
+    return int(share * size[0]), int(share * size[1])
 
 
 def _add_title(plotter: Any, title: str, below: str, size: tuple[int, int]) -> None:
@@ -128,13 +129,16 @@ def show(plotter: Any, title: str, parent: int) -> None:
     plotter.show(title=title)
 
 
-def drawn(view: View) -> list[bytes]:
-    """A picture of the view."""
-    plotter = draw(view, off_screen=True)
-    content = BytesIO()
-    plotter.screenshot(content)
-    plotter.close()
-    return [content.getvalue()]
+def drawn(views: Sequence[View]) -> list[bytes]:
+    """A picture of every view."""
+    pictures = []
+    for view in views:
+        plotter = draw(view, off_screen=True)
+        content = BytesIO()
+        plotter.screenshot(content)
+        plotter.close()
+        pictures.append(content.getvalue())
+    return pictures
 
 
 def main(asked: str = "") -> None:

@@ -6,6 +6,7 @@ import os
 import pickle
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 
 from strainsight.errors import StrainsightError, UserError
@@ -21,7 +22,12 @@ TIME_LIMIT = 300.0
 
 def screenshot(view: View) -> bytes:
     """PNG of the view on white. Raises StrainsightError that names the Debian packages where nothing can render."""
-    return draw_apart(CHILD, _sent(view), TIME_LIMIT)[0]
+    return screenshots([view])[0]
+
+
+def screenshots(views: Sequence[View]) -> list[bytes]:
+    """A picture of each, as `screenshot` makes it, by one child process."""
+    return draw_apart(CHILD, [_sent(view) for view in views], TIME_LIMIT)
 
 
 def window(view: View) -> None:

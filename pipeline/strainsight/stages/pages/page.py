@@ -75,10 +75,11 @@ def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
             name: getattr(place.observability, name) for name in ("condition", "condition_raw", "sigma_min")
         },
         truth_description=str(validate.summary["description"]),
-        filters=filters_of(validate),
+        filters=filters_of(read(Validated, validate)),
         consistency=consistency_of(validate),
         warnings=warnings_of(up, names, mesh),
         not_tested=_not_tested(up["train"], config),
+        test=up["estimate"].message if "estimate" in up else "",
         facts=_facts(up),
         seconds={
             stage: artefact.header.seconds for stage, artefact in up.items() if artefact.header.seconds is not None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -67,6 +68,43 @@ def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
     fixed = mesh.position[np.unique(mesh.fixed[:, 0])]
     loose = np.empty((0, 3)) if mesh.blocks else loose_nodes(mesh)
     return Layout(mesh.position, faces, np.empty((0, 3)), (), loads_of_page(mesh, loads), fixed, loose)
+
+
+def layout_of_test(
+    mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any], labels: Sequence[str], channels: np.ndarray
+) -> tuple[Layout, tuple[int, ...]]:
+    """The structure with the gauges that a test used, and which of them each channel belongs to.
+
+    labels of the channels, and channels (m,): their rows of train.h5. A gauge is called by the shortest of its channels'
+    labels, without the number of a grid.
+    """
+    training, screened = read(Training, up["train"]), read(Screened, up["screen"])
+    owner = training.candidates.gauge[channels]
+    numbers, first = np.unique(owner, return_index=True)
+    numbers = numbers[np.argsort(first)]
+    marks = tuple(int(np.flatnonzero(numbers == number)[0]) for number in owner)
+    listed = gauges_of(numbers, training, screened)
+    gauges = []
+    for i in range(len(numbers)):
+        label = min((label for label, mark in zip(labels, marks, strict=True) if mark == i), key=len)
+        several = len(listed.angles[i]) > 1
+        gauges.append(
+            Gauge(
+                label=re.sub(r"\.\d+$", "", label) if several else label,
+                element=int(listed.element[i]),
+                facet=int(listed.facet[i]),
+                position=listed.position[i],
+                direction=listed.directions[i][0],
+                normal=listed.normal[i],
+                angle=float(listed.angles[i][0]),
+                kind=listed.kind[i],
+                directions=listed.directions[i],
+                bonded=bool(listed.bonded[i]),
+                unit=listed.unit[i],
+            )
+        )
+    loose = np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh)
+    return replace(bare(mesh, loads), gauges=tuple(gauges), loose=loose), marks
 
 
 def _tested(found: HotSpots | None, i: int) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from strainsight.cases.layout.gauge_list import channel_labels
 from strainsight.estimation.verdict import word_of
 from strainsight.placement.criteria.choices import criterion_of
 from strainsight.placement.criteria.criterion import Criterion
+from strainsight.records.estimated import Histories
 from strainsight.records.layout import PlacedLayout, metric_key
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.record import read, unit_of
@@ -186,23 +187,23 @@ def noise_rows(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, 
     return tuple(sorted(rows, key=lambda row: row.factor))
 
 
-def filters_of(validate: Artefact) -> tuple[OtherFilter, ...]:
+def filters_of(own: Histories) -> tuple[OtherFilter, ...]:
     """Every parameter by every filter, the bank first."""
-    own = read(Validated, validate).compared
-    if own is None:
+    beside = own.compared
+    if beside is None:
         return ()
     return tuple(
         OtherFilter(
             name,
-            unit_of(own, "estimate", name),
+            unit_of(beside, "estimate", name),
             filter_,
             float(values[i]),
-            float(own.std[name][i] / values[i]),
-            float(own.ratio[name][i]),
-            "" if filter_ == BANK else comparison_verdict(float(own.ratio[name][i])),
+            float(beside.std[name][i] / values[i]),
+            float(beside.ratio[name][i]),
+            "" if filter_ == BANK else comparison_verdict(float(beside.ratio[name][i])),
         )
-        for name, values in own.estimate.items()
-        for i, filter_ in enumerate(own.filter)
+        for name, values in beside.estimate.items()
+        for i, filter_ in enumerate(beside.filter)
     )
 
 

@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
+from strainsight.errors import UserError
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
+from strainsight.records.estimated import Estimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
@@ -18,7 +20,7 @@ from strainsight.records.validated import Validated
 from strainsight.report.picture.layout import Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
 from strainsight.stages.pages.page_layout import bare, layout_of_page
-from strainsight.stages.view.surface import modes_view, stress_view
+from strainsight.stages.view.surface import modes_view, moment_view, stress_view
 from strainsight.workflow.artefact import Artefact
 
 MICRO = 1e6
@@ -40,8 +42,25 @@ def placement_view(config: PlacementConfig, what: str, up: Mapping[str, Artefact
     if what == "layout":
         return View(title, layout)
     if "estimate" in up:
-        return stress_view(f"{name}: estimate of the test", up["estimate"], layout, at)
-    return _strain(f"{name}: estimate of the validation", layout, up)
+        return _tested(name, layout, up["estimate"], at)
+    return _strain(f"{name}: estimate of the validation, which is simulated", layout, up)
+
+
+def _tested(name: str, layout: Layout, estimate: Artefact, at: float | None) -> View:
+    """Of the surface in time where it was asked for, else at the moment of the largest reading. Raises UserError without one."""
+    own = read(Estimated, estimate)
+    title = f"{name}: estimate of the test {own.source.file}"
+    if "/VTKHDF/Steps" in estimate:
+        return stress_view(title, estimate, layout, at)
+    then = own.moment
+    if then is None:
+        raise UserError(
+            "the estimate has no field: the mesh has no surface with materials",
+            where=str(estimate.path),
+            remedy="ask for --what layout, or --of validation",
+        )
+    when = f"t = {then.time:.4g} s (largest reading, {then.label})"
+    return moment_view(title, layout, then.von_mises.astype(float), then.displacement.astype(float), when)
 
 
 def _modes(name: str, mesh: Mesh, rom: Artefact) -> View:

@@ -40,6 +40,15 @@ def stress_view(title: str, artefact: Artefact, layout: Layout, at: float | None
     return View(title, surface, (panel,), "von Mises stress", "MPa", FACETS)
 
 
+def moment_view(title: str, layout: Layout, stress: np.ndarray, shift: np.ndarray, when: str) -> View:
+    """Von Mises stress (f,) [Pa] on the layout's facets at one moment, its displacement (n, 3) [m] exaggerated."""
+    factor = exaggerated(layout.points, shift)
+    panel = Panel(f"{when}, displacement × {factor:g}", stress / MEGA, factor * shift)
+    nothing = np.empty((0, 3))
+    surface = replace(layout, pool=nothing, fixed=nothing)
+    return View(title, surface, (panel,), "von Mises stress", "MPa", FACETS)
+
+
 def nearest(time: np.ndarray, at: float) -> int:
     """The instant nearest to `at` [s]. Raises UserError for one outside the record."""
     slack = 0.5 * float(np.diff(time).max(initial=0.0))

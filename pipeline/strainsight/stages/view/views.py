@@ -27,11 +27,18 @@ class Offers:
     absent: Mapping[str, str]
 
 
-def offers_of(config: PlacementConfig | BenchConfig, names: Sequence[str], body: str = "") -> Offers:
-    """What a placement or a bench with these stages could show; body: the flexible body of a bench."""
+TEST, VALIDATION = "test", "validation"
+"""What a field of a placement may be of."""
+STAGE = {TEST: "estimate", VALIDATION: "validate"}
+
+
+def offers_of(
+    config: PlacementConfig | BenchConfig, names: Sequence[str], body: str = "", of: str = VALIDATION
+) -> Offers:
+    """What a placement or a bench with these stages could show; body: the flexible body of a bench; of: what the field of a
+    placement is of."""
     if isinstance(config, BenchConfig):
         return _of_bench(config, names, body)
-    in_time = "estimate" in names and config.estimate is not None and config.estimate.field is not None
     placed = ("import", "rom", "train", "screen", "place")
     return Offers(
         {
@@ -39,7 +46,7 @@ def offers_of(config: PlacementConfig | BenchConfig, names: Sequence[str], body:
             "modes": ("import", "rom"),
             "candidates": ("import", "train"),
             "layout": placed,
-            "field": (*placed, "estimate" if in_time else "validate"),
+            "field": (*placed, STAGE[of]),
         },
         {},
     )
@@ -122,25 +129,32 @@ def view_of(
     what: str | None = None,
     at: float | None = None,
     body: str | None = None,
+    of: str | None = None,
 ) -> tuple[View, tuple[str, ...]]:
     """The view, and the stages that it was read from.
 
     config, stages: of a placement or a bench; folder: of its results; what: "mesh", "modes", "candidates", "layout", "field",
-    None: the furthest of field, layout and mesh that is there; at [s]: instant of a field in time; body: of a bench.
+    None: the furthest of field, layout and mesh that is there; at [s]: instant of a field in time; body: of a bench; of:
+    "test" or "validation", whose field, None: the test's where there is one.
     Raises UserError for what the run does not have or has not computed yet.
     """
     if body is not None and not isinstance(config, BenchConfig):
         raise UserError(f"--body {body}: a placement has one body", where=config_file, remedy="leave it out")
+    if of is not None and (isinstance(config, BenchConfig) or what not in (None, "field")):
+        remedy = "leave it out: a bench has one field" if isinstance(config, BenchConfig) else "ask for --what field"
+        raise UserError(f"--of {of}: this view has one source only", where=config_file, remedy=remedy)
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
-    offers = offers_of(config, stages, shown)
-    picked = chosen(offers, folder, what, config_file)
+    there = TEST if (folder / f"{STAGE[TEST]}.h5").is_file() else VALIDATION
+    offers = offers_of(config, stages, shown, of or there)
+    picked = chosen(offers, folder, what if of is None else "field", config_file)
     read = offers.stages[picked]
-    if at is not None and not (picked == "field" and read[-1] in ("field", "estimate")):
+    up = opened(offers, folder, picked)
+    if at is not None and not (picked == "field" and "/VTKHDF/Steps" in up[read[-1]]):
         remedy = (
             "leave it out, or ask for --what field" if picked != "field" else "leave it out: it is of one instant only"
         )
+        remedy += "; the surface in time is written with `estimate.field`" * (read[-1] == STAGE[TEST])
         raise UserError(f"--at {at:g}: this view of {picked} has no time", where=config_file, remedy=remedy)
-    up = opened(offers, folder, picked)
     if isinstance(config, BenchConfig):
         return bench_view(config, picked, shown, up, at), read
     return placement_view(config, picked, up, at), read

@@ -1,0 +1,59 @@
+"""Values as colours, and the bar that says which colour is which value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strainsight.report.arrays import FloatArray
+
+MAP, DIVERGING = "viridis", "coolwarm"
+"""Of values of one sign, and of values about zero."""
+STEPS = 9
+"""Colours that a bar on a page is made of."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """quantity and unit in words; the values low and high at the ends of the bar; name of its colours."""
+
+    quantity: str
+    unit: str
+    low: float
+    high: float
+    name: str
+
+
+def limits(values: FloatArray) -> tuple[float, float]:
+    """From the least to the largest finite value; about zero where both signs occur."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    if low < 0 < high:
+        low, high = -max(-low, high), max(-low, high)
+    return low, high if high > low else low + 1.0
+
+
+def scale_of(quantity: str, unit: str, values: FloatArray) -> Scale:
+    """The scale of these values."""
+    low, high = limits(values)
+    return Scale(quantity, unit, low, high, DIVERGING if low < 0 < high else MAP)
+
+
+def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]:
+    """(n, 3) of 0 to 255; missing: "#rrggbb" of what is no number."""
+    import matplotlib as mpl
+
+    share = np.clip((values - scale.low) / (scale.high - scale.low), 0.0, 1.0)
+    rgb = np.asarray(mpl.colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
+    found = np.round(255 * rgb).astype(np.uint8)
+    found[~np.isfinite(share)] = np.frombuffer(bytes.fromhex(missing[1:]), np.uint8)
+    return found
+
+
+def gradient(scale: Scale) -> str:
+    """The colours from low to high, as a background of CSS."""
+    ends = np.linspace(scale.low, scale.high, STEPS)
+    stops = ", ".join(f"#{bytes(rgb.tolist()).hex()}" for rgb in colours(scale, ends, "#000000"))
+    return f"linear-gradient(to right, {stops})"

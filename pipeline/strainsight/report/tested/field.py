@@ -1,0 +1,110 @@
+"""The surface at the moment of the largest reading: strain and stress as maps, and in space."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html import escape
+
+import numpy as np
+
+from strainsight.report.arrays import FloatArray
+from strainsight.report.page.markup import measure, picture
+from strainsight.report.page.scale import scale_bar
+from strainsight.report.picture.colours import Scale, scale_of
+from strainsight.report.space.model import Shape
+from strainsight.report.space.section import space_section
+from strainsight.report.tested.data import Findings, Map, Moment
+from strainsight.report.tested.parts import Parts
+from strainsight.report.text import number
+from strainsight.report.view.viewed import FACETS, Panel, View
+
+SIZE = (1000, 600)
+"""Of a map [px]; the page shows it at about half of that."""
+
+
+def views_of(report: Findings) -> tuple[View, ...]:
+    """A view of every map of the moment, to be drawn as a picture; none where there is no moment."""
+    moment = report.moment
+    if moment is None:
+        return ()
+    panel = f"t = {moment.time:.5g} s, displacement × {moment.factor:g}"
+    # Names of loads at one node would stand on one another; the view in space has the arrows.
+    bare = replace(report.layout, loads=())
+    return tuple(
+        View(
+            "",
+            bare,
+            (Panel(panel, own.values, moment.shift),),
+            own.quantity,
+            own.unit,
+            FACETS,
+            size=SIZE,
+            bar=False,
+        )
+        for own in moment.maps
+    )
+
+
+def field_section(parts: Parts) -> str:
+    """Maps side by side, then the structure to turn round; nothing where the mesh has no surface."""
+    moment = parts.report.moment
+    if moment is None:
+        return ""
+    lead = (
+        f'<p class="lead">The whole surface at {measure(moment.time, "s")}, the moment of the largest reading '
+        f"({escape(moment.label)}), smoothed.</p>"
+    )
+    cards = ""
+    for own, png in zip(moment.maps, parts.pictures, strict=False):
+        cards += (
+            f'<figure class="card"><h3>{escape(own.quantity)}</h3><div class="scene" tabindex="0" role="region" '
+            f'aria-label="picture: {escape(own.quantity)}">{picture(png, _alt(own, moment), *SIZE)}</div>'
+            f"{scale_bar(scale(own))}<figcaption>{_said(own)}</figcaption></figure>"
+        )
+    if not parts.pictures:
+        said = f"<p><strong>No picture.</strong> {escape(parts.problem)}</p>" if parts.problem else ""
+        cards = f'<div class="card">{said}{"".join(f"<p>{_said(own)}</p>" for own in moment.maps)}</div>'
+    return f'<h2>Strain and stress of the surface</h2>{lead}<div class="figures">{cards}</div>'
+
+
+def space_of(parts: Parts) -> str:
+    """The structure to turn round, coloured by the last map of the moment."""
+    report, moment = parts.report, parts.report.moment
+    if moment is None:
+        return space_section([("", report.layout)])
+    own = moment.maps[-1]
+    shape = Shape(f"at {number(moment.time)} s, displacement × {number(moment.factor)}", moment.shift)
+    values = at_points(own.values, report.layout.faces, len(report.layout.points))
+    return space_section([("", report.layout)], [shape], colours=(values, scale(own)))
+
+
+def scale(own: Map) -> Scale:
+    """From the least to the largest value, about zero where both signs occur."""
+    return scale_of(own.quantity, own.unit, own.values)
+
+
+def at_points(values: FloatArray, faces: np.ndarray, points: int) -> FloatArray:
+    """Values (f,) of facets (f, 8), padded with −1, as the mean of the facets about every point (n,); NaN where none is."""
+    facet, column = np.nonzero(faces >= 0)
+    node = faces[facet, column]
+    many = np.bincount(node, minlength=points)
+    total = np.bincount(node, weights=values[facet], minlength=points)
+    return np.where(many > 0, total / np.maximum(many, 1), np.nan)
+
+
+def _said(own: Map) -> str:
+    """The extremes of a map, with σ at the largest where it is known."""
+    low, high = int(np.argmin(own.values)), int(np.argmax(own.values))
+    at = high if abs(own.values[high]) >= abs(own.values[low]) else low
+    sigma = "" if own.std is None else f" ± {measure(float(own.std[at]), own.unit, 2)}"
+    span = f"From {measure(float(own.values[low]), own.unit)} to {measure(float(own.values[high]), own.unit)}"
+    largest = f"largest size {measure(float(own.values[at]), own.unit)}{sigma}" if own.std is not None else ""
+    return f"{span}{f'; {largest}' if largest else ''}, by facets at their middles."
+
+
+def _alt(own: Map, moment: Moment) -> str:
+    low, high = float(own.values.min()), float(own.values.max())
+    return (
+        f"{own.quantity} of the surface at {number(moment.time)} s, in colours from {number(low, 3)} to "
+        f"{number(high, 3)} {own.unit}."
+    )

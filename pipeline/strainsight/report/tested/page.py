@@ -1,0 +1,111 @@
+"""One self-contained HTML page of a test: what was found first, then what it rests on.
+
+A further section is a function of `Parts` that gives HTML, "" where there is nothing to show, and an entry in SECTIONS; what it
+shows stands in `Findings`, its figures in `figures.figures_of_test`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+
+from strainsight.report.chart.drawing import Drawing
+from strainsight.report.page.budget import budget_section
+from strainsight.report.page.document import document
+from strainsight.report.page.filters import filters_section
+from strainsight.report.page.markup import bullets, figures, pairs
+from strainsight.report.space.section import STYLE, script
+from strainsight.report.tested.data import Findings
+from strainsight.report.tested.field import field_section, space_of
+from strainsight.report.tested.file import file_section
+from strainsight.report.tested.first import answer, extremes_section, first_screen
+from strainsight.report.tested.hold_out import hold_out_section
+from strainsight.report.tested.parts import Parts, chosen, multiples
+
+FOOTER = (
+    "σ is one standard deviation, as the filter claims it. Loads and the surface are smoothed: from all samples, earlier and "
+    "later ones. Readings are reconstructed by the filter, from the samples up to each instant. Left over: measured less "
+    "reconstructed."
+)
+SPECTRA = (
+    "Measured less reconstructed, beside the noise as stated (dashed). Below that line noise was taken for motion or load; what "
+    "stands out above it the model does not have."
+)
+
+
+def _readings(parts: Parts) -> str:
+    lead = '<p class="lead">What each channel measured, and what the estimate says that it reads; below, the difference.</p>'
+    shown = multiples(chosen(parts, "reading-"))
+    return f"<h2>Measured and reconstructed</h2>{lead}{shown}" if shown else ""
+
+
+def _residuals(parts: Parts) -> str:
+    lead = f'<p class="lead">{SPECTRA}</p>'
+    shown = multiples(chosen(parts, "residual-"))
+    there = {own.name for own in parts.report.residuals}
+    none = [own.label for own in parts.report.readings if own.label not in there]
+    if none:
+        shown += f'<p class="note">None of {escape(", ".join(none))}: too few samples follow one another.</p>'
+    return f"<h2>Spectra of what is left over</h2>{lead}{shown}" if shown else ""
+
+
+def _loads(parts: Parts) -> str:
+    cards = chosen(parts, "load-", "resultant-", "spectrum-", "known-")
+    return figures(cards, "<h2>Loads</h2>")
+
+
+def _parameters(parts: Parts) -> str:
+    return figures(chosen(parts, "estimate-", "posterior-"), "<h2>Parameters</h2>")
+
+
+def _budget(parts: Parts) -> str:
+    return budget_section(parts.report.budget)
+
+
+def _filters(parts: Parts) -> str:
+    return filters_section(parts.report.filters)
+
+
+def _warnings(parts: Parts) -> str:
+    if not parts.report.warnings:
+        return ""
+    return f'<h2 id="warnings">Warnings</h2><div class="card warnings">{bullets(parts.report.warnings)}</div>'
+
+
+def _provenance(parts: Parts) -> str:
+    report, cards = parts.report, ""
+    for name, entries in (("Model and run", report.facts), ("Provenance", report.provenance)):
+        if entries:
+            cards += f'<section class="card"><h3>{name}</h3>{pairs(name.lower(), entries.items())}</section>'
+    return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""
+
+
+SECTIONS: tuple[Callable[[Parts], str], ...] = (
+    first_screen,
+    _readings,
+    hold_out_section,
+    _residuals,
+    _loads,
+    _parameters,
+    extremes_section,
+    field_section,
+    space_of,
+    _budget,
+    _filters,
+    _warnings,
+    file_section,
+    _provenance,
+)
+"""What the page shows, from the top."""
+
+
+def page_of_test(
+    report: Findings, drawings: tuple[Drawing, ...], pictures: tuple[bytes, ...] = (), problem: str = ""
+) -> str:
+    """The page as HTML text without any resource outside itself.
+
+    drawings from `figures.figures_of_test`; pictures: PNG of `field.views_of`, or none with the sentence on why.
+    """
+    parts = Parts(report, drawings, pictures, problem)
+    sections = [section(parts) for section in SECTIONS]
+    return document("test", report.name, report.title, answer(report), sections, FOOTER, (STYLE,), (script(),))

@@ -1,0 +1,223 @@
+"""Everything that the page of a test shows, gathered from the artefacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from strainsight import __version__
+from strainsight.cases.filters_compared import disagreements_in_words
+from strainsight.cases.structure.posterior import posterior_doubts
+from strainsight.config.placement import PlacementConfig
+from strainsight.gauges.candidates import UNITS
+from strainsight.records.estimated import Estimated, Source
+from strainsight.records.mesh import mesh_from
+from strainsight.records.record import read, unit_of
+from strainsight.records.training import Training
+from strainsight.report.arrays import History
+from strainsight.report.tested.data import (
+    File,
+    FileChannel,
+    Findings,
+    Map,
+    Moment,
+    Posterior,
+    Reading,
+    Spectrum,
+    Unknown,
+    peak_of,
+)
+from strainsight.report.tested.first import title_of
+from strainsight.report.view.viewed import exaggerated
+from strainsight.signals.spectra import density, noise_density
+from strainsight.stages.pages.page_layout import layout_of_test
+from strainsight.stages.pages.page_numbers import filters_of
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.stage import Context
+
+MEGA, MICRO = 1e6, 1e6
+NOTHING = "nothing was done"
+
+
+def findings_of(context: Context[PlacementConfig]) -> Findings:
+    """The page's content, from import, rom, train, screen, place and estimate."""
+    up, config = context.upstream, context.config
+    estimate = up["estimate"]
+    own, summary = read(Estimated, estimate), estimate.summary
+    names = [str(name) for name in config.place.estimate]
+    units = {name: unit_of(own, "estimate", name) for name in names}
+    loads = [name for name in names if name in config.loads]
+    mesh = mesh_from(up["import"])
+    layout, marks = layout_of_test(mesh, up, config.loads, own.gauge.label, own.gauge.channel)
+    withheld = str(summary.get("withheld", ""))
+    readings = _readings(own, marks, read(Training, up["train"]))
+    doubts = posterior_doubts(own.posterior, units)
+    return Findings(
+        name=config.name,
+        title=title_of(config.name, tuple(names)),
+        unknowns=tuple(
+            _unknown(name, units[name], name in loads, own, summary, [t for t in doubts if f"{name} " in f"{t} "])
+            for name in names
+        ),
+        verdict=str(summary["verdict"]),
+        consistent=bool(summary["consistent"]),
+        warnings=_warnings(estimate, withheld, doubts),
+        notes=own.notes,
+        layout=layout,
+        histories=tuple(_history(name, units[name], name in loads, own) for name in names),
+        file=_file(own),
+        readings=readings,
+        residuals=tuple(found for reading in readings if (found := _residual(reading)) is not None),
+        resultants=tuple(
+            History(there.place, "N", own.time, None, there.magnitude, there.std) for there in own.resultant.values()
+        ),
+        known=tuple(
+            History(name, "N", own.time, None, values, np.full(len(values), np.nan))
+            for name, values in own.known.items()
+        ),
+        load_spectra=tuple(found for name in loads if (found := _load(name, units[name], own)) is not None),
+        posteriors=tuple(
+            Posterior(name, units[name], found.value, found.density, found.prior)
+            for name, found in own.posterior.items()
+        ),
+        filters=filters_of(own),
+        budget={} if own.budget is None else own.budget.shares,
+        moment=_moment(own, layout.points),
+        facts={stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "estimate")},
+        provenance={"strainsight": __version__, "seed": str(config.seed)}
+        | {f"{stage} artefact": up[stage].key[:16] for stage in up},
+    )
+
+
+def _warnings(estimate: Artefact, withheld: str, doubts: list[str]) -> tuple[str, ...]:
+    """What a reader has to know, the gravest first: why σ is withheld, what the record contradicts, what it cannot tell."""
+    summary, own = estimate.summary, read(Estimated, estimate)
+    texts = [withheld] * bool(withheld)
+    if not summary["consistent"]:
+        texts.append(str(summary["verdict"]))
+    texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
+    texts += [*doubts, *disagreements_in_words(own.compared)]
+    return tuple(f"{text[0].upper()}{text[1:]}" for text in texts if text)
+
+
+def _unknown(
+    name: str, unit: str, load: bool, own: Estimated, summary: Mapping[str, object], doubts: list[str]
+) -> Unknown:
+    std = summary.get(f"std.{name}")
+    return Unknown(
+        name=name,
+        unit=unit,
+        kind="load" if load else "parameter",
+        estimate=float(str(summary[f"estimate.{name}"])),
+        std=None if std is None or not np.isfinite(float(str(std))) else float(str(std)),
+        peak=peak_of(own.time, own.smoothed[name]) if load else None,
+        doubts=tuple(doubts),
+    )
+
+
+def _history(name: str, unit: str, load: bool, own: Estimated) -> History:
+    """A load as smoothed; a parameter as it was filtered, and as smoothed."""
+    if load:
+        return History(name, unit, own.time, None, own.smoothed[name], own.smoothed_std[name])
+    return History(
+        name, unit, own.time, None, own.estimate[name], own.std[name], own.smoothed[name], own.smoothed_std[name]
+    )
+
+
+def _readings(own: Estimated, marks: tuple[int, ...], training: Training) -> tuple[Reading, ...]:
+    gauge, offsets = own.gauge, {}
+    if own.bias is not None:
+        offsets = {
+            int(c): (float(m), float(s)) for c, m, s in zip(own.bias.channel, own.bias.mean, own.bias.std, strict=True)
+        }
+    found = []
+    for i, label in enumerate(gauge.label):
+        offset = offsets.get(i)
+        shift = 0.0 if offset is None else offset[0]
+        found.append(
+            Reading(
+                label=label,
+                gauge=marks[i],
+                unit=UNITS[int(training.candidates.quantity[gauge.channel[i]])],
+                time=gauge.time,
+                measured=gauge.measured[:, i] - shift,
+                estimated=gauge.estimated[:, i] - shift,
+                std=gauge.std[:, i],
+                noise_std=float(gauge.noise_std[i]),
+                offset=offset,
+            )
+        )
+    return tuple(found)
+
+
+def _residual(reading: Reading) -> Spectrum | None:
+    step = _step(reading.time)
+    frequency, found = density(reading.residual, step)
+    if not len(frequency):
+        return None
+    return Spectrum(reading.label, reading.unit, frequency, found, noise_density(reading.noise_std, step))
+
+
+def _load(name: str, unit: str, own: Estimated) -> Spectrum | None:
+    frequency, found = density(own.smoothed[name], _step(own.time))
+    return Spectrum(name, unit, frequency, found) if len(frequency) else None
+
+
+def _step(time: np.ndarray) -> float:
+    return float(time[-1] - time[0]) / (len(time) - 1) if len(time) > 1 else 1.0
+
+
+def _moment(own: Estimated, points: np.ndarray) -> Moment | None:
+    then = own.moment
+    if then is None:
+        return None
+    shift = then.displacement.astype(float)
+    factor = exaggerated(points, shift)
+    mises = Map(
+        "von Mises stress",
+        "MPa",
+        then.von_mises.astype(float) / MEGA,
+        None if then.von_mises_std is None else then.von_mises_std.astype(float) / MEGA,
+    )
+    strain = Map("principal strain of largest size", "µm/m", then.principal_strain.astype(float) * MICRO)
+    return Moment(then.time, then.label, factor * shift, factor, (strain, mises))
+
+
+def _file(own: Estimated) -> File:
+    source, time = own.source, own.time
+    step = _step(own.gauge.time) if len(own.gauge.time) > 1 else float(time[-1] - time[0])
+    return File(
+        name=source.file,
+        sha256=source.sha256,
+        bytes=source.bytes,
+        format=source.format,
+        date=source.date,
+        rate=1 / step,
+        start=float(time[0]),
+        duration=float(time[-1] - time[0]),
+        samples=len(own.gauge.time),
+        channels=tuple(
+            FileChannel(name, source.measures[i], source.unit[i], calibration_in_words(source, i))
+            for i, name in enumerate(source.channel)
+        ),
+    )
+
+
+def calibration_in_words(source: Source, i: int) -> str:
+    """What was done to channel i of the file, in the order in which it was done."""
+    unit, parts = source.unit[i], []
+    if source.offset[i]:
+        parts.append(f"less {source.offset[i]:g} {unit}")
+    if source.drift[i]:
+        parts.append(f"less {source.drift[i]:g} {unit} a second")
+    if np.isfinite(source.zero[i]).all():
+        parts.append("less its mean from {:g} to {:g} s".format(*source.zero[i]))
+    if source.sign[i] < 0:
+        parts.append("sign turned")
+    if source.bridge[i]:
+        ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
+        parts.append(f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}")
+    if source.scale[i] != 1:
+        parts.append(f"times {source.scale[i]:g}")
+    return "; ".join(parts) or NOTHING

@@ -1,0 +1,62 @@
+"""The page of a test in a browser: from findings whose signals are known, in the cases that put most and least on it."""
+
+from __future__ import annotations
+
+import pytest
+
+from strainsight.report.tested.field import views_of
+from strainsight.report.tested.figures import figures_of_test
+from strainsight.report.tested.page import page_of_test
+from strainsight.report.view.viewing import screenshots
+
+from ..report.tested.findings import CASES
+from . import answers, space, tables
+from .every import (  # noqa: F401  every page has to pass these
+    test_every_picture_has_words,
+    test_it_fits_a_phone,
+    test_it_is_photographed_and_printed,
+    test_it_opens_without_a_word_and_asks_for_nothing,
+    test_its_markup_and_styles_are_valid,
+    test_there_is_no_barrier_in_light_or_in_dark,
+)
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module", params=["plain", "σ withheld", "sensors", "held out"])
+def report(request, tmp_path_factory):
+    """The page, in a folder of the case's name, by which its pictures are called."""
+    own = CASES[request.param]()
+    folder = tmp_path_factory.mktemp("pages") / f"test-{request.param.replace(' ', '-').replace('σ', 'sigma')}"
+    folder.mkdir()
+    page = page_of_test(own, figures_of_test(own), tuple(screenshots(views_of(own))))
+    (folder / "test.html").write_text(page, encoding="utf-8")
+    return folder / "test.html"
+
+
+def test_every_number_of_the_first_screen_is_exact(look, report):
+    """But in the name of the file, in what the verdict says in words, and in the labels of grids."""
+    labels = ("G2.2", "G2.3", "G4.2", *(f"G{i}" for i in range(1, 7)))
+    answers.has_no_other_digit(look(report), "run <7>.csv", "3.1 times", *labels)
+
+
+def test_its_tables_sort_and_those_of_one_unit_copy_and_save(look, report):
+    """Where the rows of a column differ in their units, these stand in a column behind it."""
+    page = look(report).page
+    names = tables.unfolded(page)
+    assert {"channels", "extremes", "calibration"} <= set(names)
+    for name in names:
+        table = tables.table_named(page, name)
+        head = tables.copied(table)[0]
+        if any(text.endswith(", unit") for text in head):
+            tables.sorts_by_every_head(table)
+            assert name in ("channels", "extremes", "filters compared")
+        else:
+            tables.works(table, "beam", name)
+
+
+def test_the_structure_turns_and_carries_the_stress(look, report):
+    found = look(report)
+    space.shows_a_structure(found)
+    space.turns_under_the_mouse(found)
+    assert found.page.locator(".scale").count() == 3

@@ -1,0 +1,246 @@
+"""Findings of a test on the box of tests/report/conftest.py, from a known signal: one unknown load and E, four strain gauges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.report.arrays import History
+from strainsight.report.chart.posterior import Posterior
+from strainsight.report.page.filters import OtherFilter
+from strainsight.report.tested.data import (
+    File,
+    FileChannel,
+    Findings,
+    HoldOut,
+    Map,
+    Moment,
+    Reading,
+    Spectrum,
+    Unknown,
+    peak_of,
+)
+
+from ..conftest import layout, mixed_layout
+
+STEP, SAMPLES = 1e-3, 4000
+NOISE = 0.7e-6
+TIME = STEP * np.arange(1, SAMPLES + 1)
+INSTANTS = STEP * np.arange(SAMPLES + 1)
+
+
+def load(amplitude=2e3, frequency=11.0):
+    """Sine with one short shock at 2.5 s."""
+    shock = np.exp(-(((INSTANTS - 2.5) / 0.01) ** 2))
+    return amplitude * (np.sin(2 * np.pi * frequency * INSTANTS) + 1.5 * shock)
+
+
+def reading(label="G1", gauge=0, unit="strain", size=5e-5, **changes):
+    rng = np.random.default_rng(gauge + 1)
+    true, noise = size * load()[1:] / 2e3, NOISE * size / 5e-5
+    std = np.full(SAMPLES, 0.4 * noise)
+    own = Reading(label, gauge, unit, TIME, true + noise * rng.standard_normal(SAMPLES), true, std, noise)
+    return replace(own, **changes)
+
+
+def unknown_load(name="side", withheld=False):
+    values = load()
+    std = None if withheld else 60.0
+    return Unknown(name, "N", "load", float(np.sqrt(np.mean(values**2))), std, peak_of(INSTANTS, values))
+
+
+def history(name, values, std, unit="N"):
+    return History(name, unit, INSTANTS, None, values, np.full(len(values), std))
+
+
+def spectrum(name, unit="strain", level=2 * NOISE**2 * STEP):
+    f = np.arange(1.0, 500.0)
+    return Spectrum(name, unit, f, 1e-15 * (1 + np.sin(f) ** 2), level)
+
+
+def channels(*names):
+    return tuple(FileChannel(name, name, "um/m", "less 3 um/m; sign turned") for name in names)
+
+
+def file_of(*names):
+    return File("run <7>.csv", "ab" * 32, 123_456, "csv", "2025-03-14", 1000.0, 0.0, 4.0, SAMPLES, channels(*names))
+
+
+def held(label="G1", gauge=0):
+    own = reading(label, gauge)
+    return HoldOut(label, gauge, own.unit, own.time, own.measured, own.estimated, np.full(SAMPLES, own.noise_std))
+
+
+def moment(points, faces):
+    shift = np.column_stack([0 * points[:, 0], 0 * points[:, 0], 0.02 * points[:, 0] ** 2])
+    middle = np.array([points[face[face >= 0]].mean(axis=0) for face in faces])
+    mises = 40.0 * (2.0 - middle[:, 0])
+    strain = Map("principal strain of largest size", "µm/m", 300.0 * (middle[:, 2] - 0.06))
+    return Moment(2.5, "G1", shift, 100.0, (strain, Map("von Mises stress", "MPa", mises, 0.05 * mises)))
+
+
+def findings(**changes):
+    own = layout()
+    value = np.linspace(2.0e11, 2.2e11, 101)
+    E = np.full(SAMPLES + 1, 2.1e11)
+    labels = [gauge.label for gauge in own.gauges]
+    made = Findings(
+        name="beam",
+        title="beam: what the test says of side and E",
+        unknowns=(unknown_load(), Unknown("E", "Pa", "parameter", 2.1e11, 1.2e9)),
+        verdict="the innovations are as large as the noise you stated",
+        consistent=True,
+        warnings=(),
+        notes=("G1: 1 of 4001 samples are missing",),
+        layout=own,
+        histories=(
+            history("side", load(), 60.0),
+            History("E", "Pa", INSTANTS, None, E, 0.01 * E, E, 0.01 * E),
+        ),
+        file=file_of(*labels, "tip"),
+        readings=tuple(reading(label, i) for i, label in enumerate(labels)),
+        residuals=tuple(spectrum(label) for label in labels),
+        known=(history("tip", 3 * load(), np.nan),),
+        load_spectra=(spectrum("side", "N", None),),
+        posteriors=(Posterior("E", "Pa", value, np.exp(-(((value - 2.1e11) / 1e9) ** 2)), 0 * value + 0.1),),
+        filters=(OtherFilter("E", "Pa", "bank", 2.1e11, 0.006, 1.0),),
+        budget={"E": {"noise": 0.4, "gain": 0.6}},
+        moment=moment(own.points, own.faces),
+        facts={"import": "40 elements"},
+        provenance={"seed": "0"},
+    )
+    return replace(made, **changes)
+
+
+def several_loads():
+    names = ("Fx", "Fy", "Fz")
+    return findings(
+        unknowns=tuple(unknown_load(name) for name in names),
+        histories=tuple(history(name, load(), 60.0) for name in names),
+        resultants=(history("node 2", np.abs(load()), 60.0),),
+        load_spectra=tuple(spectrum(name, "N", None) for name in names),
+        posteriors=(),
+        filters=(),
+        budget={},
+        known=(),
+    )
+
+
+def parameters_only():
+    own = findings()
+    return replace(own, unknowns=own.unknowns[1:], histories=own.histories[1:], load_spectra=())
+
+
+def withheld():
+    why = "no load is known: the parameters rest on what is stated of the loads, and σ is withheld"
+    own = findings()
+    nothing = np.full(SAMPLES, np.nan)
+    E = own.histories[1]
+    none = np.full(SAMPLES + 1, np.nan)
+    bare = own.moment
+    assert bare is not None
+    return replace(
+        own,
+        unknowns=(unknown_load(withheld=True), Unknown("E", "Pa", "parameter", 2.1e11, None)),
+        warnings=(why, "the innovations are 3.1 times larger than the noise you stated"),
+        consistent=False,
+        readings=tuple(replace(reading, std=nothing) for reading in own.readings),
+        histories=(history("side", load(), np.nan), replace(E, std=none, smoothed_std=none)),
+        posteriors=(),
+        filters=(),
+        budget={},
+        known=(),
+        moment=replace(bare, maps=tuple(replace(own_map, std=None) for own_map in bare.maps)),
+    )
+
+
+def single():
+    own = findings()
+    return replace(
+        own,
+        unknowns=own.unknowns[:1],
+        histories=own.histories[:1],
+        readings=own.readings[:1],
+        residuals=own.residuals[:1],
+        posteriors=(),
+    )
+
+
+def sensors():
+    """A rosette of three grids, an accelerometer of two axes and a displacement sensor besides a gauge."""
+    kinds = [
+        ("G1", 0, "strain", 5e-5), ("G2", 1, "strain", 4e-5), ("G2.2", 1, "strain", 2e-5), ("G2.3", 1, "strain", 1e-5),
+        ("G4", 3, "m/s^2", 30.0), ("G4.2", 3, "m/s^2", 3.0), ("G6", 5, "m", 2e-4),
+    ]  # fmt: skip
+    box = mixed_layout()
+    return findings(
+        layout=box,
+        readings=tuple(reading(label, gauge, unit, size) for label, gauge, unit, size in kinds),
+        residuals=tuple(spectrum(label, unit) for label, _, unit, _ in kinds),
+        moment=moment(box.points, box.faces),
+    )
+
+
+def missing():
+    """A stretch without samples, one channel with none at all."""
+    own = findings()
+    gap = own.readings[0].measured.copy()
+    gap[500:2600] = np.nan
+    nothing = np.full(SAMPLES, np.nan)
+    first, second, *rest = own.readings
+    return replace(
+        own,
+        readings=(replace(first, measured=gap), replace(second, measured=nothing), *rest),
+        residuals=(own.residuals[0], *own.residuals[2:]),
+    )
+
+
+def biased():
+    own = findings()
+    return replace(own, readings=(replace(own.readings[0], offset=(3.1e-4, 2e-6)), *own.readings[1:]))
+
+
+def many():
+    """Twenty channels of four gauges' marks."""
+    labels = [f"G{i + 1}" for i in range(20)]
+    return findings(
+        readings=tuple(reading(label, i % 4) for i, label in enumerate(labels)),
+        residuals=tuple(spectrum(label) for label in labels),
+    )
+
+
+def held_out():
+    return findings(hold_out=(held("G1", 0), held("G2", 1)))
+
+
+def bare():
+    """No surface, no notes, nothing besides the unknown."""
+    return findings(
+        moment=None,
+        notes=(),
+        budget={},
+        filters=(),
+        posteriors=(),
+        known=(),
+        residuals=(),
+        load_spectra=(),
+        facts={},
+        provenance={},
+    )
+
+
+CASES = {
+    "plain": findings,
+    "several loads": several_loads,
+    "parameters only": parameters_only,
+    "σ withheld": withheld,
+    "one channel": single,
+    "sensors": sensors,
+    "missing samples": missing,
+    "offsets": biased,
+    "twenty channels": many,
+    "held out": held_out,
+    "bare": bare,
+}
+"""What a page of a test may have to show."""

@@ -1,0 +1,161 @@
+"""The page of a test: whole and self-contained in every case, and its numbers are those of the findings."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from strainsight.report.tested.figures import figures_of_test
+from strainsight.report.tested.page import page_of_test
+
+from ..outline import names_of_regions, nothing_comes_from_outside, steps_in_order
+from .findings import CASES, NOISE, SAMPLES, biased, findings, held_out, load, missing, withheld
+
+PNG = b"\x89PNG not really"
+
+
+@cache
+def drawn(case):
+    return figures_of_test(CASES[case]())
+
+
+def page(case="plain", own=None, pictures=(PNG, PNG), problem=""):
+    return page_of_test(own or CASES[case](), drawn(case), pictures, problem)
+
+
+def shown(text, after):
+    """The exact numbers of the row that begins with this word."""
+    row = re.search(rf'<tr><th scope="row">(?:<span[^>]*>)?{re.escape(after)}(?:</span>)?</th>(.*?)</tr>', text)
+    assert row, after
+    return [float(value) for value in re.findall(r'<data value="([^"]+)"', row[1])]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_is_whole_in_every_case_and_fetches_nothing(case):
+    text = page(case)
+    outline = nothing_comes_from_outside(text)
+    assert len(outline.ids) == len(set(outline.ids))
+    assert outline.targets <= set(outline.ids)
+    assert steps_in_order(outline)
+    regions = names_of_regions(outline)
+    assert len(regions) == len(set(regions))
+    assert not re.search(r"\bnan\b", " ".join(outline.text), re.IGNORECASE)
+    for own in CASES[case]().readings:
+        assert f">{own.label}</h3>" in text
+
+
+def test_the_first_screen_has_every_unknown_with_its_sigma_and_the_verdict():
+    text = page()
+    first = text[: text.index("Measured and reconstructed")]
+    rms = float(np.sqrt(np.mean(load() ** 2)))
+    assert f'<data value="{rms!r}" data-unit="N">' in first
+    top = float(load().max())
+    assert f'<data value="{top!r}" data-unit="N">' in first
+    assert f'<data value="{1.2e9 / 2.1e11!r}">' in first
+    assert "✓ the innovations are as large as the noise you stated." in first
+
+
+def test_withheld_sigma_comes_first_with_its_reason_and_no_number_stands_for_it():
+    own = withheld()
+    text = page("σ withheld")
+    answer = re.search(r'<p class="answer"[^>]*>(.*?)</p>', text)
+    assert answer
+    assert answer[1].startswith(f'<strong class="bad">{own.warnings[0]}.')
+    assert answer[1].count("σ withheld") == 2
+    assert "±2σ" not in "".join(figure.svg.decode() for figure in drawn("σ withheld"))
+    assert "±2σ" in "".join(figure.svg.decode() for figure in drawn("plain"))
+    assert text.count(">does not fit<") == 1
+
+
+def test_a_channel_is_compared_with_its_noise():
+    text = page()
+    own = findings().readings[0]
+    left = own.measured - own.estimated
+    size, rest, ratio, top, at, gone = shown(text, "G1")
+    assert rest == pytest.approx(np.sqrt(np.mean(left**2)))
+    assert ratio == pytest.approx(1.0, abs=0.05) == rest / NOISE
+    assert size == pytest.approx(np.sqrt(np.mean(own.measured**2)))
+    assert (abs(top), at) == (np.abs(own.measured).max(), own.time[np.abs(own.measured).argmax()])
+    assert gone == 0
+
+
+def test_missing_samples_are_counted_and_never_drawn_across():
+    text = page("missing samples")
+    assert shown(text, "G1")[-1] == 2100
+    assert shown(text, "G2") == [SAMPLES]  # and dashes for what cannot be known of it
+    assert "2100 of 4000 samples are missing" in text
+    assert "None of G2: too few samples follow one another" in text
+    assert missing().readings[1].missing == SAMPLES
+
+
+def test_an_estimated_offset_is_stated_with_its_sigma():
+    assert biased().readings[0].offset is not None
+    assert "An offset of 310 ± 2 µm/m was estimated and is taken off" in page("offsets")
+
+
+def test_further_channels_are_folded_away_but_there():
+    text = page("twenty channels")
+    assert text.count("<summary>8 more</summary>") == 2
+    assert all(f"<h3>G{i}</h3>" in text for i in range(1, 21))
+    assert len(text) < 6e6
+
+
+def test_the_file_is_stated_with_its_digest_and_every_calibration():
+    text = page()
+    assert "run &lt;7&gt;.csv" in text
+    assert "run <7>" not in text
+    assert f">{'ab' * 32}<" in text.replace("<wbr>", "")
+    for words_ in ("123 kB (123456 bytes)", "2025-03-14", "1 kHz", "less 3 um/m; sign turned"):
+        assert words_ in text
+    assert "not stated (estimate.date)" in page(own=replace(findings(), file=replace(findings().file, date="")))
+
+
+def test_without_a_picture_the_numbers_of_the_maps_stand_there_with_the_reason():
+    text = page(pictures=(), problem="no OpenGL: install it")
+    assert "<strong>No picture.</strong> no OpenGL: install it" in text
+    assert text.count("by facets at their middles") == 2
+    assert "Strain and stress of the surface" not in page("bare")
+
+
+def test_held_out_channels_have_a_table_a_cross_plot_and_an_overlay():
+    text = page("held out")
+    error, share, sigma, inside = shown(text[text.index('data-table="hold-out"') :], "G1")
+    own = held_out().hold_out[0]
+    residual = own.measured - own.predicted
+    assert error == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert share == pytest.approx(np.sqrt(np.mean(residual**2) / np.mean(own.measured**2)))
+    assert sigma == pytest.approx(np.sqrt(np.mean((residual / own.std) ** 2)))
+    assert inside == pytest.approx(np.mean(np.abs(residual) < 2 * own.std))
+    assert inside == pytest.approx(0.954, abs=0.01)
+    assert text.count("measured over predicted") >= 2
+    assert "No gauge was held out" in page()
+    assert "No gauge was held out" not in text
+
+
+def test_names_of_a_config_are_text_on_the_page_and_nothing_else():
+    evil = '<script>alert("x")</script>'
+    own = findings()
+    text = page_of_test(
+        replace(
+            own,
+            name=evil,
+            title=evil,
+            warnings=(evil,),
+            verdict=evil,
+            notes=(evil,),
+            unknowns=(replace(own.unknowns[0], name=evil, doubts=(evil,)),),
+            file=replace(
+                own.file, name=evil, date=evil, channels=(replace(own.file.channels[0], name=evil, unit=evil),)
+            ),
+            readings=(replace(own.readings[0], label=evil),),
+        ),
+        (),
+        (),
+        evil,
+    )
+    assert "<script>alert" not in text
+    nothing_comes_from_outside(text)

@@ -1,0 +1,239 @@
+"""The page of a test, its figures, views and status: what they show is what estimate.h5 holds, and they say what it is of."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.cases.structure.surface import largest_principal, largest_reading
+from strainsight.errors import UserError
+from strainsight.records.estimated import Estimated
+from strainsight.records.record import read
+from strainsight.stages.figures import figures_of
+from strainsight.stages.placement import stages_for
+from strainsight.stages.view.views import view_of
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .conftest import ROOT, job_of
+from .tested_beam import CONFIG, estimated
+
+NOISE = 0.5e-6
+DATED = "estimate.date=2025-03-14 10:20"
+
+
+def call(project, command, *words):
+    done = CliRunner().invoke(app, [command, str(project / "test.yaml"), "--results", str(project / "results"), *words])
+    assert "Traceback" not in done.output
+    return done
+
+
+def options_of(folder):
+    return json.loads((folder / "options.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """Placed gauges and the record of a training run that they would have made, in µm/m and wired the wrong way round at G2, with
+    its estimate; nothing of it was validated."""
+    folder = tmp_path_factory.mktemp("tested")
+    channels = CONFIG[CONFIG.index("    - {channel: G1") : CONFIG.index("  inputs:")]
+    text = CONFIG.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf")).replace(
+        channels,
+        "    - {channel: G1, gauge: G1, unit: um/m, bias: 1.0e-5}\n"
+        "    - {channel: G2, gauge: G2, unit: um/m, sign: -1, offset: 12.0}\n"
+        "    - {channel: G3, gauge: G3, unit: um/m}\n",
+    )
+    (folder / "test.yaml").write_text(text)
+    assert call(folder, "place").exit_code == 0
+    train, place = (Artefact(folder / "results" / "test" / f"{name}.h5") for name in ("train", "place"))
+    strain = train["/strain"][:, place["/selected/final/number"][:3]]
+    rng = np.random.default_rng(5)
+    readings = 1e6 * (strain + NOISE * rng.standard_normal((len(strain), 3)))
+    readings[:, 0] += 9.0
+    readings[:, 1] = 12.0 - readings[:, 1]
+    time = train["/time"]
+    force = 1e4 * np.sin(2 * np.pi * 20 * time)
+    rows = np.column_stack([time, readings, force])
+    lines = ["time,G1,G2,G3,tip", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    lines[40] = re.sub(r"^([^,]*),[^,]*", r"\1,", lines[40])  # one sample of G1 is missing
+    (folder / "shaken.csv").write_text("\n".join(lines) + "\n")
+    # a picture at the instant of the largest strain, and at its multiples
+    strain = np.abs(readings / 1e6 - [9e-6, 12e-6, 0])
+    (folder / "options.json").write_text(
+        json.dumps([DATED, f"estimate.field={{every: {time[strain.max(axis=1).argmax()]:.6g}}}"])
+    )
+    code, said = estimated(folder, folder / "shaken.csv", *options_of(folder), "--page")
+    assert code == 0, said
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(project):
+    return Artefact(project / "results" / "test" / "estimate.h5")
+
+
+@pytest.fixture(scope="module")
+def page(project):
+    return (project / "results" / "test" / "test.html").read_text(encoding="utf-8")
+
+
+def test_the_file_and_what_was_done_to_it_are_in_the_artefact(project, found):
+    own, file = read(Estimated, found).source, project / "shaken.csv"
+    assert own.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert (own.file, own.bytes, own.format, own.date) == ("shaken.csv", file.stat().st_size, "csv", "2025-03-14 10:20")
+    assert own.channel == own.measures == ("G1", "G2", "G3", "tip")
+    assert own.sign.tolist() == [1, -1, 1, 1]
+    assert own.offset.tolist() == [0, 12, 0, 0]
+    assert np.isnan(own.zero).all()
+    np.testing.assert_allclose(
+        read(Estimated, found).known["tip"], 1e4 * np.sin(40 * np.pi * found["/time"]), atol=1e-2
+    )
+
+
+def test_the_moment_is_that_of_the_largest_reading_without_its_offset(found):
+    own = read(Estimated, found)
+    assert own.moment is not None
+    assert own.bias is not None
+    measured = own.gauge.measured.copy()
+    measured[:, 0] -= own.bias.mean[0]
+    assert own.bias.mean[0] == pytest.approx(9e-6, abs=1e-6)
+    k, i = np.unravel_index(np.nanargmax(np.abs(measured)), measured.shape)
+    assert (own.moment.time, own.moment.label) == (own.gauge.time[k], own.gauge.label[i])
+
+
+def test_the_surface_then_is_that_of_the_surface_in_time(found):
+    own = read(Estimated, found).moment
+    assert own is not None
+    time = found["/VTKHDF/Steps/Values"] + found["/time"][0]
+    k = int(np.argmin(np.abs(time - own.time)))
+    assert time[k] == pytest.approx(own.time, abs=1e-9)
+    stress = found["/VTKHDF/CellData/von_mises"].reshape(len(time), -1)[k]
+    np.testing.assert_allclose(np.sort(stress), np.sort(own.von_mises), rtol=1e-6)
+
+
+def test_the_page_has_the_numbers_of_the_artefact(found, page):
+    own, summary = read(Estimated, found), found.summary
+    for name, unit in (("side", "N"), ("E", "Pa")):
+        for key in ("estimate", "std"):
+            assert f'<data value="{summary[f"{key}.{name}"]!r}" data-unit="{unit}">' in page
+    assert own.source.sha256 in page.replace("<wbr>", "")
+    assert "less 12 um/m; sign turned" in page
+    assert "2025-03-14 10:20" in page
+    assert "1 of 599 samples are missing" in page or "1 of 600 samples are missing" in page
+    assert page.count("data:image/png;base64,") == 2
+
+
+def test_the_page_is_written_again_without_the_file(project):
+    """From the artefacts: the file of the test may be on another disk by then."""
+    hidden = (project / "shaken.csv").rename(project / "away.csv")
+    try:
+        done = call(project, "status")
+        assert "shaken.csv, the file of the test, is not there any more" in done.stderr
+        assert "estimate " not in done.stdout
+    finally:
+        hidden.rename(project / "shaken.csv")
+
+
+def test_status_lists_the_estimate_its_file_and_whether_it_is_up_to_date(project):
+    options = [f"--set={text}" for text in options_of(project)]
+    lines = {line.split()[0]: line for line in call(project, "status", *options).stdout.splitlines() if line.split()}
+    assert "up to date" in lines["estimate"]
+    assert "in shaken.csv" in lines["estimate"]
+    assert "up to date" in lines["test"]
+    stale = {
+        line.split()[0]: line for line in call(project, "status", *options, "--set=seed=4").stdout.splitlines() if line
+    }
+    assert "will run" in stale["estimate"]
+    states = [json.loads(line) for line in call(project, "status", "--json", *options).stdout.splitlines()]
+    assert [own["status"] for own in states if own["stage"] in ("estimate", "test")] == ["up to date"] * 2
+
+
+def test_figures_of_the_test_are_written_before_anything_is_validated(project, found):
+    job = job_of(project / "test.yaml", project / "results", "estimate.file=shaken.csv", *options_of(project))
+    pages = [stage for stage in stages_for(True, "modes") if stage.name in ("test", "report")]
+    drawn = figures_of(job.model, pages, job.folder, "own.yaml")
+    assert list(drawn.counted) == ["test"]
+    assert {"test-reading-G1.svg", "test-load-side.png", "test-residual-G3.csv", "test-known-tip.svg"} <= set(
+        drawn.files
+    )
+    rows = list(csv.DictReader(io.StringIO(drawn.files["test-load-side.csv"].decode())))
+    drawn_load = np.array([float(row["smoothed ±2σ: side [kN]"]) for row in rows if row["smoothed ±2σ: side [kN]"]])
+    np.testing.assert_allclose(drawn_load.max(), found["/smoothed/side"].max() / 1e3, rtol=1e-8)
+    done = call(project, "figures", *(f"--set={text}" for text in options_of(project)))
+    assert done.exit_code == 0, done.output
+    assert f"{drawn.counted['test']} of the test shaken.csv" in done.output
+
+
+def test_the_field_is_that_of_the_test_and_says_so(project, found):
+    def view(*overrides, **asked):
+        job = job_of(project / "test.yaml", project / "results", *overrides)
+        return view_of(job.model, ("import", "place"), job.folder, "own.yaml", "field", **asked)[0]
+
+    shown = view()
+    assert shown.title == "test: estimate of the test shaken.csv"
+    stress = found["/VTKHDF/CellData/von_mises"]
+    assert shown.panels[0].values.max() == pytest.approx(stress.max() / 1e6, rel=1e-6)
+    time = found["/VTKHDF/Steps/Values"]
+    assert f"t = {time[1]:.4g}" in view(at=float(time[1])).panels[0].title
+    with pytest.raises(UserError, match=r"validate\.h5 has not been written"):
+        view(of="validation")
+
+
+def test_without_a_surface_in_time_the_field_is_that_of_the_moment(project):
+    """And the page holds one channel, which tells but one of the unknowns."""
+    options = ("name=short", "estimate.channels=[{channel: G3, gauge: G3, unit: um/m}]")
+    code, said = estimated(project, project / "shaken.csv", *options, "--allow-unobservable", "--page")
+    assert code == 0, said
+    job = job_of(project / "test.yaml", project / "results", *options)
+    shown, stages = view_of(job.model, ("import", "place"), job.folder, "own.yaml", "field")
+    own = read(Estimated, Artefact(job.folder / "estimate.h5")).moment
+    assert own is not None
+    assert stages[-1] == "estimate"
+    np.testing.assert_allclose(shown.panels[0].values, own.von_mises / 1e6, rtol=1e-6)
+    assert f"{own.time:.4g} s (largest reading, G3)" in shown.panels[0].title
+    with pytest.raises(UserError, match="no time"):
+        view_of(job.model, ("import", "place"), job.folder, "own.yaml", "field", at=0.1)
+    # the option that let it pass is taken from the artefact, too
+    lines = call(project, "status", *(f"--set={text}" for text in options)).stdout.splitlines()
+    assert all("up to date" in line for line in lines if line.startswith(("estimate", "test ")))
+
+
+def test_the_principal_strain_of_largest_size_is_that_of_its_tensor():
+    rng = np.random.default_rng(7)
+    strain = rng.standard_normal((50, 6))
+    strain[0] = [1.0, 0, 0, 0, 0, 0]
+    strain[1] = [0, 0, 0, 4.0, 0, 0]  # shear alone: γ/2 to either side, the positive one of equals
+    for own, value in zip(strain, largest_principal(strain), strict=True):
+        x, y, z, *_ = own
+        shears = {frozenset(pair): g for pair, g in zip(_pairs(), own[3:], strict=True)}
+        tensor = np.diag([x, y, z])
+        for pair, g in shears.items():
+            i, j = sorted(pair)
+            tensor[i, j] = tensor[j, i] = g / 2
+        roots = np.roots(np.poly(tensor)).real
+        assert value == pytest.approx(roots[np.argmax(np.abs(roots))], rel=1e-6) or abs(value) == pytest.approx(
+            np.abs(roots).max(), rel=1e-6
+        )
+    assert largest_principal(strain)[:2].tolist() == pytest.approx([1.0, 2.0])
+
+
+def _pairs():
+    from strainsight.fem.recovery import SHEARS
+
+    return SHEARS
+
+
+def test_the_largest_reading_passes_over_what_is_missing_and_over_offsets():
+    values = np.array([[1.0, np.nan], [-3.0, 100.0], [np.nan, np.nan]])
+    assert largest_reading(values, np.zeros(2), np.ones(2)) == (1, 1)
+    assert largest_reading(values, np.array([0.0, 99.0]), np.ones(2)) == (1, 0)
+    assert largest_reading(values, np.zeros(2), np.array([1.0, np.inf])) == (1, 0)
+    assert largest_reading(np.full((3, 2), np.nan), np.zeros(2), np.ones(2)) == (0, 0)
