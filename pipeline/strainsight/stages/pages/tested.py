@@ -20,6 +20,7 @@ from strainsight.report.tested.data import (
     File,
     FileChannel,
     Findings,
+    HoldOut,
     Map,
     Moment,
     Posterior,
@@ -68,6 +69,7 @@ def findings_of(context: Context[PlacementConfig]) -> Findings:
         histories=tuple(_history(name, units[name], name in loads, own) for name in names),
         file=_file(own),
         readings=readings,
+        hold_out=_held_out(own, readings),
         residuals=tuple(found for reading in readings if (found := _residual(reading)) is not None),
         resultants=tuple(
             History(there.place, "N", own.time, None, there.magnitude, there.std) for there in own.resultant.values()
@@ -149,6 +151,25 @@ def _readings(own: Estimated, marks: tuple[int, ...], training: Training) -> tup
             )
         )
     return tuple(found)
+
+
+def _held_out(own: Estimated, readings: tuple[Reading, ...]) -> tuple[HoldOut, ...]:
+    """Of every channel that was left out, as the others predict it."""
+    if own.hold_out is None:
+        return ()
+    return tuple(
+        HoldOut(
+            label=reading.label,
+            gauge=reading.gauge,
+            unit=reading.unit,
+            time=own.gauge.time,
+            measured=own.gauge.measured[:, i],
+            predicted=own.hold_out.predicted[:, i],
+            std=own.hold_out.std[:, i],
+        )
+        for i, reading in enumerate(readings)
+        if not own.hold_out.left_in[i]
+    )
 
 
 def _residual(reading: Reading) -> Spectrum | None:
