@@ -20,7 +20,7 @@ import typer
 
 from strainsight.processes import end_children
 
-INTERNAL, USER, INTERRUPTED = 1, 2, 130
+INTERNAL, USER, CONTRADICTED, INTERRUPTED = 1, 2, 3, 130
 SHOW_CURSOR = b"\x1b[?25h\n"
 """What a progress bar hides while it is drawn."""
 KEPT = "interrupted; finished stages are kept"

@@ -15,7 +15,7 @@ import typer
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.failures import reported
+from strainsight_cli.failures import CONTRADICTED, reported
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
     ConfigFile,
@@ -31,7 +31,7 @@ from strainsight_cli.options import (
 )
 from strainsight_cli.status import show_plan
 from strainsight_cli.view import figures, view
-from strainsight_cli.work import Work, bring_up_to_date, say, show_results
+from strainsight_cli.work import Work, bring_up_to_date, contradicted, say, show_results
 
 # The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate, and changes the
 # last digits. Numpy reads this when it is first imported, inside the commands. PARDISO has its own threads.
@@ -190,6 +190,9 @@ def estimate(
         bool, typer.Option("--allow-unobservable", help="Go on where the channels cannot tell all unknowns.")
     ] = False,
     page: Annotated[bool, typer.Option("--page/--no-page", help="Write test.html, too.")] = True,
+    accept: Annotated[
+        bool, typer.Option("--accept", help="Give σ although the record contradicts the model, and end with 0.")
+    ] = False,
     force: Force = False,
     dry_run: DryRun = False,
     results: Results = DEFAULT_RESULTS,
@@ -219,6 +222,15 @@ def estimate(
             asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
         if allow_unobservable:
             asked.append("estimate.allow_unobservable=true")
+        if accept and kind_of(config) == "bench":
+            raise ConfigError(
+                "the estimate of a bench has nothing to accept",
+                key="estimate",
+                where=str(config),
+                remedy="leave --accept out",
+            )
+        if accept:
+            asked.append("estimate.accept=true")
         work = pipelines.work_of_one(config, results, asked, "estimate")
         if "estimate" not in [stage.name for stage in work.stages]:
             raise ConfigError(
@@ -251,6 +263,8 @@ def _bring_up_to_date(
         artefacts = bring_up_to_date(work, forced, as_json, verbose, say, progress)
     if not as_json:
         show_results(artefacts, tables)
+    if any(contradicted(artefact) for artefact in artefacts):
+        raise typer.Exit(CONTRADICTED)
 
 
 def main() -> None:

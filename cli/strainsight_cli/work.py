@@ -132,3 +132,8 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
             print(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
+
+
+def contradicted(artefact: Artefact) -> bool:
+    """Whether a record of a test contradicts its model, and nobody has accepted that."""
+    return artefact.summary.get("trusted") is False and not artefact.summary.get("accepted")

@@ -90,6 +90,12 @@ class InfeasibleError(UserError):
     """A request that no layout or estimate can satisfy."""
 
 
+class ContradictionError(UserError):
+    """A record that contradicts the model so far that no filter can follow it."""
+
+    exit_code = 3
+
+
 class ArtefactError(UserError):
     """A results file that is missing, damaged or of another format version."""
 

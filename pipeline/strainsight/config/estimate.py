@@ -150,4 +150,8 @@ class Estimate(RecordedFile):
         description="Of parameters beside unknown loads, none known: true: the loads move as process_noise states of them, and σ "
         "is given; false: it rests on that, and is withheld.",
     )
+    accept: bool = Field(
+        False,
+        description="true: σ is given although the record contradicts the model; `estimate --accept` is the same for one run.",
+    )
     allow_unobservable: bool = Field(False, description="true: go on where the channels cannot tell all unknowns.")

@@ -99,6 +99,11 @@ def next_lattice(bank: Bank[S], now: S) -> S:
     for _ in range(MOST_LAID):
         share, lattice = 1.0, now.cover
         while True:
+            if not np.isfinite(now.log_weight).any():
+                raise NumericalError(
+                    "the readings are beyond what the model can make at any parameters",
+                    remedy="check the units and scales of the channels",
+                )
             first, *others = lattice.peaks(share * now.log_weight, bank.depth)
             mean, covariance, narrow = _spread(bank, lattice, first, share * now.log_weight[first])
             if narrow >= COLLAPSED:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, States
@@ -103,7 +104,13 @@ class Mixture:
         for t in range(L):
             there = np.isfinite(samples[t])
             if there.any():
-                factor = np.linalg.cholesky(S[t][np.ix_(there, there)])
+                try:
+                    factor = np.linalg.cholesky(S[t][np.ix_(there, there)])
+                except np.linalg.LinAlgError:
+                    raise NumericalError(
+                        f"the readings of step {span.start + t} differ in size beyond what a number can hold",
+                        remedy="check the units and scales of the channels",
+                    ) from None
                 self.whitened[span.start + t, there] = np.linalg.solve(factor, self.innovation[span.start + t, there])
 
     def finished(self) -> FilterRun:

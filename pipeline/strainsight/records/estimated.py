@@ -39,6 +39,36 @@ class HoldOut:
 
 
 @record
+class ChannelsChecked:
+    """What every channel says against the others."""
+
+    by_others: bool = dataset(
+        "/by_others", "1", "", "whether a channel is predicted by all others alone, where faults were looked for"
+    )
+    measured: np.ndarray = dataset("/measured", "unit of the channel", "/gauge/label", "RMS of every channel")
+    predicted: np.ndarray = dataset("/predicted", "unit of the channel", "/gauge/label", "RMS of its prediction")
+    residual: np.ndarray = dataset("/residual", "1", "/gauge/label", "RMS of their difference over its claimed σ")
+    correlation: np.ndarray = dataset(
+        "/correlation", "1", "/gauge/label", "correlation of the channel with its prediction"
+    )
+    fault: tuple[str, ...] = dataset(
+        "/fault",
+        "1",
+        "/gauge/label",
+        "the fault of the channel that explains the record best; empty: none is better than none",
+    )
+    gain: np.ndarray = dataset(
+        "/gain", "1", "/gauge/label", "ln of how much more likely the record is with it, 0 without one"
+    )
+    candidate: tuple[str, ...] = dataset(
+        "/candidate",
+        "1",
+        "candidate",
+        "faults that make the record believable, best first; one is named, of several none",
+    )
+
+
+@record
 class Offsets:
     """Channels whose offset is unknown."""
 
@@ -179,6 +209,10 @@ class Estimated(Histories):
         "innovations over their σ, white if the model is true",
     )
     hold_out: HoldOut | None = group("/hold_out", default=None)
+    trusted: bool = dataset(
+        "/trusted", "1", "", "whether the record agrees with the model; where not, no σ is to be trusted"
+    )
+    check: ChannelsChecked = group("/channel_check")
     bias: Offsets | None = group("/bias", default=None)
     resultant: dict[str, Resultant] = group("/resultant/<name>")
     virtual: VirtualStrain | None = group("/virtual", default=None)

@@ -42,7 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=16,
+    version=17,
     reads=(
         "seed",
         "loads",

@@ -13,6 +13,7 @@ from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.detectable import undetectable
+from strainsight.cases.structure.diagnosed import ACCEPT, Judgement, clock_in_words, judgement_of
 from strainsight.cases.structure.filtering import by_moments
 from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
@@ -38,10 +39,11 @@ from strainsight.cases.structure.surface import (
     virtual_labels,
     virtual_strain,
 )
+from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.cases.structure.variance import Shares, budget_of
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, DeckError, blame
+from strainsight.errors import ConfigError, ContradictionError, DeckError, NumericalError, blame
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.biased import driven_with_offsets
@@ -79,9 +81,10 @@ class Estimation:
     """What the measurements of a test say.
 
     unknowns; estimated: histories, channels and strains; units: of what it holds; channel_units: of every channel; verdict on
-    the innovations; tuning: factors on the noises, None where they are as stated; undetectable: what the channels cannot tell,
-    in words; places of the resultants, labels of the virtual gauges; surface: its pictures in time, None where none are asked
-    for.
+    the innovations; tuning: factors on the noises, None where they are as stated; withheld: that there is no σ, and why, empty
+    where there is one; judgement: whether the record agrees with the model; accepted: whether σ is given all the same;
+    undetectable: what the channels cannot tell, in words; places of the resultants, labels of the virtual gauges; surface: its
+    pictures in time, None where none are asked for.
     """
 
     unknowns: Unknowns
@@ -91,6 +94,8 @@ class Estimation:
     verdict: Verdict
     tuning: Tuning | None
     withheld: str
+    judgement: Judgement
+    accepted: bool
     undetectable: str
     places: tuple[str, ...]
     labels: tuple[str, ...]
@@ -108,8 +113,9 @@ def estimation_of(
 ) -> Estimation:
     """Read the file, check that it can tell the unknowns, filter and smooth; then what no gauge measured.
 
-    gauges (k,): numbers of those of the layout. Raises ConfigError where no file is named, and
-    InfeasibleError where the channels cannot tell the unknowns and that is not allowed.
+    gauges (k,): numbers of those of the layout. Raises ConfigError where no file is named, InfeasibleError
+    where the channels cannot tell the unknowns and that is not allowed, and ContradictionError where no filter can follow a
+    record and one fault of a channel explains why.
     """
     settings = config.estimate
     if settings is None or settings.file is None:
@@ -127,10 +133,47 @@ def estimation_of(
     settled = settled_in(problem, test) if settings.start == "settled" else None
     model, tuning = _model(problem, test, settings, start, using)
     tolerances = tolerated(config, mesh, reduced, training, test.channels)
+    using.progress("channels", 0.4)
+    at = np.flatnonzero(test.bias > 0)
+    covariance = np.diag(np.concatenate([np.diag(start), test.bias[at] ** 2]))
+    turning = turning_of(mesh, reduced, training, test.channels)
+    suspect = suspect_of(
+        config,
+        mesh,
+        reduced,
+        training,
+        tolerances,
+        model,
+        test.channels,
+        covariance,
+        test.known,
+        test.values,
+        at,
+        settled,
+        turning,
+    )
+    discrepancy = tolerances.discrepancy
+
+    def checking(share: float) -> None:
+        using.progress("channels", 0.4 + 0.2 * share)
+
+    judgement = judgement_of(settings, test, problem, suspect, discrepancy, checking)
     long = len(test.values) * test.every > LONGEST_COMPARED
-    withheld = "" if settings.loads_as_stated else withheld_in_words(problem)
+    contradicted = "" if judgement.trusted or settings.accept else f"σ is not to be trusted: {judgement.words}"
+    withheld = contradicted or ("" if settings.loads_as_stated else withheld_in_words(problem))
     compare = not long if config.filter.compare is None else config.filter.compare
-    run, smoothed, beside, bank = _filtered(problem, tolerances, model, test, start, settled, compare and not withheld)
+    try:
+        run, smoothed, beside, bank = _filtered(
+            problem, tolerances, model, test, start, settled, compare and not withheld
+        )
+    except (NumericalError, np.linalg.LinAlgError) as error:
+        if judgement.trusted:
+            raise
+        raise ContradictionError(
+            f"no filter can follow this record: {judgement.words.removesuffix(f', {ACCEPT}')}",
+            key="estimate.channels",
+            remedy="correct the channel, and estimate again",
+        ) from error
     budget, not_so = _budget(problem, tolerances, model, test, start, run, smoothed, settled, withheld, long)
     if withheld:
         run, smoothed = _without_sigma(run, smoothed)
@@ -152,7 +195,10 @@ def estimation_of(
     judged = verdict(run.whitened[:, 0])
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     rests = withheld or rests_on_loads_in_words(problem)
-    words = scheme_in_words(problem, test.h), *not_held_in_words(config, reduced, training), rests
+    if settings.accept and not judgement.trusted:
+        rests = f"accepted (estimate.accept), and σ given all the same: {judgement.words.removesuffix(f', {ACCEPT}')}"
+    clock = clock_in_words(test, config.train.time_step)
+    words = clock, scheme_in_words(problem, test.h), *not_held_in_words(config, reduced, training), rests
     notes = (*test.notes, *filter(None, words), *not_so, *bare, *_doubts(hidden, tuning))
     if withheld:
         notes += ("filter.compare: other filters are not compared where σ is withheld",) * bool(config.filter.compare)
@@ -164,7 +210,7 @@ def estimation_of(
     return Estimation(
         problem.unknowns,
         replace(
-            _estimated(model, test, run, smoothed, resultants, virtual, notes, source),
+            _estimated(model, test, run, smoothed, resultants, virtual, notes, source, judgement),
             moment=moment,
             posterior={} if withheld else posteriors_of(problem, start, bank),
             compared=beside,
@@ -176,6 +222,8 @@ def estimation_of(
         judged,
         tuning,
         withheld,
+        judgement,
+        settings.accept,
         hidden,
         tuple(resultants),
         virtual_labels(settings.virtual),
@@ -256,6 +304,7 @@ def _estimated(
     virtual: VirtualStrain | None,
     notes: tuple[str, ...],
     source: Source,
+    judgement: Judgement,
 ) -> Estimated:
     estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
     sampled, biased = slice(test.every - 1, None, test.every), np.flatnonzero(test.bias > 0)
@@ -283,6 +332,8 @@ def _estimated(
         source=source,
         notes=notes,
         posterior={},
+        trusted=judgement.trusted,
+        check=judgement.check,
     )
 
 

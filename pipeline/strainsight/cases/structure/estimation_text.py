@@ -6,9 +6,11 @@ import numpy as np
 
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.layout.budget import budget_tables
+from strainsight.cases.structure.diagnosed import ACCEPT
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
+from strainsight.records.estimated import Estimated
 from strainsight.workflow.output import Scalar, Table
 
 
@@ -21,7 +23,11 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
         "verdict": judged.text,
         "innovation_ratio": judged.ratio,
         "consistent": judged.consistent,
+        "trusted": found.judgement.trusted,
+        "accepted": found.accepted and not found.judgement.trusted,
     }
+    if found.judgement.named:
+        numbers["fault"] = found.judgement.named
     for name, value in own.smoothed.items():
         load = name in found.unknowns.inputs
         numbers[f"estimate.{name}"] = _rms(value) if load else float(np.mean(value))
@@ -42,6 +48,8 @@ def estimation_message(found: Estimation) -> str:
     """One line."""
     numbers, units = estimation_numbers(found), found.units
     parts = [found.withheld] if found.withheld else []
+    if found.accepted and not found.judgement.trusted:
+        parts.append(f"accepted: {found.judgement.words.removesuffix(f', {ACCEPT}')}")
     parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {found.estimated.source.file}")
     for name in found.unknowns.names:
         what = " RMS" if name in found.unknowns.inputs else ""
@@ -51,7 +59,7 @@ def estimation_message(found: Estimation) -> str:
         parts.append(f"gauges by the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
     if (held := found.estimated.hold_out) is not None:
         parts += misfits_in_words(held, found.estimated.gauge.label, found.estimated.gauge.measured)
-    if not found.verdict.consistent:
+    if not found.verdict.consistent and found.judgement.trusted:
         parts.append("the noise does not fit the innovations")
     parts += posterior_doubts(found.estimated.posterior, units)
     parts += disagreements_in_words(found.estimated.compared)
@@ -68,16 +76,32 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
             estimate, sigma = f"RMS {_rms(value):.5g}, {span}", f"± {_rms(std):.3g} {unit}"
         else:
             estimate, sigma = f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
-        rows.append((name, estimate, "withheld" if found.withheld else sigma))
-    notes = tuple((note,) for note in (*found.estimated.notes, found.verdict.text))
+        none = "withheld" if found.judgement.trusted else "not to be trusted"
+        rows.append((name, estimate, none if found.withheld else sigma))
+    # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
+    blamed = bool(found.estimated.check.candidate)
+    notes = tuple((note,) for note in (*found.estimated.notes, *([] if blamed else [found.verdict.text])))
     beside, held, own = found.estimated.compared, found.estimated.hold_out, found.estimated.gauge
     return (
         Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),
         *budget_tables(found.estimated.budget),
         *([] if beside is None else [comparison_table(beside, found.units)]),
         *([] if held is None else [hold_out_table(held, own.label, found.channel_units, own.measured)]),
+        _channel_table(found.estimated),
         Table("measurements", ("",), notes),
     )
+
+
+def _channel_table(own: Estimated) -> Table:
+    check = own.check
+    numbers = zip(own.gauge.label, check.measured, check.predicted, check.residual, check.correlation, strict=True)
+    rows = [(name, *(f"{value:.3g}" for value in values)) for name, *values in numbers]
+    columns: tuple[str, ...] = ("channel", "RMS measured", "RMS predicted", "residual / σ", "correlation")
+    if check.by_others:
+        columns = (*columns, "what explains the record best")
+        rows = [(*row, text or "nothing") for row, text in zip(rows, check.fault, strict=True)]
+    by = "by all other channels" if check.by_others else "one step ahead, by all channels"
+    return Table(f"channels, predicted {by}", columns, tuple(rows))
 
 
 def estimation_csv(found: Estimation) -> bytes:

@@ -1,0 +1,219 @@
+"""Which faults of channels does `estimate` name rightly? `python benchmarks/faults.py [records] [case …]`.
+
+Every record has a truth `rich` of its own (installation of the gauges, gains, loads and damping drawn from the tolerances), other
+noise, and one fault of one channel drawn from the list, or none. A table says how many were named rightly, were among several
+candidates, were named wrongly, were seen without a name, and were not seen. Numbers do not depend on the machine.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+
+from strainsight import api
+from strainsight.cases.structure import truth as truths
+from strainsight.cases.structure.nuisances import Tolerated, tolerated
+from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
+from strainsight.cases.structure.suspected import Turning, suspect_of, turning_of
+from strainsight.cases.structure.trial import Trial, sample_noise, trial_of
+from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.fault_search import Finding, Suspect, examined
+from strainsight.estimation.faults import Fault
+from strainsight.gauges.installation import Installation
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
+
+ROOT = Path(__file__).resolve().parent.parent
+NOISE = 0.01
+"""Of the strongest candidate."""
+CASES = {
+    "cantilever, load": ("cantilever-input.yaml", ("parameters.E.guess=2.1e+11", "validate.duration=0.25")),
+    "hub, E": ("hub/hub-youngs-modulus.yaml", ("validate.duration=0.5",)),
+    "lug, three loads": ("lug/lug-input.yaml", ()),
+    "hub, three loads": ("hub/hub-input.yaml", ("validate.duration=2.0",)),
+    "lug, three loads, three gauges": ("lug/lug-input.yaml", ("place.keep=3",)),
+}
+STUDIED = tuple(CASES)[:3]
+"""Cases with more gauges than unknowns."""
+FAULTS = (
+    "sign",
+    "× 0.5",
+    "× 2",
+    "× 0.001",
+    "× 1000",
+    "× 1e-06",
+    "× 1e+06",
+    "swapped",
+    "offset",
+    "drift",
+    "dead",
+    "clipped",
+    "late",
+    "45°",
+    "90°",
+    "late",
+    "swapped",
+    "offset",
+    "sign",
+    "drift",
+)
+"""Twenty a structure: every one, and those with a size or a partner of their own twice."""
+UNLIKE = 0.1
+"""RMS of the difference of two channels over that of one, from which a swap of them is drawn; where none are so unlike, of the
+pair that is most."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A case with its layout; reading: realisation, channel and degrees that its gauge is turned by → (T + 1, m) without
+    noise."""
+
+    config: PlacementConfig
+    mesh: Mesh
+    reduced: Reduced
+    training: Training
+    tolerances: Tolerated
+    trial: Trial
+    turning: Turning
+    reading: Callable[[int, int, float], np.ndarray]
+
+    @property
+    def noise(self) -> np.ndarray:
+        """σ (m,) of a sample."""
+        return sample_std(self.trial.problem, self.trial.chosen, self.trial.h)
+
+
+def study_of(name: str, noise: float = NOISE, more: Sequence[str] = ()) -> Study:
+    file, settings = CASES[name]
+    stated = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=rich", *settings, *more]
+    case = api.load(ROOT / "configs" / file, stated)
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    screened = api.screen(case, mesh, training)
+    gauges = api.place(case, mesh, reduced, training, screened).gauges
+    problem = problem_of(case.config, case.files, reduced, training, screened)
+    truth = truths.truth_of(case.config, mesh, None, reduced, training, problem, case)
+    tolerances = tolerated(case.config, mesh, reduced, training, problem.channels.of(gauges))
+    trial = trial_of(case.config, problem, truth, tolerances, gauges)
+    again, drawn = trial.again, truths.installation_of
+    assert again is not None
+
+    def reading(realisation: int, channel: int, degrees: float) -> np.ndarray:
+        gauge = training.candidates.gauge[trial.chosen[channel]]
+
+        def turned(*given: object) -> Installation:
+            own = drawn(*given)  # type: ignore[arg-type]
+            angle = own.angle.copy()
+            angle[gauge] += np.deg2rad(degrees)
+            return replace(own, angle=angle)
+
+        with patch.object(truths, "installation_of", turned):
+            return again(realisation)
+
+    turning = turning_of(mesh, reduced, training, trial.chosen)
+    return Study(case.config, mesh, reduced, training, tolerances, trial, turning, reading)
+
+
+def suspect(study: Study, samples: np.ndarray) -> Suspect:
+    trial = study.trial
+    model = filter_model(trial.problem, trial.chosen, trial.h)
+    parts = study.config, study.mesh, study.reduced, study.training, study.tolerances
+    none = np.zeros(0, dtype=int)
+    return suspect_of(
+        *parts, model, trial.chosen, trial.covariance, trial.known, samples, none, trial.settled, study.turning
+    )
+
+
+def record(study: Study, realisation: int, channel: int = 0, degrees: float = 0.0) -> np.ndarray:
+    """Samples (T, m) of a sound record, or of one with a gauge turned."""
+    reading = study.reading(realisation, channel, degrees)[1:]
+    return reading + sample_noise(7, realisation, *reading.shape) * study.noise
+
+
+def with_fault(study: Study, what: str, realisation: int) -> tuple[np.ndarray, Fault]:
+    """A record with a fault: its channel, size and partner drawn."""
+    m, rng = len(study.trial.chosen), np.random.default_rng([3, realisation])
+    j = int(rng.integers(m))
+    if what.endswith("°"):
+        angle = float(what[:-1])
+        return record(study, realisation, j, angle), Fault("angle", j, angle)
+    y = record(study, realisation)
+    rms, T, way = float(np.sqrt(np.mean(y[:, j] ** 2))), len(y), float(rng.choice([-1.0, 1.0]))
+    if what == "sign":
+        y[:, j] *= -1
+        return y, Fault("sign", j)
+    if what == "offset":
+        y[:, j] += way * rng.uniform(0.2, 2.0) * rms
+        return y, Fault("offset", j)
+    if what == "drift":
+        y[:, j] += way * rng.uniform(0.3, 3.0) * rms * np.arange(1, T + 1) / T
+        return y, Fault("drift", j)
+    if what == "dead":
+        y[:, j] = study.noise[j] * rng.standard_normal(T)
+        return y, Fault("dead", j)
+    if what == "clipped":
+        limit = rng.uniform(0.5, 0.8) * np.abs(y[:, j]).max()
+        y[:, j] = np.clip(y[:, j], -limit, limit)
+        return y, Fault("clipped", j)
+    if what == "late":
+        n = int(rng.integers(2, 10))
+        y[n:, j] = y[:-n, j].copy()
+        return y, Fault("late", j, n)
+    if what == "swapped":
+        pairs = [(i, k) for i in range(m) for k in range(i + 1, m)]
+        apart = np.array([np.sqrt(np.mean((y[:, i] - y[:, k]) ** 2) / np.mean(y[:, i] ** 2)) for i, k in pairs])
+        unlike = np.flatnonzero(apart >= min(UNLIKE, apart.max()))
+        i, k = pairs[unlike[int(rng.integers(len(unlike)))]]
+        y[:, [i, k]] = y[:, [k, i]]
+        return y, Fault("swapped", i, k)
+    factor = float(what[2:])
+    y[:, j] *= factor
+    return y, Fault("scale", j, factor)
+
+
+def outcome(found: Finding, fault: Fault | None) -> str:
+    """What was made of a record that has this fault."""
+    diagnosis = found.diagnosis
+    if not found.contradicts:
+        return "not seen"
+    if fault is None:
+        return "accused"
+    assert diagnosis is not None
+    named = diagnosis.named
+    if named is not None and named.fault is not None:
+        right = named.fault.family == fault.family and (fault.kind != "late" or named.fault.amount == fault.amount)
+        return "named" if right else "wrong"
+    if any(own.fault is not None and own.fault.family == fault.family for own in diagnosis.candidates):
+        return "among candidates"
+    return "other candidates" if diagnosis.candidates else "no name"
+
+
+def main(words: Sequence[str]) -> None:
+    records = int(words[0]) if words else len(FAULTS)
+    print("| case | fault | named | outcome |\n|---|---|---|---|")
+    for name in words[1:] or STUDIED:
+        study, counts = study_of(name), Counter[str]()
+        discrepancy = study.tolerances.discrepancy
+        for r in range(1, records + 1):
+            samples, fault = with_fault(study, FAULTS[(r - 1) % len(FAULTS)], r)
+            found = examined(suspect(study, samples), discrepancy)
+            named = None if found.diagnosis is None else found.diagnosis.named
+            said = outcome(found, fault)
+            counts[said] += 1
+            print(f"| {name} | {fault} | {named and named.fault} | {said} |", flush=True)
+        sound = Counter(
+            outcome(examined(suspect(study, record(study, 100 + r)), discrepancy), None) for r in range(records)
+        )
+        print(f"\n{name}: {records} faults: {dict(counts)}; {records} sound records: {dict(sound)}\n", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,160 @@
+"""Whether a record agrees with the model; which fault of a channel explains one that does not, and the key that undoes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.structure.measured import Measured
+from strainsight.cases.structure.problem import Problem
+from strainsight.config.estimate import Estimate, GaugeChannel
+from strainsight.estimation.fault_search import Suspect, examined
+from strainsight.estimation.faults import ChannelCheck, Explained, at_limit
+from strainsight.gauges.candidates import STRAIN, UNITS
+from strainsight.records.estimated import ChannelsChecked
+from strainsight.rom.model import modal_basis
+
+LONGEST = 4000
+"""Samples of a record, from its beginning, by which channels are checked."""
+OTHER_STEP = 100.0
+"""Factor between the sampling interval of a record and `train.time_step`, from which the unit of its time is asked about."""
+ACCEPT = "or accept it with --accept (estimate.accept: true)"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """trusted: whether the record agrees with the model; named: the fault that explains it, in words with the key that undoes
+    it, empty where none or several do; words: all that there is to say, empty of a record that agrees; check: by channel."""
+
+    trusted: bool
+    named: str
+    words: str
+    check: ChannelsChecked
+
+
+def judgement_of(
+    settings: Estimate,
+    test: Measured,
+    problem: Problem,
+    suspect: Suspect,
+    discrepancy: float,
+    progress: Callable[[float], None],
+) -> Judgement:
+    """Of a record and the bank that judges it, as `examined` does; discrepancy: share of a reading that may be missed."""
+    found = examined(_beginning(suspect), discrepancy, progress)
+    label, entries, diagnosis, as_it_is = test.labels, settings.channels, found.diagnosis, found.as_it_is
+    if diagnosis is None:
+        return Judgement(True, "", "", _checked(found.check, False))
+    named = "" if diagnosis.named is None else fault_in_words(diagnosis.named, label, entries, suspect)
+    candidates = tuple(fault_in_words(own, label, entries, suspect) for own in diagnosis.candidates)
+    best = [diagnosis.best_of(j) for j in range(len(label))]
+    checked = _checked(
+        found.check,
+        True,
+        tuple("" if one is None else fault_in_words(one, label, entries, suspect) for one in best),
+        np.array([0.0 if one is None else _finite(one.evidence - as_it_is.evidence) for one in best]),
+        candidates,
+    )
+    if not found.contradicts:
+        return Judgement(True, "", "", checked)
+    if named:
+        words = f"the record contradicts the model: {named}, {ACCEPT}"
+    elif candidates:
+        words = (
+            "the record contradicts the model, and which of these explains it stays open: "
+            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; {ACCEPT}"
+        )
+    else:
+        size = f"{as_it_is.ratio:.3g} times as large as claimed" if np.isfinite(as_it_is.ratio) else "beyond all bounds"
+        words = (
+            f"the record contradicts the model: innovations are {size}, and no single fault of a channel explains it: check "
+            f"estimate.channels, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
+        )
+    return Judgement(False, named, words, checked)
+
+
+def clock_in_words(test: Measured, step: float) -> str:
+    """That the clock of a record is another one than that of the config, step [s]; empty where they are alike."""
+    dt = test.h * test.every
+    if max(dt / step, step / dt) < OTHER_STEP:
+        return ""
+    return f"the record has a sample every {dt:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
+
+
+def fault_in_words(found: Explained, label: Sequence[str], entries: Sequence[GaugeChannel], suspect: Suspect) -> str:
+    """A fault with the key of the config that undoes it."""
+    fault = found.fault
+    assert fault is not None
+    j = fault.channel
+    name, key, entry = label[j], f"estimate.channels.{j}", entries[j]
+    if fault.kind == "sign":
+        return f"{name} fits with sign −1: check the wiring, or set {key}.sign: {-entry.sign}"
+    if fault.kind == "scale":
+        check = "bridge and gauge factor" if 0.1 < fault.amount < 10 else f"{key}.unit (now {entry.unit})"
+        return f"{name} reads {fault.amount:g} times what fits: check {check}, or set {key}.scale: {entry.scale / fault.amount:g}"
+    if fault.kind == "swapped":
+        other = int(fault.amount)
+        return f"{name} and {label[other]} fit swapped: exchange {key}.channel and estimate.channels.{other}.channel"
+    if fault.kind == "offset":
+        return f"{name} fits with an offset of {_size(found, suspect)}: set {key}.zero or {key}.offset, or {key}.bias"
+    if fault.kind == "drift":
+        seconds = min(len(suspect.samples), LONGEST) * suspect.model.h * suspect.model.every
+        return f"{name} fits with a drift of {_size(found, suspect)} in {seconds:.3g} s: set {key}.drift"
+    if fault.kind == "late":
+        n = int(fault.amount)
+        seconds = abs(n) * suspect.model.h * suspect.model.every
+        late = "late" if n > 0 else "early"
+        return f"{name} fits {abs(n)} samples ({seconds:.3g} s) {late}: shift {key}.channel in the file"
+    if fault.kind == "angle":
+        turn = f"{abs(fault.amount):g}°"
+        return f"{name} fits turned by {turn}: check its direction, and {key}.gauge and {key}.grid"
+    if fault.kind == "dead":
+        return f"{name} reads noise alone, it is dead: leave {key} out"
+    count = int(at_limit(suspect.samples[:, j]).sum())
+    return f"{name} is clipped, in {count} samples at least: mark them as missing, or leave {key} out"
+
+
+def _size(found: Explained, suspect: Suspect) -> str:
+    assert found.fault is not None
+    quantity = suspect.model.quantity
+    kind = STRAIN if quantity is None else int(quantity[found.fault.channel])
+    factor, unit = (1e6, "µm/m") if kind == STRAIN else (1.0, UNITS[kind])
+    return f"{factor * found.amount:.3g} ± {factor * found.std:.2g} {unit}"
+
+
+def _step_in_words(problem: Problem, test: Measured) -> str:
+    lam, _ = modal_basis(problem.model, problem.model.reference)
+    period, dt = 2 * np.pi / float(np.sqrt(lam[0])), test.h * test.every
+    if dt < 0.5 * period:
+        return ""
+    return f" (its step is {dt:.3g} s, the first mode has a period of {period:.3g} s: check estimate.time.unit)"
+
+
+def _beginning(suspect: Suspect) -> Suspect:
+    return replace(suspect, samples=suspect.samples[:LONGEST], known=suspect.known[: LONGEST * suspect.model.every])
+
+
+def _checked(
+    check: ChannelCheck,
+    by_others: bool,
+    fault: tuple[str, ...] = (),
+    gain: np.ndarray | None = None,
+    candidate: tuple[str, ...] = (),
+) -> ChannelsChecked:
+    m = len(check.measured)
+    return ChannelsChecked(
+        by_others=by_others,
+        measured=check.measured,
+        predicted=check.predicted,
+        residual=check.residual,
+        correlation=check.correlation,
+        fault=fault or ("",) * m,
+        gain=np.zeros(m) if gain is None else gain,
+        candidate=candidate,
+    )
+
+
+def _finite(gain: float) -> float:
+    return float(min(gain, np.finfo(float).max))

@@ -1,0 +1,111 @@
+"""The record of a test as a suspect: the bank that judges it, and what its gauges would read turned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, tolerated
+from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.fault_search import Suspect
+from strainsight.estimation.faults import ANGLES
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.settled import Settled
+from strainsight.gauges.candidates import STRAIN, Candidates
+from strainsight.gauges.rows import channel_rows, fits
+from strainsight.gauges.surface import turned
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
+
+
+@dataclass(frozen=True)
+class Turning:
+    """What gauges would read turned on the surface.
+
+    rows (m, angles, n): of channels by ANGLES, per reduced coordinate, NaN where a channel cannot be turned; missed
+    (m, angles, n_u, misalignments): likewise, of misaligned loads; channels (m,) of train.h5.
+    """
+
+    channels: np.ndarray
+    rows: np.ndarray
+    missed: np.ndarray
+
+
+def turning_of(mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray) -> Turning:
+    """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface."""
+    n, missed = training.rows.shape[1], reduced.misaligned.missed
+    rows = np.full((len(channels), len(ANGLES), n), np.nan)
+    more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
+    own = np.flatnonzero((training.candidates.quantity[channels] == STRAIN) & (training.given is None))
+    if len(own):
+        both = np.hstack([reduced.basis, missed.reshape(len(missed), -1)])
+        facets = exterior_facets(mesh)
+        for k, angle in enumerate(ANGLES):
+            part = _apart(_turned(training.candidates.take(channels[own]), angle))
+            well = np.flatnonzero(fits(mesh.position, part, facets))
+            read = channel_rows(mesh.position, part.take(well), both, facets=facets)
+            rows[own[well], k], more[own[well], k] = read[:, :n], read[:, n:].reshape(-1, *missed.shape[1:])
+    return Turning(channels, rows, more)
+
+
+def suspect_of(
+    config: PlacementConfig,
+    mesh: Mesh,
+    reduced: Reduced,
+    training: Training,
+    tolerances: Tolerated,
+    model: FilterModel,
+    channels: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    samples: np.ndarray,
+    biased: np.ndarray,
+    settled: Settled | None,
+    turning: Turning,
+) -> Suspect:
+    """By the bank, whatever filter estimates: no other takes the tolerances in. channels (m,) of train.h5; covariance (n*, n*) at
+    t = 0, offsets of biased channels (b,) behind x*; known (T, HOLD, n_known) [N]; samples (T/every, m)."""
+    Q, at = np.array(model.Q), model.parameter_states
+    Q[..., at, :], Q[..., :, at] = 0.0, 0.0
+    constant = replace(model, Q=Q)
+    wide = np.full((*turning.rows.shape[:2], model.size), 0.0)
+    wide[..., : turning.rows.shape[-1]] = turning.rows
+
+    def with_turned(j: int, angle: float) -> tuple[FilterModel, Nuisances]:
+        k, channel = ANGLES.index(angle), channels[j]
+        H = np.array(constant.H)
+        H[j] = wide[j, k]
+        one = np.zeros(len(training.candidates))
+        one[channel] = angle
+        rows, missed = np.array(training.rows), np.array(training.missed)
+        rows[channel], missed[channel] = turning.rows[j, k], turning.missed[j, k]
+        as_turned = replace(training, candidates=_turned(training.candidates, one), rows=rows, missed=missed)
+        changed = replace(constant, H=H)
+        return changed, nuisances_of(tolerated(config, mesh, reduced, as_turned, channels), changed, channels)
+
+    return Suspect(
+        model=constant,
+        mean=np.zeros(len(covariance)),
+        covariance=covariance,
+        known=known,
+        samples=samples,
+        nuisances=nuisances_of(tolerances, constant, channels),
+        biased=biased,
+        settled=settled,
+        turned_rows=wide,
+        turned=with_turned,
+    )
+
+
+def _turned(pool: Candidates, angle: float | np.ndarray) -> Candidates:
+    each = np.broadcast_to(np.asarray(angle, dtype=float), (len(pool),))
+    return replace(pool, direction=turned(pool.direction, pool.normal, each))
+
+
+def _apart(pool: Candidates) -> Candidates:
+    """Every channel a gauge of its own."""
+    return replace(pool, gauge=np.arange(len(pool)))

@@ -1,0 +1,350 @@
+"""Which fault of a channel explains a record that contradicts its model: the evidence of every fault, by the bank."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.faults import (
+    ANGLES,
+    FORESEEN,
+    MOST_LATE,
+    SCALES,
+    ChannelCheck,
+    Explained,
+    Fault,
+    at_limit,
+    channel_check,
+    chosen,
+    dead_density,
+    delay,
+    roughly,
+    undone,
+)
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.peak import known_at, peak_of
+from strainsight.estimation.settled import Settled
+from strainsight.estimation.verdict import OVERCONFIDENT, judged
+
+BELIEVABLE = 1.5
+"""Innovations, RMS over the claimed size, up to which a record does not contradict its model."""
+MARGIN, APART = 20.0, 10.0
+"""Of ln evidence, by which a fault has to beat the record as it is, odds of 5·10⁸, and the one that is named any other, of
+2·10⁴: far beyond the number of faults that are tried."""
+CLOSELY, EACH = 6, 2
+"""Faults that are looked at with all tolerances: the best of all, and of every channel that may be the wrong one."""
+PAIRS = 5
+"""Channels of which all pairs are tried as swapped."""
+FAINT, QUIET = 0.2, 2.0
+"""Share of what the others foresee of a channel, and multiple of its noise, up to which it may be dead."""
+IMPOSSIBLE = -1e200
+"""ln evidence below which a record is beyond what numbers can hold."""
+STRETCHED = 4.5
+"""Of its σ, up to which any tolerance is believed: one of fifty normal numbers is beyond in 3 of 10 000 records."""
+BROAD = np.sqrt(3.0)
+"""σ of an offset, or of a drift by the end of the record, before the samples, over the RMS of the channel."""
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A record and the filter it is judged by.
+
+    model, without drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0; known (T, HOLD, n_known) [N]; samples
+    (T/every, m), NaN where missing; nuisances; biased (b,): channels with an unknown offset; settled: as of `filter_bank`.
+    turned_rows (m, angles, n*): what a channel would read turned by each of ANGLES, NaN where it cannot be; turned: channel and
+    degrees → model and nuisances with it turned.
+    """
+
+    model: FilterModel
+    mean: np.ndarray
+    covariance: np.ndarray
+    known: np.ndarray
+    samples: np.ndarray
+    nuisances: Nuisances
+    biased: np.ndarray
+    settled: Settled | None
+    turned_rows: np.ndarray
+    turned: Callable[[int, float], tuple[FilterModel, Nuisances]]
+
+    @property
+    def noise(self) -> np.ndarray:
+        """σ (m,) of a sample."""
+        return np.sqrt(self.model.noise[0, 0] if self.model.noise.ndim == 3 else np.ravel(self.model.noise))
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """as_it_is: the record without a fault; check: every channel against what all others foresee of it; without (m,): ratio
+    of innovations to their claim of the record without that channel; tried: every fault that was looked at closely; named: the
+    one that explains the record, None where none or several do; candidates: all that do, best first."""
+
+    as_it_is: Explained
+    check: ChannelCheck
+    without: np.ndarray
+    tried: tuple[Explained, ...]
+    named: Explained | None
+    candidates: tuple[Explained, ...]
+
+    def best_of(self, channel: int) -> Explained | None:
+        """What explains the record best among the faults of one channel, None where none makes it believable, or none is better
+        than no fault."""
+        tried = (one for one in self.tried if one.fault is not None and channel in one.fault.channels)
+        own = [one for one in tried if one.ratio <= BELIEVABLE]
+        best = max(own, key=lambda one: one.evidence, default=None)
+        return best if best is not None and best.evidence > self.as_it_is.evidence else None
+
+
+def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun | None]:
+    """Evidence of a record (T, m) under a fault, and what the bank found, None where it fails:
+
+        ln p(y | fault) = ln p(T y) + ln |det T|,    y in units of the noise of a sample
+
+    p(T y): parameters, motion, loads and all tolerances integrated out; innovations are those at the most likely parameters.
+    Offset and drift are one more of its constants ν, whose σ is BROAD times the RMS of the channel, so that a fault with a free
+    size pays for it. A dead channel has the density of a constant and white noise.
+    """
+    # likelihood and innovations are the same whether states follow what is learned of ν, which is the quicker
+    model, nuisances, unit = suspect.model, replace(suspect.nuisances, learned=True), 0.0
+    samples, change = (suspect.samples, 0.0) if fault is None else undone(fault, suspect.samples)
+    if fault is not None and fault.kind == "angle":
+        model, nuisances = suspect.turned(fault.channel, fault.amount)
+        nuisances = replace(nuisances, learned=True)
+    if fault is not None and fault.kind in ("offset", "drift"):
+        unit = BROAD * float(np.sqrt(np.nanmean(samples[:, fault.channel] ** 2)))
+        nuisances = _with_zero(nuisances, fault, unit, suspect.known.shape[-1])
+    kept = np.isfinite(samples)
+    missing = np.isfinite(suspect.samples).sum(axis=0) - kept.sum(axis=0)
+    if fault is not None and fault.kind == "dead":
+        change += dead_density(suspect.samples[:, fault.channel], suspect.noise[fault.channel])
+        missing[fault.channel] = 0
+    mean, covariance, known = suspect.mean, suspect.covariance, suspect.known
+    try:
+        peak = peak_of(model, mean, covariance, known, samples, nuisances, suspect.biased, suspect.settled)
+        if peak.evidence < IMPOSSIBLE:
+            return Explained(fault, -np.inf, np.inf), None
+        there, mean, covariance = known_at(model, peak.point, mean, covariance)
+        bank = filter_bank(
+            there, mean, covariance, known, samples, nuisances, biased=suspect.biased, settled=suspect.settled
+        )
+    except NumericalError:
+        return Explained(fault, -np.inf, np.inf), None
+    evidence = peak.evidence + change + float(kept.sum(axis=0) @ np.log(suspect.noise))
+    evidence += FORESEEN * float(missing.sum())
+    amount, std = 0.0 if fault is None else fault.amount, 0.0
+    if unit:
+        nu, left = bank.nuisances
+        amount, std = unit * float(nu[-1]), unit * float(np.sqrt(left[-1, -1]))
+    return Explained(fault, evidence, ratio_of(bank), amount, std), bank
+
+
+def ratio_of(bank: BankRun) -> float:
+    """Innovations over their claim, RMS; NaN where nothing was measured."""
+    whitened = bank.run.whitened
+    there = np.isfinite(whitened)
+    return float(np.sqrt(np.sum(whitened[there] ** 2) / there.sum())) if there.any() else np.nan
+
+
+def missed_of(bank: BankRun | None) -> float:
+    """The largest RMS innovation of a channel over its RMS reading, infinite where the bank failed."""
+    if bank is None:
+        return np.inf
+    read = bank.run.innovation[:, 0]
+    foreseen = bank.run.gauge_mean[:, 0]
+    there = np.isfinite(read)
+    of = np.where(there, read, 0.0), np.where(there, foreseen, 0.0)
+    missed, whole = (np.sqrt(np.sum(own**2, axis=0)) for own in (of[0], np.hypot(*of)))
+    return float(np.max(missed / np.maximum(whole, np.finfo(float).tiny), initial=0.0))
+
+
+def surprise_of(bank: BankRun) -> float:
+    """The largest of ν̂ over its σ before the samples, 0 where there is none: how far a tolerance is stretched."""
+    return float(np.abs(bank.nuisances[0]).max(initial=0.0))
+
+
+def suspected(as_it_is: Explained, bank: BankRun | None) -> bool:
+    """Whether the faults of a record are to be looked for: its innovations are larger than claimed, beyond the band of
+    `verdict.judged`, or a tolerance is stretched beyond STRETCHED of its σ to explain it."""
+    if bank is None or not as_it_is.ratio <= BELIEVABLE:
+        return True
+    samples = int(np.isfinite(bank.run.whitened).sum())
+    return judged(as_it_is.ratio, samples).verdict == OVERCONFIDENT or surprise_of(bank) > STRETCHED
+
+
+@dataclass(frozen=True)
+class Finding:
+    """contradicts: whether a record contradicts its model; as_it_is: without a fault; check of its channels; diagnosis: None
+    where there was no reason to look for a fault."""
+
+    contradicts: bool
+    as_it_is: Explained
+    check: ChannelCheck
+    diagnosis: Diagnosis | None
+
+
+def examined(
+    suspect: Suspect, discrepancy: float = 0.0, progress: Callable[[float], None] = lambda share: None
+) -> Finding:
+    """Whether a record contradicts its model, and which faults explain it, looked for where `suspected`.
+
+    It does where one fault or several explain it far better than none (`faults.chosen`), and where its innovations are
+    BELIEVABLE times as large as claimed and larger than `discrepancy`, the share of a reading that may be missed.
+    """
+    as_it_is, bank = explained(suspect, None)
+    if bank is not None and not suspected(as_it_is, bank):
+        every = suspect.model.every
+        sampled = slice(every - 1, None, every)
+        foreseen = suspect.samples - bank.run.innovation[sampled, 0]
+        whitened = bank.run.whitened[sampled, 0]
+        residual = np.sqrt(np.nansum(whitened**2, axis=0) / np.maximum(np.isfinite(whitened).sum(axis=0), 1))
+        check = replace(channel_check(suspect.samples, foreseen, np.ones_like(foreseen)), residual=residual)
+        return Finding(False, as_it_is, check, None)
+    found = diagnosed(suspect, progress=progress)
+    beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(bank) > discrepancy
+    return Finding(bool(found.candidates) or beyond, as_it_is, found.check, found)
+
+
+def diagnosed(
+    suspect: Suspect,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Diagnosis:
+    """Try every fault of a channel on a record.
+
+    A channel is wrong alone only if the record without it is believable: its faults are ranked by what the other channels
+    foresee of it (`roughly`), and the best are weighed with all tolerances (`explained`), with swaps of those channels that are
+    best left out. None is named or a candidate where there are no more channels than unknown loads.
+    """
+    m = suspect.samples.shape[1]
+    as_it_is, _ = explained(suspect, None)
+    left_out = []
+    for j in range(m):
+        left_out.append(_left_out(suspect, j))
+        progress(0.4 * (j + 1) / m)
+    without = np.array([own.ratio for own in left_out])
+    check = channel_check(
+        suspect.samples,
+        np.column_stack([own.predicted for own in left_out]),
+        np.column_stack([np.hypot(own.std, suspect.noise[j]) for j, own in enumerate(left_out)]),
+    )
+    order = np.argsort(np.where(np.isfinite(without), without, np.inf), kind="stable")
+    alone = np.flatnonzero(without <= BELIEVABLE)
+    if m <= len(suspect.model.unknowns.inputs) or m == 1:
+        # without a channel more than unknown loads any reading is some load's: only what is stated of loads speaks against it
+        return Diagnosis(as_it_is, check, without, (), None, ())
+    wanted = _worth_it(suspect, left_out, alone if len(alone) else order[:2])
+    worst = sorted(int(j) for j in order[:PAIRS])
+    wanted += [Fault("swapped", i, j) for a, i in enumerate(worst) for j in worst[a + 1 :] if _alike(suspect, i, j)]
+    tried = []
+    for k, fault in enumerate(wanted):
+        tried.append(explained(suspect, fault)[0])
+        progress(0.4 + 0.6 * (k + 1) / len(wanted))
+    for j in {fault.channel for fault in wanted if fault.kind == "late"}:
+        tried += _later(
+            suspect, [own for own in tried if own.fault and own.fault.kind == "late" and own.fault.channel == j]
+        )
+    named, candidates = chosen(as_it_is.evidence, tried, BELIEVABLE, MARGIN, APART)
+    return Diagnosis(as_it_is, check, without, tuple(tried), named, candidates)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A channel as all others foresee it: predicted, std (T,) [unit], turned (T, angles); ratio and evidence of the others'
+    innovations."""
+
+    predicted: np.ndarray
+    std: np.ndarray
+    turned: np.ndarray
+    ratio: float
+    evidence: float
+
+
+def _left_out(suspect: Suspect, j: int) -> LeftOut:
+    own, bank = explained(suspect, Fault("dead", j))
+    if bank is None:
+        none = np.full(len(suspect.samples), np.nan)
+        return LeftOut(none, none, np.full((len(none), len(ANGLES)), np.nan), np.inf, -np.inf)
+    every, n = suspect.model.every, suspect.model.parameter_states.start
+    sampled = slice(every - 1, None, every)
+    states = bank.run.mean[1:, 0][sampled, :n]
+    predicted, std = bank.run.gauge_mean[sampled, 0, j], bank.run.gauge_std[sampled, 0, j]
+    others = own.evidence - dead_density(suspect.samples[:, j], float(suspect.noise[j]))
+    return LeftOut(predicted, std, states @ suspect.turned_rows[j, :, :n].T, own.ratio, others)
+
+
+def _worth_it(suspect: Suspect, left_out: Sequence[LeftOut], channels: np.ndarray) -> list[Fault]:
+    """Faults of some channels that are worth a closer look."""
+    ranked: list[tuple[float, Fault]] = []
+    for j in channels:
+        ranked += _ranked(suspect, left_out[j], int(j))
+    ranked.sort(key=lambda own: -own[0])
+    wanted = [fault for _, fault in ranked[:CLOSELY]]
+    for j in channels:
+        wanted += [fault for _, fault in ranked if fault.channel == j][:EACH]
+    for fault in list(wanted):
+        if fault.kind == "late":
+            wanted += [replace(fault, amount=fault.amount + k) for k in (-1, 1) if fault.amount + k]
+    return list(dict.fromkeys(wanted))
+
+
+def _later(suspect: Suspect, tried: Sequence[Explained]) -> list[Explained]:
+    """Delays of one channel beyond those that were tried, as long as the last one is the best."""
+    known = {own.fault.amount: own for own in tried if own.fault is not None}
+    j = next(own.fault.channel for own in tried if own.fault is not None)
+    more: list[Explained] = []
+    while len(more) < MOST_LATE:
+        best = max(known, key=lambda n: known[n].evidence)
+        beside = [n for n in (best - 1, best + 1) if n and n not in known and abs(n) <= 2 * MOST_LATE]
+        if not beside or not np.isfinite(known[best].evidence):
+            break
+        known[beside[0]] = explained(suspect, Fault("late", j, beside[0]))[0]
+        more.append(known[beside[0]])
+    return more
+
+
+def _ranked(suspect: Suspect, own: LeftOut, j: int) -> list[tuple[float, Fault]]:
+    y, noise = suspect.samples[:, j], float(suspect.noise[j])
+    if not np.isfinite(own.predicted).all() or not np.isfinite(y).any():
+        return []
+    faults = [Fault("sign", j), *(Fault("scale", j, s) for s in SCALES), Fault("offset", j), Fault("drift", j)]
+    late = delay(y, own.predicted, own.std, noise)
+    faults += [] if late is None else [replace(late, channel=j)]
+    faults += [Fault("clipped", j)] if at_limit(y).any() else []
+    if np.nanstd(y) <= max(FAINT * np.sqrt(np.mean(own.predicted**2)), QUIET * noise):
+        faults.append(Fault("dead", j))
+    found = []
+    for fault in faults:
+        alone = replace(fault, channel=0)
+        found.append((own.evidence + roughly(alone, y, own.predicted, own.std, noise), fault))
+    for k, angle in enumerate(ANGLES):
+        if np.isfinite(own.turned[:, k]).all():
+            fit = roughly(Fault("angle", 0, angle), y, own.turned[:, k], own.std, noise)
+            found.append((own.evidence + fit, Fault("angle", j, angle)))
+    return found
+
+
+def _alike(suspect: Suspect, i: int, j: int) -> bool:
+    """Whether two channels measure one quantity."""
+    quantity = suspect.model.quantity
+    return quantity is None or bool(quantity[i] == quantity[j])
+
+
+def _with_zero(nuisances: Nuisances, fault: Fault, unit: float, known: int) -> Nuisances:
+    """One constant more: the offset of a channel, or its drift by the end of the record."""
+    (_, m, n), width = nuisances.D.shape, nuisances.E.shape[-1]
+    row, drifts = np.zeros((1, m)), fault.kind == "drift"
+    E = np.pad(nuisances.E, [(0, 1), (0, 0), (0, int(drifts and width == known))])
+    if drifts:
+        E[-1, fault.channel, -1] = unit
+    else:
+        row[0, fault.channel] = unit
+    return replace(
+        nuisances,
+        source=(*nuisances.source, fault.kind),
+        D=np.concatenate([nuisances.D, np.zeros((1, m, n))]),
+        E=E,
+        offset=np.concatenate([nuisances.offset, row]),
+    )

@@ -1,0 +1,194 @@
+"""What may be wrong with one channel of a record, or with two that were mistaken for each other, and how it is undone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from strainsight.estimation.verdict import SLACK
+
+Kind = Literal["sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped"]
+
+SCALES = (0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6)
+"""Factors on a channel: half a bridge, two arms for one, units of a thousand and of a million."""
+ANGLES = (45.0, -45.0, 90.0)
+"""Degrees by which a gauge, or the grid of a rosette, may be turned."""
+MOST_LATE = 20
+"""Samples that a channel may be early or late by."""
+FORESEEN = -0.5 * (1 + np.log(2 * np.pi))
+"""Logarithm of the density that a unit normal number has on average: what a sample counts that is left out."""
+RUN, CLIPPED = 3, 0.005
+"""Equal samples in a row at the largest or least value of a channel, and the share of all samples in such rows, from which the
+channel may be clipped."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """kind of what is wrong with a channel; amount: factor on it (scale), number of the other channel (swapped), samples that it
+    is late by (late), degrees (angle), else 0."""
+
+    kind: Kind
+    channel: int
+    amount: float = 0.0
+
+    @property
+    def family(self) -> tuple[str, int, float]:
+        """The same for faults that are one and the same to whoever has to correct it: delays of one channel, either sense of a
+        turn."""
+        return self.kind, self.channel, 0.0 if self.kind == "late" else abs(self.amount)
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """All that are wrong."""
+        return (self.channel, int(self.amount)) if self.kind == "swapped" else (self.channel,)
+
+
+def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
+    """The record (T, m) as it would be without a fault, y' = T y, and ln |det T| of the samples that are kept.
+
+    A sample that is left out, at the end of a delayed channel, of a dead or a clipped one, is NaN. Offset, drift and angle are
+    no change of the samples but one of the model.
+    """
+    own, j = samples.copy(), fault.channel
+    there = float(np.isfinite(samples[:, j]).sum())
+    if fault.kind == "sign":
+        own[:, j] *= -1
+    elif fault.kind == "scale":
+        own[:, j] /= fault.amount
+        return own, -there * float(np.log(fault.amount))
+    elif fault.kind == "swapped":
+        own[:, fault.channels] = samples[:, fault.channels[::-1]]
+    elif fault.kind == "late":
+        own[:, j] = shifted(samples[:, j], int(fault.amount))
+    elif fault.kind == "dead":
+        own[:, j] = np.nan
+    elif fault.kind == "clipped":
+        own[at_limit(samples[:, j]), j] = np.nan
+    return own, 0.0
+
+
+def shifted(values: np.ndarray, n: int) -> np.ndarray:
+    """What was written n samples late (T,), at its own time: v(t + n), NaN where the record ends."""
+    own = np.full(len(values), np.nan)
+    if n >= 0:
+        own[: len(values) - n] = values[n:]
+    else:
+        own[-n:] = values[:n]
+    return own
+
+
+def at_limit(values: np.ndarray) -> np.ndarray:
+    """Which samples (T,) are the largest or the least of all and stand in a row of RUN equal ones or more; none where those are
+    less than CLIPPED of the record, or where the channel has one value only."""
+    none = np.zeros(len(values), dtype=bool)
+    known = values[np.isfinite(values)]
+    if not len(known) or known.min() == known.max():
+        return none
+    found = none.copy()
+    for limit in (known.min(), known.max()):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], values == limit, [False]]).astype(int)))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            found[begin:end] = end - begin >= RUN
+    return found if found.sum() >= CLIPPED * len(known) else none
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """Channels against their prediction: RMS (m,) of both, RMS (m,) of the residual over its σ, correlation (m,)."""
+
+    measured: np.ndarray
+    predicted: np.ndarray
+    residual: np.ndarray
+    correlation: np.ndarray
+
+
+def channel_check(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray) -> ChannelCheck:
+    """measured, predicted, std (T, m) of the residual [unit of the channel], NaN where missing. NaN of a channel without
+    samples, and the correlation of one that does not move."""
+    there = np.isfinite(measured) & np.isfinite(predicted)
+    count = np.where(there.any(axis=0), there.sum(axis=0), np.nan)
+    y, p = (np.where(there, own, 0.0) for own in (measured, predicted))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.asarray(values.sum(axis=0) / count)
+
+    z = (y - p) / np.where(there, std, 1.0)
+    moving_y, moving_p = (np.where(there, own - mean(own), 0.0) for own in (y, p))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        together = mean(moving_y * moving_p) / np.sqrt(mean(moving_y**2) * mean(moving_p**2))
+    return ChannelCheck(np.sqrt(mean(y**2)), np.sqrt(mean(p**2)), np.sqrt(mean(z**2)), together)
+
+
+def roughly(fault: Fault, samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> float:
+    """ln of the density of a channel's samples y (T,) under a fault of it, by what all others foresee, ŷ ± σ (T,), sample by
+    sample; offsets and drifts as they fit best. noise: σ of a sample, the unit. Of a turned gauge ŷ is that of its turned row.
+
+    What the σ of different samples have in common is passed over: a number to choose by what is looked at closely.
+    """
+    y, change = undone(fault, samples[:, None])
+    own, wide = y[:, 0], np.hypot(std, noise)
+    if fault.kind == "dead":
+        return dead_density(samples, noise)
+    there = np.isfinite(own) & np.isfinite(predicted)
+    missing = int(np.isfinite(samples).sum() - there.sum())
+    residual, wide = (own - predicted)[there], wide[there]
+    if fault.kind in ("offset", "drift"):
+        shape = np.ones(len(samples)) if fault.kind == "offset" else np.arange(1, len(samples) + 1) / len(samples)
+        shape = shape[there] / wide
+        residual = residual - shape * wide * (shape @ (residual / wide)) / max(float(shape @ shape), 1e-300)
+    fit = -0.5 * np.sum((residual / wide) ** 2 + np.log(2 * np.pi * (wide / noise) ** 2))
+    return float(fit + change + missing * FORESEEN)
+
+
+def dead_density(samples: np.ndarray, noise: float) -> float:
+    """ln of the density of samples (T,) as a constant and white noise, both as they fit best; in units of the stated noise, and
+    no quieter than a tenth of it."""
+    own = samples[np.isfinite(samples)]
+    spread = max(float(np.std(own)) if len(own) else 0.0, 0.1 * noise)
+    rest = float(np.sum((own - own.mean()) ** 2)) / spread**2 if len(own) else 0.0
+    return -0.5 * rest - len(own) * float(np.log(np.sqrt(2 * np.pi) * spread / noise))
+
+
+def delay(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> Fault | None:
+    """The delay by MOST_LATE samples at most that fits a channel (T,) best, by what the others foresee; None of a record too
+    short for any. Half a period of a sine late is a change of sign: which it is stays open there."""
+    most = min(MOST_LATE, len(samples) // 4)
+    tried = [Fault("late", 0, n) for n in range(-most, most + 1) if n]
+    return max(tried, key=lambda one: roughly(one, samples, predicted, std, noise), default=None)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A record under one fault: evidence, ln of the density of all its samples in units of their noise; ratio of innovations to
+    their claim, RMS; amount: the fault's own, or the offset, or the drift by the end of the record as found [unit], with σ."""
+
+    fault: Fault | None
+    evidence: float
+    ratio: float
+    amount: float = 0.0
+    std: float = 0.0
+
+
+def chosen(
+    as_it_is: float, found: Sequence[Explained], believable: float, margin: float, apart: float
+) -> tuple[Explained | None, tuple[Explained, ...]]:
+    """The one fault that makes a record believable, where no other family does as well, and all that do, best first.
+
+    as_it_is: evidence of the record without a fault. A fault is a candidate where its evidence beats that by `margin`, its ratio
+    is believable, and its evidence is within `apart` of the best of those. Named is one alone. Believable is a ratio within
+    SLACK of what the verdict allows, 1, or of the least that any fault leaves, and at most `believable`.
+    """
+    well = [own for own in found if np.isfinite(own.evidence) and own.evidence - as_it_is >= margin]
+    least = min((own.ratio for own in well), default=np.inf)
+    limit = min(believable, (1 + SLACK) * max(1.0, least))
+    well = sorted((own for own in well if own.ratio <= limit), key=lambda own: -own.evidence)
+    families: dict[tuple[str, int, float], Explained] = {}
+    for own in well:
+        assert own.fault is not None
+        if well[0].evidence - own.evidence < apart:
+            families.setdefault(own.fault.family, own)
+    candidates = tuple(families.values())
+    return (candidates[0] if len(candidates) == 1 else None), candidates

@@ -1,0 +1,241 @@
+"""The evidence of faults against dense normal densities of the whole record, and what is named on a small model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.fault_search import BROAD, Suspect, diagnosed, examined, explained
+from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
+from strainsight.estimation.peak import peak_of
+
+from .chain import NOISE, chain, driven_chain, driven_start, forces, loaded_chain, start
+from .test_bank import STEPS, joint, log_normal
+
+NO_OFFSETS = np.zeros(0, dtype=int)
+FOUR = np.array([[1.0, 0.0], [-1.0, 1.0], [0.3, 1.0], [0.8, -0.5]])
+TURNED = np.array([0.2, 0.9])
+LONG = 300
+
+
+def suspect(model, P, known, samples, turned_row=None):
+    """With channel 0 turned, it reads another row."""
+    m = samples.shape[1]
+    rows = np.full((m, len(ANGLES), model.size), np.nan)
+
+    def turned(channel, angle):
+        H = model.H.copy()
+        H[channel] = 0
+        H[channel, :2] = turned_row
+        changed = replace(model, H=H)
+        return changed, no_nuisances(changed)
+
+    if turned_row is not None:
+        rows[0] = 0
+        rows[0, :, :2] = turned_row
+    mean = np.zeros(model.size)
+    return Suspect(model, mean, P, known, samples, no_nuisances(model), NO_OFFSETS, None, rows, turned)
+
+
+@pytest.fixture(scope="module")
+def short():
+    model, P = loaded_chain(), start()[:5, :5]
+    _, y = draw_truth(model, np.zeros(5), P, forces(), [5])
+    return model, P, y[:, 0]
+
+
+def dense(y, P, extra=None):
+    """ln of the density of the samples that are there (T, 2), in units of the noise; extra (T, 2): a column of unknown size."""
+    mean, covariance = joint([0, 0], P)
+    if extra is not None:
+        covariance = covariance + np.outer(extra.ravel(), extra.ravel())
+    there = np.isfinite(y.ravel())
+    own = log_normal(y.ravel()[there], mean[there], covariance[np.ix_(there, there)])
+    return own + there.sum() * np.log(NOISE)
+
+
+def test_evidence_is_the_density_of_the_record_as_it_would_be_without_the_fault(short):
+    model, P, y = short
+    record = suspect(model, P, forces(), y)
+    own = y.copy()
+    assert explained(record, None)[0].evidence == pytest.approx(dense(own, P), abs=1e-6)
+    own[:, 1] *= -1
+    assert explained(record, Fault("sign", 1))[0].evidence == pytest.approx(dense(own, P), rel=1e-9)
+    own = y / [1, 1e3]
+    expected = dense(own, P) - STEPS * np.log(1e3)
+    assert explained(record, Fault("scale", 1, 1e3))[0].evidence == pytest.approx(expected, rel=1e-9)
+    assert explained(record, Fault("swapped", 0, 1))[0].evidence == pytest.approx(dense(y[:, ::-1], P), rel=1e-9)
+    own = y.copy()
+    own[:, 0] = shifted(y[:, 0], 3)
+    expected = dense(own, P) + 3 * FORESEEN
+    assert explained(record, Fault("late", 0, 3))[0].evidence == pytest.approx(expected, rel=1e-9)
+    own[:, 0] = np.nan
+    alone = explained(record, Fault("dead", 0))[0].evidence
+    spread = y[:, 0].std()
+    iid = -0.5 * STEPS - STEPS * np.log(np.sqrt(2 * np.pi) * spread / NOISE)
+    assert alone == pytest.approx(dense(own, P) + iid, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["offset", "drift"])
+def test_an_offset_and_a_drift_are_those_of_generalised_least_squares(short, kind):
+    """One column e of size N(0, u²): b̂ = u² eᵀC⁻¹r/(1 + u² eᵀC⁻¹e), by the dense covariance of the whole record."""
+    model, P, y = short
+    shape = np.zeros((STEPS, 2))
+    shape[:, 1] = 1.0 if kind == "offset" else np.arange(1, STEPS + 1) / STEPS
+    shifted_record = y + 0.05 * shape
+    unit = BROAD * np.sqrt(np.mean(shifted_record[:, 1] ** 2))
+    found, _ = explained(suspect(model, P, forces(), shifted_record), Fault(kind, 1))
+    assert found.evidence == pytest.approx(dense(shifted_record, P, unit * shape), abs=1e-6)
+    mean, covariance = joint([0, 0], P)
+    e, r = shape.ravel(), shifted_record.ravel() - mean
+    information = e @ np.linalg.solve(covariance, e) + unit**-2
+    assert found.amount == pytest.approx(e @ np.linalg.solve(covariance, r) / information, rel=1e-6)
+    assert found.std == pytest.approx(information**-0.5, rel=1e-6)
+
+
+def test_a_turned_gauge_is_judged_by_the_row_it_has_then(short, monkeypatch):
+    model, P, y = short
+    monkeypatch.setattr("tests.estimation.test_bank.ROWS", np.array([TURNED, [-1.0, 1.0]]), raising=True)
+    found, _ = explained(suspect(model, P, forces(), y, TURNED), Fault("angle", 0, 45.0))
+    assert found.evidence == pytest.approx(dense(y, P), rel=1e-9)
+
+
+def test_laplace_at_the_peak_is_what_the_bank_integrates():
+    """Over two stiffnesses that the record knows well."""
+    model, P = driven_chain(), driven_start()
+    steps = 200
+    _, y = draw_truth(model, np.zeros(6), P, forces(steps), [5])
+    none = no_nuisances(model)
+    bank = filter_bank(model, np.zeros(6), P, forces(steps), y[:, 0], spacing=0.5, depth=10.0)
+    peak = peak_of(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None)
+    assert peak.evidence == pytest.approx(float(bank.run.log_likelihood[0]), abs=0.1)
+    mean, std = bank.run.mean[-1, 0, 4:], bank.run.std[-1, 0, 4:]
+    np.testing.assert_array_less(np.abs(peak.point - mean), 0.3 * std)
+
+
+@pytest.fixture(scope="module")
+def four():
+    """Four gauges on two masses, one load unknown."""
+    model, P = loaded_chain(), start()[:5, :5]
+    H = np.hstack([FOUR, np.zeros((4, 3))])
+    model = replace(model, H=H, r=np.repeat(model.r[:1], 4))
+    _, y = draw_truth(model, np.zeros(5), P, forces(LONG), range(20))
+    return model, P, y
+
+
+def broken(kind, y):
+    y, t = y.copy(), np.arange(1, LONG + 1) / LONG
+    rms = np.sqrt(np.mean(y**2, axis=0))
+    if kind == "sign":
+        y[:, 2] *= -1
+        return y, Fault("sign", 2)
+    if kind == "offset":
+        y[:, 1] += 0.5 * rms[1]
+        return y, Fault("offset", 1)
+    if kind == "drift":
+        y[:, 0] += rms[0] * t
+        return y, Fault("drift", 0)
+    if kind == "dead":
+        y[:, 3] = NOISE * np.random.default_rng(3).standard_normal(LONG)
+        return y, Fault("dead", 3)
+    if kind == "clipped":
+        y[:, 2] = np.clip(y[:, 2], -0.6 * np.abs(y[:, 2]).max(), 0.6 * np.abs(y[:, 2]).max())
+        return y, Fault("clipped", 2)
+    if kind == "late":
+        y[4:, 1] = y[:-4, 1].copy()
+        return y, Fault("late", 1, 4)
+    if kind == "swapped":
+        y[:, [0, 3]] = y[:, [3, 0]]
+        return y, Fault("swapped", 0, 3)
+    y[:, 1] *= kind
+    return y, Fault("scale", 1, kind)
+
+
+@pytest.mark.parametrize(
+    "kind", ["sign", 0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6, "offset", "drift", "dead", "clipped", "late", "swapped"]
+)
+def test_a_fault_of_one_channel_is_named(four, kind):
+    model, P, y = four
+    samples, fault = broken(kind, y[:, 3])
+    found = examined(suspect(model, P, forces(LONG), samples))
+    assert found.contradicts
+    assert found.diagnosis.named.fault == fault
+
+
+def test_a_sound_record_is_not_accused(four):
+    model, P, y = four
+    for one in range(y.shape[1]):
+        found = examined(suspect(model, P, forces(LONG), y[:, one]))
+        assert not found.contradicts, one
+
+
+def test_a_search_for_faults_in_a_sound_record_finds_none(four):
+    """Also where it is looked at as closely as a wrong one."""
+    model, P, y = four
+    found = diagnosed(suspect(model, P, forces(LONG), y[:, 0]))
+    assert found.named is None
+    assert found.candidates == ()
+    assert found.best_of(0) is None or found.best_of(0).evidence - found.as_it_is.evidence < 5
+
+
+def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
+    """Two equal gauges and no other, under an unknown load: the one may be late or the other early."""
+    model, P, _ = four
+    twin = replace(model, H=model.H[[0, 0]], r=model.r[:2])
+    calm = 0 * forces(LONG)
+    samples = draw_truth(twin, np.zeros(5), P, calm, [2])[1][:, 0]
+    samples[3:, 1] = samples[:-3, 1].copy()
+    found = examined(suspect(twin, P, calm, samples))
+    assert found.contradicts
+    assert found.diagnosis.named is None
+    assert {own.fault.channel for own in found.diagnosis.candidates} == {0, 1}
+
+
+def test_one_channel_alone_is_never_blamed(four):
+    model, P, y = four
+    one = replace(model, H=model.H[:1], r=model.r[:1])
+    found = diagnosed(suspect(one, P, forces(LONG), -y[:, 0, :1]))
+    assert found.named is None
+
+
+def test_no_channel_is_blamed_where_any_reading_is_some_load(four):
+    """One gauge for one unknown load, and a load far larger than stated: the record contradicts the model, and no channel."""
+    model, P, y = four
+    one = replace(model, H=model.H[:1], r=model.r[:1])
+    samples = y[:, 0, :1] + 0.5 * np.sin(0.5 * np.arange(LONG))[:, None]
+    found = examined(suspect(one, P, forces(LONG), samples))
+    assert found.contradicts
+    assert found.diagnosis.candidates == ()
+
+
+def test_a_load_far_larger_than_stated_is_not_put_on_a_channel(four):
+    """Four gauges: the record contradicts what is stated of the load, and no channel is blamed."""
+    model, P, _ = four
+    louder = replace(model, Q=model.Q * np.where(np.arange(5) == 4, 900.0, 1.0)[:, None])
+    y = draw_truth(louder, np.zeros(5), P, forces(LONG), [6])[1][:, 0]
+    found = examined(suspect(model, P, forces(LONG), y))
+    assert found.diagnosis is not None
+    assert found.diagnosis.candidates == ()
+
+
+def test_a_missing_stretch_is_no_fault(four):
+    model, P, y = four
+    samples = y[:, 1].copy()
+    samples[50:120, 2] = np.nan
+    samples[:, 3][::2] = np.nan
+    assert not examined(suspect(model, P, forces(LONG), samples)).contradicts
+
+
+def test_the_chain_with_unknown_stiffnesses_names_a_fault_too():
+    model, P = chain(), start()
+    model = replace(model, H=np.hstack([FOUR, np.zeros((4, 5))]), r=np.repeat(model.r[:1], 4))
+    _, y = draw_truth(model, np.zeros(7), P, forces(LONG), [1])
+    sound = y[:, 0]
+    assert not examined(suspect(model, P, forces(LONG), sound)).contradicts
+    turned = sound * [1, 1, -1, 1]
+    assert examined(suspect(model, P, forces(LONG), turned)).diagnosis.named.fault == Fault("sign", 2)
