@@ -9,7 +9,7 @@ VENV := .venv
 # Where venv puts the commands.
 BIN := $(if $(filter Windows_NT,$(OS)),Scripts,bin)
 LOWEST := build/lowest
-KERNELS := mesh fem rom gauges signals augmentation placement estimation multibody
+KERNELS := mesh fem rom gauges signals augmentation placement estimation multibody damage
 READY := $(VENV)/.ready
 STAGES := import modes rom train screen observe place spectrum validate report
 # A config that takes a guess from another run comes after those that do not.

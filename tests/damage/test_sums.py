@@ -1,0 +1,163 @@
+"""Damage: closed forms, scaling, mean stress, what stress it is of."""
+
+from __future__ import annotations
+
+from math import gamma
+
+import numpy as np
+import pytest
+import rainflow as other
+
+from strainsight.damage.curve import Curve, MeanStress
+from strainsight.damage.loops import FKM, GOODMAN
+from strainsight.damage.sums import damage_of, equivalent_range, one_number
+
+ONE_LINE = Curve(1e8, 2e6, 3.0)
+TWO_LINES = Curve(71e6, 2e6, 3.0, 5e6, 5.0, 1e8)
+"""EN 1993-1-9, detail category 71."""
+
+
+def cosine(amplitude, cycles=50, samples=64, mean=0.0):
+    """Whole cycles whose peaks are samples."""
+    return mean + amplitude * np.cos(2 * np.pi * np.arange(cycles * samples + 1) / samples)
+
+
+@pytest.mark.parametrize("slope", [1.0, 3.0, 5.0, 8.5, 20.0])
+@pytest.mark.parametrize("amplitude", [1e3, 4e7, 3e9])
+def test_constant_amplitude_is_the_closed_form(slope, amplitude):
+    """n (2A/Δσ)^m / N, and an equivalent range of 2A (n/N_eq)^(1/m)."""
+    curve = Curve(1e8, 2e6, slope)
+    found = damage_of(cosine(amplitude)[None], curve)
+    assert found.miner[0] == pytest.approx(50 * (2 * amplitude / 1e8) ** slope / 2e6, rel=1e-9)
+    expected = 2 * amplitude * (50 / 1e6) ** (1 / slope)
+    assert equivalent_range(found.moment, curve, 1e6)[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_constant_amplitude_sampled_anyhow_is_the_closed_form_to_a_thousandth():
+    """Peaks fall between 200 samples of a period, and the record begins and ends within a range."""
+    t = np.arange(200 * 1000) / 200.3
+    found = damage_of(5e7 * np.sin(2 * np.pi * t)[None], ONE_LINE)
+    assert found.miner[0] == pytest.approx(t[-1] * (1e8 / 1e8) ** 3 / 2e6, rel=1e-3)
+
+
+def test_second_slope_and_cut_off_are_those_of_the_standard():
+    """EN 1993-1-9, table 7.1: Δσ_D = (2/5)^(1/3) Δσ_C = 0.737 Δσ_C, Δσ_L = (5/100)^(1/5) Δσ_D = 0.549 Δσ_D."""
+    knee, cut_off = TWO_LINES.knee_range, TWO_LINES.cut_off_range
+    assert knee / 71e6 == pytest.approx(0.737, abs=5e-4)
+    assert cut_off / knee == pytest.approx(0.549, abs=5e-4)
+    ranges = np.array([0.99 * cut_off, 1.01 * cut_off, 0.5 * (knee + cut_off), knee, 71e6, 1e9])
+    N = 1 / TWO_LINES.damage(ranges[1:])
+    np.testing.assert_allclose(N[:2], 5e6 * (knee / ranges[1:3]) ** 5, rtol=1e-12)
+    np.testing.assert_allclose(N[2:], [5e6, 2e6, 2e6 * (71e6 / 1e9) ** 3], rtol=1e-9)
+    assert TWO_LINES.damage(ranges[:1])[0] == 0
+
+
+def test_no_second_slope_is_no_damage_below_the_knee():
+    endurance = Curve(1e8, 2e6, 3.0, 1e7)
+    level = endurance.knee_range
+    for factor, some in ((0.999, False), (1.001, True)):
+        found = damage_of(cosine(factor * level / 2)[None], endurance)
+        assert (found.miner[0] > 0) == some
+        assert found.moment[0] > 0
+
+
+@pytest.mark.parametrize("slope", [3.0, 5.0])
+def test_a_narrow_band_is_rayleighs(slope):
+    """Ranges of a narrow-band normal process: E[D] = n (2√2 s/Δσ)^m Γ(1 + m/2)/N."""
+    rng = np.random.default_rng(7)
+    cycles, samples, s = 40_000, 24, 2e7
+    # amplitude that wanders over some fifty periods
+    frequency = np.fft.rfftfreq(cycles * samples)
+    shape = np.exp(-0.5 * ((frequency * samples - 1) / 0.01) ** 2)
+    spectrum = shape * (rng.standard_normal(len(shape)) + 1j * rng.standard_normal(len(shape)))
+    stress = np.fft.irfft(spectrum, cycles * samples)
+    stress *= s / stress.std()
+    expected = cycles * (2 * np.sqrt(2) * s / 1e8) ** slope * gamma(1 + slope / 2) / 2e6
+    # some 40 000/50 independent amplitudes: σ of the sum is 3 to 6 %, and peaks between samples lose m (π/24)²/4
+    assert damage_of(stress[None], Curve(1e8, 2e6, slope)).miner[0] == pytest.approx(expected, rel=0.12)
+
+
+def test_miner_is_the_sum_over_the_cycles_of_another_implementation():
+    rng = np.random.default_rng(8)
+    stress = 5e7 * rng.standard_normal((3, 900))
+    for own, found in zip(stress, damage_of(stress, TWO_LINES).miner, strict=True):
+        expected = 0.0
+        for size, _, count, _, _ in other.extract_cycles(own):
+            knee, cut_off = 71e6 * 0.4 ** (1 / 3), 71e6 * 0.4 ** (1 / 3) * 0.05**0.2
+            N = 2e6 * (71e6 / size) ** 3 if size >= knee else 5e6 * (knee / size) ** 5 if size > cut_off else np.inf
+            expected += count / N
+        assert found == pytest.approx(expected, rel=1e-12)
+
+
+def test_stress_times_c_is_damage_times_c_to_the_slope():
+    rng = np.random.default_rng(9)
+    stress = 1e7 * rng.standard_normal((2, 500))
+    for slope in (3.0, 7.0):
+        curve = Curve(1e8, 2e6, slope)
+        one, scaled = damage_of(stress, curve).miner, damage_of(2.5 * stress, curve).miner
+        np.testing.assert_allclose(scaled / one, 2.5**slope, rtol=1e-12)
+
+
+def test_a_constant_stress_added_changes_nothing_without_a_rule_for_it():
+    rng = np.random.default_rng(10)
+    stress = 1e7 * rng.standard_normal((2, 500))
+    np.testing.assert_allclose(damage_of(stress + 3e8, ONE_LINE).miner, damage_of(stress, ONE_LINE).miner, rtol=1e-6)
+    more, less = (damage_of(stress + mean, ONE_LINE, MeanStress(FKM, 0.3)).miner for mean in (3e8, -3e8))
+    assert (more > damage_of(stress, ONE_LINE).miner).all()
+    assert (less < damage_of(stress, ONE_LINE).miner).all()
+
+
+def test_goodman_is_the_closed_form():
+    R = 4e8
+    found = damage_of(cosine(5e7, mean=1e8)[None], ONE_LINE, MeanStress(GOODMAN, R)).miner[0]
+    assert found == pytest.approx(50 * (1 / (1 - 1e8 / R)) ** 3 / 2e6, rel=1e-6)
+    pressed = damage_of(cosine(5e7, mean=-1e8)[None], ONE_LINE, MeanStress(GOODMAN, R)).miner[0]
+    assert pressed == pytest.approx(50 / 2e6, rel=1e-6)
+    assert damage_of(cosine(5e7, mean=R)[None], ONE_LINE, MeanStress(GOODMAN, R)).miner[0] == np.inf
+
+
+def test_fkm_at_its_corners():
+    """R = ∞, −1, 0 and ½, where its lines meet: 1 − M, 1, 1 + M and (1 + M)²/(1 + M/3) times the amplitude."""
+    M, a = 0.3, 5e7
+    means = a * np.array([-5.0, -1.0, 0.0, 1.0, 3.0, 9.0])
+    last = (1 + M) ** 2 / (1 + M / 3)
+    expected = 2 * a * np.array([1 - M, 1 - M, 1.0, 1 + M, last, last])
+    np.testing.assert_allclose(MeanStress(FKM, M).equivalent(np.full(6, 2 * a), means), expected, rtol=1e-12)
+    for mean in means[1:5]:
+        near = MeanStress(FKM, M).equivalent(np.full(2, 2 * a), mean + np.array([-1.0, 1.0]))
+        assert abs(near[1] - near[0]) < 4
+
+
+def test_one_number_of_a_state_is_that_of_its_tensor():
+    """Against eigenvalues, and von Mises' from their differences."""
+    rng = np.random.default_rng(11)
+    stress = 1e8 * rng.standard_normal((40, 6, 25))
+    flat = np.moveaxis(stress, 1, 2)
+    tensor = np.zeros((40, 25, 3, 3))
+    for place, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]):
+        tensor[..., i, j] = tensor[..., j, i] = flat[..., place]
+    value = np.linalg.eigvalsh(tensor)
+    largest = np.where(value[..., 2] + value[..., 0] > 0, value[..., 2], value[..., 0])
+    mises = np.sqrt(0.5 * ((np.diff(value, axis=-1) ** 2).sum(axis=-1) + (value[..., 2] - value[..., 0]) ** 2))
+    np.testing.assert_allclose(one_number(stress, "principal"), largest, rtol=1e-7)
+    np.testing.assert_allclose(one_number(stress, "signed_von_mises"), np.sign(largest) * mises, rtol=1e-9)
+
+
+def test_uniaxial_stress_is_itself_and_none_is_none():
+    stress = np.zeros((2, 6, 9))
+    stress[0, 1] = np.linspace(-2e8, 2e8, 9)
+    for kind in ("principal", "signed_von_mises"):
+        np.testing.assert_allclose(one_number(stress, kind)[0], stress[0, 1], rtol=1e-7, atol=1e-6)
+        assert (one_number(stress, kind)[1] == 0).all()
+    stress[1, :3] = -5e6
+    assert (one_number(stress, "principal")[1] == -5e6).all()
+    assert (one_number(stress, "signed_von_mises")[1] == 0).all()
+
+
+def test_histories_with_nan_have_no_damage_and_do_not_touch_others():
+    stress = np.stack([cosine(5e7), cosine(5e7)])
+    stress[0, 7] = np.nan
+    found = damage_of(stress, ONE_LINE)
+    assert np.isnan(found.miner[0])
+    assert np.isnan(found.moment[0])
+    assert found.miner[1] == pytest.approx(50 / 2e6)
