@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.estimation.parallel_filters import LinearModels, States, advance, filters_of
-from strainsight.estimation.update import symmetric, transposed
+from strainsight.estimation.update import covariance_factor, symmetric, transposed
 
 SAID = 1e-8
 
@@ -37,20 +38,60 @@ def consider_smoothed(
     (T, m) variances.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    filters = filters_of(models, *start, consider=True)
+    return _smoothed(models, start, known, known_end, measurement, noise, None)[0]
+
+
+def consider_errors(
+    models: LinearModels,
+    start: tuple[np.ndarray, np.ndarray, np.ndarray],
+    known: np.ndarray,
+    known_end: np.ndarray,
+    measurement: np.ndarray,
+    noise: np.ndarray,
+    count: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Draws (B, count, T + 1, n) of −w of `consider_smoothed`, what no constant explains of x − x̂ˢ, as whole histories.
+
+    Start, process and noise are drawn and taken through the gains of filter and smoother, whatever these are; of mean zero and
+    of covariance P at every instant, and of that between instants which the smoother's errors have. Arguments as there.
+    Source: Durbin and Koopman, Biometrika 89 (2002).
+    """
+    found = _smoothed(models, start, known, known_end, measurement, noise, (count, rng))[1]
+    return np.moveaxis(found, 0, 2)
+
+
+def _smoothed(
+    models: LinearModels,
+    start: tuple[np.ndarray, np.ndarray, np.ndarray],
+    known: np.ndarray,
+    known_end: np.ndarray,
+    measurement: np.ndarray,
+    noise: np.ndarray,
+    drawing: tuple[int, np.random.Generator] | None,
+) -> tuple[States, np.ndarray]:
+    """The smoother, and draws (T + 1, B, count, n) of its errors, of which there are none where none are drawn."""
+    # filters move what they begin with
+    filters = filters_of(models, start[0].copy(), start[1], start[2].copy(), consider=True)
     first = filters.states
     first = States(*(getattr(first, name).copy() for name in ("x", "P", "V", "nu", "left")))
     steps, more = len(known), np.zeros(measurement.shape[1])
     kept = advance(models, filters, known, known_end, measurement, noise, more, keep=True).states
     x, P, V = (np.concatenate([getattr(first, f), getattr(kept, f)], axis=1) for f in ("x", "P", "V"))
-    A, AT, (B, d, n), e = models.A, transposed(models.A), start[2].shape, models.A_nu.shape[1]
+    A, AT, (B, d, n) = models.A, transposed(models.A), start[2].shape
+
+    def update_at(t: int) -> _Update:
+        return _update_at(models, x[:, t], P[:, t], V[:, t], known[t], known_end[t], measurement[t], noise[t])
+
+    count, rng = (0, np.random.default_rng(0)) if drawing is None else drawing
+    error = np.empty((steps + 1, B, count, n))
+    innovation = np.zeros((steps, B, count, measurement.shape[1]))
+    if count:
+        _filter_errors(models, P[:, 0], update_at, measurement, error, innovation, rng)
+    by_draws = np.zeros((B, count, n))
     adjoint, N, L, U = np.zeros((B, n)), np.zeros((B, d, n)), np.zeros((B, n, n)), np.zeros((B, n, n))
     for t in range(steps - 1, -1, -1):
-        own, spread, slope = x[:, t], P[:, t], V[:, t]
-        ahead = (A @ own[..., None])[..., 0] + models.G @ known[t]
-        slope_ahead = slope @ AT
-        slope_ahead[:, :e] -= (models.A_nu @ own[:, None, :, None])[..., 0] + models.G_nu @ known[t]
-        update = _update(models, ahead, A @ spread @ AT + models.Q, slope_ahead, known_end[t], measurement[t], noise[t])
+        spread, slope, update = P[:, t], V[:, t], update_at(t)
         K, H, rows = update.K, update.H, update.rows
         J = np.eye(n) - K @ H
         by_noise = transposed(J) @ L @ K + rows
@@ -58,13 +99,42 @@ def consider_smoothed(
         U = transposed(J) @ U @ J + L @ models.Q @ transposed(L) + (by_noise * update.R) @ transposed(by_noise)
         N = (N @ J + transposed(rows @ update.slope)) @ A
         adjoint = ((adjoint[:, None] @ J + transposed(rows @ update.innovation[..., None])) @ A)[:, 0]
+        there = np.isfinite(measurement[t])
+        by_draws = (by_draws @ J + innovation[t][..., there] @ transposed(rows)) @ A
         L, U = AT @ L @ A, AT @ U @ A
         C = _gain(spread, slope, L, N, U)
+        error[t] -= by_draws @ transposed(C)
         x[:, t] += (C @ adjoint[..., None])[..., 0]
         V[:, t] += N @ transposed(C)
         left = np.eye(n) + C @ L
         P[:, t] = symmetric(left @ spread @ transposed(left) + C @ U @ transposed(C))
-    return States(x, P, V, first.nu, first.left)
+    return States(x, P, V, first.nu, first.left), error
+
+
+def _filter_errors(
+    models: LinearModels,
+    first: np.ndarray,
+    update_at: Callable[[int], _Update],
+    measurement: np.ndarray,
+    error: np.ndarray,
+    innovation: np.ndarray,
+    rng: np.random.Generator,
+) -> None:
+    """Draws of x − x̂ of the filter with the constants as they are, into error (T + 1, B, count, n) and innovation (T, B, count,
+    m), from first (B, n, n) on."""
+    B, count = error.shape[1:3]
+
+    def drawn(factors: list[np.ndarray]) -> np.ndarray:
+        return np.stack([rng.standard_normal((count, own.shape[1])) @ own.T for own in factors])
+
+    walk = [covariance_factor(own) for own in models.Q]
+    error[0] = drawn([covariance_factor(own) for own in first])
+    for t in range(len(measurement)):
+        there, update = np.isfinite(measurement[t]), update_at(t)
+        ahead = error[t] @ transposed(models.A) + drawn(walk)
+        seen = ahead @ transposed(update.H) + rng.standard_normal((B, count, there.sum())) * np.sqrt(update.R)
+        innovation[t][..., there] = seen
+        error[t + 1] = ahead - seen @ transposed(update.K)
 
 
 def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndarray) -> np.ndarray:
@@ -91,6 +161,24 @@ class _Update:
     innovation: np.ndarray
     slope: np.ndarray
     rows: np.ndarray
+
+
+def _update_at(
+    models: LinearModels,
+    own: np.ndarray,
+    spread: np.ndarray,
+    slope: np.ndarray,
+    known: np.ndarray,
+    known_end: np.ndarray,
+    y: np.ndarray,
+    R: np.ndarray,
+) -> _Update:
+    """At the end of a step from x (B, n), P and V of the filter."""
+    AT, e = transposed(models.A), models.A_nu.shape[1]
+    ahead = (models.A @ own[..., None])[..., 0] + models.G @ known
+    slope_ahead = slope @ AT
+    slope_ahead[:, :e] -= (models.A_nu @ own[:, None, :, None])[..., 0] + models.G_nu @ known
+    return _update(models, ahead, models.A @ spread @ AT + models.Q, slope_ahead, known_end, y, R)
 
 
 def _update(

@@ -1,0 +1,146 @@
+"""Draws of the smoothed posterior of a bank: whole histories of the states, with the parameters that belong to each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.estimation.bank import BankRun
+from strainsight.estimation.bank_filters import OF_POINTS
+from strainsight.estimation.bank_smoother import AtPoints, at_points, kept_at, smoothed_at_centre
+from strainsight.estimation.conditional import Nuisances, known_ends
+from strainsight.estimation.consider_smoother import consider_errors
+from strainsight.estimation.error_paths import smoother_errors
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.posterior import KERNEL
+from strainsight.estimation.settled import Settled
+from strainsight.estimation.update import covariance_factor
+
+AT_ONCE = 20_000_000
+"""Numbers of the histories that are drawn at a time."""
+
+
+@dataclass(frozen=True)
+class Paths:
+    """N draws: parameter (N, k) p = ln(θ/guess), which is constant; state (N, T + 1, n) of what was asked for."""
+
+    parameter: np.ndarray
+    state: np.ndarray
+
+
+def bank_paths(
+    model: FilterModel,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measurement: np.ndarray,
+    nuisances: Nuisances,
+    bank: BankRun,
+    count: int,
+    seed: int,
+    biased: np.ndarray | None = None,
+    settled: Settled | None = None,
+    states: slice = slice(None),
+) -> Iterator[Paths]:
+    """`count` draws in parts; arguments as of `smooth_bank`; states: which of [q, q̇, ζ, offsets].
+
+        x = x̂ˢ(p) − w − V(ν − ν̂),     x̂ˢ(p) = x̂ˢ(p̄) + Σᵢ zᵢ sᵢ + ½ zᵢ² cᵢ,     p = p̄ + L z,   L Lᵀ the covariance of p
+
+    p and ν are drawn together from the points of the bank with normal kernels (`marginal`), w with the gains at each of the 2k
+    points θⱼ of `smooth_bank` in turn (`consider_errors`, `smoother_errors`). First and second differences s and c over
+    x̂ˢ(θⱼ) carry the mean to p. So mean and covariance of the draws are those that `smooth_bank` claims at every instant, but for
+    products of curvatures c, which its rule of degree three does not see; and instants belong together as the smoother's errors
+    do. A part depends on seed, its number and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
+    """
+    found = at_points(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
+    rng = np.random.default_rng(seed)
+    p, nu = _constants(found, bank, count, rng)
+    steps, sizes = len(known), found.models.A.shape[1]
+    points, k = len(found.points), len(found.centre)
+    part = max(points, AT_ONCE // ((steps + 1) * sizes) // points * points)
+    z = np.linalg.solve(np.linalg.cholesky(found.spread), (p - found.centre).T).T
+    middle, slope, bend = _carried(found, k, mean, covariance, known, nuisances, biased, settled)
+    for start in range(0, count, part):
+        own = slice(start, min(start + part, count))
+        each = -(-(own.stop - own.start) // points)
+        error = _errors(found, known, nuisances, biased, each, rng, states)[: own.stop - own.start]
+        error += middle[None, :, states]
+        for i in range(k):
+            here = z[own, i, None, None]
+            error += here * slope[i, :, states] + 0.5 * (here**2 - 1) * bend[i, :, states]
+        error -= np.einsum("nd,tda->nta", nu[own], found.V[:, :, states], optimize=True)
+        yield Paths(p[own], error)
+
+
+def _constants(found: AtPoints, bank: BankRun, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """p (N, k) and ν − ν̂ (N, d), together."""
+    k, d = len(found.centre), len(found.nu)
+    joint = np.hstack([bank.point, bank.nu])
+    centre = np.concatenate([found.centre, bank.weight @ bank.nu])
+    off = joint - centre
+    covariance = (off * bank.weight[:, None]).T @ off
+    std = np.sqrt(np.diag(covariance)[:k])
+    # one share of the covariance is the kernels', the rest that of their centres drawn together
+    share = float(np.minimum(1.0, (KERNEL * bank.step / std) ** 2).max(initial=0.0)) if k else 0.0
+    # one draw in every N-th part of the weight
+    place = (rng.permutation(count) + rng.random(count)) / count
+    which = np.minimum(np.searchsorted(np.cumsum(bank.weight), place), len(bank.weight) - 1)
+    factor = covariance_factor(covariance)
+    kernel = rng.standard_normal((count, factor.shape[1])) @ factor.T
+    drawn = np.sqrt(1 - share) * off[which] + np.sqrt(share) * kernel
+    left = covariance_factor(found.left - covariance[k:, k:]) if d else np.zeros((0, 0))
+    return found.centre + drawn[:, :k], drawn[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
+
+
+def _carried(
+    found: AtPoints,
+    k: int,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    nuisances: Nuisances,
+    biased: np.ndarray | None,
+    settled: Settled | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (T + 1, n) over the points, first and second derivatives (k, T + 1, n) of x̂ˢ in z."""
+    middle = found.x.mean(axis=0)
+    if k == 0:
+        nothing = np.zeros((0, *middle.shape))
+        return middle, nothing, nothing
+    centre = smoothed_at_centre(found, mean, covariance, known, nuisances, biased, settled)
+    ahead, behind = found.x[:k], found.x[k:]
+    return middle, (ahead - behind) / (2 * np.sqrt(k)), (ahead + behind - 2 * centre) / k
+
+
+def _errors(
+    found: AtPoints,
+    known: np.ndarray,
+    nuisances: Nuisances,
+    biased: np.ndarray | None,
+    each: int,
+    rng: np.random.Generator,
+    states: slice,
+) -> np.ndarray:
+    """−w (each · points, T + 1, n), the points one after the other."""
+    steps, points = len(known), len(found.points)
+    if found.considered:
+        error = consider_errors(
+            replace(found.models, **{name: getattr(found.models, name)[:points] for name in OF_POINTS}),
+            (found.start[0][:points], found.start[1], found.start[2][:points]),
+            known.reshape(steps, -1),
+            known_ends(known, nuisances),
+            found.samples,
+            found.noise,
+            each,
+            rng,
+        )[..., states]
+    else:
+        offsets = np.zeros(0, dtype=int) if biased is None else biased
+        parts = []
+        for point, x0 in zip(found.points, found.start[0], strict=False):
+            core, run = kept_at(found.model, point, x0, found.start[1], known, found.samples[:, None], offsets)
+            parts.append(smoother_errors(core, run, each, rng, states))
+        error = np.stack(parts)
+    return np.swapaxes(error, 0, 1).reshape(each * points, *error.shape[2:])

@@ -1,0 +1,149 @@
+"""Histories drawn from the smoothed posterior: what the smoother claims at every instant, and how instants belong together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_paths import bank_paths
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.biased import driven_with_offsets
+from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.error_paths import smoother_errors
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.smoother import smooth
+
+from .chain import ROWS, continuous, forces, gathered, loaded_chain
+from .chain import H as STEP
+from .chain import start as chain_start
+from .two_masses import REFERENCE, believed, chain, constants, start
+from .two_masses import forces as both_forces
+
+STEPS, COUNT = 25, 4000
+SAMPLING = 5.0 / np.sqrt(COUNT)
+"""Five standard deviations of a mean of draws, in those of a draw; of a ratio of σ they are 1/√2 of it."""
+P = chain_start()[:5, :5]
+
+
+def measured(model, known, first, mean):
+    _, y = draw_truth(model, mean, first, known, [3])
+    y = y[:, 0].copy()
+    y[7, 0], y[15] = np.nan, np.nan
+    return y
+
+
+def dense(model, y):
+    """The posterior of the whole history (STEPS + 1)·5 by conditioning one normal vector, of a step by the textbook: its
+    covariance."""
+    F = continuous(REFERENCE)[0]
+    A, Q = expm(F * STEP), gathered(F, model.Q)
+    n, T = 5, STEPS
+    prior = np.zeros(((T + 1) * n, (T + 1) * n))
+    now = P
+    for t in range(T + 1):
+        if t:
+            now = A @ now @ A.T + Q
+        here = now
+        for s in range(t, T + 1):
+            if s > t:
+                here = A @ here
+            prior[s * n : s * n + n, t * n : t * n + n] = here
+            prior[t * n : t * n + n, s * n : s * n + n] = here.T
+    H = np.zeros((T, 2, T + 1, n))
+    H[range(T), :, range(1, T + 1), :2] = ROWS
+    rows = H.reshape(2 * T, -1)[np.isfinite(y).ravel()]
+    R = np.diag(np.full(len(rows), model.noise[0]))
+    gain = prior @ rows.T @ np.linalg.inv(rows @ prior @ rows.T + R)
+    return prior - gain @ rows @ prior
+
+
+def correlation(covariance, std):
+    return covariance / np.outer(std, std)
+
+
+@pytest.mark.parametrize("by", ["bank", "moments"])
+def test_instants_belong_together_as_in_the_whole_posterior(by):
+    """Of a linear model without constants, where the posterior of the history is one normal vector of 130 numbers."""
+    model, known = loaded_chain(), forces(STEPS)
+    y = measured(model, known, P, np.zeros(5))
+    expected = dense(model, y)
+    if by == "bank":
+        none = no_nuisances(model)
+        bank = filter_bank(model, np.zeros(5), P, known, y, none)
+        parts = bank_paths(model, np.zeros(5), P, known, y, none, bank, COUNT, 1)
+        x = np.concatenate([part.state for part in parts])
+        middle = smooth_bank(model, np.zeros(5), P, known, y, none, bank).mean[:, 0]
+    else:
+        run = run_filter(model, np.zeros(5), P, known, y, "all")
+        x = smoother_errors(driven_with_offsets(model, known), run, COUNT, np.random.default_rng(1))
+        x, middle = x + smooth(model, run).mean[None, :, 0], smooth(model, run).mean[:, 0]
+    std = np.sqrt(np.diag(expected))
+    assert np.abs((x.mean(axis=0) - middle).ravel() / std).max() < SAMPLING
+    off = (x - middle).reshape(COUNT, -1) / std
+    assert np.abs(off.T @ off / COUNT - correlation(expected, std)).max() < 1.5 * SAMPLING
+
+
+@pytest.mark.parametrize("parameters", [(), ("k1",), ("k1", "k2")])
+@pytest.mark.parametrize("treated", ["exact", "considered", "learned"])
+def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(parameters, treated):
+    model, known = chain(parameters), both_forces()[:, :, :1]
+    own = no_nuisances(model) if treated == "exact" else replace(constants(model), learned=treated == "learned")
+    first, mean = start(model.size), believed(model)
+    y = measured(model, known, first, mean)
+    bank = filter_bank(model, mean, first, known, y, own)
+    claimed = smooth_bank(model, mean, first, known, y, own, bank)
+    parts = list(bank_paths(model, mean, first, known, y, own, bank, COUNT, 1))
+    x = np.concatenate([part.state for part in parts])
+    p = np.concatenate([part.parameter for part in parts])
+    assert claimed.covariance is not None
+    whole = np.concatenate([x, np.repeat(p[:, None], x.shape[1], axis=1)], axis=2)
+    off = (whole - claimed.mean[:, 0]) / claimed.std[:, 0]
+    assert np.abs(off.mean(axis=0)).max() < SAMPLING
+    expected = claimed.covariance[:, 0] / (claimed.std[:, 0, :, None] * claimed.std[:, 0, None, :])
+    found = np.einsum("nta,ntc->tac", off, off, optimize=True) / COUNT
+    assert np.abs(found - expected).max() < 1.5 * SAMPLING
+
+
+def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
+    """By differences over its two points, at a parameter two standard deviations off, against smoothing there: within a twentieth
+    of σ."""
+    model, known = chain(("k1",)), both_forces()[:, :, :1]
+    none, first, mean = no_nuisances(model), start(model.size), believed(model)
+    y = measured(model, known, first, mean)
+    bank = filter_bank(model, mean, first, known, y, none)
+    claimed = smooth_bank(model, mean, first, known, y, none, bank)
+    centre, spread = bank.posterior
+    for side in (2.0, -2.0):
+        there = centre + side * np.sqrt(spread[0])
+        narrow = replace(
+            bank,
+            point=np.array([there - 1e-6, there + 1e-6]),
+            weight=np.full(2, 0.5),
+            nu=np.zeros((2, 0)),
+            left=np.zeros((2, 0, 0)),
+        )
+        exact = smooth_bank(model, mean, first, known, y, none, narrow).mean[:, 0, :5]
+        parts = list(bank_paths(model, mean, first, known, y, none, bank, COUNT, 1))
+        x, p = (np.concatenate([getattr(part, f) for part in parts]) for f in ("state", "parameter"))
+        z = (p[:, 0] - centre[0]) / np.sqrt(spread[0, 0])
+        near = np.abs(z - side) < 0.1
+        off = (x[near].mean(axis=0) - exact) / claimed.std[:, 0, :5]
+        assert np.abs(off).max() < 0.05 + 5 / np.sqrt(near.sum())
+
+
+def test_a_seed_is_a_set_of_draws_and_a_part_of_the_states_is_that_part():
+    model, known = loaded_chain(), forces(STEPS)
+    y, none = measured(model, known, P, np.zeros(5)), no_nuisances(model)
+    bank = filter_bank(model, np.zeros(5), P, known, y, none)
+
+    def drawn(seed, **more):
+        return next(bank_paths(model, np.zeros(5), P, known, y, none, bank, 50, seed, **more)).state
+
+    np.testing.assert_array_equal(drawn(1), drawn(1))
+    np.testing.assert_array_equal(drawn(1)[:, :, :2], drawn(1, states=slice(0, 2)))
+    assert np.abs(drawn(1) - drawn(2)).max() > 0
