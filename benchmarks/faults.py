@@ -18,6 +18,8 @@ import numpy as np
 
 from strainsight import api
 from strainsight.cases.structure import truth as truths
+from strainsight.cases.structure.filtered_test import Filtering
+from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.nuisances import Tolerated, tolerated
 from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
 from strainsight.cases.structure.suspected import Turning, suspect_of, turning_of
@@ -124,12 +126,11 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = ()) -> Study
 
 def suspect(study: Study, samples: np.ndarray) -> Suspect:
     trial = study.trial
-    model = filter_model(trial.problem, trial.chosen, trial.h)
-    parts = study.config, study.mesh, study.reduced, study.training, study.tolerances
-    none = np.zeros(0, dtype=int)
-    return suspect_of(
-        *parts, model, trial.chosen, trial.covariance, trial.known, samples, none, trial.settled, study.turning
-    )
+    model, m = filter_model(trial.problem, trial.chosen, trial.h), len(trial.chosen)
+    none = np.full(m, np.nan), np.zeros(m), ()
+    test = Measured(trial.time, trial.h, 1, trial.known, samples, trial.chosen, ("",) * m, *none)
+    given = Filtering(trial.problem, study.tolerances, model, test, trial.covariance, trial.settled)
+    return suspect_of(study.config, study.mesh, study.reduced, study.training, given, study.turning)
 
 
 def record(study: Study, realisation: int, channel: int = 0, degrees: float = 0.0) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
+from strainsight.config.damage import damage_problems
 from strainsight.config.layout import layout_problems
 from strainsight.config.loads import Load, MultiSine, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
@@ -206,6 +207,8 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     """Names of `estimate` that nothing would read."""
     if config.estimate is None:
         return
+    if config.estimate.damage is not None:
+        yield from damage_problems(config.estimate.damage, "estimate.damage")
     for name in config.estimate.initial_std:
         yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "unknown")
     for name in config.estimate.inputs:

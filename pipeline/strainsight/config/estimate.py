@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from strainsight.config.base import Name, Positive, Section, Text, with_defaults
+from strainsight.config.damage import DamageSettings
 from strainsight.config.gauges import NamedGauge
 
 BridgeKind = Literal["quarter", "half", "half-opposite", "half-poisson", "full", "full-bending-poisson", "full-poisson"]
@@ -143,6 +144,9 @@ class Estimate(RecordedFile):
         None,
         description="each: leave every gauge out in turn, and compare what it read with what the others say; a filter and a "
         "smoother more for each.",
+    )
+    damage: DamageSettings | None = Field(
+        None, description="Fatigue damage at the surface and at virtual gauges, with its interval; null: none."
     )
     tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
     loads_as_stated: bool = Field(

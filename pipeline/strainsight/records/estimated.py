@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.records.budget import Budget
+from strainsight.records.damage import Damaged
 from strainsight.records.record import dataset, group, record
 
 
@@ -219,4 +220,5 @@ class Estimated(Histories):
     known: dict[str, np.ndarray] = dataset("/known/<name>", "N", "/time", "known load <name> as measured")
     moment: Moment | None = group("/moment", default=None)
     source: Source = group("/source")
+    damage: Damaged | None = group("/damage", default=None)
     notes: tuple[str, ...] = dataset("/notes", "1", "sentence", "what was done to the measurements, and doubts")

@@ -42,7 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=17,
+    version=18,
     reads=(
         "seed",
         "loads",

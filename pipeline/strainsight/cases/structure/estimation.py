@@ -11,17 +11,23 @@ from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.channels import units_in_words
-from strainsight.cases.structure.compared import compared
+from strainsight.cases.structure.damage import asked_places, damage_in_test, damage_notes
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.diagnosed import ACCEPT, Judgement, clock_in_words, judgement_of
-from strainsight.cases.structure.filtering import by_moments
+from strainsight.cases.structure.filtered_test import (
+    LONGEST_COMPARED,
+    Filtered,
+    Filtering,
+    budget_in,
+    filtered,
+    model_of,
+)
+from strainsight.cases.structure.histories import histories
 from strainsight.cases.structure.hold_out import held_out
-from strainsight.cases.structure.measured import Measured, measured_of, settled_in
-from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, nuisances_of, tolerated
+from strainsight.cases.structure.measured import measured_of, settled_in
+from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
 from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import (
-    Problem,
-    filter_model,
     initial_covariance,
     problem_of,
     rests_on_loads_in_words,
@@ -29,51 +35,25 @@ from strainsight.cases.structure.problem import (
     withheld_in_words,
 )
 from strainsight.cases.structure.resultants import resultants_of
-from strainsight.cases.structure.settings import parameters_of, unknown_units
+from strainsight.cases.structure.settings import unknown_units
 from strainsight.cases.structure.source import source_of
-from strainsight.cases.structure.surface import (
-    largest_reading,
-    skin_of,
-    surface_in_time,
-    surface_then,
-    virtual_labels,
-    virtual_strain,
-)
+from strainsight.cases.structure.surface import Skin, virtual_labels, virtual_strain
+from strainsight.cases.structure.surface_in_test import grid_of, moment_of, skin_in_test
 from strainsight.cases.structure.suspected import suspect_of, turning_of
-from strainsight.cases.structure.variance import Shares, budget_of
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, ContradictionError, DeckError, NumericalError, blame
-from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.biased import driven_with_offsets
+from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
 from strainsight.estimation.consistency import Verdict, verdict
-from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.run import FilterRun
-from strainsight.estimation.settled import Settled
-from strainsight.estimation.smoother import Smoothed, smooth
-from strainsight.estimation.tuning import Tuning, scale_noise, tune
-from strainsight.fem.memory import require_memory
-from strainsight.gauges.candidates import STRAIN, UNITS
+from strainsight.estimation.model import physical
+from strainsight.estimation.tuning import Tuning
+from strainsight.gauges.candidates import UNITS
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.budget import budget_of_shares
-from strainsight.records.estimated import (
-    Channels,
-    Compared,
-    Estimated,
-    Moment,
-    Offsets,
-    Resultant,
-    Source,
-    VirtualStrain,
-)
+from strainsight.records.damage import Damaged
+from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Resultant, Source
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-
-LONGEST_COMPARED = 20_000
-"""Steps of a record that is filtered by the other methods, too, without being asked for."""
-SHORTER = "give a part of the record at a time, or a larger machine"
 
 
 @dataclass(frozen=True)
@@ -119,53 +99,83 @@ def estimation_of(
     """
     settings = config.estimate
     if settings is None or settings.file is None:
-        raise ConfigError("no measurements of a test", key="estimate.file", remedy="name a CSV, HDF5 or UFF58 file")
+        raise ConfigError("no measurements of a test", key="estimate.file", remedy="name the file of the test")
     using.progress("reading", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
     named = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
     test = measured_of(settings, using.files["estimate.file"], problem, named)
-    allowed = settings.allow_unobservable
-    hidden = undetectable(problem, test.channels, config.place.instants, config.seed, allowed)
-    using.progress("filter", 0.2)
-    start = initial_covariance(
-        problem, {**config.validation.initial_std, **settings.initial_std}, moving=settings.start != "rest"
-    )
+    hidden = undetectable(problem, test.channels, config.place.instants, config.seed, settings.allow_unobservable)
+    skin, bare = skin_in_test(config, settings, mesh, reduced.basis, using.files)
+    using.progress("model", 0.2)
+    stated = {**config.validation.initial_std, **settings.initial_std}
+    start = initial_covariance(problem, stated, moving=settings.start != "rest")
     settled = settled_in(problem, test) if settings.start == "settled" else None
-    model, tuning = _model(problem, test, settings, start, using)
+    model, tuning = model_of(problem, test, settings, start)
     tolerances = tolerated(config, mesh, reduced, training, test.channels)
-    using.progress("channels", 0.4)
-    at = np.flatnonzero(test.bias > 0)
-    covariance = np.diag(np.concatenate([np.diag(start), test.bias[at] ** 2]))
-    turning = turning_of(mesh, reduced, training, test.channels)
-    suspect = suspect_of(
-        config,
-        mesh,
-        reduced,
-        training,
-        tolerances,
-        model,
-        test.channels,
-        covariance,
-        test.known,
-        test.values,
-        at,
-        settled,
-        turning,
-    )
-    discrepancy = tolerances.discrepancy
+    given = Filtering(problem, tolerances, model, test, start, settled)
+    suspect = suspect_of(config, mesh, reduced, training, given, turning_of(mesh, reduced, training, test.channels))
 
     def checking(share: float) -> None:
         using.progress("channels", 0.4 + 0.2 * share)
 
-    judgement = judgement_of(settings, test, problem, suspect, discrepancy, checking)
-    long = len(test.values) * test.every > LONGEST_COMPARED
+    judgement = judgement_of(settings, test, problem, suspect, tolerances.discrepancy, checking)
     contradicted = "" if judgement.trusted or settings.accept else f"σ is not to be trusted: {judgement.words}"
     withheld = contradicted or ("" if settings.loads_as_stated else withheld_in_words(problem))
-    compare = not long if config.filter.compare is None else config.filter.compare
+    using.progress("filter", 0.6)
+    found = _found(config, given, judgement, withheld)
+    budget, not_so = ({}, ()) if withheld else budget_in(given, found)
+    if withheld:
+        found = found.without_sigma()
+    without = _without_each(config, settings, given, withheld, using)
+    using.progress("field", 0.95 if without else 0.7)
+    with blame("estimate.virtual"):
+        virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, found.smoothed)
+    damage = _damage(config, settings, skin, given, found, withheld, using)
+    resultants = resultants_of(config.loads, problem.unknowns.inputs, model, found.smoothed)
+    not_held = not_held_in_words(config, reduced, training)
+    notes = (
+        *test.notes,
+        *_words(config, given, judgement, withheld, not_held),
+        *not_so,
+        *bare,
+        *_doubts(hidden, tuning),
+    )
+    if settings.damage is not None:
+        notes += damage_notes(settings.damage, withheld)
+    source = source_of(settings, using.files["estimate.file"], test.labels, problem.known)
+    kinds = problem.channels.quantity[test.channels]
+    units = unknown_units(config) | {"the channel": units_in_words(kinds)}
+    return Estimation(
+        problem.unknowns,
+        replace(
+            _estimated(given, found, resultants, judgement, source, notes),
+            virtual=virtual,
+            moment=None if skin is None else moment_of(skin, given, found.smoothed),
+            posterior={} if withheld else posteriors_of(problem, start, found.bank),
+            compared=found.compared,
+            budget=budget_of_shares(budget),
+            hold_out=without,
+            damage=damage,
+        ),
+        units | {"the biased channel": units_in_words(kinds[given.biased])},
+        tuple(UNITS[kind] for kind in kinds),
+        verdict(found.run.whitened[:, 0]),
+        tuning,
+        withheld,
+        judgement,
+        settings.accept,
+        hidden,
+        tuple(resultants),
+        virtual_labels(settings.virtual),
+        grid_of(settings, skin, given, found.smoothed, None if damage is None else damage.surface),
+    )
+
+
+def _found(config: PlacementConfig, given: Filtering, judgement: Judgement, withheld: str) -> Filtered:
+    """Filter and smoother, with other filters beside them where that is asked for or takes little."""
+    compare = not given.long if config.filter.compare is None else config.filter.compare
     try:
-        run, smoothed, beside, bank = _filtered(
-            problem, tolerances, model, test, start, settled, compare and not withheld
-        )
+        return filtered(given, compare and not withheld)
     except (NumericalError, np.linalg.LinAlgError) as error:
         if judgement.trusted:
             raise
@@ -174,140 +184,52 @@ def estimation_of(
             key="estimate.channels",
             remedy="correct the channel, and estimate again",
         ) from error
-    budget, not_so = _budget(problem, tolerances, model, test, start, run, smoothed, settled, withheld, long)
-    if withheld:
-        run, smoothed = _without_sigma(run, smoothed)
-    without = None
-    if settings.hold_out is not None:
-
-        def smoothed_by(part: FilterModel, measured: Measured) -> Smoothed:
-            run, later, *_ = _filtered(problem, tolerances, part, measured, start, settled, False)
-            return _without_sigma(run, later)[1] if withheld else later
-
-        def told(channels: np.ndarray) -> str:
-            return undetectable(problem, channels, config.place.instants, config.seed, True)
-
-        without = held_out(problem, tolerances, model, test, told, smoothed_by, using.progress)
-    using.progress("field", 0.95 if without else 0.7)
-    with blame("estimate.virtual"):
-        virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, smoothed)
-    surface, moment, bare = _surfaces(config, settings, mesh, reduced, test, model, smoothed, using)
-    judged = verdict(run.whitened[:, 0])
-    resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
-    rests = withheld or rests_on_loads_in_words(problem)
-    if settings.accept and not judgement.trusted:
-        rests = f"accepted (estimate.accept), and σ given all the same: {judgement.words.removesuffix(f', {ACCEPT}')}"
-    clock = clock_in_words(test, config.train.time_step)
-    words = clock, scheme_in_words(problem, test.h), *not_held_in_words(config, reduced, training), rests
-    notes = (*test.notes, *filter(None, words), *not_so, *bare, *_doubts(hidden, tuning))
-    if withheld:
-        notes += ("filter.compare: other filters are not compared where σ is withheld",) * bool(config.filter.compare)
-    elif long and config.filter.compare is None and problem.method == "bank" and problem.unknowns.parameters:
-        notes += (f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true",)
-    source = source_of(settings, using.files["estimate.file"], test.labels, problem.known)
-    kinds = problem.channels.quantity[test.channels]
-    units = unknown_units(config) | {"the channel": units_in_words(kinds)}
-    return Estimation(
-        problem.unknowns,
-        replace(
-            _estimated(model, test, run, smoothed, resultants, virtual, notes, source, judgement),
-            moment=moment,
-            posterior={} if withheld else posteriors_of(problem, start, bank),
-            compared=beside,
-            budget=budget_of_shares(budget),
-            hold_out=without,
-        ),
-        units | {"the biased channel": units_in_words(kinds[test.bias > 0])},
-        tuple(UNITS[kind] for kind in kinds),
-        judged,
-        tuning,
-        withheld,
-        judgement,
-        settings.accept,
-        hidden,
-        tuple(resultants),
-        virtual_labels(settings.virtual),
-        surface,
-    )
 
 
-def _model(
-    problem: Problem, test: Measured, settings: Estimate, start: np.ndarray, using: Resources
-) -> tuple[FilterModel, Tuning | None]:
-    """The filter's model at the channels of the test, its noises tuned where the config says so."""
-    # A stated σ is that of a sample of the file.
-    stated = test.std * np.sqrt(test.h * test.every / problem.h)
-    model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
-    if not settings.tune.parts:
-        return model, None
-    using.progress("tuning", 0.3)
-    with blame("estimate.tune"):
-        tuning = tune(model, np.zeros(model.size), start, test.known, test.values, settings.tune.parts)
-    return scale_noise(model, tuning.factors), tuning
+def _without_each(
+    config: PlacementConfig, settings: Estimate, given: Filtering, withheld: str, using: Resources
+) -> HoldOut | None:
+    if settings.hold_out is None:
+        return None
+
+    def told(channels: np.ndarray) -> str:
+        return undetectable(given.problem, channels, config.place.instants, config.seed, True)
+
+    return held_out(given, told, bool(withheld), using.progress)
 
 
-def _filtered(
-    problem: Problem,
-    tolerances: Tolerated,
-    model: FilterModel,
-    test: Measured,
-    start: np.ndarray,
-    settled: Settled | None,
-    compare: bool,
-) -> tuple[FilterRun, Smoothed, Compared | None, BankRun | None]:
-    """Filter and smoother, with the offsets of channels as unknowns behind x*; what other filters make of the samples; and the
-    bank, where it is one."""
-    at = np.flatnonzero(test.bias > 0)
-    core = driven_with_offsets(model, test.known, at)
-    steps, kept = len(test.values) * test.every, 2 if core.linear else 3
-    # covariances of filter and smoother, and the Jacobians between them
-    require_memory(8.0 * kept * steps * core.size**2, f"{steps} steps of {core.size} states", SHORTER)
-    covariance = np.diag(np.concatenate([np.diag(start), test.bias[at] ** 2]))
-    if problem.method == "bank":
-        nuisances, rest = nuisances_of(tolerances, model, test.channels), np.zeros(len(covariance))
-        bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at, settled=settled)
-        later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at, settled)
-        beside = compared(problem, model, covariance, test.known, test.values, at) if compare else None
-        return bank.run, later, beside, bank
-    run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
-    return run, smooth(core, run, covariance=True), None, None
-
-
-def _budget(
-    problem: Problem,
-    tolerances: Tolerated,
-    model: FilterModel,
-    test: Measured,
-    start: np.ndarray,
-    run: FilterRun,
-    smoothed: Smoothed,
-    settled: Settled | None,
+def _damage(
+    config: PlacementConfig,
+    settings: Estimate,
+    skin: Skin | None,
+    given: Filtering,
+    found: Filtered,
     withheld: str,
-    long: bool,
-) -> tuple[Shares, tuple[str, ...]]:
-    """What the variances are made of, and why there is none."""
-    if withheld:
-        return {}, ()
-    if long:
-        return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
-    if (test.bias > 0).any():
-        return {}, ("no budget of the variance where offsets of channels are unknown",)
-    return budget_of(problem, tolerances, model, test.channels, start, test.known, test.values, run, smoothed, settled)
+    using: Resources,
+) -> Damaged | None:
+    """Damage where it is asked for, without its interval where σ is withheld."""
+    if settings.damage is None or skin is None:
+        return None
+    draws = None if withheld else histories(given, found, settings.damage.draws, config.seed)
+    asked = asked_places(skin, settings.virtual, config.gauges)
+
+    def counting(share: float) -> None:
+        using.progress("damage", 0.7 + 0.3 * share)
+
+    return damage_in_test(settings.damage, asked, given.model, found.smoothed, draws, counting)
 
 
 def _estimated(
-    model: FilterModel,
-    test: Measured,
-    run: FilterRun,
-    smoothed: Smoothed,
+    given: Filtering,
+    found: Filtered,
     resultants: Mapping[str, Resultant],
-    virtual: VirtualStrain | None,
-    notes: tuple[str, ...],
-    source: Source,
     judgement: Judgement,
+    source: Source,
+    notes: tuple[str, ...],
 ) -> Estimated:
+    model, test, run, smoothed = given.model, given.test, found.run, found.smoothed
     estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
-    sampled, biased = slice(test.every - 1, None, test.every), np.flatnonzero(test.bias > 0)
+    sampled = slice(test.every - 1, None, test.every)
     mean, std = (values[-1, 0, model.size :] for values in (smoothed.mean, smoothed.std))
     return Estimated(
         time=test.time[0] + run.time,
@@ -325,9 +247,8 @@ def _estimated(
             noise_std=np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0)),
         ),
         whitened=run.whitened[sampled, 0],
-        bias=Offsets(channel=biased, mean=mean, std=std) if len(biased) else None,
+        bias=Offsets(channel=given.biased, mean=mean, std=std) if len(given.biased) else None,
         resultant={str(i): own for i, own in enumerate(resultants.values())},
-        virtual=virtual,
         known=dict(zip(model.known_inputs, _at_instants(test.known).T, strict=True)),
         source=source,
         notes=notes,
@@ -342,52 +263,21 @@ def _at_instants(held: np.ndarray) -> np.ndarray:
     return np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
 
 
-def _surfaces(
-    config: PlacementConfig,
-    settings: Estimate,
-    mesh: Mesh,
-    reduced: Reduced,
-    test: Measured,
-    model: FilterModel,
-    smoothed: Smoothed,
-    using: Resources,
-) -> tuple[VtkHdf | None, Moment | None, tuple[str, ...]]:
-    """The surface in time where it is asked for, and at the moment of the largest reading; neither where nothing is solid, or
-    no stress known, with the reason.
-
-    Strains are looked at alone where there are any; else each channel beside its noise. Raises ConfigError where a surface in
-    time is asked for and the mesh has no solids, DeckError where they have no material.
-    """
-    if not mesh.blocks:
-        if settings.field is not None:
-            raise ConfigError(
-                "the mesh has no solids, and so no surface", key="estimate.field", remedy="remove the key"
-            )
-        return None, None, ()
-    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
-    try:
-        skin = skin_of(mesh, reduced.basis, parameters)
-    except DeckError as error:
-        # A model that came as matrices needs no materials, but for this.
-        if settings.field is not None:
-            raise
-        return None, None, (f"no strain and stress of the surface: {error.what}",)
-    surface = None if settings.field is None else surface_in_time(skin, model, smoothed, settings.field)
-    biased, offset = np.flatnonzero(test.bias > 0), np.zeros(len(test.labels))
-    offset[biased] = smoothed.mean[-1, 0, model.size :]
-    strains = STRAIN if model.quantity is None else np.asarray(model.quantity)
-    noise = np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0))
-    scale = np.where(strains == STRAIN, 1.0, np.inf) if np.any(strains == STRAIN) else noise
-    k, channel = largest_reading(test.values, offset, np.broadcast_to(scale, noise.shape))
-    then = (k + 1) * test.every
-    return surface, surface_then(skin, model, smoothed, then, float(test.time[k + 1]), test.labels[channel]), ()
-
-
-def _without_sigma(run: FilterRun, smoothed: Smoothed) -> tuple[FilterRun, Smoothed]:
-    """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
-    assert smoothed.covariance is not None
-    none = replace(smoothed, std=np.nan * smoothed.std, covariance=np.nan * smoothed.covariance)
-    return replace(run, std=np.nan * run.std), none
+def _words(
+    config: PlacementConfig, given: Filtering, judgement: Judgement, withheld: str, not_held: tuple[str, ...]
+) -> tuple[str, ...]:
+    """What a reader has to know of the estimate, sentence by sentence."""
+    problem, test = given.problem, given.test
+    rests = withheld or rests_on_loads_in_words(problem)
+    if not withheld and not judgement.trusted:
+        rests = f"accepted (estimate.accept), and σ given all the same: {judgement.words.removesuffix(f', {ACCEPT}')}"
+    others, comparable = "", problem.method == "bank" and problem.unknowns.parameters
+    if withheld and config.filter.compare:
+        others = "filter.compare: other filters are not compared where σ is withheld"
+    elif not withheld and given.long and config.filter.compare is None and comparable:
+        others = f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true"
+    words = clock_in_words(test, config.train.time_step), scheme_in_words(problem, test.h), *not_held, rests, others
+    return tuple(filter(None, words))
 
 
 def _doubts(hidden: str, tuning: Tuning | None) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.layout.budget import budget_tables
+from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.diagnosed import ACCEPT
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
@@ -41,6 +42,7 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
         numbers["withheld"] = found.withheld
     if found.undetectable:
         numbers["unobservable"] = found.undetectable
+    numbers |= damage_numbers(own.damage, found.labels)
     return numbers | posterior_numbers(own.posterior) | ratios(own.compared)
 
 
@@ -61,6 +63,7 @@ def estimation_message(found: Estimation) -> str:
         parts += misfits_in_words(held, found.estimated.gauge.label, found.estimated.gauge.measured)
     if not found.verdict.consistent and found.judgement.trusted:
         parts.append("the noise does not fit the innovations")
+    parts += damage_in_words(found.estimated.damage)
     parts += posterior_doubts(found.estimated.posterior, units)
     parts += disagreements_in_words(found.estimated.compared)
     return ", ".join(parts)
@@ -84,6 +87,7 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
     beside, held, own = found.estimated.compared, found.estimated.hold_out, found.estimated.gauge
     return (
         Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),
+        *damage_tables(found.estimated.damage, found.labels),
         *budget_tables(found.estimated.budget),
         *([] if beside is None else [comparison_table(beside, found.units)]),
         *([] if held is None else [hold_out_table(held, own.label, found.channel_units, own.measured)]),

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.structure.measured import Measured
-from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
-from strainsight.cases.structure.problem import Problem
+from strainsight.cases.structure.filtered_test import Filtering, filtered
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
-from strainsight.estimation.model import FilterModel
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, samples_alike
@@ -22,76 +19,51 @@ from strainsight.workflow.output import Scalar, Table
 
 
 def held_out(
-    problem: Problem,
-    tolerances: Tolerated,
-    model: FilterModel,
-    test: Measured,
-    tells: Callable[[np.ndarray], str],
-    smoothed: Callable[[FilterModel, Measured], Smoothed],
-    progress: Callable[[str, float], None],
+    given: Filtering, tells: Callable[[np.ndarray], str], withheld: bool, progress: Callable[[str, float], None]
 ) -> HoldOut:
     """Predict every gauge by the others: all channels of one gauge are left out together.
 
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
     x̂ˢ, Pˢ smoothed from the other channels; R of one sample; D, E, o what the gauge's own installation may be off by
-    (`Nuisances`), and σ_b the σ of its unknown offset. model: of all channels; tells: in words, what some channels (k,) of
-    train.h5 cannot tell, empty where nothing; smoothed: filter and smoother on a model and its part of the test.
-    NaN for a gauge without which the others cannot tell the unknowns, and where σ is withheld.
+    (`Nuisances`), and σ_b the σ of its unknown offset. tells: in words, what some channels (k,) of train.h5 cannot tell, empty
+    where nothing; withheld: whether σ is. NaN for a gauge without which the others cannot tell the unknowns, and for a σ that is
+    withheld.
     """
-    owner = problem.channels.gauge[test.channels]
+    test = given.test
+    owner = given.problem.channels.gauge[test.channels]
     mean, std = np.full((2, *test.values.shape), np.nan)
     said = [""] * len(owner)
     gauges = np.unique(owner)
     for i, gauge in enumerate(gauges):
         progress(f"without {test.labels[int(np.argmax(owner == gauge))]}", 0.7 + 0.25 * i / len(gauges))
-        out = np.flatnonzero(owner == gauge)
-        rest = np.flatnonzero(owner != gauge)
+        out, rest = np.flatnonzero(owner == gauge), np.flatnonzero(owner != gauge)
         lost = tells(test.channels[rest]) if len(rest) else "anything"
         try:
-            found = None if lost else smoothed(_part_of(model, rest), _measured_by(test, rest))
+            found = None if lost else filtered(given.by(rest))
         except NumericalError as error:
             found, lost = None, error.what
         for j in out:
             said[j] = f"the others cannot tell {lost}" if lost else ""
         if found is not None:
-            nuisances = tolerances, _part_of(model, out), test.channels[out]
-            mean[:, out], std[:, out] = _predicted(*nuisances, _measured_by(test, out), found)
+            smoothed = (found.without_sigma() if withheld else found).smoothed
+            mean[:, out], std[:, out] = _predicted(given.by(out), smoothed)
     return HoldOut(predicted=mean, std=std, left_in=tuple(said))
 
 
-def _part_of(model: FilterModel, which: np.ndarray) -> FilterModel:
-    """The model with some of its channels."""
-    quantity = None if model.quantity is None else model.quantity[which]
-    return replace(model, H=model.H[which], r=model.r[which], quantity=quantity)
-
-
-def _measured_by(test: Measured, which: np.ndarray) -> Measured:
-    return replace(
-        test,
-        values=test.values[:, which],
-        channels=test.channels[which],
-        labels=tuple(test.labels[i] for i in which),
-        std=test.std[which],
-        bias=test.bias[which],
-    )
-
-
-def _predicted(
-    tolerances: Tolerated, model: FilterModel, channels: np.ndarray, test: Measured, found: Smoothed
-) -> tuple[np.ndarray, np.ndarray]:
-    """Readings (T, c) of channels (c,) and their σ; model: of these."""
+def _predicted(given: Filtering, found: Smoothed) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (T, c) of the channels of `given`, and their σ."""
+    model, test, nuisances = given.model, given.test, given.nuisances
     states, sampled = model.parameter_states.start, slice(model.every, None, model.every)
     x = found.mean[sampled, 0]
     assert found.covariance is not None
     P = found.covariance[sampled, 0, :states, :states]
-    H, fed = model.H[:, :states].copy(), np.zeros((len(channels), len(model.known_inputs)))
+    H, fed = model.H[:, :states].copy(), np.zeros((len(test.channels), len(model.known_inputs)))
     if model.accelerometers is not None:
         moving = model.accelerometers
         theta = theta_at(model, x[-1:, model.parameter_states])
         on_states, on_known = acceleration_rows(model, theta, model.H[moving, : model.model.size])
         H[moving], fed[moving] = on_states[0], on_known[0]
-    nuisances = nuisances_of(tolerances, model, channels)
     ends = known_ends(test.known, nuisances)[model.every - 1 :: model.every]
     own = np.einsum("dmn,tn->tdm", nuisances.D, x[:, :states]) + np.einsum("dmp,tp->tdm", nuisances.E, ends)
     own += nuisances.offset

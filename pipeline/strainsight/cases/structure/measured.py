@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,12 @@ class Measured:
     std: np.ndarray
     bias: np.ndarray
     notes: tuple[str, ...]
+
+    def by(self, which: np.ndarray) -> Measured:
+        """Some of the channels (k,)."""
+        labels = tuple(self.labels[i] for i in which)
+        part = {name: getattr(self, name)[which] for name in ("channels", "std", "bias")}
+        return replace(self, values=self.values[:, which], labels=labels, **part)
 
 
 def measured_of(settings: Estimate, path: Path, problem: Problem, gauges: Mapping[str, int]) -> Measured:

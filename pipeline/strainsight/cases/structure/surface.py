@@ -16,10 +16,12 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import SurfaceModel, SurfaceState, principal, surface_model, surface_state
 from strainsight.gauges.bonded import BondedEntry, bonded
+from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
+from strainsight.records.damage import DamageAt
 from strainsight.records.estimated import Moment, VirtualStrain
 
 
@@ -44,11 +46,7 @@ def virtual_strain(
     if not entries:
         return None
     facets, q = exterior_facets(mesh), slice(0, basis.shape[1])
-    stated = [
-        BondedEntry(e.position, e.direction, gauges.grid_length if e.length is None else e.length, e.angles)
-        for e in entries
-    ]
-    pool, _ = bonded(mesh, facets, stated, gauges.snap_tolerance, key="estimate.virtual")
+    pool = virtual_pool(mesh, facets, entries, gauges)
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     assert smoothed.covariance is not None
     return VirtualStrain(
@@ -57,6 +55,15 @@ def virtual_strain(
         position=pool.position,
         direction=pool.direction,
     )
+
+
+def virtual_pool(mesh: Mesh, facets: Facets, entries: Sequence[NamedGauge], gauges: Gauges) -> Candidates:
+    """The grids of `estimate.virtual` on the facets of the whole surface."""
+    stated = [
+        BondedEntry(e.position, e.direction, gauges.grid_length if e.length is None else e.length, e.angles)
+        for e in entries
+    ]
+    return bonded(mesh, facets, stated, gauges.snap_tolerance, key="estimate.virtual")[0]
 
 
 SHOWN = ("strain", "strain_std", "stress", "von_mises", "von_mises_std", "principal")
@@ -94,11 +101,13 @@ def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> Surfac
     return surface_state(skin.model, theta, x[:n], P if np.isfinite(P).all() else None, free)
 
 
-def surface_in_time(skin: Skin, model: FilterModel, smoothed: Smoothed, stated: Field3D) -> VtkHdf:
+def surface_in_time(
+    skin: Skin, model: FilterModel, smoothed: Smoothed, stated: Field3D, damage: DamageAt | None = None
+) -> VtkHdf:
     """Displacement, strain and stress of every exterior facet in time, as a grid with steps; with claimed σ where it is given.
 
-    stated: the time between pictures, a hundred of them where it says none. Stress and its σ to first order in the
-    coordinates and the estimated moduli.
+    stated: the time between pictures, a hundred of them where it says none; damage: of the facets, which all pictures show.
+    Stress and its σ to first order in the coordinates and the estimated moduli.
     """
     mesh, n = skin.mesh, model.model.size
     used, blocks, order = facet_cells(skin.facets)
@@ -117,9 +126,30 @@ def surface_in_time(skin: Skin, model: FilterModel, smoothed: Smoothed, stated: 
         mesh.position[used],
         blocks,
         point_data={"displacement": displacement},
-        cell_data={name: np.stack(values) for name, values in data.items()},
+        cell_data={name: np.stack(values) for name, values in data.items()} | _damage_shown(damage, order),
         steps=smoothed.time[frames],
     )
+
+
+def damage_on_surface(skin: Skin, damage: DamageAt) -> VtkHdf:
+    """Damage and equivalent range of every exterior facet, as a grid."""
+    used, blocks, order = facet_cells(skin.facets)
+    return unstructured_grid(skin.mesh.position[used], blocks, cell_data=_damage_shown(damage, order))
+
+
+def _damage_shown(damage: DamageAt | None, order: np.ndarray) -> dict[str, np.ndarray]:
+    """Of facets in the order of cells, without what is withheld."""
+    if damage is None:
+        return {}
+    names = {
+        "damage": damage.damage,
+        "damage_low": damage.low,
+        "damage_high": damage.high,
+        "damage_of_mean": damage.of_mean,
+        "equivalent_range": damage.range,
+        "equivalent_range_of_mean": damage.range_of_mean,
+    }
+    return {name: own[order] for name, own in names.items() if not np.isnan(own).all()}
 
 
 def surface_then(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int, time: float, label: str) -> Moment:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, tolerated
+from strainsight.cases.structure.filtered_test import Filtering
+from strainsight.cases.structure.nuisances import nuisances_of, tolerated
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.fault_search import Suspect
 from strainsight.estimation.faults import ANGLES
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.settled import Settled
 from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.surface import turned
@@ -57,18 +57,12 @@ def suspect_of(
     mesh: Mesh,
     reduced: Reduced,
     training: Training,
-    tolerances: Tolerated,
-    model: FilterModel,
-    channels: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    samples: np.ndarray,
-    biased: np.ndarray,
-    settled: Settled | None,
+    given: Filtering,
     turning: Turning,
 ) -> Suspect:
-    """By the bank, whatever filter estimates: no other takes the tolerances in. channels (m,) of train.h5; covariance (n*, n*) at
-    t = 0, offsets of biased channels (b,) behind x*; known (T, HOLD, n_known) [N]; samples (T/every, m)."""
+    """By the bank, whatever filter estimates: no other takes the tolerances in."""
+    model, test = given.model, given.test
+    channels = test.channels
     Q, at = np.array(model.Q), model.parameter_states
     Q[..., at, :], Q[..., :, at] = 0.0, 0.0
     constant = replace(model, Q=Q)
@@ -89,13 +83,13 @@ def suspect_of(
 
     return Suspect(
         model=constant,
-        mean=np.zeros(len(covariance)),
-        covariance=covariance,
-        known=known,
-        samples=samples,
-        nuisances=nuisances_of(tolerances, constant, channels),
-        biased=biased,
-        settled=settled,
+        mean=np.zeros(len(given.covariance)),
+        covariance=given.covariance,
+        known=test.known,
+        samples=test.values,
+        nuisances=nuisances_of(given.tolerances, constant, channels),
+        biased=given.biased,
+        settled=given.settled,
         turned_rows=wide,
         turned=with_turned,
     )

@@ -110,7 +110,7 @@ class Trial:
 def without_truth(trial: Trial) -> Trial:
     """What a filter needs, and its errors: a truth may hold the whole model, which is not sent to other processes."""
     gone = ReadMotion(np.zeros((0, 0)))
-    return replace(trial, truth=replace(trial.truth, motion=_gone, again=None), motion=gone, again=None)
+    return replace(trial, truth=replace(trial.truth, motion=_gone, again=None, field=None), motion=gone, again=None)
 
 
 def _gone(_loading: Loading) -> Motion:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -84,13 +85,14 @@ class Truth:
     """theta: true parameter values [SI]; description for people; held (gauges,): which a sharp edge has kept from being
     misplaced as far as asked; motion: loads, and how the motion begins → what happens under them; again: number of a
     realisation, and gauges → the truth of these gauges, in their order, with everything drawn anew; None where nothing is
-    drawn."""
+    drawn; field: displacements of all nodes per coordinate of a `ModalMotion` (3 nodes, r), None of another."""
 
     theta: Mapping[str, float]
     description: str
     held: np.ndarray
     motion: Callable[[Loading], Motion]
     again: Callable[[int, np.ndarray], Truth] | None = None
+    field: Callable[[], np.ndarray] | None = None
 
 
 def truth_of(
@@ -140,7 +142,7 @@ def truth_of(
     installed = _installed(mesh, built, basis, training)
     if stated.model == "modes":
         rows, held = installed(np.arange(pool.gauges), None)
-        return _modal(theta, words, held, model, rows, pool)
+        return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
     words += in_words(config, given=training.given is not None)
 
     def drawn(realisation: int, gauges: np.ndarray) -> Truth:
@@ -150,7 +152,8 @@ def truth_of(
         own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
         if loads_vary(config):
             own = replace(own, input_shape=basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
-        return _modal(theta, words, held, own, rows, part, installation)
+        truth = _modal(theta, words, held, own, rows, part, installation)
+        return replace(truth, field=partial(nodal, built.model, basis))
 
     return replace(drawn(0, np.arange(pool.gauges)), again=drawn if varies(config) else None)
 

@@ -1,0 +1,207 @@
+"""Does the interval of damage hold? `python benchmarks/damage.py [records] [case …] [--draws=N] [--key=value …]`.
+
+Every record has a truth of its own. `own`: the filter's own model, its start, loads and parameters drawn as the filter takes
+them to be, no tolerances. `rich`: a sine, and installation of the gauges, loads and damping drawn from the tolerances. A table
+says, for slopes 3 and 8 of the S-N curve, how often the interval of 95 % holds the damage of the true stress at places on
+the surface, and medians of damage by draws, and by the smoothed history, over the true one. Numbers are no times.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import Pool
+from pathlib import Path
+
+import numpy as np
+
+from strainsight import api
+from strainsight.cases.structure.damage import asked_places, theta_at
+from strainsight.cases.structure.damaged_places import Places, damage_at
+from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, tolerated
+from strainsight.cases.structure.problem import Problem, filter_model, problem_of, sample_std
+from strainsight.cases.structure.settings import parameters_of
+from strainsight.cases.structure.start import loading_of
+from strainsight.cases.structure.surface import skin_of
+from strainsight.cases.structure.trial import sample_noise, trial_of
+from strainsight.cases.structure.truth import ModalMotion, truth_of
+from strainsight.config.damage import DamageSettings, SNCurve
+from strainsight.damage.intervals import interval_of
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_paths import bank_paths
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.settled import Settled
+
+ROOT = Path(__file__).resolve().parent.parent
+SLOPES = (3.0, 8.0)
+PLACES = 4
+KNOWN_MODULUS = "parameters.E.guess=2.1e+11"
+SHORT = (
+    "validate.truth.model=rich",
+    "rom.modes=3",
+    "train.time_step=1e-3",
+    "train.duration=0.2",
+    "validate.time_step=1e-3",
+    "validate.duration=0.1",
+    "screen.keep=20",
+    "place.instants=5",
+    "place.certificate=false",
+)
+"""Two periods of the load in 100 steps, by three modes and the static shape."""
+SMOOTH = "loads.tip.process_noise={model: integrated_random_walk}"
+LOAD, MODULUS = "cantilever-input.yaml", "cantilever-youngs-modulus.yaml"
+CASES = {
+    "load, own": (LOAD, (KNOWN_MODULUS, "tolerances=none")),
+    "load, rich": (LOAD, (KNOWN_MODULUS,)),
+    "smooth load, own": (LOAD, (KNOWN_MODULUS, "tolerances=none", SMOOTH)),
+    "smooth load, rich": (LOAD, (KNOWN_MODULUS, SMOOTH)),
+    "E, own": (MODULUS, ("tolerances=none", "train.settle=none")),
+    "E, rich": (MODULUS, ()),
+}
+"""Config and what is changed of it; of the filter's own model those that end with `own`."""
+
+
+@dataclass(frozen=True)
+class Filtering:
+    """What all records of a case share; places of the filter's model."""
+
+    problem: Problem
+    tolerances: Tolerated
+    channels: np.ndarray
+    covariance: np.ndarray
+    known: np.ndarray
+    settled: Settled | None
+    h: float
+    places: Places
+    draws: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """reading (T, k) without noise; true damage (slopes, places); number."""
+
+    reading: np.ndarray
+    true: np.ndarray
+    number: int
+
+
+def settings(slope: float, draws: int = 200) -> DamageSettings:
+    return DamageSettings(curve=SNCurve(slope=slope, stress=1e8), draws=draws)
+
+
+def filtering(
+    config: str, changes: Sequence[str], draws: int, records: int, own: bool
+) -> tuple[Filtering, list[Record]]:
+    """The layout of a config and its records."""
+    case = api.load(ROOT / "configs" / config, [*SHORT, *changes])
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    screened = api.screen(case, mesh, training)
+    gauges = api.place(case, mesh, reduced, training, screened).gauges
+    problem = problem_of(case.config, case.files, reduced, training, screened)
+    channels = problem.channels.of(gauges)
+    channels = channels[channels >= 0]
+    parameters = parameters_of(case.config.parameters, mesh, case.files)
+    truth = truth_of(case.config, mesh, None, reduced, training, problem, case)
+    allowed = tolerated(case.config, mesh, reduced, training, channels)
+    trial = trial_of(case.config, problem, truth, allowed, gauges)
+    every = asked_places(skin_of(mesh, reduced.basis, parameters), (), case.config.gauges).surface
+    which = spread(every, problem)
+    shared = Filtering(
+        problem, allowed, channels, trial.covariance, trial.known, trial.settled, trial.h, every.take(which), draws
+    )
+    if own:
+        return shared, [own_record(shared, number) for number in range(1, records + 1)]
+    loading = loading_of(problem.settle, list(problem.signals.values()), trial.h, len(trial.known))
+    again = truth.again
+    assert again is not None
+    field = again(1, gauges).field
+    assert field is not None
+    at = asked_places(skin_of(mesh, field(), parameters), (), case.config.gauges).surface.take(which)
+    return shared, [
+        rich_record(again(number, gauges).motion(loading), at, truth.theta, len(channels), number)
+        for number in range(1, records + 1)
+    ]
+
+
+def spread(places: Places, problem: Problem) -> np.ndarray:
+    """The most damaged place of the training run, and others down to a tenth of its equivalent range."""
+    q, theta = problem.x[:, : problem.model.size], problem.model.reference
+    level = damage_at(places, q, theta, settings(5.0))[1] ** (1 / 5.0)
+    wanted = level.max() * np.linspace(1.0, 0.1, PLACES)
+    return np.array([int(np.argmin(np.abs(level - own))) for own in wanted])
+
+
+def true_damage(places: Places, q: np.ndarray, theta: dict[str, float]) -> np.ndarray:
+    return np.stack([damage_at(places, q, theta, settings(slope))[0] for slope in SLOPES])
+
+
+def rich_record(motion: object, places: Places, theta: object, channels: int, number: int) -> Record:
+    assert isinstance(motion, ModalMotion)
+    return Record(motion.reading(np.arange(channels))[1:], true_damage(places, motion.q, dict(theta)), number)  # type: ignore[call-overload]
+
+
+def own_record(shared: Filtering, number: int) -> Record:
+    """The noise of `draw_truth` left to `one`."""
+    model = filter_model(shared.problem, shared.channels, shared.h)
+    x, _ = draw_truth(model, np.zeros(model.size), shared.covariance, shared.known, [number])
+    theta = theta_at(model, x[-1, 0, model.parameter_states])
+    reading = x[1:, 0] @ model.H.T
+    return Record(reading, true_damage(shared.places, x[:, 0, : model.model.size], theta), number)
+
+
+def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Whether the interval holds the truth; damage by draws, and by the smoothed history, over it; (slopes, places) each."""
+    problem, channels = shared.problem, shared.channels
+    model = filter_model(problem, channels, shared.h)
+    noise = sample_noise(1, record.number, *record.reading.shape) * sample_std(problem, channels, shared.h)
+    y, start, P = record.reading + noise, np.zeros(model.size), shared.covariance
+    nuisances, q = nuisances_of(shared.tolerances, model, channels), slice(0, model.model.size)
+    bank = filter_bank(model, start, P, shared.known, y, nuisances, settled=shared.settled)
+    args = (model, start, P, shared.known, y, nuisances, bank)
+    later = smooth_bank(*args, settled=shared.settled).mean[:, 0]
+    mean = true_damage(shared.places, later[:, q], theta_at(model, later[-1, model.parameter_states]))
+    drawn = [
+        true_damage(shared.places, own, theta_at(model, p))
+        for part in bank_paths(*args, shared.draws, 1_000_000 + record.number, settled=shared.settled, states=q)
+        for p, own in zip(part.parameter, part.state, strict=True)
+    ]
+    found = interval_of(np.array(drawn))
+    return (found.low <= record.true) & (record.true <= found.high), found.median / record.true, mean / record.true
+
+
+def table(case: str, records: int, draws: int, more: Sequence[str], pool: object) -> list[str]:
+    config, changes = CASES[case]
+    shared, made = filtering(config, (*changes, *more), draws, records, case.endswith("own"))
+    found = pool.map(partial(one, shared), made, chunksize=2)  # type: ignore[attr-defined]
+    inside, median, mean = (np.array(each) for each in zip(*found, strict=True))
+    lines = []
+    for i, slope in enumerate(SLOPES):
+        each = ", ".join(f"{100 * share:.1f}" for share in inside[:, i].mean(axis=0))
+        lines.append(
+            f"| {case} | {slope:g} | {100 * inside[:, i].mean():.1f} % | {each} | {np.median(median[:, i]):.3f} | "
+            f"{np.median(mean[:, i]):.3f} |"
+        )
+    return lines
+
+
+def main(words: Sequence[str]) -> None:
+    given = [word[2:] for word in words if word.startswith("--")]
+    draws = next((int(own.removeprefix("draws=")) for own in given if own.startswith("draws=")), 100)
+    more = [own for own in given if not own.startswith("draws=")]
+    words = [word for word in words if not word.startswith("--")]
+    records, cases = int(words[0]) if words else 200, words[1:] or list(CASES)
+    print(
+        "| case | slope | within 95 % | each place | draws over truth | smoothed over truth |\n|---|---|---|---|---|---|"
+    )
+    with Pool(2) as pool:
+        for case in cases:
+            print("\n".join(table(case, records, draws, more, pool)), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,173 @@
+"""Fatigue damage in a test, by draws of what the smoother leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.cases.structure.damaged_places import Places, curve_of, damage_at, surface_places
+from strainsight.cases.structure.surface import Skin, virtual_pool
+from strainsight.config.damage import DamageSettings
+from strainsight.config.gauges import Gauges, NamedGauge
+from strainsight.damage.intervals import Interval, interval_of
+from strainsight.damage.sums import equivalent_range
+from strainsight.estimation.bank_paths import Paths
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.smoother import Smoothed
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.surface import facet_centres
+from strainsight.records.damage import DamageAt, Damaged
+
+APART = 0.05
+"""Of the surface's largest extent: no two hot spots that are listed are nearer than this."""
+ALIKE = 1e-6
+"""Relative: damages that differ by less are one, and the earlier place comes first."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """surface: its places, None where there is no surface; virtual: those of the virtual gauges, None without one."""
+
+    surface: Places | None
+    virtual: Places | None
+
+
+def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> Asked:
+    """On the surface; entries of `estimate.virtual`."""
+    mesh, facets = skin.mesh, skin.facets
+    every = surface_places(skin.model, facet_centres(mesh.position, facets.kind, facets.nodes)[0], facets.element_id)
+    if not entries:
+        return Asked(every, None)
+    pool = virtual_pool(mesh, facets, entries, gauges)
+    number = {own: i for i, own in enumerate(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True))}
+    below = np.array([number[own] for own in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
+    rows = channel_rows(mesh.position, pool, skin.basis, facets=facets)
+    return Asked(every, Places(pool.position, pool.element, rows[:, None], every.take(below).modulus))
+
+
+def damage_in_test(
+    own: DamageSettings,
+    asked: Asked,
+    model: FilterModel,
+    smoothed: Smoothed,
+    draws: Iterable[Paths] | None,
+    progress: Callable[[float], None],
+) -> Damaged:
+    """Damage of the smoothed history and its interval over draws of q (N, T + 1, n) and p; draws None: σ is withheld, and with it
+    the interval."""
+    n = model.model.size
+    mean = smoothed.mean[:, 0]
+    p = mean[:, model.parameter_states].mean(axis=0)
+    of_mean = {name: damage_at(places, mean[:, :n], theta_at(model, p), own) for name, places in _named(asked)}
+    which = {name: np.arange(len(places)) for name, places in _named(asked)}
+    if own.points is not None and asked.surface is not None:
+        most = _ordered(of_mean["surface"][1])[: own.points]
+        which["surface"] = np.sort(most)
+    drawn: dict[str, list[np.ndarray]] = {name: [] for name in which}
+    parts = {name: places.take(which[name]) for name, places in _named(asked)}
+    for part in draws or ():
+        for at, q in zip(part.parameter, part.state, strict=True):
+            for name, places in parts.items():
+                drawn[name].append(np.stack(damage_at(places, q, theta_at(model, at), own)))
+            progress(len(drawn[name]) / own.draws)
+    found = {name: _damage(places, own, of_mean[name], which[name], drawn[name]) for name, places in _named(asked)}
+    surface = found.get("surface")
+    return Damaged(
+        surface=surface,
+        virtual=found.get("virtual"),
+        hot_spot=None if surface is None else hot_spots(surface, own.hot_spots),
+        hours=float(own.repetitions * smoothed.time[-1] / 3600),
+    )
+
+
+def theta_at(model: FilterModel, p: np.ndarray) -> dict[str, float]:
+    """All parameters [SI] at p (k,) = ln(θ/guess) of those that are estimated."""
+    unknowns = model.unknowns
+    return dict(model.fixed) | {
+        name: float(unknowns.guess[name] * np.exp(value)) for name, value in zip(unknowns.parameters, p, strict=True)
+    }
+
+
+def hot_spots(found: DamageAt, count: int) -> np.ndarray:
+    """The most damaged places of a surface, none within APART of one before; those without any damage are none."""
+    level = np.where(np.isnan(found.damage), found.of_mean, found.damage) if _withheld(found) else found.damage
+    near = APART * float(np.ptp(found.position, axis=0).max())
+    chosen: list[int] = []
+    for i in _ordered(np.nan_to_num(level, nan=0.0, posinf=np.inf)).tolist():
+        if len(chosen) == count or not level[i] > 0:
+            break
+        apart = np.linalg.norm(found.position[chosen] - found.position[i], axis=1)
+        if not len(chosen) or apart.min() > near:
+            chosen.append(i)
+    return np.array(chosen, dtype=np.int64)
+
+
+def _withheld(found: DamageAt) -> bool:
+    return bool(np.isnan(found.damage).all())
+
+
+def _ordered(level: np.ndarray) -> np.ndarray:
+    """Numbers of places, the largest level first; of levels that are alike the earlier place."""
+    with np.errstate(divide="ignore"):
+        rounded = np.round(np.log(level) / ALIKE)
+    return np.lexsort((np.arange(len(level)), -rounded))
+
+
+def _named(asked: Asked) -> list[tuple[str, Places]]:
+    both = (("surface", asked.surface), ("virtual", asked.virtual))
+    return [(name, own) for name, own in both if own is not None]
+
+
+def _damage(
+    places: Places,
+    own: DamageSettings,
+    of_mean: tuple[np.ndarray, np.ndarray],
+    which: np.ndarray,
+    drawn: list[np.ndarray],
+) -> DamageAt:
+    curve, _ = curve_of(own)
+    none = np.full((3, len(places)), np.nan)
+    damage, ranges = none, none.copy()
+    if drawn:
+        # one after the other, so that no more than one of both is sorted at a time
+        values = np.stack(drawn)
+        damage[:, which] = _rows(interval_of(values[:, 0]))
+        ranges[:, which] = _rows(interval_of(values[:, 1]))
+
+    def equivalent(moment: np.ndarray) -> np.ndarray:
+        return equivalent_range(own.repetitions * moment, curve, own.equivalent_cycles)
+
+    repeated = own.repetitions * damage
+    return DamageAt(
+        position=places.position,
+        element=places.element,
+        of_mean=own.repetitions * of_mean[0],
+        damage=repeated[0],
+        low=repeated[1],
+        high=repeated[2],
+        range_of_mean=equivalent(of_mean[1]),
+        range=equivalent(ranges[0]),
+        range_low=equivalent(ranges[1]),
+        range_high=equivalent(ranges[2]),
+    )
+
+
+def _rows(found: Interval) -> np.ndarray:
+    return np.stack([found.median, found.low, found.high])
+
+
+def damage_notes(own: DamageSettings, withheld: str) -> tuple[str, ...]:
+    """What a reader of damage has to know, in sentences."""
+    if withheld:
+        return (
+            "σ is withheld, and the interval of damage with it: what is given is damage of the smoothed history, which is "
+            "too small where that is smoother than the truth",
+        )
+    few = (
+        ""
+        if own.points is None
+        else f", of the surface at the {own.points} points most damaged by the smoothed history"
+    )
+    return (f"damage is the median of {own.draws} draws with the interval of 95 %{few}",)

@@ -1,0 +1,84 @@
+"""Where damage is asked for: the stress that a motion of the model makes there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.damage import DamageSettings
+from strainsight.damage.curve import Curve, MeanStress
+from strainsight.damage.loops import FKM, GOODMAN, NONE
+from strainsight.damage.sums import damage_of, one_number
+from strainsight.fem.affine import AffineOperator
+from strainsight.fem.recovery import isotropic
+from strainsight.fem.stress import SurfaceModel
+
+AT_ONCE = 400_000
+"""Numbers of stress that are held at a time: they stay in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """position (p, 3) [m], element (p,) ids; rows (p, c, r): stress of unit modulus per coordinate, c = 1 of one stress, 6 of a
+    state [xx yy zz xy yz zx]; modulus (p,) [Pa] affine in the parameters."""
+
+    position: np.ndarray
+    element: np.ndarray
+    rows: np.ndarray
+    modulus: AffineOperator
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def take(self, which: np.ndarray) -> Places:
+        """Some of them, by their numbers."""
+        E = self.modulus
+        part = AffineOperator(E.constant[which], {name: own[which] for name, own in E.terms.items()})
+        return replace(
+            self, position=self.position[which], element=self.element[which], rows=self.rows[which], modulus=part
+        )
+
+
+def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndarray) -> Places:
+    """Every point of a surface."""
+    rows = isotropic(surface.strain, surface.lam[:, None], surface.mu[:, None])
+    return Places(position, element, rows, surface.modulus)
+
+
+def curve_of(own: DamageSettings) -> tuple[Curve, MeanStress]:
+    """As the kernel takes them."""
+    stated, mean = own.curve, own.mean_stress
+
+    def or_infinite(value: float | None) -> float:
+        return np.inf if value is None else value
+
+    curve = Curve(
+        stated.stress * (2.0 if stated.of == "amplitude" else 1.0),
+        stated.cycles,
+        stated.slope,
+        or_infinite(stated.knee),
+        or_infinite(stated.second_slope),
+        or_infinite(stated.cut_off),
+    )
+    constant = mean.tensile_strength if mean.rule == "goodman" else mean.sensitivity
+    return curve, MeanStress({"none": NONE, "goodman": GOODMAN, "fkm": FKM}[mean.rule], constant or 0.0)
+
+
+def damage_at(
+    places: Places, q: np.ndarray, theta: Mapping[str, float], own: DamageSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Miner's sum (p,) of one record and its moment (p,), as of `damage_of`, of a motion q (T + 1, r) at parameters [SI]."""
+    curve, mean = curve_of(own)
+    count, components, r = places.rows.shape
+    E, motion = np.asarray(places.modulus.at(theta)), np.ascontiguousarray(q.T)
+    part = max(1, AT_ONCE // (components * len(q)))
+    miner, moment = np.empty(count), np.empty(count)
+    for start in range(0, count, part):
+        here = slice(start, start + part)
+        stress = (places.rows[here].reshape(-1, r) @ motion).reshape(-1, components, len(q))
+        one = stress[:, 0] if components == 1 else one_number(stress, own.stress)
+        found = damage_of(E[here, None] * one, curve, mean)
+        miner[here], moment[here] = found.miner, found.moment
+    return miner, moment

@@ -1,0 +1,31 @@
+"""Whole histories of the motion, drawn from what the measurements of a test leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from strainsight.cases.structure.filtered_test import Filtered, Filtering
+from strainsight.estimation.bank_paths import AT_ONCE, Paths, bank_paths
+from strainsight.estimation.biased import driven_with_offsets
+from strainsight.estimation.error_paths import smoother_errors
+
+
+def histories(given: Filtering, found: Filtered, count: int, seed: int) -> Iterator[Paths]:
+    """`count` draws of q (N, T + 1, n) with the parameters of each, in parts; by the bank where there is one.
+
+    A parameter that a filter lets drift is its mean over the record.
+    """
+    model, test, at, covariance = given.model, given.test, given.biased, given.covariance
+    q, known = slice(0, model.model.size), test.known
+    if found.bank is not None:
+        before = model, np.zeros(len(covariance)), covariance, known, test.values, given.nuisances
+        yield from bank_paths(*before, found.bank, count, seed, at, given.settled, q)
+        return
+    core, rng = driven_with_offsets(model, known, at), np.random.default_rng(seed)
+    part = max(1, AT_ONCE // ((len(known) + 1) * core.size))
+    for first in range(0, count, part):
+        error = smoother_errors(core, found.run, min(part, count - first), rng)
+        error += found.smoothed.mean[None, :, 0]
+        yield Paths(error[:, :, model.parameter_states].mean(axis=1), error[:, :, q])

@@ -1,0 +1,77 @@
+"""The surface in a test: as a grid in time, with damage, and at the moment of the largest reading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.cases.structure.filtered_test import Filtering
+from strainsight.cases.structure.settings import parameters_of
+from strainsight.cases.structure.surface import (
+    Skin,
+    damage_on_surface,
+    largest_reading,
+    skin_of,
+    surface_in_time,
+    surface_then,
+)
+from strainsight.config.estimate import Estimate
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError, DeckError
+from strainsight.estimation.smoother import Smoothed
+from strainsight.gauges.candidates import STRAIN
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.vtkhdf import VtkHdf
+from strainsight.records.damage import DamageAt
+from strainsight.records.estimated import Moment
+
+
+def skin_in_test(
+    config: PlacementConfig, settings: Estimate, mesh: Mesh, basis: np.ndarray, files: Mapping[str, Path]
+) -> tuple[Skin | None, tuple[str, ...]]:
+    """The surface, or None where nothing is solid or no stress known, with the reason.
+
+    basis (3 nodes, n). Raises ConfigError where something of the surface is asked for and the mesh has no solids, DeckError
+    where they have no material.
+    """
+    keys = {"estimate.field": settings.field, "estimate.damage": settings.damage}
+    asked = [key for key, stated in keys.items() if stated is not None]
+    if not mesh.blocks:
+        if asked:
+            raise ConfigError("the mesh has no solids, and so no surface", key=asked[0], remedy="remove the key")
+        return None, ()
+    try:
+        return skin_of(mesh, basis, parameters_of(config.parameters, mesh, files, config.mesh.matrices)), ()
+    except DeckError as error:
+        # A model that came as matrices needs no materials, but for this.
+        if asked:
+            raise
+        return None, (f"no strain and stress of the surface: {error.what}",)
+
+
+def grid_of(
+    settings: Estimate, skin: Skin | None, given: Filtering, smoothed: Smoothed, damage: DamageAt | None
+) -> VtkHdf | None:
+    """The surface as a grid, with steps where it is asked for in time; None where neither that nor damage is."""
+    if skin is None or (settings.field is None and damage is None):
+        return None
+    if settings.field is not None:
+        return surface_in_time(skin, given.model, smoothed, settings.field, damage)
+    assert damage is not None
+    return damage_on_surface(skin, damage)
+
+
+def moment_of(skin: Skin, given: Filtering, smoothed: Smoothed) -> Moment:
+    """The surface when a channel reads most: strains are looked at alone where there are any, else each channel beside its
+    noise."""
+    test, model = given.test, given.model
+    offset = np.zeros(len(test.labels))
+    offset[given.biased] = smoothed.mean[-1, 0, model.size :]
+    kinds = STRAIN if model.quantity is None else np.asarray(model.quantity)
+    noise = np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0))
+    scale = np.where(kinds == STRAIN, 1.0, np.inf) if np.any(kinds == STRAIN) else noise
+    k, channel = largest_reading(test.values, offset, np.broadcast_to(scale, noise.shape))
+    then = (k + 1) * test.every
+    return surface_then(skin, model, smoothed, then, float(test.time[k + 1]), test.labels[channel])
