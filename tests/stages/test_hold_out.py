@@ -78,7 +78,7 @@ def test_a_gauge_that_reads_too_much_is_found(project):
     assert "the other gauges contradict G3" in said
 
 
-def test_a_gauge_that_the_others_cannot_do_without_stays_in_and_is_said(project):
+def test_a_gauge_that_the_others_cannot_do_without_stays_in_with_the_reason(project):
     found, said = run(project, EACH, "estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]")
     assert np.isnan(found["/hold_out/predicted"]).all()
     assert "the others cannot tell anything" in said

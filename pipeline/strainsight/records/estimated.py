@@ -31,7 +31,7 @@ class HoldOut:
     """Every gauge left out in turn, and what the others say that it reads."""
 
     predicted: np.ndarray = dataset(
-        "/predicted", "unit of the channel", "/gauge/time × /gauge/label", "readings by the other gauges, NaN: not told"
+        "/predicted", "unit of the channel", "/gauge/time × /gauge/label", "readings by the other gauges, NaN: it is in"
     )
     std: np.ndarray = dataset("/std", "unit of the channel", "/gauge/time × /gauge/label", "σ of measured − predicted")
     left_in: tuple[str, ...] = dataset(

@@ -192,10 +192,10 @@ def _without_each(
     if settings.hold_out is None:
         return None
 
-    def told(channels: np.ndarray) -> str:
+    def hidden(channels: np.ndarray) -> str:
         return undetectable(given.problem, channels, config.place.instants, config.seed, True)
 
-    return held_out(given, told, bool(withheld), using.progress)
+    return held_out(given, hidden, bool(withheld), using.progress)
 
 
 def _damage(
