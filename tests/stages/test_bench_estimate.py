@@ -28,7 +28,7 @@ from .test_artefacts import UNITS_OF
         (DIAMETER, "estimate.parameters.diameter.guess=0.066", "estimate.parameters.diameter.guess", "would not pass a ball"),
         (LOADS, "estimate.parameters.Fx={bearing: pitch-bearing, property: preload, std: 1.0e-6}", "estimate.parameters.Fx",
          "a load of the estimate has the same name"),
-        (SMALL, "estimate.truth.model=own", "estimate.truth.model", "beside measurements from another bench"),
+        (SMALL, "estimate.truth.model=own", "estimate.truth.model", "beside measurements"),
         (DIAMETER, "estimate.parameters.diameter.starts=[0.066]", "estimate.parameters.diameter.starts", "would not pass"),
         (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
         (LOADS, BANK, "estimate.method.parameters", "no parameter is estimated"),

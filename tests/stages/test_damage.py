@@ -67,9 +67,21 @@ def test_hot_spots_are_the_most_damaged_and_apart(blind):
 def test_numbers_have_names(blind):
     found, _, _ = blind
     numbers = found.summary
-    assert numbers["damage.low.V1"] < numbers["damage.V1"] < numbers["damage.high.V1"]
-    assert numbers["life.V1"] == pytest.approx(found["/damage/hours"][()] / numbers["damage.V1"])
+    assert numbers["damage.low.surface"] < numbers["damage.surface"] < numbers["damage.high.surface"]
+    assert numbers["life.surface"] == pytest.approx(found["/damage/hours"][()] / numbers["damage.surface"])
     assert found["/damage/hours"][()] == pytest.approx(TIMES * 0.299 / 3600, rel=0.01)
+
+
+def test_a_place_of_little_stress_has_no_interval(blind):
+    """Below half of the largest equivalent range, where it was measured to be too narrow: damage of the smoothed history."""
+    found, said, _ = blind
+    largest = found["/damage/surface/range_of_mean"].max()
+    assert found["/damage/virtual/range_of_mean"][0] < 0.5 * largest
+    assert np.isnan(found["/damage/virtual/low"][0])
+    assert "damage.low.V1" not in found.summary
+    assert found.summary["life.V1"] == pytest.approx(found["/damage/hours"][()] / found.summary["damage.of_mean.V1"])
+    assert found["/damage/surface/range_of_mean"][np.isfinite(found["/damage/surface/low"])].min() >= 0.5 * largest
+    assert "withheld" in said
 
 
 def test_the_surface_opens_as_a_grid_with_damage_on_it(blind):

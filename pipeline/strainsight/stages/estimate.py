@@ -42,7 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=18,
+    version=19,
     reads=(
         "seed",
         "loads",

@@ -22,6 +22,9 @@ from strainsight.records.damage import DamageAt, Damaged
 
 APART = 0.05
 """Of the surface's largest extent: no two hot spots that are listed are nearer than this."""
+SHOWN = 0.5
+"""Of the largest equivalent range of the surface, from which a place is given an interval: below it the truth was outside too
+often (docs/measured.md, Damage)."""
 ALIKE = 1e-6
 """Relative: damages that differ by less are one, and the earlier place comes first."""
 
@@ -55,16 +58,18 @@ def damage_in_test(
     draws: Iterable[Paths] | None,
     progress: Callable[[float], None],
 ) -> Damaged:
-    """Damage of the smoothed history and its interval over draws of q (N, T + 1, n) and p; draws None: σ is withheld, and with it
-    the interval."""
+    """Damage of the smoothed history, and its interval over draws of q (N, T + 1, n) and p where the equivalent range is SHOWN of
+    the largest or more; draws None: σ is withheld, and with it the interval."""
     n = model.model.size
     mean = smoothed.mean[:, 0]
     p = mean[:, model.parameter_states].mean(axis=0)
     of_mean = {name: damage_at(places, mean[:, :n], theta_at(model, p), own) for name, places in _named(asked)}
-    which = {name: np.arange(len(places)) for name, places in _named(asked)}
+    # of ranges to the power of the slope
+    least = SHOWN**own.curve.slope * max(moment.max(initial=0.0) for _, moment in of_mean.values()) * (1 - ALIKE)
+    which = {name: np.flatnonzero(moment >= least) for name, (_, moment) in of_mean.items()}
     if own.points is not None and asked.surface is not None:
         most = _ordered(of_mean["surface"][1])[: own.points]
-        which["surface"] = np.sort(most)
+        which["surface"] = np.intersect1d(which["surface"], most)
     drawn: dict[str, list[np.ndarray]] = {name: [] for name in which}
     parts = {name: places.take(which[name]) for name, places in _named(asked)}
     for part in draws or ():
@@ -92,7 +97,7 @@ def theta_at(model: FilterModel, p: np.ndarray) -> dict[str, float]:
 
 def hot_spots(found: DamageAt, count: int) -> np.ndarray:
     """The most damaged places of a surface, none within APART of one before; those without any damage are none."""
-    level = np.where(np.isnan(found.damage), found.of_mean, found.damage) if _withheld(found) else found.damage
+    level = np.where(np.isnan(found.damage), found.of_mean, found.damage)
     near = APART * float(np.ptp(found.position, axis=0).max())
     chosen: list[int] = []
     for i in _ordered(np.nan_to_num(level, nan=0.0, posinf=np.inf)).tolist():
@@ -102,10 +107,6 @@ def hot_spots(found: DamageAt, count: int) -> np.ndarray:
         if not len(chosen) or apart.min() > near:
             chosen.append(i)
     return np.array(chosen, dtype=np.int64)
-
-
-def _withheld(found: DamageAt) -> bool:
-    return bool(np.isnan(found.damage).all())
 
 
 def _ordered(level: np.ndarray) -> np.ndarray:
@@ -170,4 +171,8 @@ def damage_notes(own: DamageSettings, withheld: str) -> tuple[str, ...]:
         if own.points is None
         else f", of the surface at the {own.points} points most damaged by the smoothed history"
     )
-    return (f"damage is the median of {own.draws} draws with the interval of 95 %{few}",)
+    return (
+        f"damage is the median of {own.draws} draws with the interval of 95 %{few}; where the equivalent range is below "
+        f"{SHOWN:g} of the largest the interval is withheld, because it was measured to be too narrow, and damage is that of the "
+        "smoothed history",
+    )
