@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from strainsight.report.text import number, percent, quantity, reading_unit, short
+from strainsight.report.text import capital, number, percent, quantity, reading_unit, short
 
 DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -77,3 +77,9 @@ def test_readings_are_shown_in_the_units_of_their_instruments():
     assert reading_unit(41.0, "m/s^2") == reading_unit(41.0, "m/s²") == (1.0, "m/s²")
     for size in (math.nan, math.inf, 0.0):
         assert reading_unit(size, "m") == (1.0, "m")
+
+
+def test_a_sentence_begins_with_a_capital_letter_and_a_symbol_stays_itself():
+    assert capital("the record") == "The record"
+    assert capital("σ is withheld") == "σ is withheld"
+    assert capital("") == ""

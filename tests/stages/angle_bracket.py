@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,6 +55,8 @@ filter: {{compare: false}}
 estimate:
   time: {{channel: time}}
   start: rest
+  accept: true
+  hold_out: {hold_out}
   channels:
 {channels}
   inputs: {{{inputs}}}
@@ -67,7 +69,7 @@ estimate:
 class Found:
     """What an estimate says (samples after the first): error of the smoothed load [N] and its σ, error of the strain at the
     points (samples, points), its σ, and the RMS of the true one (points,); E and its σ over the truth, NaN where it is not
-    sought; words."""
+    sought; held_out: error over σ of every gauge by the others (samples, gauges), where that was asked for; words."""
 
     error: np.ndarray
     std: np.ndarray
@@ -76,6 +78,7 @@ class Found:
     field_rms: np.ndarray
     E: float
     E_std: float
+    held_out: np.ndarray | None
     said: str
 
     @property
@@ -94,11 +97,12 @@ class Found:
         return np.mean(np.abs(self.field_error) < 2 * self.field_std, axis=0)
 
 
-def grids(places: Sequence[Span], letter: str) -> str:
-    """Gauges as a config states them, in metres, by a letter and their number."""
+def grids(places: Sequence[Span], letter: str, turned: Mapping[int, float] | None = None) -> str:
+    """Gauges as a config states them, in metres, by a letter and their number; turned: number → degrees on the surface."""
+    angles = turned or {}
     return "\n".join(
         f"    - {{name: {letter}{i}, position: [{_numbers(1e-3 * span.position)}], direction: [{_numbers(span.direction)}], "
-        f"length: {1e-3 * span.length:.7g}}}"
+        f"length: {1e-3 * span.length:.7g}, angles: [{angles.get(i, 0.0)}]}}"
         for i, span in enumerate(places, start=1)
     )
 
@@ -112,9 +116,18 @@ def record_of(kind: str, seed: int = SEED) -> tuple[np.ndarray, float, np.ndarra
     return read + noise, sigma, there, loads()
 
 
-def estimate(folder: Path, kind: str, *, guess: float, tolerances: str = EXACT, also: tuple[str, ...] = ()) -> Found:
+def estimate(
+    folder: Path,
+    kind: str,
+    *,
+    guess: float,
+    tolerances: str = EXACT,
+    also: tuple[str, ...] = (),
+    held_out: bool = False,
+    turned: Mapping[int, float] | None = None,
+) -> Found:
     """Gauges are bonded where CalculiX has them; `alone` has one unknown load, `shaken` a known one too. also: parameters
-    that are sought beside the load."""
+    that are sought beside the load; held_out: every gauge by the others, too; turned: gauges that the config has turned."""
     readings, sigma, there, histories = record_of(kind)
     acting = ["tip", *(["shaker"] if kind == "shaken" else [])]
     unknown = ["tip", *also]
@@ -128,7 +141,8 @@ def estimate(folder: Path, kind: str, *, guess: float, tolerances: str = EXACT, 
             f"  {name}: {{set: {SETS[name]}, direction: [{_numbers(DIRECTIONS[name])}], {LINES[name]}}}"
             for name in acting
         ),
-        "fixed": grids(bonded, "A"),
+        "fixed": grids(bonded, "A", turned),
+        "hold_out": "each" if held_out else "null",
         "virtual": grids(spans(POINTS), "P"),
         "tolerances": tolerances,
         "unknown": ", ".join(unknown),
@@ -156,6 +170,7 @@ def estimate(folder: Path, kind: str, *, guess: float, tolerances: str = EXACT, 
         field_rms=np.sqrt(np.mean(there**2, axis=0)),
         E=E,
         E_std=E_std,
+        held_out=(own["/hold_out/predicted"] - own["/gauge/measured"]) / own["/hold_out/std"] if held_out else None,
         said=said,
     )
 

@@ -85,6 +85,24 @@ def test_the_field_away_from_the_gauges_is_the_true_one(right):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("tolerances", [EXACT, "{}"])
+def test_gauges_are_predicted_by_the_others_within_two_sigma(folder, tolerances):
+    found = estimate(folder, "alone", guess=TRUE_E, tolerances=tolerances, held_out=True)
+    assert 0.90 < np.mean(np.abs(found.held_out) < 2) < 0.98
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerances", [EXACT, "{}"])
+@pytest.mark.parametrize("gauge", [1, 3, 5])
+def test_a_gauge_turned_by_15_degrees_is_the_one_that_the_others_contradict_most(folder, gauge, tolerances):
+    found = estimate(folder, "alone", guess=TRUE_E, tolerances=tolerances, held_out=True, turned={gauge: 15.0})
+    off = np.sqrt(np.mean(found.held_out**2, axis=0))
+    assert np.argmax(off) == gauge - 1
+    assert off[gauge - 1] > 3
+    assert f"the other gauges contradict A{gauge} (error" in found.said
+
+
+@pytest.mark.slow
 def test_a_modulus_three_per_cent_off_has_to_be_stated(folder):
     """σ that does not know of it holds half of the samples; with tolerances.model it holds them."""
     silent = estimate(folder, "alone", guess=1e6 * GUESS)

@@ -81,6 +81,11 @@ def _grouped(digits: str) -> str:
     return f"{int(digits):,}".replace(",", "\u202f") if len(digits.lstrip("-")) > 4 and "." not in digits else digits
 
 
+def capital(text: str) -> str:
+    """A sentence with a capital letter, where it does not begin with a symbol: σ stays σ."""
+    return text[:1].upper() + text[1:] if text[:1].isascii() else text
+
+
 def short(name: str, length: int = 20) -> str:
     """A name that fits into a figure: cut after `length` characters, in one line."""
     line = " ".join(name.split())

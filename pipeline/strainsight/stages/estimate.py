@@ -42,7 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=19,
+    version=20,
     reads=(
         "seed",
         "loads",

@@ -39,7 +39,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 TEST = Stage(
     "test",
-    version=1,
+    version=2,
     reads=("name", "seed", "loads", "place.estimate"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),

@@ -120,13 +120,15 @@ def estimation_of(
 
     judgement = judgement_of(settings, test, problem, suspect, tolerances.discrepancy, checking)
     contradicted = "" if judgement.trusted or settings.accept else f"σ is not to be trusted: {judgement.words}"
-    withheld = contradicted or ("" if settings.loads_as_stated else withheld_in_words(problem))
+    untold = "" if settings.loads_as_stated else withheld_in_words(problem)
+    withheld = contradicted or untold
     using.progress("filter", 0.6)
     found = _found(config, given, judgement, withheld)
     budget, not_so = ({}, ()) if withheld else budget_in(given, found)
     if withheld:
         found = found.without_sigma()
-    without = _without_each(config, settings, given, withheld, using)
+    # What contradicts the model is looked for there: the claim is what is tested.
+    without = _without_each(config, settings, given, untold, using)
     using.progress("field", 0.95 if without else 0.7)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, found.smoothed)
@@ -187,15 +189,16 @@ def _found(config: PlacementConfig, given: Filtering, judgement: Judgement, with
 
 
 def _without_each(
-    config: PlacementConfig, settings: Estimate, given: Filtering, withheld: str, using: Resources
+    config: PlacementConfig, settings: Estimate, given: Filtering, untold: str, using: Resources
 ) -> HoldOut | None:
+    """Every gauge by the others where that is asked for; untold: why there is no σ whatever the record is, else empty."""
     if settings.hold_out is None:
         return None
 
     def hidden(channels: np.ndarray) -> str:
         return undetectable(given.problem, channels, config.place.instants, config.seed, True)
 
-    return held_out(given, hidden, bool(withheld), using.progress)
+    return held_out(given, hidden, bool(untold), using.progress)
 
 
 def _damage(

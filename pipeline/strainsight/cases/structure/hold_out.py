@@ -107,12 +107,11 @@ def hold_out_numbers(found: HoldOut, labels: tuple[str, ...], measured: np.ndarr
 
 
 def misfits_in_words(found: HoldOut, labels: tuple[str, ...], measured: np.ndarray) -> list[str]:
-    """The channels that the others contradict."""
+    """The channels that the others contradict, the worst first: a wrong one misleads what is predicted of others, too."""
     rows = zip(labels, left_out(found, measured), strict=True)
-    off = {
-        label: own.claim.ratio for label, own in rows if own.claim is not None and own.claim.verdict == OVERCONFIDENT
-    }
-    return [f"the other gauges contradict {label}: error {ratio:.2g} σ" for label, ratio in off.items()]
+    off = [(own.claim.ratio, label) for label, own in rows if own.claim and own.claim.verdict == OVERCONFIDENT]
+    said = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
+    return [f"the other gauges contradict {', '.join(said)}"] if said else []
 
 
 def hold_out_table(found: HoldOut, labels: tuple[str, ...], units: tuple[str, ...], measured: np.ndarray) -> Table:

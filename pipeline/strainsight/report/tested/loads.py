@@ -9,7 +9,7 @@ from strainsight.report.chart.drawing import Drawing, figure, styled, svg, visib
 from strainsight.report.chart.panels import about, drawable, legend_above, plain_axis, time_axis
 from strainsight.report.tested.data import peak_of
 from strainsight.report.tested.readings import BUCKETS, largest
-from strainsight.report.text import number, prefix, quantity, short
+from strainsight.report.text import capital, number, prefix, quantity, short
 
 WORDS = {
     "load": ("smoothed estimate of {}", "smoothed"),
@@ -47,7 +47,7 @@ def load_figure(kind: str, history: History, colour: str) -> Drawing:
     top = f"{quantity(value, history.unit)} at {number(when)} s"
     said = words.format(history.name)
     caption = (
-        f"{said[0].upper()}{said[1:]}"
+        f"{capital(said)}"
         + (" with its band of ±2 claimed standard deviations" if banded else "")
         + ("; below, about the largest value." if close else ".")
     )

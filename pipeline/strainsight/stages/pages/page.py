@@ -23,6 +23,7 @@ from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.verdicts import OVER, in_words
+from strainsight.report.text import capital
 from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import layout_of_page
 from strainsight.stages.pages.page_numbers import (
@@ -101,14 +102,14 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tup
     if clearance is not None and (warning := clearance_warning(clearance)):
         notes.append(warning)
     if "place" in up and (rests := str(up["place"].summary.get("rests_on_loads", ""))):
-        notes.append(f"{rests[0].upper()}{rests[1:]}.")
+        notes.append(f"{capital(rests)}.")
     return (*notes, *(_doubts(up["validate"], names) if "validate" in up else ()))
 
 
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     summary, own = validate.summary, read(Validated, validate)
     units = {name: unit_of(own, "estimate", name) for name in names}
-    notes = [f"{text[0].upper()}{text[1:]}." for text in posterior_doubts(own.posterior, units)]
+    notes = [f"{capital(text)}." for text in posterior_doubts(own.posterior, units)]
     for name in names:
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
@@ -120,7 +121,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
                 f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
                 f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
             )
-    notes += [f"{text[0].upper()}{text[1:]}." for text in disagreements_in_words(own.compared)]
+    notes += [f"{capital(text)}." for text in disagreements_in_words(own.compared)]
     if lost := int(summary["lost_runs"]):
         notes.append(f"{lost} runs of the studies diverged and are left out of the medians.")
     return notes

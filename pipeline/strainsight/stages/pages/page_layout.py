@@ -31,22 +31,12 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     mirror = [next((listed.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), "") for i in range(len(row))]
     nodes = candidates.nodes[candidates.first[own.final.number]]
     gauges = tuple(
-        Gauge(
-            label=listed.labels[i],
-            element=int(listed.element[i]),
-            facet=int(listed.facet[i]),
-            position=listed.position[i],
-            direction=listed.directions[i][0],
-            normal=listed.normal[i],
-            angle=float(listed.angles[i][0]),
+        replace(
+            _marked(listed, i),
             without={name: float(values[i]) for name, values in without.items()},
             nodes=tuple(int(mesh.node_ids[n]) for n in nodes[i] if n >= 0),
-            kind=listed.kind[i],
-            directions=listed.directions[i],
-            bonded=bool(listed.bonded[i]),
             peak=float(listed.peak[i]),
             range=None if np.isnan(listed.range[i]) else float(listed.range[i]),
-            unit=listed.unit[i],
             mirror=mirror[i],
             **_tested(own.hot_spots, i),
         )
@@ -88,23 +78,26 @@ def layout_of_test(
     for i in range(len(numbers)):
         label = min((label for label, mark in zip(labels, marks, strict=True) if mark == i), key=len)
         several = len(listed.angles[i]) > 1
-        gauges.append(
-            Gauge(
-                label=re.sub(r"\.\d+$", "", label) if several else label,
-                element=int(listed.element[i]),
-                facet=int(listed.facet[i]),
-                position=listed.position[i],
-                direction=listed.directions[i][0],
-                normal=listed.normal[i],
-                angle=float(listed.angles[i][0]),
-                kind=listed.kind[i],
-                directions=listed.directions[i],
-                bonded=bool(listed.bonded[i]),
-                unit=listed.unit[i],
-            )
-        )
+        gauges.append(replace(_marked(listed, i), label=re.sub(r"\.\d+$", "", label) if several else label))
     loose = np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh)
     return replace(bare(mesh, loads), gauges=tuple(gauges), loose=loose), marks
+
+
+def _marked(listed: GaugeList, i: int) -> Gauge:
+    """Where gauge i of a list sits, and what it is."""
+    return Gauge(
+        label=listed.labels[i],
+        element=int(listed.element[i]),
+        facet=int(listed.facet[i]),
+        position=listed.position[i],
+        direction=listed.directions[i][0],
+        normal=listed.normal[i],
+        angle=float(listed.angles[i][0]),
+        kind=listed.kind[i],
+        directions=listed.directions[i],
+        bonded=bool(listed.bonded[i]),
+        unit=listed.unit[i],
+    )
 
 
 def _tested(found: HotSpots | None, i: int) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from strainsight.report.tested.data import (
     peak_of,
 )
 from strainsight.report.tested.first import title_of
+from strainsight.report.text import capital
 from strainsight.report.view.viewed import exaggerated
 from strainsight.signals.spectra import density, noise_density
 from strainsight.stages.pages.page_layout import layout_of_test
@@ -39,6 +40,7 @@ from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
 NOTHING = "nothing was done"
+CONTRADICTS = "the record contradicts the model"
 
 
 def findings_of(context: Context[PlacementConfig]) -> Findings:
@@ -61,8 +63,8 @@ def findings_of(context: Context[PlacementConfig]) -> Findings:
             _unknown(name, units[name], name in loads, own, summary, [t for t in doubts if f"{name} " in f"{t} "])
             for name in names
         ),
-        verdict=str(summary["verdict"]),
-        consistent=bool(summary["consistent"]),
+        verdict=str(summary["verdict"]) if own.trusted else CONTRADICTS,
+        consistent=bool(own.trusted and summary["consistent"]),
         warnings=_warnings(estimate, withheld, doubts),
         notes=own.notes,
         layout=layout,
@@ -96,11 +98,12 @@ def _warnings(estimate: Artefact, withheld: str, doubts: list[str]) -> tuple[str
     """What a reader has to know, the gravest first: why σ is withheld, what the record contradicts, what it cannot tell."""
     summary, own = estimate.summary, read(Estimated, estimate)
     texts = [withheld] * bool(withheld)
-    if not summary["consistent"]:
+    # A record that contradicts the model has its own warning, and the noise is not to blame.
+    if own.trusted and not summary["consistent"]:
         texts.append(str(summary["verdict"]))
     texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
     texts += [*doubts, *disagreements_in_words(own.compared)]
-    return tuple(f"{text[0].upper()}{text[1:]}" for text in texts if text)
+    return tuple(capital(text) for text in texts if text)
 
 
 def _unknown(
