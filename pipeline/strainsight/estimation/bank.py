@@ -9,7 +9,7 @@ instead, and is sure of what it does not know.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,8 +18,10 @@ import numpy as np
 from strainsight.estimation.bank_filters import (
     KEPT,
     BankProblem,
+    BankRecord,
     LinearStanding,
-    bank_data,
+    bank_record,
+    entered,
     filtered_at,
     joined,
     on,
@@ -27,7 +29,7 @@ from strainsight.estimation.bank_filters import (
     refuse_lost,
 )
 from strainsight.estimation.columns import first_columns, next_columns
-from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisances
+from strainsight.estimation.conditional import Nuisances, no_nuisances
 from strainsight.estimation.lattice import Lattice
 from strainsight.estimation.laying import Bank, first_lattice, next_lattice
 from strainsight.estimation.mixture import Mixture
@@ -107,10 +109,32 @@ def filter_bank(
     a factor of exp(LOST).
     """
     own = no_nuisances(model) if nuisances is None else nuisances
-    data = bank_data(model, known, measurement, discrepancy(model, own, measurement), own)
+    record = bank_record(model, known, measurement, own, settled)
+    return filter_records([record], mean, covariance, spacing=spacing, biased=biased, depth=depth, threads=threads)[0]
+
+
+def filter_records(
+    records: Sequence[BankRecord],
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    spacing: float = SPACING,
+    biased: np.ndarray | None = None,
+    depth: float = DEPTH,
+    threads: int = 1,
+) -> tuple[BankRun, ...]:
+    """Posterior of parameters that several records share: a run of each, the posterior at the end of all of them in every one.
+
+        p(θ, ν | y) ∝ p(θ) p(ν) Πᵣ p(yᵣ | θ, ν)
+
+    Parameters and ν are constants of all records (what is a record's own has columns of its own, `each_its_own`). Motion, loads
+    and offsets begin in each as mean and covariance say, independent of the others: at a boundary their step has a transition
+    of zero and the covariance of the prior. Records may differ in step and noise; unknowns, channels and ν are the same.
+    Arguments as of `filter_bank`.
+    """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
-    problem = BankProblem(model, mean, covariance, data, own, offsets, settled, spacing, depth, threads)
-    if len(model.unknowns.parameters) <= FEW:
+    problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, threads)
+    if len(problem.model.unknowns.parameters) <= FEW:
         at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
         bank = Bank[LinearStanding[Lattice]](problem.prior, spacing, depth, at, joined, refuse)
         return _filtered(problem, first_lattice(bank), partial(next_lattice, bank))
@@ -122,35 +146,45 @@ def _filtered(
     now: LinearStanding[C],
     following: Callable[[LinearStanding[C]], LinearStanding[C]],
     at_end: bool = False,
-) -> BankRun:
+) -> tuple[BankRun, ...]:
     """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
     end, where what they say is the better, the nearer they are."""
-    data, steps, settled = problem.data, len(problem.data.known), problem.settled
-    laid = 1
-    mixture = Mixture(problem.model, problem.mean, problem.covariance, steps, problem.nuisances.learned)
-    if settled is not None:
-        mixture.begin(now.cover.point, now.weights, now.filters)
+    steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)]
     while now.step < steps:
-        ahead = min(max(SHORTEST, now.step // SHARE), steps - now.step, max(1, KEPT // _numbers(now.models)))
-        before = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
+        if now.step == problem.first[now.record + 1]:
+            now = entered(problem, now)
+            mixtures.append(_mixture(problem, now))
+        mixture, data, before = mixtures[-1], problem.records[now.record].data, problem.first[now.record]
+        rest = problem.first[now.record + 1] - now.step
+        ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // _numbers(now.models)))
+        states = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
         passage = passed(problem, now, ahead, keep=True)
         after = (now.log_weight[:, None] + np.cumsum(passage.fit, axis=1)).T
         good = now.cover.holds(after)
         used = ahead if good.all() else int(np.argmin(good)) + 1
-        span = slice(now.step, now.step + used)
+        span = slice(now.step - before, now.step - before + used)
         earlier = now.cover.weights(np.concatenate([now.log_weight[None], after[: used - 1]]))
         weights = now.cover.weights(after[:used])
-        mixture.innovations(span, earlier, before, passage, data.samples[span])
+        mixture.innovations(span, earlier, states, passage, data.samples[span])
         mixture.log_likelihood += float(weights.log_mass[-1] - earlier.log_mass[0])
         mixture.states(span, now.cover.point, weights, passage.states.first(used), now.models, data.known_end[span])
         now = on(now, passage, used)
         if not good.all() or (at_end and now.step == steps):
             now, laid = following(now), laid + 1
             # the last of these steps, which the points before are no longer good for
-            last = slice(now.step - 1, now.step)
+            last = slice(now.step - before - 1, now.step - before)
             mixture.states(last, now.cover.point, now.weights, now.filters.states, now.models, data.known_end[last])
     point, weight, nu, left = now.weights.sampled(now.filters.nu, now.filters.left)
-    return BankRun(mixture.finished(), point, weight, nu, left, laid, now.cover.step)
+    return tuple(BankRun(own.finished(), point, weight, nu, left, laid, now.cover.step) for own in mixtures)
+
+
+def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
+    """Of a record that begins."""
+    own = problem.records[now.record]
+    mixture = Mixture(own.model, problem.mean, problem.covariance, own.steps, own.nuisances.learned)
+    if now.record or own.settled is not None:
+        mixture.begin(now.cover.point, now.weights, now.filters, informed=now.record > 0)
+    return mixture
 
 
 def _numbers(models: LinearModels) -> int:

@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import Nuisances, conditional_states, considers, known_ends, linear_models
+from strainsight.estimation.conditional import (
+    Nuisances,
+    conditional_states,
+    considers,
+    discrepancy,
+    known_ends,
+    linear_models,
+)
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
 from strainsight.estimation.reduced import LOST
@@ -32,19 +39,44 @@ class Data:
 
 
 @dataclass(frozen=True)
-class BankProblem:
-    """What a bank has to solve: arguments as of `filter_bank`."""
+class BankRecord:
+    """A record of a bank: the model with its step and noise, its samples, its nuisances, and the motion it begins in, as of
+    `filter_bank`."""
 
     model: FilterModel
-    mean: np.ndarray
-    covariance: np.ndarray
     data: Data
     nuisances: Nuisances
-    biased: np.ndarray
     settled: Settled | None
+
+    @property
+    def steps(self) -> int:
+        return len(self.data.known)
+
+
+@dataclass(frozen=True)
+class BankProblem:
+    """What a bank has to solve: records that follow one another, and arguments as of `filter_bank`.
+
+    Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
+    """
+
+    records: tuple[BankRecord, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+    biased: np.ndarray
     spacing: float
     depth: float
     threads: int
+
+    @property
+    def model(self) -> FilterModel:
+        """Of the first record; unknowns and states are those of all."""
+        return self.records[0].model
+
+    @property
+    def first(self) -> tuple[int, ...]:
+        """Steps before each record, and those of all."""
+        return tuple(int(count) for count in np.cumsum([0, *(own.steps for own in self.records)]))
 
     @property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
@@ -59,40 +91,60 @@ class BankProblem:
 
 @dataclass(frozen=True)
 class LinearStanding(Standing[C]):
-    """Linear filters at all points of a cover after some steps."""
+    """Linear filters at all points of a cover after some steps, the last of which are of record number `record`."""
 
     models: LinearModels
     filters: Filters
+    record: int
 
 
-def bank_data(
-    model: FilterModel, known: np.ndarray, measurement: np.ndarray, more: np.ndarray, nuisances: Nuisances
-) -> Data:
-    """known (T, HOLD, n_known), measurement (T/every, m), more (m,): variance of the discrepancy of every channel."""
+def bank_record(
+    model: FilterModel, known: np.ndarray, measurement: np.ndarray, nuisances: Nuisances, settled: Settled | None
+) -> BankRecord:
+    """known (T, HOLD, n_known), measurement (T/every, m)."""
     steps, m = len(known), model.H.shape[-2]
     samples = np.full((steps, m), np.nan)
     samples[model.every - 1 :: model.every] = measurement
     noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, (steps, m))
-    held = known.reshape(steps, known.shape[1] * known.shape[2])
-    return Data(held, known_ends(known, nuisances), samples, np.ascontiguousarray(noise), more)
+    held, more = known.reshape(steps, known.shape[1] * known.shape[2]), discrepancy(model, nuisances, measurement)
+    data = Data(held, known_ends(known, nuisances), samples, np.ascontiguousarray(noise), more)
+    return BankRecord(model, data, nuisances, settled)
 
 
 def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     """Filters at the points of a cover, from the start through `step` steps."""
-    models = linear_models(problem.model, cover.point, problem.nuisances, problem.biased)
-    at = conditional_states(problem.model, len(problem.biased))
-    start = beginning(problem.model, models, problem.mean[at], problem.covariance[np.ix_(at, at)], problem.settled)
-    filters = filters_of(models, *start, consider=considers(problem.model, problem.nuisances))
+    models, filters = _begun(problem, cover, 0)
     B = models.count
-    now = LinearStanding(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters)
+    now = LinearStanding(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0)
     while now.step < step:
+        now = entered(problem, now)
         passage = passed(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
         now = on(now, passage, passage.fit.shape[1])
     return now
 
 
+def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, Filters]:
+    """Filters at the beginning of a record, nothing known of ν."""
+    own, at = problem.records[record], conditional_states(problem.model, len(problem.biased))
+    models = linear_models(own.model, cover.point, own.nuisances, problem.biased)
+    start = beginning(own.model, models, problem.mean[at], problem.covariance[np.ix_(at, at)], own.settled)
+    return models, filters_of(models, *start, consider=considers(own.model, own.nuisances))
+
+
+def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
+    """At the beginning of the next record, where a record has ended: states are as they are before any sample, independent of
+    those before, and what the samples so far say of ν is kept."""
+    if now.step < problem.first[now.record + 1]:
+        return now
+    models, filters = _begun(problem, now.cover, now.record + 1)
+    kept = replace(filters, nu=now.filters.nu, left=now.filters.left)
+    return replace(now, models=models, filters=kept, record=now.record + 1)
+
+
 def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passage:
-    span, data = slice(now.step, now.step + steps), problem.data
+    """The next steps, as far as the record goes."""
+    data, before = problem.records[now.record].data, problem.first[now.record]
+    span = slice(now.step - before, now.step - before + steps)
     return advance(
         now.models,
         now.filters,
@@ -122,7 +174,7 @@ def joined(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding[C]:
     )
     filters = Filters(*(all_of([getattr(part.filters, f) for part in parts]) for f in Filters.__dataclass_fields__))
     prior, fit = (all_of([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    return LinearStanding(cover, prior, fit, parts[0].step, models, filters)
+    return LinearStanding(cover, prior, fit, parts[0].step, models, filters, parts[0].record)
 
 
 def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:

@@ -43,8 +43,12 @@ def bank_paths(
     biased: np.ndarray | None = None,
     settled: Settled | None = None,
     states: slice = slice(None),
+    record: int = 0,
 ) -> Iterator[Paths]:
     """`count` draws in parts; arguments as of `smooth_bank`; states: which of [q, q̇, ζ, offsets].
+
+    record: number of the record among those of `bank`: draws of one seed have the constants of all records in common, and the
+    rest of each record for itself.
 
         x = x̂ˢ(p) − w − V(ν − ν̂),     x̂ˢ(p) = x̂ˢ(p̄) + Σᵢ zᵢ sᵢ + ½ zᵢ² cᵢ,     p = p̄ + L z,   L Lᵀ the covariance of p
 
@@ -57,6 +61,7 @@ def bank_paths(
     found = at_points(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
     rng = np.random.default_rng(seed)
     p, nu = _constants(found, bank, count, rng)
+    rng = np.random.default_rng((seed, record)) if record else rng
     steps, sizes = len(known), found.models.A.shape[1]
     points, k = len(found.points), len(found.centre)
     part = max(points, AT_ONCE // ((steps + 1) * sizes) // points * points)

@@ -61,6 +61,30 @@ def no_nuisances(model: FilterModel) -> Nuisances:
     )
 
 
+def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> tuple[Nuisances, ...]:
+    """Of `count` records that follow one another: ν of the sources `renewed` are constants of one record, all others of all.
+
+    What is renewed stands behind the rest, once for every record, and does nothing in the others. It is of the readings alone.
+    """
+    if count == 1:
+        return (nuisances,)
+    own = np.array([source in renewed for source in nuisances.source], dtype=bool)
+    found = []
+    for record in range(count):
+        acts = np.repeat(np.arange(count) == record, own.sum())
+
+        def stacked(rows: np.ndarray, acts: np.ndarray = acts) -> np.ndarray:
+            each = np.concatenate([rows[own]] * count)
+            each[~acts] = 0.0
+            return np.concatenate([rows[~own], each])
+
+        sources = [source for source in nuisances.source if source not in renewed]
+        sources += [source for source in nuisances.source if source in renewed] * count
+        D, E, offset = (stacked(rows) for rows in (nuisances.D, nuisances.E, nuisances.offset))
+        found.append(replace(nuisances, source=tuple(sources), D=D, E=E, offset=offset))
+    return tuple(found)
+
+
 def known_ends(known: np.ndarray, nuisances: Nuisances) -> np.ndarray:
     """w₁ (T, p₁) at the end of every step: the known loads [N], and the share t/T of the record behind them where something
     drifts; known (T, HOLD, n_known) of the whole record."""

@@ -99,7 +99,9 @@ def next_lattice(bank: Bank[S], now: S) -> S:
     for _ in range(MOST_LAID):
         share, lattice = 1.0, now.cover
         while True:
-            if not np.isfinite(now.log_weight).any():
+            top = float(now.log_weight.max())
+            # beyond the digits of a logarithm no depth of a lattice is left below its largest value
+            if not np.isfinite(now.log_weight).any() or not top - bank.depth < top:
                 raise NumericalError(
                     "the readings are beyond what the model can make at any parameters",
                     remedy="check the units and scales of the channels",

@@ -49,9 +49,11 @@ class Mixture:
         if not self.learned:
             self._as_they_read(after, weights, found, models.H)
 
-    def begin(self, point: np.ndarray, weights: Weights, filters: Filters) -> None:
-        """At t = 0, of points (B, k) with their weights."""
+    def begin(self, point: np.ndarray, weights: Weights, filters: Filters, informed: bool) -> None:
+        """At t = 0, of points (B, k) with their weights; informed: whether records before said something of ν."""
         self._moments(slice(0, 1), point, weights, filters.states)
+        if informed and not self.learned:
+            self._motion_as_read(slice(0, 1), weights, filters.states)
 
     def _moments(
         self, at: slice, point: np.ndarray, weights: Weights, found: States
@@ -76,16 +78,22 @@ class Mixture:
 
         x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
         """
-        span, states, w = slice(after.start - 1, after.stop - 1), self.states_of_filters, weights.mean
+        span, w = slice(after.start - 1, after.stop - 1), weights.mean
+        nu, gone = self._motion_as_read(after, weights, found)
+        sensed = np.einsum("tb,bmn,btdn->tdm", w, H, found.V, optimize=True)
+        self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
+        self.gauge_variance[span] += np.einsum("tdm,tdk,tkm->tm", sensed, gone, sensed, optimize=True)
+
+    def _motion_as_read(self, at: slice, weights: Weights, found: States) -> tuple[np.ndarray, np.ndarray]:
+        """Motion and loads, and their covariance; returns ν̂ (L, d) and 1 − Λ (L, d, d)."""
+        states, w = self.states_of_filters, weights.mean
         nu = np.einsum("tb,btd->td", w, found.nu)
         left = np.einsum("tb,btdk->tdk", weights.positive, found.left) + weights.covariance(found.nu, nu)
         gone = removed_of(left)
         V = np.einsum("tb,btda->tda", w, found.V)
-        self.mean[after, :states] += np.einsum("tda,td->ta", V, nu)
-        self.covariance[after, :states, :states] += np.einsum("tda,tdk,tkc->tac", V, gone, V, optimize=True)
-        sensed = np.einsum("tb,bmn,btdn->tdm", w, H, found.V, optimize=True)
-        self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
-        self.gauge_variance[span] += np.einsum("tdm,tdk,tkm->tm", sensed, gone, sensed, optimize=True)
+        self.mean[at, :states] += np.einsum("tda,td->ta", V, nu)
+        self.covariance[at, :states, :states] += np.einsum("tda,tdk,tkc->tac", V, gone, V, optimize=True)
+        return nu, gone
 
     def innovations(self, span: slice, weights: Weights, before: States, passage: Passage, samples: np.ndarray) -> None:
         """Of L steps of these numbers: weights of the points before each, filters before the first, what they found, samples

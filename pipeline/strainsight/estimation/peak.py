@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, bank_data, filtered_at
-from strainsight.estimation.conditional import Nuisances, discrepancy
+from strainsight.estimation.bank_filters import BankProblem, bank_record, filtered_at
+from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.settled import Settled
@@ -52,8 +52,8 @@ def peak_of(
     p(y | p) by a filter at p, tolerances integrated out. Newton's method on differences over a σ of the posterior, in 1 + 2k +
     k(k − 1)/2 filters a round. A lattice follows a posterior to wherever a wrong record drives it; this gives up.
     """
-    data = bank_data(model, known, measurement, discrepancy(model, nuisances, measurement), nuisances)
-    problem = BankProblem(model, mean, covariance, data, nuisances, biased, settled, 1.0, 1.0, 1)
+    record = bank_record(model, known, measurement, nuisances, settled)
+    problem = BankProblem((record,), mean, covariance, biased, 1.0, 1.0, 1)
     centre, prior = problem.prior
     k = len(centre)
     width = np.sqrt(np.diag(prior))
