@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from strainsight.estimation import consider_smoother
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.bank_smoother import smooth_bank
@@ -15,11 +17,14 @@ from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.conditional import Nuisances, known_ends, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.smoothed import Wanted
+from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
 
 from .chain import ROWS, STIFFNESS, continuous, forces, gathered, loaded_chain, start
 from .chain import H as STEP
-from .two_masses import REFERENCE, chain, constants, nominal
+from .two_masses import REFERENCE, believed, chain, constants, nominal
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
 
@@ -124,11 +129,10 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
     begin = np.zeros((1, 5)), P, np.zeros((1, 0, 5))
     known, noise = forces(STEPS), np.broadcast_to(model.noise, (STEPS, 2))
     found = consider_smoothed(one, begin, known.reshape(STEPS, -1), known.sum(axis=1), y[:, 0], noise)
-    bank = filter_bank(model, np.zeros(5), P, known, y[:, 0], none)
-    expected = smooth_bank(model, np.zeros(5), P, known, y[:, 0], none, bank)
+    expected = smooth(model, run_filter(model, np.zeros(5), P, known, y[:, 0], keep="all"))
     std = expected.std[:, 0]
-    np.testing.assert_allclose(found.x[0] / std, expected.mean[:, 0] / std, atol=1e-6)
-    np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-6)
+    np.testing.assert_allclose(found.x[0] / std, expected.mean[:, 0] / std, atol=1e-9)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("learned", [False, True])
@@ -157,3 +161,36 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
         bank = filter_bank(quiet, np.zeros(5), first, known, y[:, 0], own)
         later = smooth_bank(quiet, np.zeros(5), first, known, y[:, 0], own, bank)
         assert (later.std <= bank.run.std * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
+    """What is kept of the covariance is what all of it says, to rounding, however the record is cut."""
+    model = chain(tuple(REFERENCE)[:1])
+    own, mean, first, known = replace(constants(model), learned=learned), believed(model), start_of(6), both_forces()[..., :1]
+    _, y = draw_truth(model, mean, first, known, [3])
+    samples, last = y[:, 0], len(y)
+    samples[7, 0], samples[15] = np.nan, np.nan
+    bank = filter_bank(model, mean, first, known, samples, own)
+    whole = smooth_bank(model, mean, first, known, samples, own, bank)
+    rows = np.random.default_rng(1).standard_normal((3, model.size))
+    wanted = Wanted(rows, np.array([4, 1]), np.array([0, 6, 7, last]))
+    monkeypatch.setattr(consider_smoother, "KEPT", 7 * linear_models(model, np.zeros((3, 1)), own).kept_a_step)
+    shares = []
+    found = smooth_bank(model, mean, first, known, samples, own, bank, wanted=wanted, progress=shares.append)
+    close = partial(np.testing.assert_allclose, rtol=1e-9, atol=1e-15)
+    close(found.mean, whole.mean)
+    close(found.std, whole.std)
+    P = whole.covariance[:, 0]
+    by_rows = np.sqrt(np.einsum("ra,tab,rb->tr", rows[[2, 0]], P, rows[[2, 0]]))
+    close(found.std_of(rows[[2, 0]]), by_rows)
+    close(found.covariance_of(np.array([1, 4])), P[:, [[1], [4]], [1, 4]])
+    for k in wanted.instants:
+        close(found.covariance_at(k), P[k])
+    assert found.covariance is None
+    assert len(shares) == (1 if learned else -(-last // 7))
+    assert shares[-1] == 1.0
+    with pytest.raises(ValueError, match="not kept"):
+        found.covariance_at(5)
+    with pytest.raises(ValueError, match="not kept"):
+        found.std_of(np.ones((1, model.size)))

@@ -16,7 +16,6 @@ from functools import partial
 import numpy as np
 
 from strainsight.estimation.bank_filters import (
-    KEPT,
     BankProblem,
     BankRecord,
     LinearStanding,
@@ -34,8 +33,8 @@ from strainsight.estimation.lattice import Lattice
 from strainsight.estimation.laying import Bank, first_lattice, next_lattice
 from strainsight.estimation.mixture import Mixture
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels
-from strainsight.estimation.run import FilterRun
+from strainsight.estimation.parallel_filters import KEPT
+from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.standing import C
 
@@ -95,6 +94,8 @@ def filter_bank(
     settled: Settled | None = None,
     depth: float = DEPTH,
     threads: int = 1,
+    keep: Keep = "all",
+    progress: Callable[[float], None] | None = None,
 ) -> BankRun:
     """Posterior of the parameters, which are constant, and of all states along the samples.
 
@@ -102,7 +103,8 @@ def filter_bank(
     exactly nor correlated with a state; known (T, HOLD, n_known) [N]; measurement (T/every, m), NaN where missing; spacing of
     the lattice in standard deviations of the posterior, and how far below its largest density it reaches, in logarithms.
     biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found. settled: the motion at
-    t = 0 is the periodic one, at all parameters and ν, in place of that in mean and covariance.
+    t = 0 is the periodic one, at all parameters and ν, in place of that in mean and covariance. keep: "all" keeps the covariance
+    of every instant; progress: called with the share of the steps that are done.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
     narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Raises NumericalError where
     a lattice would need more than MOST_POINTS points, where no columns follow the posterior, and where that leaves the guess by
@@ -110,7 +112,17 @@ def filter_bank(
     """
     own = no_nuisances(model) if nuisances is None else nuisances
     record = bank_record(model, known, measurement, own, settled)
-    return filter_records([record], mean, covariance, spacing=spacing, biased=biased, depth=depth, threads=threads)[0]
+    return filter_records(
+        [record],
+        mean,
+        covariance,
+        spacing=spacing,
+        biased=biased,
+        depth=depth,
+        threads=threads,
+        keep=keep,
+        progress=progress,
+    )[0]
 
 
 def filter_records(
@@ -122,6 +134,8 @@ def filter_records(
     biased: np.ndarray | None = None,
     depth: float = DEPTH,
     threads: int = 1,
+    keep: Keep = "all",
+    progress: Callable[[float], None] | None = None,
 ) -> tuple[BankRun, ...]:
     """Posterior of parameters that several records share: a run of each, the posterior at the end of all of them in every one.
 
@@ -133,7 +147,7 @@ def filter_records(
     Arguments as of `filter_bank`.
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
-    problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, threads)
+    problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, threads, keep, progress)
     if len(problem.model.unknowns.parameters) <= FEW:
         at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
         bank = Bank[LinearStanding[Lattice]](problem.prior, spacing, depth, at, joined, refuse)
@@ -156,7 +170,7 @@ def _filtered(
             mixtures.append(_mixture(problem, now))
         mixture, data, before = mixtures[-1], problem.records[now.record].data, problem.first[now.record]
         rest = problem.first[now.record + 1] - now.step
-        ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // _numbers(now.models)))
+        ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // now.models.kept_a_step))
         states = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
         passage = passed(problem, now, ahead, keep=True)
         after = (now.log_weight[:, None] + np.cumsum(passage.fit, axis=1)).T
@@ -169,6 +183,8 @@ def _filtered(
         mixture.log_likelihood += float(weights.log_mass[-1] - earlier.log_mass[0])
         mixture.states(span, now.cover.point, weights, passage.states.first(used), now.models, data.known_end[span])
         now = on(now, passage, used)
+        if problem.progress is not None:
+            problem.progress(now.step / steps)
         if not good.all() or (at_end and now.step == steps):
             now, laid = following(now), laid + 1
             # the last of these steps, which the points before are no longer good for
@@ -181,13 +197,7 @@ def _filtered(
 def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
     """Of a record that begins."""
     own = problem.records[now.record]
-    mixture = Mixture(own.model, problem.mean, problem.covariance, own.steps, own.nuisances.learned)
+    mixture = Mixture(own.model, problem.mean, problem.covariance, own.steps, own.nuisances.learned, problem.keep)
     if now.record or own.settled is not None:
         mixture.begin(now.cover.point, now.weights, now.filters, informed=now.record > 0)
     return mixture
-
-
-def _numbers(models: LinearModels) -> int:
-    """How many are kept of a step."""
-    n = models.A.shape[1]
-    return models.count * (n * (n + 1 + models.nuisances) + models.nuisances**2)

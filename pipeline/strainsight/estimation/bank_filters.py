@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,13 +17,11 @@ from strainsight.estimation.conditional import (
     linear_models,
 )
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
+from strainsight.estimation.parallel_filters import KEPT, Filters, LinearModels, Passage, advance, filters_of
 from strainsight.estimation.reduced import LOST
+from strainsight.estimation.run import Keep
 from strainsight.estimation.settled import Settled, beginning
 from strainsight.estimation.standing import C, Standing, log_normal
-
-KEPT = 4_000_000
-"""Numbers that are kept of one passage."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,8 @@ class BankProblem:
     spacing: float
     depth: float
     threads: int
+    keep: Keep = "all"
+    progress: Callable[[float], None] | None = None
 
     @property
     def model(self) -> FilterModel:

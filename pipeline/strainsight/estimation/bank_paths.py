@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.bank_filters import OF_POINTS
-from strainsight.estimation.bank_smoother import AtPoints, at_points, kept_at, smoothed_at_centre
+from strainsight.estimation.bank_smoother import AtPoints, kept_at, points_of, smoothed_at_points
 from strainsight.estimation.conditional import Nuisances, known_ends
 from strainsight.estimation.consider_smoother import consider_errors
 from strainsight.estimation.error_paths import smoother_errors
@@ -58,7 +58,8 @@ def bank_paths(
     products of curvatures c, which its rule of degree three does not see; and instants belong together as the smoother's errors
     do. A part depends on seed, its number and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    found = at_points(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
+    found = points_of(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
+    x, V = smoothed_at_points(found, mean, covariance, known, nuisances, biased, settled)
     rng = np.random.default_rng(seed)
     p, nu = _constants(found, bank, count, rng)
     rng = np.random.default_rng((seed, record)) if record else rng
@@ -66,7 +67,7 @@ def bank_paths(
     points, k = len(found.points), len(found.centre)
     part = max(points, AT_ONCE // ((steps + 1) * sizes) // points * points)
     z = np.linalg.solve(np.linalg.cholesky(found.spread), (p - found.centre).T).T
-    middle, slope, bend = _carried(found, k, mean, covariance, known, nuisances, biased, settled)
+    middle, slope, bend = _carried(x, k)
     for start in range(0, count, part):
         own = slice(start, min(start + part, count))
         each = -(-(own.stop - own.start) // points)
@@ -75,7 +76,7 @@ def bank_paths(
         for i in range(k):
             here = z[own, i, None, None]
             error += here * slope[i, :, states] + 0.5 * (here**2 - 1) * bend[i, :, states]
-        error -= np.einsum("nd,tda->nta", nu[own], found.V[:, :, states], optimize=True)
+        error -= np.einsum("nd,tda->nta", nu[own], V[:, :, states], optimize=True)
         yield Paths(p[own], error)
 
 
@@ -99,24 +100,14 @@ def _constants(found: AtPoints, bank: BankRun, count: int, rng: np.random.Genera
     return found.centre + drawn[:, :k], drawn[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
 
 
-def _carried(
-    found: AtPoints,
-    k: int,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    nuisances: Nuisances,
-    biased: np.ndarray | None,
-    settled: Settled | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean (T + 1, n) over the points, first and second derivatives (k, T + 1, n) of x̂ˢ in z."""
-    middle = found.x.mean(axis=0)
+def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of x̂ˢ (2k + 1, T + 1, n) at the points and the centre: mean (T + 1, n) over the points, first and second derivatives
+    (k, T + 1, n) in z."""
     if k == 0:
-        nothing = np.zeros((0, *middle.shape))
-        return middle, nothing, nothing
-    centre = smoothed_at_centre(found, mean, covariance, known, nuisances, biased, settled)
-    ahead, behind = found.x[:k], found.x[k:]
-    return middle, (ahead - behind) / (2 * np.sqrt(k)), (ahead + behind - 2 * centre) / k
+        nothing = np.zeros((0, *x.shape[1:]))
+        return x[0], nothing, nothing
+    ahead, behind, centre = x[:k], x[k : 2 * k], x[-1]
+    return x[:-1].mean(axis=0), (ahead - behind) / (2 * np.sqrt(k)), (ahead + behind - 2 * centre) / k
 
 
 def _errors(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from strainsight.estimation.conditional import (
     linear_models,
     theta_at,
 )
-from strainsight.estimation.consider_smoother import consider_smoothed
+from strainsight.estimation.consider_smoother import consider_smoothed, smoothed_pieces
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.mixture import removed_of
@@ -25,7 +26,8 @@ from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.settled import Settled, beginning
-from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.estimation.smoothed import Keeping, Smoothed, Wanted
+from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import standard_deviation
 
 
@@ -39,6 +41,8 @@ def smooth_bank(
     bank: BankRun,
     biased: np.ndarray | None = None,
     settled: Settled | None = None,
+    wanted: Wanted | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Smoothed:
     """Smoothed x* with its covariance, tolerances in it; arguments as of `filter_bank`, which found `bank`.
 
@@ -48,53 +52,59 @@ def smooth_bank(
     in them needs no more of; `bank_paths` draws histories of this mean and covariance. Where ν is learned, v is what the
     smoother, linear in its samples, makes of those that one of a nuisance causes, less the motion that it causes; otherwise that
     of gains that consider ν (`consider_smoothed`).
+    wanted: covariances to keep, None: all of every instant, for which memory holds no long record; progress: called with the
+    share of the record that is done.
     Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
     """
-    found = at_points(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
-    x, P, V, nu, left = found.x, found.P, found.V, found.nu, found.left
-    points, centre, spread = found.points, found.centre, found.spread
-    at, steps, k = conditional_states(model, 0 if biased is None else len(biased)), len(known), len(centre)
+    found = points_of(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
+    states, instants, n = conditional_states(model, 0 if biased is None else len(biased)), len(known) + 1, len(mean)
+    order = np.concatenate([states, np.arange(n)[model.parameter_states]])
+    whole, std, kept = np.zeros((instants, n)), np.zeros((instants, n)), Keeping(wanted, instants, n)
+    for at, x, P, V in _pieces(found, mean, covariance, known, nuisances, biased, settled):
+        own, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
+        own[:, order], spread[:, order[:, None], order] = _mixed(found, bank, x, P, V)
+        whole[at], std[at] = own, standard_deviation(spread)
+        kept.take(at, spread)
+        if progress is not None:
+            progress(1 - at.start / instants)
+    return Smoothed(bank.run.time, whole[:, None], std[:, None], kept.covariance, kept.kept)
+
+
+def _mixed(
+    found: AtPoints, bank: BankRun, x: np.ndarray, P: np.ndarray, V: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (L, n + k) and covariance over the posterior, of x (b, L, n), P (b, L, n, n) at its points and V (L, d, n)."""
+    (points, L, n), k = x.shape, len(found.centre)
     middle = x.mean(axis=0)
     off = x - middle
     # regression of the motion on the parameters over the points, for what a nuisance does by way of them
-    cross = np.einsum("bta,bi->tai", off, points - centre) / len(points)
-    slope = cross @ np.linalg.inv(spread) if k else cross
-    n = len(mean)
-    parameters = np.arange(n)[model.parameter_states]
-    whole, cov = np.zeros((steps + 1, n)), np.zeros((steps + 1, n, n))
-    whole[:, at], whole[:, parameters] = middle, centre
-    cov[:, at[:, None], at] = P.mean(axis=0) + np.einsum("bta,btc->tac", off, off, optimize=True) / len(points)
-    cov[:, at[:, None], parameters], cov[:, parameters[:, None], at] = cross, np.swapaxes(cross, 1, 2)
-    cov[:, parameters[:, None], parameters] = spread
+    cross = np.einsum("bta,bi->tai", off, found.points - found.centre) / points
+    slope = cross @ np.linalg.inv(found.spread) if k else cross
+    cov = np.zeros((L, n + k, n + k))
+    cov[:, :n, :n] = P.mean(axis=0) + np.einsum("bta,btc->tac", off, off, optimize=True) / points
     # ν has a covariance with itself and with the parameters that the samples leave
-    off_nu, off_p = bank.nu - nu, bank.point - centre
+    off_nu, off_p = bank.nu - found.nu, bank.point - found.centre
     with_p = (off_p * bank.weight[:, None]).T @ off_nu
     joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)
-    cov[:, at[:, None], at] += np.einsum("tda,dk,tkc->tac", V, left, V, optimize=True)
-    cov[:, at[:, None], at] -= joint + np.swapaxes(joint, 1, 2)
-    by_p = np.einsum("tda,id->tai", V, with_p)
-    cov[:, at[:, None], parameters] -= by_p
-    cov[:, parameters[:, None], at] -= np.swapaxes(by_p, 1, 2)
-    return Smoothed(bank.run.time, whole[:, None], standard_deviation(cov)[:, None], cov[:, None])
+    cov[:, :n, :n] += np.swapaxes(V, 1, 2) @ (found.left @ V) - joint - np.swapaxes(joint, 1, 2)
+    cov[:, :n, n:] = cross - np.einsum("tda,id->tai", V, with_p)
+    cov[:, n:, :n] = np.swapaxes(cov[:, :n, n:], 1, 2)
+    cov[:, n:, n:] = found.spread
+    return np.concatenate([middle, np.broadcast_to(found.centre, (L, k))], axis=1), cov
 
 
 @dataclass(frozen=True)
 class AtPoints:
-    """The smoother at b points (b, k) of the parameters: x (b, T + 1, n) of the states but the parameters, P (b, T + 1, n, n) of
-    what no nuisance explains of its error; V (T + 1, d, n), what one of each adds to x̂ˢ − x; nu (d,) and left (d, d): mean and
-    covariance of ν that σ holds.
+    """What a smoother at b points (b, k) of the parameters goes by.
 
-    centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. model: with the
-    discrepancy in its noise; models: linear at the points and behind them at the centre, with start (x₀, P₀, V₀); samples (T, m)
-    of every step; centred (T + 1, n): x at the centre, where gains consider ν.
+    centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. nu (d,) and left
+    (d, d): mean and covariance of ν that σ holds. model: with the discrepancy in its noise; models: linear at the points and
+    behind them at the centre, with start (x₀, P₀, V₀); samples (T, m) of every step; considered: by gains that consider ν.
     """
 
     points: np.ndarray
     centre: np.ndarray
     spread: np.ndarray
-    x: np.ndarray
-    P: np.ndarray
-    V: np.ndarray
     nu: np.ndarray
     left: np.ndarray
     model: FilterModel
@@ -102,7 +112,6 @@ class AtPoints:
     start: tuple[np.ndarray, np.ndarray, np.ndarray]
     samples: np.ndarray
     considered: bool
-    centred: np.ndarray | None = None
 
     @property
     def noise(self) -> np.ndarray:
@@ -111,7 +120,7 @@ class AtPoints:
         return own[:, 0] if own.ndim == 3 else np.broadcast_to(own, self.samples.shape)
 
 
-def at_points(
+def points_of(
     model: FilterModel,
     mean: np.ndarray,
     covariance: np.ndarray,
@@ -129,29 +138,20 @@ def at_points(
     samples = np.full((steps, m), np.nan)
     samples[every - 1 :: every] = measurement
     centre, spread = bank.posterior
-    k = len(centre)
+    k, considered = len(centre), not nuisances.learned
     ends = np.sqrt(k) * np.linalg.cholesky(spread).T
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
     model = replace(model, r=model.r + every * model.h * discrepancy(model, nuisances, measurement))
     nu, left = bank.nuisances
-    models = linear_models(model, np.concatenate([points, centre[None]]), nuisances, offsets)
-    start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
-    considered = bool(len(nu)) and not nuisances.learned
-    nothing = np.zeros(0)
-    empty = AtPoints(
-        points, centre, spread, nothing, nothing, nothing, nu, left, model, models, start, samples, considered
-    )
     if considered:
-        ends = known_ends(known, nuisances)
-        by = consider_smoothed(models, start, known.reshape(steps, -1), ends, samples, empty.noise)
         # what the samples say of ν is neither in the motion nor in its σ
-        return replace(empty, x=by.x[:-1], P=by.P[:-1], V=by.V[-1], left=left + removed_of(left), centred=by.x[-1])
-    before = covariance[np.ix_(at, at)]
-    x, P, V = _corrected(model, points, centre, mean[at], before, known, samples, nuisances, nu, offsets, settled)
-    return replace(empty, x=x, P=P, V=V)
+        left = left + removed_of(left)
+    models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, offsets)
+    start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
+    return AtPoints(points, centre, spread, nu, left, model, models, start, samples, considered)
 
 
-def smoothed_at_centre(
+def _pieces(
     found: AtPoints,
     mean: np.ndarray,
     covariance: np.ndarray,
@@ -159,46 +159,73 @@ def smoothed_at_centre(
     nuisances: Nuisances,
     biased: np.ndarray | None,
     settled: Settled | None,
-) -> np.ndarray:
-    """x (T + 1, n) at the centre; arguments as of `at_points`, which found the others."""
-    if found.centred is not None:
-        return found.centred
-    offsets = np.zeros(0, dtype=int) if biased is None else biased
-    at, centre, nu = conditional_states(found.model, len(offsets)), found.centre, found.nu
-    before = covariance[np.ix_(at, at)]
-    return _corrected(
-        found.model, centre[None], centre, mean[at], before, known, found.samples, nuisances, nu, offsets, settled
-    )[0][0]
+) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+    """Instants of a piece of the record, x (b, L, n) at the points, P (b, L, n, n) of what no nuisance explains of its error, and
+    V (L, d, n), what one of each adds to x̂ˢ − x; where ν is learned the record is one piece."""
+    points = len(found.points)
+    if found.considered:
+        steps, ends = len(known), known_ends(known, nuisances)
+        samples = found.samples, found.noise
+        for at, own in smoothed_pieces(found.models, found.start, known.reshape(steps, -1), ends, *samples):
+            yield at, own.x[:points], own.P[:points], own.V[-1]
+        return
+    yield (
+        slice(0, len(known) + 1),
+        *_corrected(found, found.points, mean, covariance, known, nuisances, biased, settled),
+    )
 
 
-def _corrected(
-    model: FilterModel,
-    points: np.ndarray,
-    centre: np.ndarray,
+def smoothed_at_points(
+    found: AtPoints,
     mean: np.ndarray,
     covariance: np.ndarray,
     known: np.ndarray,
-    samples: np.ndarray,
     nuisances: Nuisances,
-    nu: np.ndarray,
-    biased: np.ndarray,
+    biased: np.ndarray | None,
+    settled: Settled | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """x (b + 1, T + 1, n) at the points and behind them at the centre, and V (T + 1, d, n); arguments as of `points_of`."""
+    if found.considered:
+        steps, ends = len(known), known_ends(known, nuisances)
+        own = consider_smoothed(found.models, found.start, known.reshape(steps, -1), ends, found.samples, found.noise)
+        return np.concatenate([own.x[: len(found.points)], own.x[-1:]]), own.V[-1]
+
+    def at(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return _corrected(found, points, mean, covariance, known, nuisances, biased, settled)
+
+    x, _, V = at(found.points)
+    return np.concatenate([x, at(found.centre[None])[0] if len(found.centre) else x]), V
+
+
+def _corrected(
+    found: AtPoints,
+    points: np.ndarray,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    nuisances: Nuisances,
+    biased: np.ndarray | None,
     settled: Settled | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x (b, T + 1, n) at points (b, k), without what the mean of ν (d,) makes of samples and motion; P; V (T + 1, d, n) at the
     centre (k,)."""
-    start, P0, _ = beginning(model, linear_models(model, points, nuisances, biased), mean, covariance, settled)
+    model, nu = found.model, found.nu
+    offsets = np.zeros(0, dtype=int) if biased is None else biased
+    at = conditional_states(model, len(offsets))
+    mean, covariance = mean[at], covariance[np.ix_(at, at)]
+    start, P0, _ = beginning(model, linear_models(model, points, nuisances, offsets), mean, covariance, settled)
 
     def at_points(values: np.ndarray) -> list[Smoothed]:
         return [
-            smoothed_at(model, point, x0, P0, known, values[:, None], biased)
+            smoothed_at(model, point, x0, P0, known, values[:, None], offsets)
             for point, x0 in zip(points, start, strict=True)
         ]
 
-    middle = np.mean([own.mean[:, 0] for own in at_points(samples)], axis=0)
-    caused, own, V = _effects(model, centre, covariance, known, middle, nuisances, biased, settled)
-    found = at_points(samples - caused @ nu)
-    x = np.stack([each.mean[:, 0] for each in found]) + np.einsum("tda,d->ta", own, nu)
-    return x, np.stack([_covariance(each) for each in found]), V
+    middle = np.mean([own.mean[:, 0] for own in at_points(found.samples)], axis=0)
+    caused, own, V = _effects(model, found.centre, covariance, known, middle, nuisances, offsets, settled)
+    each = at_points(found.samples - caused @ nu)
+    x = np.stack([one.mean[:, 0] for one in each]) + np.einsum("tda,d->ta", own, nu)
+    return x, np.stack([one.covariance_of(np.arange(len(at))) for one in each]), V
 
 
 def smoothed_at(
@@ -270,8 +297,3 @@ def _effects(
     seen = np.where((np.arange(1, steps + 1) % model.every == 0)[:, None, None], caused, np.nan)
     found = smoothed_at(model, point, np.zeros(n), P0, np.zeros_like(known), seen, biased)
     return np.swapaxes(caused, 1, 2), own, found.mean - own
-
-
-def _covariance(own: Smoothed) -> np.ndarray:
-    assert own.covariance is not None
-    return own.covariance[:, 0]

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.parallel_filters import LinearModels, States, advance, filters_of
+from strainsight.estimation.parallel_filters import (
+    KEPT,
+    Filters,
+    LinearModels,
+    States,
+    advance,
+    agree,
+    filters_of,
+    joined,
+)
 from strainsight.estimation.update import covariance_factor, symmetric, transposed
 
 SAID = 1e-8
@@ -38,7 +47,25 @@ def consider_smoothed(
     (T, m) variances.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    return _smoothed(models, start, known, known_end, measurement, noise, None)[0]
+    pieces = [own for _, own in smoothed_pieces(models, start, known, known_end, measurement, noise)]
+    return joined(pieces[::-1])
+
+
+def smoothed_pieces(
+    models: LinearModels,
+    start: tuple[np.ndarray, np.ndarray, np.ndarray],
+    known: np.ndarray,
+    known_end: np.ndarray,
+    measurement: np.ndarray,
+    noise: np.ndarray,
+) -> Iterator[tuple[slice, States]]:
+    """`consider_smoothed` piece by piece, the last first: the instants of a piece, and the states there.
+
+    Memory does not hold every covariance of a long record. The filters go through it once, and through each piece again, from
+    where they stood when it began. Arguments as there.
+    """
+    for instants, own, _ in _smoothed(models, start, known, known_end, measurement, noise, None):
+        yield instants, own
 
 
 def consider_errors(
@@ -57,7 +84,8 @@ def consider_errors(
     of covariance P at every instant, and of that between instants which the smoother's errors have. Arguments as there.
     Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    found = _smoothed(models, start, known, known_end, measurement, noise, (count, rng))[1]
+    pieces = _smoothed(models, start, known, known_end, measurement, noise, (count, rng))
+    found = np.concatenate([error for _, _, error in pieces][::-1])
     return np.moveaxis(found, 0, 2)
 
 
@@ -69,68 +97,93 @@ def _smoothed(
     measurement: np.ndarray,
     noise: np.ndarray,
     drawing: tuple[int, np.random.Generator] | None,
-) -> tuple[States, np.ndarray]:
-    """The smoother, and draws (T + 1, B, count, n) of its errors, of which there are none where none are drawn."""
+) -> Iterator[tuple[slice, States, np.ndarray]]:
+    """Pieces from the last to the first: instants, the smoother there, and draws (L, B, count, n) of its errors, of which there
+    are none where none are drawn."""
     # filters move what they begin with
     filters = filters_of(models, start[0].copy(), start[1], start[2].copy(), consider=True)
-    first = filters.states
-    first = States(*(getattr(first, name).copy() for name in ("x", "P", "V", "nu", "left")))
     steps, more = len(known), np.zeros(measurement.shape[1])
-    kept = advance(models, filters, known, known_end, measurement, noise, more, keep=True).states
-    x, P, V = (np.concatenate([getattr(first, f), getattr(kept, f)], axis=1) for f in ("x", "P", "V"))
-    A, AT, (B, d, n) = models.A, transposed(models.A), start[2].shape
+    agree((known_end, (steps, *known_end.shape[1:])), (measurement, noise.shape), (noise, (steps, *noise.shape[1:])))
+    at_once = max(1, KEPT // models.kept_a_step)
+    spans = [slice(t, min(t + at_once, steps)) for t in range(0, max(steps, 1), at_once)]
+    AT, (B, d, n) = transposed(models.A), start[2].shape
 
-    def update_at(t: int) -> _Update:
-        return _update_at(models, x[:, t], P[:, t], V[:, t], known[t], known_end[t], measurement[t], noise[t])
+    def advanced(filters: Filters, span: slice, keep: bool) -> States:
+        """From where the filters stand, through the steps of a span; kept: what they are at its beginning, too."""
+        data = known[span], known_end[span], measurement[span], noise[span]
+        first = [filters.copy().states] if keep else []
+        return joined([*first, advance(models, filters, *data, more, keep).states])
+
+    def update_at(t: int, own: States, i: int) -> _Update:
+        """At the end of step t, from where the filters stand at its beginning."""
+        return _update_at(
+            models, own.x[:, i], own.P[:, i], own.V[:, i], known[t], known_end[t], measurement[t], noise[t]
+        )
 
     count, rng = (0, np.random.default_rng(0)) if drawing is None else drawing
     error = np.empty((steps + 1, B, count, n))
-    innovation = np.zeros((steps, B, count, measurement.shape[1]))
-    if count:
-        _filter_errors(models, P[:, 0], update_at, measurement, error, innovation, rng)
+    innovation = np.zeros((steps if count else 1, B, count, measurement.shape[1]))
+    before = []
+    for span in spans:
+        before.append(filters.copy())
+        if count:
+            own = advanced(filters, span, keep=True)
+            updates = (update_at(t, own, t - span.start) for t in range(span.start, span.stop))
+            _filter_errors(models, own.P[:, 0], span, updates, measurement, error, innovation, rng)
+        elif span.stop < steps:
+            advanced(filters, span, keep=False)
     by_draws = np.zeros((B, count, n))
     adjoint, N, L, U = np.zeros((B, n)), np.zeros((B, d, n)), np.zeros((B, n, n)), np.zeros((B, n, n))
-    for t in range(steps - 1, -1, -1):
-        spread, slope, update = P[:, t], V[:, t], update_at(t)
-        K, H, rows = update.K, update.H, update.rows
-        J = np.eye(n) - K @ H
-        by_noise = transposed(J) @ L @ K + rows
-        L = transposed(J) @ L @ J - rows @ H
-        U = transposed(J) @ U @ J + L @ models.Q @ transposed(L) + (by_noise * update.R) @ transposed(by_noise)
-        N = (N @ J + transposed(rows @ update.slope)) @ A
-        adjoint = ((adjoint[:, None] @ J + transposed(rows @ update.innovation[..., None])) @ A)[:, 0]
-        there = np.isfinite(measurement[t])
-        by_draws = (by_draws @ J + innovation[t][..., there] @ transposed(rows)) @ A
-        L, U = AT @ L @ A, AT @ U @ A
-        C = _gain(spread, slope, L, N, U)
-        error[t] -= by_draws @ transposed(C)
-        x[:, t] += (C @ adjoint[..., None])[..., 0]
-        V[:, t] += N @ transposed(C)
-        left = np.eye(n) + C @ L
-        P[:, t] = symmetric(left @ spread @ transposed(left) + C @ U @ transposed(C))
-    return States(x, P, V, first.nu, first.left), error
+    for span, there in zip(spans[::-1], before[::-1], strict=True):
+        own = advanced(there, span, keep=True)
+        x, P, V = own.x, own.P, own.V
+        for t in range(span.stop - 1, span.start - 1, -1):
+            i = t - span.start
+            spread, slope, update = P[:, i], V[:, i], update_at(t, own, i)
+            K, H, rows = update.K, update.H, update.rows
+            J = np.eye(n) - K @ H
+            by_noise = transposed(J) @ L @ K + rows
+            L = transposed(J) @ L @ J - rows @ H
+            U = transposed(J) @ U @ J + L @ models.Q @ transposed(L) + (by_noise * update.R) @ transposed(by_noise)
+            N = (N @ J + transposed(rows @ update.slope)) @ models.A
+            adjoint = ((adjoint[:, None] @ J + transposed(rows @ update.innovation[..., None])) @ models.A)[:, 0]
+            if count:
+                seen = innovation[t][..., np.isfinite(measurement[t])]
+                by_draws = (by_draws @ J + seen @ transposed(rows)) @ models.A
+            L, U = AT @ L @ models.A, AT @ U @ models.A
+            C = _gain(spread, slope, L, N, U)
+            error[t] -= by_draws @ transposed(C)
+            x[:, i] += (C @ adjoint[..., None])[..., 0]
+            V[:, i] += N @ transposed(C)
+            left = np.eye(n) + C @ L
+            P[:, i] = symmetric(left @ spread @ transposed(left) + C @ U @ transposed(C))
+        # the end of a piece is the beginning of the next one, but for the last
+        instants = slice(span.start, span.stop + (span.stop == steps))
+        yield instants, own.first(instants.stop - instants.start), error[instants]
 
 
 def _filter_errors(
     models: LinearModels,
     first: np.ndarray,
-    update_at: Callable[[int], _Update],
+    span: slice,
+    updates: Iterable[_Update],
     measurement: np.ndarray,
     error: np.ndarray,
     innovation: np.ndarray,
     rng: np.random.Generator,
 ) -> None:
     """Draws of x − x̂ of the filter with the constants as they are, into error (T + 1, B, count, n) and innovation (T, B, count,
-    m), from first (B, n, n) on."""
+    m) of a span; at t = 0 from first (B, n, n)."""
     B, count = error.shape[1:3]
 
     def drawn(factors: list[np.ndarray]) -> np.ndarray:
         return np.stack([rng.standard_normal((count, own.shape[1])) @ own.T for own in factors])
 
     walk = [covariance_factor(own) for own in models.Q]
-    error[0] = drawn([covariance_factor(own) for own in first])
-    for t in range(len(measurement)):
-        there, update = np.isfinite(measurement[t]), update_at(t)
+    if span.start == 0:
+        error[0] = drawn([covariance_factor(own) for own in first])
+    for t, update in zip(range(span.start, span.stop), updates, strict=True):
+        there = np.isfinite(measurement[t])
         ahead = error[t] @ transposed(models.A) + drawn(walk)
         seen = ahead @ transposed(update.H) + rng.standard_normal((B, count, there.sum())) * np.sqrt(update.R)
         innovation[t][..., there] = seen
@@ -139,7 +192,9 @@ def _filter_errors(
 
 def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndarray) -> np.ndarray:
     """C (B, n, n), by way of Fᵀλ with F Fᵀ = P + V Vᵀ: its covariance is the share of the variance that the samples ahead explain
-    in each direction, and less than SAID of it is nothing."""
+    in each direction, and less than SAID of it is nothing. P where there is no constant."""
+    if V.shape[1] == 0:
+        return P
     whole = P + transposed(V) @ V
     std = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
     std = np.where(std > 0, std, 1.0)

@@ -8,7 +8,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, States
-from strainsight.estimation.run import FilterRun
+from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.standing import Weights
 from strainsight.estimation.update import standard_deviation
 
@@ -16,14 +16,21 @@ from strainsight.estimation.update import standard_deviation
 class Mixture:
     """The arrays of a bank while it runs: T steps of a model with d nuisances."""
 
-    def __init__(self, model: FilterModel, mean: np.ndarray, covariance: np.ndarray, steps: int, learned: bool):
+    def __init__(
+        self, model: FilterModel, mean: np.ndarray, covariance: np.ndarray, steps: int, learned: bool, keep: Keep
+    ):
         n, m = len(mean), model.H.shape[-2]
         at = conditional_states(model, n - model.size)
         self.model, self.steps, self.states_of_filters, self.learned = model, steps, len(at), learned
         # states of the filters first, then the parameters; x* has them the other way round where there are offsets
         self.order = np.concatenate([at, np.arange(n)[model.parameter_states]])
-        self.mean, self.covariance = np.zeros((steps + 1, n)), np.zeros((steps + 1, n, n))
-        self.mean[0], self.covariance[0] = mean[self.order], covariance[np.ix_(self.order, self.order)]
+        self.back = np.argsort(self.order)
+        self.unknowns = self.back[model.position]
+        self.mean, self.std = np.zeros((steps + 1, n)), np.zeros((steps + 1, n))
+        self.unknown_covariance = np.zeros((steps + 1, len(self.unknowns), len(self.unknowns)))
+        self.covariance = np.zeros((steps + 1, n, n)) if keep == "all" else None
+        self.mean[0] = mean[self.order]
+        self._keep(slice(0, 1), covariance[np.ix_(self.order, self.order)][None])
         self.gauge_mean, self.gauge_variance = np.zeros((steps, m)), np.zeros((steps, m))
         self.innovation, self.whitened = np.full((steps, m), np.nan), np.full((steps, m), np.nan)
         self.log_likelihood = 0.0
@@ -39,7 +46,7 @@ class Mixture:
     ) -> None:
         """After L steps of these numbers: points (B, k) with their weights, filters at the ends, loads known there (L, p₁)."""
         after = slice(span.start + 1, span.stop + 1)
-        x, P, at = self._moments(after, point, weights, found)
+        x, P, at, covariance = self._moments(after, point, weights, found)
         y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
         self.gauge_mean[span] = np.einsum("tb,btm->tm", weights.mean, y)
         own = np.einsum("bmn,btnk,bmk->btm", models.H[at], P, models.H[at], optimize=True)
@@ -47,19 +54,21 @@ class Mixture:
         self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive[:, at], own)
         self.gauge_variance[span] += np.diagonal(among, axis1=1, axis2=2)
         if not self.learned:
-            self._as_they_read(after, weights, found, models.H)
+            self._as_they_read(after, weights, found, models.H, covariance)
+        self._keep(after, covariance)
 
     def begin(self, point: np.ndarray, weights: Weights, filters: Filters, informed: bool) -> None:
         """At t = 0, of points (B, k) with their weights; informed: whether records before said something of ν."""
-        self._moments(slice(0, 1), point, weights, filters.states)
+        covariance = self._moments(slice(0, 1), point, weights, filters.states)[-1]
         if informed and not self.learned:
-            self._motion_as_read(slice(0, 1), weights, filters.states)
+            self._motion_as_read(slice(0, 1), weights, filters.states, covariance)
+        self._keep(slice(0, 1), covariance)
 
     def _moments(
         self, at: slice, point: np.ndarray, weights: Weights, found: States
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Mean and covariance of the states at L instants; returns x (B, L, n) of every filter, and P (b, L, n, n) of those
-        numbers (b,) that have a positive weight."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Mean of the states at L instants; returns x (B, L, n) of every filter, P (b, L, n, n) of those numbers (b,) that have a
+        positive weight, and the covariance (L, n + k, n + k) of states and parameters."""
         V, states = found.V, self.states_of_filters
         # what the samples say of ν moves every estimate, and leaves the rest of it in P
         x = found.x - np.einsum("btda,btd->bta", V, found.nu)
@@ -68,31 +77,41 @@ class Mixture:
         P = found.P[heavy] + np.swapaxes(V, 2, 3) @ (left @ V)
         whole = np.concatenate([x, np.broadcast_to(point[:, None], (*x.shape[:2], point.shape[1]))], axis=2)
         self.mean[at] = np.einsum("tb,btn->tn", weights.mean, whole)
-        self.covariance[at] = weights.covariance(whole, self.mean[at])
-        within = np.einsum("tb,btac->tac", weights.positive[:, heavy], P, optimize=True)
-        self.covariance[at, :states, :states] += within
-        return x, P, heavy
+        covariance = weights.covariance(whole, self.mean[at])
+        covariance[:, :states, :states] += np.einsum("tb,btac->tac", weights.positive[:, heavy], P, optimize=True)
+        return x, P, heavy, covariance
 
-    def _as_they_read(self, after: slice, weights: Weights, found: States, H: np.ndarray) -> None:
+    def _keep(self, at: slice, covariance: np.ndarray) -> None:
+        """Of the covariance (L, n + k, n + k) of states and parameters at L instants."""
+        self.std[at], self.last = standard_deviation(covariance), covariance[-1:]
+        self.unknown_covariance[at] = covariance[:, self.unknowns[:, None], self.unknowns]
+        if self.covariance is not None:
+            self.covariance[at] = covariance
+
+    def _as_they_read(
+        self, after: slice, weights: Weights, found: States, H: np.ndarray, covariance: np.ndarray
+    ) -> None:
         """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:
 
         x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
         """
         span, w = slice(after.start - 1, after.stop - 1), weights.mean
-        nu, gone = self._motion_as_read(after, weights, found)
+        nu, gone = self._motion_as_read(after, weights, found, covariance)
         sensed = np.einsum("tb,bmn,btdn->tdm", w, H, found.V, optimize=True)
         self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
         self.gauge_variance[span] += np.einsum("tdm,tdk,tkm->tm", sensed, gone, sensed, optimize=True)
 
-    def _motion_as_read(self, at: slice, weights: Weights, found: States) -> tuple[np.ndarray, np.ndarray]:
-        """Motion and loads, and their covariance; returns ν̂ (L, d) and 1 − Λ (L, d, d)."""
+    def _motion_as_read(
+        self, at: slice, weights: Weights, found: States, covariance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Motion and loads, and their covariance (L, n + k, n + k) in place; returns ν̂ (L, d) and 1 − Λ (L, d, d)."""
         states, w = self.states_of_filters, weights.mean
         nu = np.einsum("tb,btd->td", w, found.nu)
         left = np.einsum("tb,btdk->tdk", weights.positive, found.left) + weights.covariance(found.nu, nu)
         gone = removed_of(left)
         V = np.einsum("tb,btda->tda", w, found.V)
         self.mean[at, :states] += np.einsum("tda,td->ta", V, nu)
-        self.covariance[at, :states, :states] += np.einsum("tda,tdk,tkc->tac", V, gone, V, optimize=True)
+        covariance[:, :states, :states] += np.swapaxes(V, 1, 2) @ (gone @ V)
         return nu, gone
 
     def innovations(self, span: slice, weights: Weights, before: States, passage: Passage, samples: np.ndarray) -> None:
@@ -123,14 +142,12 @@ class Mixture:
 
     def finished(self) -> FilterRun:
         """As a filter's run, of one run, with σ and covariances that hold what the nuisances add."""
-        back = np.argsort(self.order)
-        mean, covariance = self.mean[:, back], self.covariance[:, back[:, None], back]
-        at = self.model.position
+        back = self.back
         return FilterRun(
             time=self.model.h * np.arange(self.steps + 1),
-            mean=mean[:, None],
-            std=standard_deviation(covariance)[:, None],
-            unknown_covariance=covariance[:, None, at[:, None], at],
+            mean=self.mean[:, None, back],
+            std=self.std[:, None, back],
+            unknown_covariance=self.unknown_covariance[:, None],
             gauge_mean=self.gauge_mean[:, None],
             gauge_std=np.sqrt(self.gauge_variance)[:, None],
             innovation=self.innovation[:, None],
@@ -138,8 +155,8 @@ class Mixture:
             nis=np.nansum(self.whitened**2, axis=1)[:, None],
             lost=np.array([-1]),
             log_likelihood=np.array([self.log_likelihood]),
-            last=covariance[-1:],
-            covariance=covariance[:, None],
+            last=self.last[:, back[:, None], back],
+            covariance=None if self.covariance is None else self.covariance[:, None, back[:, None], back],
             jacobian=None,
             rows=None,
             adjusted=None,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from strainsight.estimation.filter_loops import take_steps
+
+KEPT = 4_000_000
+"""Numbers that are kept of the filters at a time."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class LinearModels:
     def __post_init__(self) -> None:
         (B, m, n), p, p1, e = self.H.shape, self.G.shape[-1], self.F.shape[-1], self.A_nu.shape[1]
         d = len(self.D)
-        _agree(
+        agree(
             (self.A, (B, n, n)),
             (self.G, (B, n, p)),
             (self.Q, (B, n, n)),
@@ -53,8 +57,14 @@ class LinearModels:
     def nuisances(self) -> int:
         return len(self.D)
 
+    @property
+    def kept_a_step(self) -> int:
+        """How many numbers the states of the filters are at one instant."""
+        n, d = self.A.shape[1], self.nuisances
+        return self.count * (n * (n + 1 + d) + d**2)
 
-def _agree(*sized: tuple[np.ndarray, tuple[int, ...]]) -> None:
+
+def agree(*sized: tuple[np.ndarray, tuple[int, ...]]) -> None:
     """Raises ValueError where an array has not the shape that it should have: compiled loops do not look where they write."""
     wrong = [f"{array.shape} in place of {shape}" for array, shape in sized if array.shape != shape]
     if wrong:
@@ -87,6 +97,10 @@ class Filters:
         own = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
         return States(*(each[:, None] for each in (*own, self.nu, self.left)))
 
+    def copy(self) -> Filters:
+        """The same, for others to move."""
+        return Filters(*(getattr(self, entry.name).copy() for entry in fields(self)))
+
 
 @dataclass(frozen=True)
 class States:
@@ -102,6 +116,11 @@ class States:
     def first(self, count: int) -> States:
         """At the first instants."""
         return States(*(own[:, :count] for own in (self.x, self.P, self.V, self.nu, self.left)))
+
+
+def joined(parts: Sequence[States]) -> States:
+    """Parts of one record, one behind the other."""
+    return States(*(np.concatenate([getattr(own, entry.name) for own in parts], axis=1) for entry in fields(States)))
 
 
 @dataclass(frozen=True)
@@ -173,7 +192,7 @@ def advance(
     B, m, n = models.H.shape
     L, d, kept = len(measurement), models.nuisances, len(measurement) if keep else 0
     second = len(filters.x_c)
-    _agree(
+    agree(
         (filters.x, (B, n)),
         (filters.P, (B, n, n)),
         (filters.V, (B, d, n)),

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import FilterRun
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import apply, gain, predict, standard_deviation, symmetric, transposed
 from strainsight.rom.oscillator import HOLD
-
-
-@dataclass(frozen=True)
-class Smoothed:
-    """mean, std (T + 1, B, n*) of x* given all measurements; covariance (T + 1, b, n*, n*) if asked; time [s]."""
-
-    time: np.ndarray
-    mean: np.ndarray
-    std: np.ndarray
-    covariance: np.ndarray | None
 
 
 def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = False) -> Smoothed:

@@ -15,7 +15,7 @@ from strainsight.damage.intervals import Interval, interval_of
 from strainsight.damage.sums import equivalent_range
 from strainsight.estimation.bank_paths import Paths
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.smoother import Smoothed
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.surface import facet_centres
 from strainsight.records.damage import DamageAt, Damaged

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -38,13 +39,15 @@ from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import unknown_units
 from strainsight.cases.structure.source import source_of
 from strainsight.cases.structure.surface import Skin, virtual_labels, virtual_strain
-from strainsight.cases.structure.surface_in_test import grid_of, moment_of, skin_in_test
+from strainsight.cases.structure.surface_in_test import grid_of, moment_of, skin_in_test, wanted_of
 from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.model import physical
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.tuning import Tuning
 from strainsight.gauges.candidates import UNITS
 from strainsight.mesh.model import Mesh
@@ -113,6 +116,8 @@ def estimation_of(
     model, tuning = model_of(problem, test, settings, start)
     tolerances = tolerated(config, mesh, reduced, training, test.channels)
     given = Filtering(problem, tolerances, model, test, start, settled)
+    with blame("estimate.virtual"):
+        virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, len(given.covariance))
     suspect = suspect_of(config, mesh, reduced, training, given, turning_of(mesh, reduced, training, test.channels))
 
     def checking(share: float) -> None:
@@ -123,15 +128,14 @@ def estimation_of(
     untold = "" if settings.loads_as_stated else withheld_in_words(problem)
     withheld = contradicted or untold
     using.progress("filter", 0.6)
-    found = _found(config, given, judgement, withheld)
+    wanted = partial(wanted_of, settings, config.loads, given, virtual)
+    found = _found(config, given, judgement, withheld, wanted)
     budget, not_so = ({}, ()) if withheld else budget_in(given, found)
     if withheld:
         found = found.without_sigma()
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, given, untold, using)
     using.progress("field", 0.95 if without else 0.7)
-    with blame("estimate.virtual"):
-        virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, found.smoothed)
     damage = _damage(config, settings, skin, given, found, withheld, using)
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, found.smoothed)
     not_held = not_held_in_words(config, reduced, training)
@@ -151,7 +155,7 @@ def estimation_of(
         problem.unknowns,
         replace(
             _estimated(given, found, resultants, judgement, source, notes),
-            virtual=virtual,
+            virtual=None if virtual is None else virtual.smoothed(found.smoothed),
             moment=None if skin is None else moment_of(skin, given, found.smoothed),
             posterior={} if withheld else posteriors_of(problem, start, found.bank),
             compared=found.compared,
@@ -173,11 +177,17 @@ def estimation_of(
     )
 
 
-def _found(config: PlacementConfig, given: Filtering, judgement: Judgement, withheld: str) -> Filtered:
+def _found(
+    config: PlacementConfig,
+    given: Filtering,
+    judgement: Judgement,
+    withheld: str,
+    wanted: Callable[[FilterRun], Wanted],
+) -> Filtered:
     """Filter and smoother, with other filters beside them where that is asked for or takes little."""
     compare = not given.long if config.filter.compare is None else config.filter.compare
     try:
-        return filtered(given, compare and not withheld)
+        return filtered(given, compare and not withheld, wanted)
     except (NumericalError, np.linalg.LinAlgError) as error:
         if judgement.trusted:
             raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,8 @@ from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.settled import Settled
-from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.estimation.smoothed import Smoothed, Wanted
+from strainsight.estimation.smoother import smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
 from strainsight.fem.memory import require_memory
 from strainsight.records.estimated import Compared
@@ -81,9 +83,8 @@ class Filtered:
 
     def without_sigma(self) -> Filtered:
         """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
-        assert self.smoothed.covariance is not None
-        none = {"std": np.nan * self.smoothed.std, "covariance": np.nan * self.smoothed.covariance}
-        return replace(self, run=replace(self.run, std=np.nan * self.run.std), smoothed=replace(self.smoothed, **none))
+        run = replace(self.run, std=np.nan * self.run.std)
+        return replace(self, run=run, smoothed=self.smoothed.without_sigma())
 
 
 def model_of(
@@ -100,21 +101,51 @@ def model_of(
     return scale_noise(model, tuning.factors), tuning
 
 
-def filtered(given: Filtering, compare: bool = False) -> Filtered:
-    """Filter and smoother; compare: other filters on the same samples, too. Raises where the memory does not hold them."""
+def filtered(
+    given: Filtering,
+    compare: bool = False,
+    wanted: Callable[[FilterRun], Wanted] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Filtered:
+    """Filter and smoother; compare: other filters on the same samples, too. Raises where the memory does not hold them.
+
+    wanted: covariances that a bank's smoother keeps, by what its filter found, None: all of every instant; progress: called with
+    the share of the way.
+    """
     problem, model, test, at = given.problem, given.model, given.test, given.biased
     core, covariance = driven_with_offsets(model, test.known, at), given.covariance
-    steps, kept = len(test.known), 2 if core.linear else 3
-    # covariances of filter and smoother, and the Jacobians between them
-    require_memory(8.0 * kept * steps * core.size**2, f"{steps} steps of {core.size} states", SHORTER)
+    steps = len(test.known)
+    require_memory(_memory(given, wanted is not None), f"{steps} steps of {core.size} states", SHORTER)
     if problem.method == "bank":
         nuisances, rest, settled = given.nuisances, np.zeros(len(covariance)), given.settled
-        bank = filter_bank(model, rest, covariance, test.known, test.values, nuisances, biased=at, settled=settled)
-        later = smooth_bank(model, rest, covariance, test.known, test.values, nuisances, bank, at, settled)
+        data = model, rest, covariance, test.known, test.values, nuisances
+
+        def going(begin: float, length: float) -> Callable[[float], None]:
+            return lambda share: progress(begin + length * share)
+
+        bank = filter_bank(*data, biased=at, settled=settled, keep="mean", progress=going(0.0, 0.4))
+        which = None if wanted is None else wanted(bank.run)
+        later = smooth_bank(*data, bank, at, settled, which, going(0.4, 0.6))
         beside = compared(problem, model, covariance, test.known, test.values, at) if compare else None
         return Filtered(bank.run, later, beside, bank)
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
     return Filtered(run, smooth(core, run, covariance=True), None, None)
+
+
+def _memory(given: Filtering, some: bool) -> float:
+    """What filter and smoother take at most [bytes]; some: whether a bank's smoother keeps some covariances alone."""
+    model, m = given.model, len(given.test.labels)
+    n, k = len(given.covariance), len(model.unknowns.parameters)
+    # mean and σ of filter and smoother with copies of them, and what channels read, innovate and are expected to
+    numbers = 8 * n + 12 * m
+    if given.problem.method != "bank":
+        numbers += (2 if not k else 3) * n**2
+    elif given.nuisances.learned:
+        d, points = len(given.nuisances.sources(model.model.size)), max(1, 2 * k)
+        numbers += (2 * points + 2) * n**2 + d * (4 * n + 5 * m)
+    elif not some:
+        numbers += n**2
+    return 8.0 * numbers * len(given.test.known)
 
 
 def budget_in(given: Filtering, found: Filtered) -> tuple[Shares, tuple[str, ...]]:

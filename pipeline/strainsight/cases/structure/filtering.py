@@ -16,7 +16,8 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.sigma_point import run_sigma_points
-from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.estimation.smoothed import Smoothed
+from strainsight.estimation.smoother import smooth
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.cases.structure.filtered_test import Filtering, filtered
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
-from strainsight.estimation.smoother import Smoothed
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, samples_alike
 from strainsight.gauges.candidates import STRAIN, UNITS

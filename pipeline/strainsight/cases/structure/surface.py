@@ -10,8 +10,7 @@ import numpy as np
 from strainsight.config.estimate import Field3D
 from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.estimation.model import FilterModel, theta_of
-from strainsight.estimation.smoother import Smoothed
-from strainsight.estimation.update import output_std
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.fem.affine import Parameter
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import SurfaceModel, SurfaceState, principal, surface_model, surface_state
@@ -36,25 +35,36 @@ def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
 
 
 def virtual_strain(
-    mesh: Mesh, basis: np.ndarray, entries: Sequence[NamedGauge], gauges: Gauges, smoothed: Smoothed
-) -> VirtualStrain | None:
-    """The smoothed strain of gauges that are not there, each at the nearest point of the surface; None without one.
+    mesh: Mesh, basis: np.ndarray, entries: Sequence[NamedGauge], gauges: Gauges, states: int
+) -> Virtual | None:
+    """Gauges that are not there, each at the nearest point of the surface; None without one.
 
-    basis (3 nodes, n); entries of `estimate.virtual`; gauges of the config: grid length and snapping tolerance.
-    Raises UserError for one off the surface.
+    basis (3 nodes, n); entries of `estimate.virtual`; gauges of the config: grid length and snapping tolerance; states: how many
+    the filter has. Raises UserError for one off the surface.
     """
     if not entries:
         return None
-    facets, q = exterior_facets(mesh), slice(0, basis.shape[1])
+    facets = exterior_facets(mesh)
     pool = virtual_pool(mesh, facets, entries, gauges)
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
-    assert smoothed.covariance is not None
-    return VirtualStrain(
-        strain=smoothed.mean[:, 0, q] @ rows.T,
-        std=output_std(rows, smoothed.covariance[:, 0, q, q]),
-        position=pool.position,
-        direction=pool.direction,
-    )
+    return Virtual(pool, np.pad(rows, [(0, 0), (0, states - rows.shape[1])]))
+
+
+@dataclass(frozen=True)
+class Virtual:
+    """Grids of gauges that are not there; rows (g, n*) of their strain on the states of the filter."""
+
+    pool: Candidates
+    rows: np.ndarray
+
+    def smoothed(self, found: Smoothed) -> VirtualStrain:
+        """What they would have read."""
+        return VirtualStrain(
+            strain=found.mean[:, 0] @ self.rows.T,
+            std=found.std_of(self.rows),
+            position=self.pool.position,
+            direction=self.pool.direction,
+        )
 
 
 def virtual_pool(mesh: Mesh, facets: Facets, entries: Sequence[NamedGauge], gauges: Gauges) -> Candidates:
@@ -92,12 +102,11 @@ def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> Surfac
     """Strain and stress of every exterior facet at instant k, with claimed σ where it is given."""
     n, free = model.model.size, model.unknowns.parameters
     at = np.concatenate([np.arange(n), np.arange(model.parameter_states.start, model.size)])
-    assert smoothed.covariance is not None
     x = smoothed.mean[k, 0]
     theta = {name: float(value) for name, value in theta_of(model, x[: model.size]).items()}
     # θ = guess exp(p): to first order its covariance is that of p times θ.
     scale = np.concatenate([np.ones(n), [theta[name] for name in free]])
-    P = smoothed.covariance[k, 0][np.ix_(at, at)] * np.outer(scale, scale)
+    P = smoothed.covariance_at(k)[np.ix_(at, at)] * np.outer(scale, scale)
     return surface_state(skin.model, theta, x[:n], P if np.isfinite(P).all() else None, free)
 
 
@@ -111,9 +120,7 @@ def surface_in_time(
     """
     mesh, n = skin.mesh, model.model.size
     used, blocks, order = facet_cells(skin.facets)
-    step = stated.every or smoothed.time[-1] / FRAMES
-    frames = np.unique(np.round(np.arange(0, smoothed.time[-1] + 0.5 * step, step) / model.h).astype(int))
-    frames = frames[frames < len(smoothed.time)]
+    frames = frames_of(stated, smoothed.time)
     data: dict[str, list[np.ndarray]] = {}
     for k in frames:
         state = _state(skin, model, smoothed, int(k))
@@ -129,6 +136,13 @@ def surface_in_time(
         cell_data={name: np.stack(values) for name, values in data.items()} | _damage_shown(damage, order),
         steps=smoothed.time[frames],
     )
+
+
+def frames_of(stated: Field3D, time: np.ndarray) -> np.ndarray:
+    """The instants of the pictures of the surface in time, of those of the smoother (T + 1,) [s]."""
+    step = stated.every or time[-1] / FRAMES
+    frames = np.unique(np.round(np.arange(0, time[-1] + 0.5 * step, step) / (time[1] - time[0])).astype(int))
+    return frames[frames < len(time)]
 
 
 def damage_on_surface(skin: Skin, damage: DamageAt) -> VtkHdf:

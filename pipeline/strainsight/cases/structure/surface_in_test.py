@@ -8,19 +8,24 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.structure.filtered_test import Filtering
+from strainsight.cases.structure.resultants import places_of
 from strainsight.cases.structure.settings import parameters_of
 from strainsight.cases.structure.surface import (
     Skin,
+    Virtual,
     damage_on_surface,
+    frames_of,
     largest_reading,
     skin_of,
     surface_in_time,
     surface_then,
 )
 from strainsight.config.estimate import Estimate
+from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
-from strainsight.estimation.smoother import Smoothed
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.smoothed import Smoothed, Wanted
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
@@ -64,14 +69,35 @@ def grid_of(
 
 
 def moment_of(skin: Skin, given: Filtering, smoothed: Smoothed) -> Moment:
-    """The surface when a channel reads most: strains are looked at alone where there are any, else each channel beside its
-    noise."""
+    """The surface when a channel reads most."""
+    k, channel = largest(given, smoothed.mean[-1, 0])
+    then, test = (k + 1) * given.test.every, given.test
+    return surface_then(skin, given.model, smoothed, then, float(test.time[k + 1]), test.labels[channel])
+
+
+def largest(given: Filtering, last: np.ndarray) -> tuple[int, int]:
+    """Sample and channel of the largest reading: strains are looked at alone where there are any, else each channel beside its
+    noise. last (n,): the states at the end, offsets of channels among them."""
     test, model = given.test, given.model
     offset = np.zeros(len(test.labels))
-    offset[given.biased] = smoothed.mean[-1, 0, model.size :]
+    offset[given.biased] = last[model.size :]
     kinds = STRAIN if model.quantity is None else np.asarray(model.quantity)
     noise = np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0))
     scale = np.where(kinds == STRAIN, 1.0, np.inf) if np.any(kinds == STRAIN) else noise
-    k, channel = largest_reading(test.values, offset, np.broadcast_to(scale, noise.shape))
-    then = (k + 1) * test.every
-    return surface_then(skin, model, smoothed, then, float(test.time[k + 1]), test.labels[channel])
+    return largest_reading(test.values, offset, np.broadcast_to(scale, noise.shape))
+
+
+def wanted_of(
+    settings: Estimate, loads: Mapping[str, Load], given: Filtering, virtual: Virtual | None, run: FilterRun
+) -> Wanted:
+    """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
+    its pictures. run: what the filter found."""
+    size = len(given.covariance)
+    field = np.zeros(0) if settings.field is None else frames_of(settings.field, run.time)
+    most = (largest(given, run.mean[-1, 0])[0] + 1) * given.test.every
+    together = [at for _, at in places_of(loads, given.problem.unknowns.inputs)]
+    return Wanted(
+        np.zeros((0, size)) if virtual is None else virtual.rows,
+        given.model.position[np.unique(np.concatenate([np.zeros(0, int), *together]))],
+        np.unique([*field, most]).astype(int),
+    )

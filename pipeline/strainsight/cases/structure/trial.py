@@ -19,7 +19,7 @@ from strainsight.estimation.metrics import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import Keep
 from strainsight.estimation.settled import Settled
-from strainsight.estimation.smoother import Smoothed
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.signals.histories import instant_values
 
 

@@ -30,7 +30,7 @@ from strainsight.estimation.consistency import nees, nis, verdict, whiteness
 from strainsight.estimation.metrics import after_start
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Smoothed
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.estimation.verdict import Benefit, band_of, benefit_of, samples_alike
 from strainsight.gauges.candidates import ACCELERATION, STRAIN

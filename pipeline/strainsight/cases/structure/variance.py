@@ -15,7 +15,7 @@ from strainsight.estimation.conditional import linear_models, no_nuisances
 from strainsight.estimation.model import FilterModel, inputs_of, theta_of
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.settled import Settled, periodic_start
-from strainsight.estimation.smoother import Smoothed
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.rom.modal_step import modal_step, simulate
 
 Shares = Mapping[str, Mapping[str, float]]
