@@ -184,7 +184,9 @@ def estimate(
     config: ConfigFile,
     measurements: Annotated[
         Path | None,
-        typer.Option("--measurements", metavar="FILE", help="CSV, HDF5 or UFF58 file; default: estimate.file."),
+        typer.Option(
+            "--measurements", metavar="FILE", help="CSV, HDF5 or UFF58 file; default: estimate.file or records."
+        ),
     ] = None,
     allow_unobservable: Annotated[
         bool, typer.Option("--allow-unobservable", help="Go on where the channels cannot tell all unknowns.")

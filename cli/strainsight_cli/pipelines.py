@@ -38,8 +38,8 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     if config["kind"] == "placement":
         from strainsight.stages.placement import stages_for
 
-        estimate = config.get("estimate")
-        return stages_for(bool(estimate and estimate.get("file")), config["validate"]["truth"]["model"])
+        estimate = config.get("estimate") or {}
+        return stages_for(bool(estimate.get("file") or estimate.get("records")), config["validate"]["truth"]["model"])
     from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
 
     return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)
@@ -59,7 +59,7 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
     loaded = loaded_config(path, overrides)
     section = loaded.data.get("estimate") if loaded.data["kind"] == "placement" else None
     artefact = results / str(loaded.data["name"]) / "estimate.h5"
-    if not section or section.get("file") or not artefact.is_file():
+    if not section or section.get("file") or section.get("records") or not artefact.is_file():
         return loaded
     from strainsight.config.overrides import Override
     from strainsight.errors import ArtefactError

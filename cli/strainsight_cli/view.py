@@ -140,7 +140,9 @@ def _of_what(counted: Mapping[str, int], loaded: LoadedConfig) -> str:
     """Which pages they are of, where there is a test."""
     if "test" not in counted:
         return ""
-    parts = [f"{counted['test']} of the test {loaded.data['estimate']['file']}, their names begin with test-"]
+    settings = loaded.data["estimate"]
+    records = ", ".join(own["name"] for own in settings["records"])
+    parts = [f"{counted['test']} of the test {settings['file'] or records}, their names begin with test-"]
     if "report" in counted:
         parts.append(f"{counted['report']} of the placement")
     return f" ({'; '.join(parts)})"

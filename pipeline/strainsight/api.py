@@ -36,6 +36,7 @@ from strainsight.sweep.sweep import Sweep, serial
 
 if TYPE_CHECKING:
     from strainsight.cases.layout.expectation import Expectation
+    from strainsight.cases.structure.campaign import Campaign
     from strainsight.cases.structure.estimation import Estimation
     from strainsight.cases.structure.placement import Placement
     from strainsight.cases.structure.validation import Validation
@@ -48,6 +49,7 @@ __all__ = [
     "Case",
     "Gauges",
     "Run",
+    "campaign",
     "estimate",
     "expect",
     "hot_spots",
@@ -71,13 +73,15 @@ class Case:
     """A placement as its config states it.
 
     config: the checked config; files: dotted key ("mesh.file") → input file; progress: called with what is being done and
-    the share that is done; sweep: runs one function at many points, in one process unless another is given.
+    the share that is done; sweep: runs one function at many points, in one process unless another is given; notice: called with
+    a sentence that need not wait for the result.
     """
 
     config: PlacementConfig
     files: Mapping[str, Path]
     progress: Callable[[str, float], None] = silent
     sweep: Sweep = serial
+    notice: Callable[[str], None] = lambda text: None
 
 
 def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
@@ -95,7 +99,9 @@ def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
             f"a config of kind {config.kind}", where=str(path), key="kind", remedy="give the config of a placement"
         )
     job = Job(loaded.data, loaded.path.parent, Path("results"), loaded.locate, config)
-    stages = stages_for(config.estimate is not None and config.estimate.file is not None, config.validation.truth.model)
+    test = config.estimate
+    has_test = test is not None and bool(test.file or test.records)
+    stages = stages_for(has_test, config.validation.truth.model)
     files: dict[str, Path] = {}
     for stage in stages:
         files |= inputs_of(stage, job).files
@@ -214,6 +220,19 @@ def estimate(
     strains with their σ as estimate.h5 has them, `.surface` the pictures of the surface for `to_pyvista`. Raises UserError
     for what the file contradicts, and InfeasibleError where its channels cannot tell the unknowns.
     """
-    from strainsight.cases.structure.estimation import estimation_of
+    from strainsight.cases.structure.campaign import estimation_of
 
     return estimation_of(case.config, mesh, reduced, training, screened, np.asarray(gauges, dtype=int), case)
+
+
+def campaign(
+    case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges = ()
+) -> Campaign:
+    """The filter on all records of a test, `estimate.records` of the config, in one estimate.
+
+    `.records` has by the name of each what `estimate` gives of one, with parameters by all of them; `.damage` is that of all,
+    `.together` what each says of the parameters alone. Arguments and errors as of `estimate`.
+    """
+    from strainsight.cases.structure.campaign import campaign_of
+
+    return campaign_of(case.config, mesh, reduced, training, screened, np.asarray(gauges, dtype=int), case)

@@ -10,13 +10,15 @@ from strainsight.sweep.sweep import Sweep
 
 
 class Resources(Protocol):
-    """files: dotted key of the config ("mesh.file") → path; progress: progress("elimination", 0.4); sweep: many calls of one
-    function."""
+    """files: dotted key of the config ("mesh.file") → path; progress: progress("elimination", 0.4); notice: a sentence for
+    the user, at once; sweep: many calls of one function."""
 
     @property
     def files(self) -> Mapping[str, Path]: ...
     @property
     def progress(self) -> Callable[[str, float], None]: ...
+    @property
+    def notice(self) -> Callable[[str], None]: ...
     @property
     def sweep(self) -> Sweep: ...
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
+from strainsight.config.checks_records import record_problems
 from strainsight.config.damage import damage_problems
 from strainsight.config.layout import layout_problems
 from strainsight.config.loads import Load, MultiSine, Sine, Sweep
@@ -211,8 +212,11 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
         yield from damage_problems(config.estimate.damage, "estimate.damage")
     for name in config.estimate.initial_std:
         yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "unknown")
-    for name in config.estimate.inputs:
-        key = f"estimate.inputs.{name}"
+    yield from record_problems(config, config.estimate)
+    stated = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
+    for i, own in enumerate(config.estimate.records):
+        stated |= {f"estimate.records.{i}.inputs.{name}": name for name in own.inputs or ()}
+    for key, name in stated.items():
         yield from known(key, name, config.loads, "load")
         if name in config.loads and not config.loads[name].known:
             yield Problem(

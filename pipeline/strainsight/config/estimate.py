@@ -1,4 +1,4 @@
-"""Measurements of a test: which channel of the file is which gauge or load, and how it is to be read."""
+"""Measurements of a test: which channel of its files is which gauge or load, and how they are to be read."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Name, Positive, Section, Text, with_defaults
+from strainsight.config.base import Name, Positive, RunName, Section, Text, with_defaults
 from strainsight.config.damage import DamageSettings
 from strainsight.config.gauges import NamedGauge
 
@@ -96,14 +96,34 @@ class Tune(Section):
     )
 
 
+FileFormat = Literal["auto", "csv", "hdf5", "uff58", "mdf", "tdms", "mat"]
+
+
 class RecordedFile(Section):
     """How the file of a test is read."""
 
-    format: Literal["auto", "csv", "hdf5", "uff58", "mdf", "tdms", "mat"] = Field(
+    format: FileFormat = Field(
         "auto", description="Which reader; auto: by the ending; mdf and tdms need the extra daq."
     )
     text: TextForm = with_defaults(TextForm, "How a CSV file is written.")
     time: Clock = with_defaults(Clock, "The time of the file.")
+
+
+class RecordOfTest(Section):
+    """A record of a campaign: its file, and where it is written in another way than the others."""
+
+    name: RunName = Field(
+        description="Of the record, as tables and pages have it; part of file names: letters, digits, - and _."
+    )
+    file: Text = Field(description="As estimate.file.")
+    date: Text | None = Field(None, description="As estimate.date; null: that one.")
+    format: FileFormat | None = Field(None, description="As estimate.format; null: that one.")
+    text: TextForm | None = Field(None, description="As estimate.text; null: that one.")
+    time: Clock | None = Field(None, description="As estimate.time; null: that one.")
+    channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] | None = Field(
+        None, description="As estimate.channels, of the same gauges, grids and biases in the same order; null: those."
+    )
+    inputs: dict[Name, Channel] | None = Field(None, description="As estimate.inputs; null: those.")
 
 
 class Estimate(RecordedFile):
@@ -113,6 +133,11 @@ class Estimate(RecordedFile):
         None,
         description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder; `estimate --measurements FILE` gives "
         "another.",
+    )
+    records: tuple[RecordOfTest, ...] = Field(
+        (),
+        description="In place of file: several records of one test, {name: low, file: low.csv}, in one estimate. Parameters and "
+        "what is bonded are the same in all; loads, motion and zeros are each record's own (docs/estimation.md).",
     )
     date: Text | None = Field(None, description="When it was measured, as the page of the test is to say it.")
     time_step: Positive | None = Field(

@@ -6,7 +6,8 @@ import numpy as np
 
 from strainsight.records.budget import Budget
 from strainsight.records.damage import Damaged
-from strainsight.records.record import dataset, group, record
+from strainsight.records.record import Source as File
+from strainsight.records.record import dataset, group, read, record
 
 
 @record
@@ -222,3 +223,39 @@ class Estimated(Histories):
     source: Source = group("/source")
     damage: Damaged | None = group("/damage", default=None)
     notes: tuple[str, ...] = dataset("/notes", "1", "sentence", "what was done to the measurements, and doubts")
+
+
+@record
+class CampaignRecord:
+    """What estimate.h5 has of several records beside each of them, which stands below /record/NAME."""
+
+    name: tuple[str, ...] = dataset("/records", "1", "/records", "names of the records, in the order of the config")
+    alone: dict[str, np.ndarray] = dataset(
+        "/alone/<name>", "unit of <name>", "/records", "most likely <name> by each record alone"
+    )
+    gain: float = dataset(
+        "/gain",
+        "1",
+        "",
+        "ln of how much more likely the records are with one set of parameters and bonded gauges than each with its own",
+    )
+    posterior: dict[str, Posterior] = group("/posterior/<name>", unit="unit of <name>", what="<name>")
+    damage: Damaged | None = group("/damage", default=None)
+
+
+def record_group(name: str) -> str:
+    """Where a record of a campaign stands."""
+    return f"/record/{name}"
+
+
+def campaign_in(source: File) -> CampaignRecord | None:
+    """What several records of estimate.h5 share; None of a test that is one record."""
+    return read(CampaignRecord, source) if "/records" in source else None
+
+
+def estimated_in(source: File) -> dict[str, Estimated]:
+    """The records of estimate.h5 by their names, in their order; of an empty name where the test is one record."""
+    campaign = campaign_in(source)
+    if campaign is None:
+        return {"": read(Estimated, source)}
+    return {name: read(Estimated, source, record_group(name)) for name in campaign.name}

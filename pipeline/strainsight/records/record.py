@@ -154,6 +154,14 @@ def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) 
     return found
 
 
+def below(group: str, datasets: Mapping[str, Dataset]) -> dict[str, Dataset]:
+    """Datasets of a record that stands in a file, put below a group of another one, with the axes that they name."""
+    return {
+        group + path: replace(own, scales=tuple(axis and group + axis for axis in own.scales))
+        for path, own in datasets.items()
+    }
+
+
 def _label(axis: str, place: Place, fields: Mapping[str, tuple[Place, _Kind]], below: str) -> str:
     """The dataset that labels an axis: of the record itself or else of the root; "" where there is none."""
     if not axis.startswith("/") or axis == place.path:

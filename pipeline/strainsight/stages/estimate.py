@@ -1,8 +1,15 @@
-"""estimate: the filter on the measurements of a test (1.53-1.60)."""
+"""estimate: the filter on the measurements of a test, of one record or of several (1.53-1.60)."""
 
 from __future__ import annotations
 
-from strainsight.cases.structure.estimation import estimation_of
+from strainsight.cases.structure.campaign import campaign_of
+from strainsight.cases.structure.campaign_text import (
+    campaign_files,
+    campaign_message,
+    campaign_numbers,
+    campaign_record,
+    campaign_tables,
+)
 from strainsight.cases.structure.estimation_text import (
     estimation_csv,
     estimation_message,
@@ -11,8 +18,9 @@ from strainsight.cases.structure.estimation_text import (
 )
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.config.placement import PlacementConfig
+from strainsight.records.estimated import record_group
 from strainsight.records.grids import vtkhdf_datasets
-from strainsight.records.record import written
+from strainsight.records.record import below, written
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
@@ -20,7 +28,7 @@ from strainsight.workflow.stage import Context, Stage
 
 def run(context: Context[PlacementConfig]) -> Output:
     """The estimate, with the surface in time as a grid where it is asked for."""
-    found = estimation_of(
+    campaign = campaign_of(
         context.config,
         inputs.mesh(context),
         inputs.reduced(context),
@@ -29,7 +37,20 @@ def run(context: Context[PlacementConfig]) -> Output:
         inputs.layout(context),
         context,
     )
-    grid, attributes = ({}, {}) if found.surface is None else vtkhdf_datasets(found.surface)
+    grid, attributes = ({}, {}) if campaign.surface is None else vtkhdf_datasets(campaign.surface)
+    found = campaign.only
+    if found is None:
+        datasets = written(campaign_record(campaign), next(iter(campaign.records.values())).units)
+        for name, own in campaign.records.items():
+            datasets |= below(record_group(name), written(own.estimated, own.units))
+        return Output(
+            datasets=datasets | grid,
+            attributes=attributes,
+            summary=campaign_numbers(campaign),
+            message=campaign_message(campaign),
+            tables=campaign_tables(campaign),
+            files=campaign_files(campaign),
+        )
     return Output(
         datasets=written(found.estimated, found.units) | grid,
         attributes=attributes,
@@ -42,7 +63,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=20,
+    version=21,
     reads=(
         "seed",
         "loads",
@@ -60,6 +81,13 @@ ESTIMATE = Stage(
         *READS,
     ),
     upstream=("import", "rom", "train", "screen", "place"),
-    files=("loads.*.signal.file", "estimate.file", "estimate.gauges_file", "parameters.*.guess.from", *FILES),
+    files=(
+        "loads.*.signal.file",
+        "estimate.file",
+        "estimate.records.*.file",
+        "estimate.gauges_file",
+        "parameters.*.guess.from",
+        *FILES,
+    ),
     run=run,
 )

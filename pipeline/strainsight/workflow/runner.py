@@ -87,12 +87,21 @@ def run(
                     reason += f", reused from {taken.source}"
                 else:
                     with _placed(job):
-                        finished[stage.name] = _execute(stage, job, inputs[stage.name], key, finished, progress, sweep)
+                        finished[stage.name] = _execute(
+                            stage, job, inputs[stage.name], key, finished, progress, notice, sweep
+                        )
             yield Event(stage.name, DONE, reason, time.perf_counter() - start, finished[stage.name])
 
 
 def _execute(
-    stage: Stage, job: Job, inputs: Inputs, key: str, finished: Mapping[str, Artefact], progress: Progress, sweep: Sweep
+    stage: Stage,
+    job: Job,
+    inputs: Inputs,
+    key: str,
+    finished: Mapping[str, Artefact],
+    progress: Progress,
+    notice: Callable[[str], None],
+    sweep: Sweep,
 ) -> Artefact:
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(
@@ -101,6 +110,7 @@ def _execute(
         files=inputs.files,
         progress=lambda doing, share: progress(stage.name, doing, share),
         sweep=sweep,
+        notice=notice,
     )
     start = time.perf_counter()
     output = stage.run(context)

@@ -24,6 +24,7 @@ class Context(Generic[Config]):
     upstream  stage name → Artefact, opened when asked for
     files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file
     progress  progress("elimination", 0.4): what is being done and the share that is done
+    notice    says a sentence to the user at once, which is no result
     sweep     runs one function at many points, wherever the user wants that: the results are the same
     """
 
@@ -32,6 +33,7 @@ class Context(Generic[Config]):
     files: Mapping[str, Path]
     progress: Callable[[str, float], None]
     sweep: Sweep = serial
+    notice: Callable[[str], None] = lambda text: None
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,20 +50,25 @@ def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> A
     return Asked(every, Places(pool.position, pool.element, rows[:, None], every.take(below).modulus))
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """A record: model, smoothed; draws of q (N, T + 1, n) and p, None where σ is withheld."""
+
+    model: FilterModel
+    smoothed: Smoothed
+    draws: Iterable[Paths] | None
+
+
 def damage_in_test(
-    own: DamageSettings,
-    asked: Asked,
-    model: FilterModel,
-    smoothed: Smoothed,
-    draws: Iterable[Paths] | None,
-    progress: Callable[[float], None],
+    own: DamageSettings, asked: Asked, records: Sequence[Recorded], progress: Callable[[float], None]
 ) -> Damaged:
-    """Damage of the smoothed history, and its interval over draws of q (N, T + 1, n) and p where the equivalent range is SHOWN of
-    the largest or more; draws None: σ is withheld, and with it the interval."""
-    n = model.model.size
-    mean = smoothed.mean[:, 0]
-    p = mean[:, model.parameter_states].mean(axis=0)
-    of_mean = {name: damage_at(places, mean[:, :n], theta_at(model, p), own) for name, places in _named(asked)}
+    """Damage of the smoothed histories, and its interval over draws where the equivalent range is SHOWN of the largest or more.
+
+        D = Σᵣ Dᵣ,     over records, of one draw of the constants each (Palmgren and Miner)
+
+    Where σ is withheld the interval is, too.
+    """
+    of_mean = {name: _of_mean(places, records, own) for name, places in _named(asked)}
     # of ranges to the power of the slope
     least = SHOWN**own.curve.slope * max(moment.max(initial=0.0) for _, moment in of_mean.values()) * (1 - ALIKE)
     which = {name: np.flatnonzero(moment >= least) for name, (_, moment) in of_mean.items()}
@@ -72,19 +77,42 @@ def damage_in_test(
         which["surface"] = np.intersect1d(which["surface"], most)
     drawn: dict[str, list[np.ndarray]] = {name: [] for name in which}
     parts = {name: places.take(which[name]) for name, places in _named(asked)}
-    for part in draws or ():
-        for at, q in zip(part.parameter, part.state, strict=True):
-            for name, places in parts.items():
-                drawn[name].append(np.stack(damage_at(places, q, theta_at(model, at), own)))
-            progress(len(drawn[name]) / own.draws)
+    for draws in _drawn(records):
+        for name, places in parts.items():
+            each = [damage_at(places, q, theta_at(record.model, at), own) for record, at, q in draws]
+            drawn[name].append(np.sum(each, axis=0))
+        progress(len(drawn[name]) / own.draws)
     found = {name: _damage(places, own, of_mean[name], which[name], drawn[name]) for name, places in _named(asked)}
     surface = found.get("surface")
     return Damaged(
         surface=surface,
         virtual=found.get("virtual"),
         hot_spot=None if surface is None else hot_spots(surface, own.hot_spots),
-        hours=float(own.repetitions * smoothed.time[-1] / 3600),
+        hours=float(own.repetitions * sum(record.smoothed.time[-1] for record in records) / 3600),
     )
+
+
+def _of_mean(places: Places, records: Sequence[Recorded], own: DamageSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Damage and moment (p,) of the smoothed histories."""
+    each = []
+    for record in records:
+        mean, model = record.smoothed.mean[:, 0], record.model
+        theta = theta_at(model, mean[:, model.parameter_states].mean(axis=0))
+        each.append(damage_at(places, mean[:, : model.model.size], theta, own))
+    miner, moment = np.sum(each, axis=0)
+    return miner, moment
+
+
+def _drawn(records: Sequence[Recorded]) -> Iterator[list[tuple[Recorded, np.ndarray, np.ndarray]]]:
+    """Draw by draw: p (k,) and q (T + 1, n) of every record; draws of one number have their constants in common."""
+
+    def one(record: Recorded) -> Iterator[tuple[Recorded, np.ndarray, np.ndarray]]:
+        for part in record.draws or ():
+            for at, q in zip(part.parameter, part.state, strict=True):
+                yield record, at, q
+
+    for draws in zip(*(one(record) for record in records), strict=True):
+        yield list(draws)
 
 
 def theta_at(model: FilterModel, p: np.ndarray) -> dict[str, float]:

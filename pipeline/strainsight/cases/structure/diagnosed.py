@@ -9,7 +9,8 @@ import numpy as np
 
 from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.problem import Problem
-from strainsight.config.estimate import Estimate, GaugeChannel
+from strainsight.cases.structure.records_of_test import RecordSettings
+from strainsight.config.estimate import GaugeChannel
 from strainsight.estimation.fault_search import Suspect, examined
 from strainsight.estimation.faults import ChannelCheck, Explained, at_limit
 from strainsight.gauges.candidates import STRAIN, UNITS
@@ -35,7 +36,7 @@ class Judgement:
 
 
 def judgement_of(
-    settings: Estimate,
+    own: RecordSettings,
     test: Measured,
     problem: Problem,
     suspect: Suspect,
@@ -44,16 +45,17 @@ def judgement_of(
 ) -> Judgement:
     """Of a record and the bank that judges it, as `examined` does; discrepancy: share of a reading that may be missed."""
     found = examined(_beginning(suspect), discrepancy, progress)
-    label, entries, diagnosis, as_it_is = test.labels, settings.channels, found.diagnosis, found.as_it_is
+    diagnosis, as_it_is = found.diagnosis, found.as_it_is
+    label, entries, section = test.labels, own.settings.channels, own.section
     if diagnosis is None:
         return Judgement(True, "", "", _checked(found.check, False))
-    named = "" if diagnosis.named is None else fault_in_words(diagnosis.named, label, entries, suspect)
-    candidates = tuple(fault_in_words(own, label, entries, suspect) for own in diagnosis.candidates)
+    named = "" if diagnosis.named is None else fault_in_words(diagnosis.named, label, entries, suspect, section)
+    candidates = tuple(fault_in_words(one, label, entries, suspect, section) for one in diagnosis.candidates)
     best = [diagnosis.best_of(j) for j in range(len(label))]
     checked = _checked(
         found.check,
         True,
-        tuple("" if one is None else fault_in_words(one, label, entries, suspect) for one in best),
+        tuple("" if one is None else fault_in_words(one, label, entries, suspect, section) for one in best),
         np.array([0.0 if one is None else _finite(one.evidence - as_it_is.evidence) for one in best]),
         candidates,
     )
@@ -70,7 +72,7 @@ def judgement_of(
         size = f"{as_it_is.ratio:.3g} times as large as claimed" if np.isfinite(as_it_is.ratio) else "beyond all bounds"
         words = (
             f"the record contradicts the model: innovations are {size}, and no single fault of a channel explains it: check "
-            f"estimate.channels, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
+            f"{section}.channels, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
         )
     return Judgement(False, named, words, checked)
 
@@ -83,12 +85,18 @@ def clock_in_words(test: Measured, step: float) -> str:
     return f"the record has a sample every {dt:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
 
 
-def fault_in_words(found: Explained, label: Sequence[str], entries: Sequence[GaugeChannel], suspect: Suspect) -> str:
-    """A fault with the key of the config that undoes it."""
+def fault_in_words(
+    found: Explained,
+    label: Sequence[str],
+    entries: Sequence[GaugeChannel],
+    suspect: Suspect,
+    section: str = "estimate",
+) -> str:
+    """A fault with the key of the config, below `section`, that undoes it."""
     fault = found.fault
     assert fault is not None
     j = fault.channel
-    name, key, entry = label[j], f"estimate.channels.{j}", entries[j]
+    name, key, entry = label[j], f"{section}.channels.{j}", entries[j]
     if fault.kind == "sign":
         return f"{name} fits with sign −1: check the wiring, or set {key}.sign: {-entry.sign}"
     if fault.kind == "scale":
@@ -96,7 +104,7 @@ def fault_in_words(found: Explained, label: Sequence[str], entries: Sequence[Gau
         return f"{name} reads {fault.amount:g} times what fits: check {check}, or set {key}.scale: {entry.scale / fault.amount:g}"
     if fault.kind == "swapped":
         other = int(fault.amount)
-        return f"{name} and {label[other]} fit swapped: exchange {key}.channel and estimate.channels.{other}.channel"
+        return f"{name} and {label[other]} fit swapped: exchange {key}.channel and {section}.channels.{other}.channel"
     if fault.kind == "offset":
         return f"{name} fits with an offset of {_size(found, suspect)}: set {key}.zero or {key}.offset, or {key}.bias"
     if fault.kind == "drift":

@@ -31,9 +31,9 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
         numbers["fault"] = found.judgement.named
     for name, value in own.smoothed.items():
         load = name in found.unknowns.inputs
-        numbers[f"estimate.{name}"] = _rms(value) if load else float(np.mean(value))
+        numbers[f"estimate.{name}"] = rms(value) if load else float(np.mean(value))
         if not found.withheld:
-            numbers[f"std.{name}"] = _rms(own.smoothed_std[name])
+            numbers[f"std.{name}"] = rms(own.smoothed_std[name])
     if found.tuning:
         numbers |= {f"factor.{part}": float(value) for part, value in found.tuning.factors.items()}
     if own.hold_out is not None:
@@ -76,7 +76,7 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
         std, unit = found.estimated.smoothed_std[name], found.units[name]
         if name in found.unknowns.inputs:
             span = f"{value.min():.5g} to {value.max():.5g} {unit}"
-            estimate, sigma = f"RMS {_rms(value):.5g}, {span}", f"± {_rms(std):.3g} {unit}"
+            estimate, sigma = f"RMS {rms(value):.5g}, {span}", f"± {rms(std):.3g} {unit}"
         else:
             estimate, sigma = f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
         none = "withheld" if found.judgement.trusted else "not to be trusted"
@@ -91,12 +91,13 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
         *budget_tables(found.estimated.budget),
         *([] if beside is None else [comparison_table(beside, found.units)]),
         *([] if held is None else [hold_out_table(held, own.label, found.channel_units, own.measured)]),
-        _channel_table(found.estimated),
+        channel_table(found.estimated),
         Table("measurements", ("",), notes),
     )
 
 
-def _channel_table(own: Estimated) -> Table:
+def channel_table(own: Estimated) -> Table:
+    """Every channel beside what the others, or the samples before, say of it."""
     check = own.check
     numbers = zip(own.gauge.label, check.measured, check.predicted, check.residual, check.correlation, strict=True)
     rows = [(name, *(f"{value:.3g}" for value in values)) for name, *values in numbers]
@@ -127,5 +128,6 @@ def estimation_csv(found: Estimation) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _rms(history: np.ndarray) -> float:
+def rms(history: np.ndarray) -> float:
+    """Of values (T,)."""
     return float(np.sqrt(np.mean(history**2)))

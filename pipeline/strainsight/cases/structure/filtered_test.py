@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,15 +10,16 @@ import numpy as np
 from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.filtering import by_moments
 from strainsight.cases.structure.measured import Measured
-from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
+from strainsight.cases.structure.nuisances import RENEWED, Tolerated, nuisances_of
 from strainsight.cases.structure.problem import Problem, filter_model
 from strainsight.cases.structure.variance import Shares, budget_of
 from strainsight.config.estimate import Estimate
 from strainsight.errors import blame
-from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.bank import BankRun, filter_records
+from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.biased import driven_with_offsets
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import Nuisances, each_its_own
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.settled import Settled
@@ -30,13 +31,15 @@ from strainsight.records.estimated import Compared
 
 LONGEST_COMPARED = 20_000
 """Steps of a record that is filtered by the other methods, too, and has a budget, without being asked for."""
+FILTER = 0.4
+"""Share of the time of filter and smoother that the filter takes."""
 SHORTER = "give a part of the record at a time, or a larger machine"
 
 
 @dataclass(frozen=True)
 class Filtering:
     """problem; tolerances, at least of the channels of the test; model at these; test; start (n*, n*) covariance of x* at t = 0;
-    settled: the motion that it begins in, None where it is not known to be periodic."""
+    settled: the motion that it begins in, None where it is not known to be periodic; record: its number among `records`."""
 
     problem: Problem
     tolerances: Tolerated
@@ -44,6 +47,8 @@ class Filtering:
     test: Measured
     start: np.ndarray
     settled: Settled | None
+    record: int = 0
+    records: int = 1
 
     @property
     def biased(self) -> np.ndarray:
@@ -57,7 +62,9 @@ class Filtering:
 
     @property
     def nuisances(self) -> Nuisances:
-        return nuisances_of(self.tolerances, self.model, self.test.channels)
+        """Of all records; what is zeroed anew acts in this one alone."""
+        own = nuisances_of(self.tolerances, self.model, self.test.channels)
+        return each_its_own(own, self.records, RENEWED)[self.record]
 
     @property
     def long(self) -> bool:
@@ -87,6 +94,10 @@ class Filtered:
         return replace(self, run=run, smoothed=self.smoothed.without_sigma())
 
 
+Wants = Callable[[Filtering, FilterRun], Wanted]
+Progress = Callable[[float], None]
+
+
 def model_of(
     problem: Problem, test: Measured, settings: Estimate, start: np.ndarray
 ) -> tuple[FilterModel, Tuning | None]:
@@ -102,54 +113,72 @@ def model_of(
 
 
 def filtered(
-    given: Filtering,
-    compare: bool = False,
-    wanted: Callable[[FilterRun], Wanted] | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    given: Filtering, compare: bool = False, wanted: Wants | None = None, progress: Progress = lambda share: None
 ) -> Filtered:
-    """Filter and smoother; compare: other filters on the same samples, too. Raises where the memory does not hold them.
-
-    wanted: covariances that a bank's smoother keeps, by what its filter found, None: all of every instant; progress: called with
-    the share of the way.
-    """
+    """Filter and smoother; compare: other filters on the same samples, too; others as of `filtered_together`."""
     problem, model, test, at = given.problem, given.model, given.test, given.biased
-    core, covariance = driven_with_offsets(model, test.known, at), given.covariance
-    steps = len(test.known)
-    require_memory(_memory(given, wanted is not None), f"{steps} steps of {core.size} states", SHORTER)
     if problem.method == "bank":
-        nuisances, rest, settled = given.nuisances, np.zeros(len(covariance)), given.settled
-        data = model, rest, covariance, test.known, test.values, nuisances
-
-        def going(begin: float, length: float) -> Callable[[float], None]:
-            return lambda share: progress(begin + length * share)
-
-        bank = filter_bank(*data, biased=at, settled=settled, keep="mean", progress=going(0.0, 0.4))
-        which = None if wanted is None else wanted(bank.run)
-        later = smooth_bank(*data, bank, at, settled, which, going(0.4, 0.6))
-        beside = compared(problem, model, covariance, test.known, test.values, at) if compare else None
-        return Filtered(bank.run, later, beside, bank)
+        (found,) = filtered_together([given], wanted, progress)
+        beside = compared(problem, model, given.covariance, test.known, test.values, at) if compare else None
+        return replace(found, compared=beside)
+    _require_memory([given], some=False)
+    core, covariance = driven_with_offsets(model, test.known, at), given.covariance
     run = by_moments(problem, model, np.zeros(core.size), covariance, test.known, test.values, "all", at)
     return Filtered(run, smooth(core, run, covariance=True), None, None)
 
 
-def _memory(given: Filtering, some: bool) -> float:
-    """What filter and smoother take at most [bytes]; some: whether a bank's smoother keeps some covariances alone."""
-    model, m = given.model, len(given.test.labels)
-    n, k = len(given.covariance), len(model.unknowns.parameters)
+def filtered_together(
+    each: Sequence[Filtering], wanted: Wants | None = None, progress: Progress = lambda share: None
+) -> tuple[Filtered, ...]:
+    """Filter and smoother of records that share their parameters and what is bonded, by the bank. Raises where the memory does
+    not hold them.
+
+    wanted: covariances that the smoother keeps of a record, by what the filter found, None: all of every instant; progress:
+    called with the share of the way.
+    """
+    _require_memory(each, some=wanted is not None)
+    covariance, at, all_nuisances = each[0].covariance, each[0].biased, [given.nuisances for given in each]
+    rest = np.zeros(len(covariance))
+    records = [
+        bank_record(own.model, own.test.known, own.test.values, nuisances, own.settled)
+        for own, nuisances in zip(each, all_nuisances, strict=True)
+    ]
+
+    def going(begin: float, length: float) -> Progress:
+        return lambda share: progress(begin + length * share)
+
+    found: list[Filtered] = []
+    banks = filter_records(records, rest, covariance, biased=at, keep="mean", progress=going(0.0, FILTER))
+    for own, nuisances, bank in zip(each, all_nuisances, banks, strict=True):
+        samples = own.test.known, own.test.values
+        which = None if wanted is None else wanted(own, bank.run)
+        length = (1 - FILTER) / len(each)
+        done = going(FILTER + length * len(found), length)
+        later = smooth_bank(own.model, rest, covariance, *samples, nuisances, bank, at, own.settled, which, done)
+        found.append(Filtered(bank.run, later, None, bank))
+    return tuple(found)
+
+
+def _require_memory(each: Sequence[Filtering], some: bool) -> None:
+    """Of what filter and smoother take at most; some: whether a bank's smoother keeps some covariances alone."""
+    given, steps = each[0], sum(len(own.test.known) for own in each)
+    model, m, n, k = given.model, len(given.test.labels), len(given.covariance), len(given.model.unknowns.parameters)
     # mean and σ of filter and smoother with copies of them, and what channels read, innovate and are expected to
     numbers = 8 * n + 12 * m
     if given.problem.method != "bank":
-        numbers += (2 if not k else 3) * n**2
+        numbers += (3 if k else 2) * n**2
     elif given.nuisances.learned:
         d, points = len(given.nuisances.sources(model.model.size)), max(1, 2 * k)
         numbers += (2 * points + 2) * n**2 + d * (4 * n + 5 * m)
     elif not some:
         numbers += n**2
-    return 8.0 * numbers * len(given.test.known)
+    require_memory(8.0 * numbers * steps, f"{steps} steps of {n} states", SHORTER)
 
 
 def budget_in(given: Filtering, found: Filtered) -> tuple[Shares, tuple[str, ...]]:
     """What the variances are made of, and why there is none."""
+    if given.records > 1:
+        return {}, ("several records: no budget of the variance",)
     if given.long:
         return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
     if len(given.biased):

@@ -21,7 +21,7 @@ def histories(given: Filtering, found: Filtered, count: int, seed: int) -> Itera
     q, known = slice(0, model.model.size), test.known
     if found.bank is not None:
         before = model, np.zeros(len(covariance)), covariance, known, test.values, given.nuisances
-        yield from bank_paths(*before, found.bank, count, seed, at, given.settled, q)
+        yield from bank_paths(*before, found.bank, count, seed, at, given.settled, q, given.record)
         return
     core, rng = driven_with_offsets(model, known, at), np.random.default_rng(seed)
     part = max(1, AT_ONCE // ((len(known) + 1) * core.size))

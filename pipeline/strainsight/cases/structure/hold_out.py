@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.structure.filtered_test import Filtering, filtered
+from strainsight.cases.structure.filtered_test import Filtered, Filtering, filtered, filtered_together
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.smoothed import Smoothed
@@ -19,9 +19,12 @@ from strainsight.workflow.output import Scalar, Table
 
 
 def held_out(
-    given: Filtering, tells: Callable[[np.ndarray], str], withheld: bool, progress: Callable[[str, float], None]
-) -> HoldOut:
-    """Predict every gauge by the others: all channels of one gauge are left out together.
+    each: Sequence[Filtering],
+    tells: Callable[[np.ndarray], str],
+    withheld: bool,
+    progress: Callable[[str, float], None],
+) -> tuple[HoldOut, ...]:
+    """Predict every gauge in every record by the others: all channels of one gauge are left out together, of all records.
 
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
@@ -30,25 +33,29 @@ def held_out(
     where nothing; withheld: whether σ is. NaN for a gauge without which the others cannot tell the unknowns, and for a σ that is
     withheld.
     """
-    test = given.test
-    owner = given.problem.channels.gauge[test.channels]
-    mean, std = np.full((2, *test.values.shape), np.nan)
+    test = each[0].test
+    owner = each[0].problem.channels.gauge[test.channels]
+    found = [np.full((2, *own.test.values.shape), np.nan) for own in each]
     said = [""] * len(owner)
     gauges = np.unique(owner)
     for i, gauge in enumerate(gauges):
         progress(f"without {test.labels[int(np.argmax(owner == gauge))]}", 0.7 + 0.25 * i / len(gauges))
         out, rest = np.flatnonzero(owner == gauge), np.flatnonzero(owner != gauge)
         lost = tells(test.channels[rest]) if len(rest) else "anything"
+        by: tuple[Filtered, ...] = ()
         try:
-            found = None if lost else filtered(given.by(rest))
+            by = () if lost else _filtered([own.by(rest) for own in each])
         except NumericalError as error:
-            found, lost = None, error.what
+            lost = error.what
         for j in out:
             said[j] = f"the others cannot tell {lost}" if lost else ""
-        if found is not None:
-            smoothed = (found.without_sigma() if withheld else found).smoothed
-            mean[:, out], std[:, out] = _predicted(given.by(out), smoothed)
-    return HoldOut(predicted=mean, std=std, left_in=tuple(said))
+        for own, one, values in zip(each, by, found, strict=False):
+            values[:, :, out] = _predicted(own.by(out), (one.without_sigma() if withheld else one).smoothed)
+    return tuple(HoldOut(predicted=mean, std=std, left_in=tuple(said)) for mean, std in found)
+
+
+def _filtered(each: Sequence[Filtering]) -> tuple[Filtered, ...]:
+    return filtered_together(each) if len(each) > 1 else (filtered(each[0]),)
 
 
 def _predicted(given: Filtering, found: Smoothed) -> tuple[np.ndarray, np.ndarray]:

@@ -10,8 +10,9 @@ import numpy as np
 
 from strainsight.cases.recorded_channels import signals_of
 from strainsight.cases.structure.problem import Problem, settled_at
+from strainsight.cases.structure.records_of_test import RecordSettings
 from strainsight.cases.structure.start import tones_in
-from strainsight.config.estimate import Channel, Estimate, GaugeChannel
+from strainsight.config.estimate import Channel, GaugeChannel
 from strainsight.errors import ConfigError
 from strainsight.estimation.settled import Settled
 from strainsight.measurements.assemble import Signals
@@ -49,30 +50,39 @@ class Measured:
         part = {name: getattr(self, name)[which] for name in ("channels", "std", "bias")}
         return replace(self, values=self.values[:, which], labels=labels, **part)
 
+    def first(self, count: int) -> Measured:
+        """The first samples."""
+        return replace(
+            self, time=self.time[: count + 1], known=self.known[: count * self.every], values=self.values[:count]
+        )
 
-def measured_of(settings: Estimate, path: Path, problem: Problem, gauges: Mapping[str, int]) -> Measured:
-    """Read and calibrate the channels that `estimate` of a config names.
+
+def measured_of(own: RecordSettings, path: Path, problem: Problem, gauges: Mapping[str, int]) -> Measured:
+    """Read and calibrate the channels that `estimate` of a config names for a record.
 
     gauges: number of every gauge by its name (`bonded_gauges`).
 
     Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
     a gap, and UserError for what the file contradicts.
     """
-    channels = np.array([_channel(i, entry, problem, gauges) for i, entry in enumerate(settings.channels)])
+    settings = own.settings
+    channels = np.array(
+        [_channel(f"{own.channels}.{i}", entry, problem, gauges) for i, entry in enumerate(settings.channels)]
+    )
     if len(np.unique(channels)) < len(channels):
         raise ConfigError(
-            "two channels are one grid of a gauge", key="estimate.channels", remedy="check `gauge` and `grid` of each"
+            "two channels are one grid of a gauge", key=own.channels, remedy="check `gauge` and `grid` of each"
         )
     for name in problem.known:
         if name not in settings.inputs:
             raise ConfigError(
                 f"the known load '{name}' has no channel",
-                key="estimate.inputs",
+                key=own.inputs,
                 remedy=f"give inputs: {{{name}: {{channel: …, unit: N}}}}, or set loads.{name}.known: false and estimate it",
             )
-    wanted: dict[str, Channel] = {f"estimate.channels.{i}": entry for i, entry in enumerate(settings.channels)}
-    wanted |= {f"estimate.inputs.{name}": settings.inputs[name] for name in problem.known}
-    signals = signals_of(settings, "estimate", path, wanted)
+    wanted: dict[str, Channel] = {f"{own.channels}.{i}": entry for i, entry in enumerate(settings.channels)}
+    wanted |= {f"{own.inputs}.{name}": settings.inputs[name] for name in problem.known}
+    signals = signals_of(settings, own.file.removesuffix(".file"), path, wanted)
     _check_quantities(wanted, signals, problem, channels)
     dt = float(signals.time[1] - signals.time[0])
     every = 1 if settings.time_step is None else round(dt / settings.time_step)
@@ -83,7 +93,7 @@ def measured_of(settings: Estimate, path: Path, problem: Problem, gauges: Mappin
             remedy=f"leave it out, or give {dt / max(every, 1):.9g} s",
         )
     m = len(channels)
-    loads, notes = _without_gaps(signals, problem.known, m)
+    loads, notes = _without_gaps(signals, problem.known, m, own.inputs)
     return Measured(
         time=signals.time,
         h=dt / every,
@@ -130,9 +140,8 @@ def _label(entry: GaugeChannel) -> str:
     return f"{entry.gauge}{f'.{entry.grid}' if entry.grid > 1 else ''}"
 
 
-def _channel(i: int, entry: GaugeChannel, problem: Problem, gauges: Mapping[str, int]) -> int:
+def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[str, int]) -> int:
     """The row of train.h5 that a channel of the file measures."""
-    key = f"estimate.channels.{i}"
     own = problem.channels.of(np.array([gauges[str(entry.gauge)]]))[0]
     own = own[own >= 0]
     if entry.grid > len(own):
@@ -153,7 +162,7 @@ def _check_quantities(wanted: Mapping[str, Channel], signals: Signals, problem: 
             )
 
 
-def _without_gaps(signals: Signals, known: Sequence[str], first: int) -> tuple[np.ndarray, list[str]]:
+def _without_gaps(signals: Signals, known: Sequence[str], first: int, key: str) -> tuple[np.ndarray, list[str]]:
     """Known loads (T + 1, n_known), short gaps put on straight lines, and what was done."""
     loads, notes = signals.values[:, first:].copy(), []
     index = np.arange(len(loads))
@@ -169,7 +178,7 @@ def _without_gaps(signals: Signals, known: Sequence[str], first: int) -> tuple[n
             raise ConfigError(
                 f"the known load '{name}' lacks {missing.sum()} samples, "
                 + ("at an end of the record" if at_ends else f"{longest} in a row, the first at {where:g} s"),
-                key=f"estimate.inputs.{name}",
+                key=f"{key}.{name}",
                 remedy="cut the record, or estimate this load",
             )
         loads[missing, i] = np.interp(index[missing], there, loads[there, i])

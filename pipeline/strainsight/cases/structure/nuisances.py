@@ -37,6 +37,10 @@ SOURCE = {
 """Derivative of a reading → what it is one of, in a budget."""
 
 
+RENEWED = ("offset", "drift", "temperature")
+"""Sources that begin anew in every record of a test: gauges are zeroed before each, at the temperature of that day."""
+
+
 @dataclass(frozen=True)
 class Zero:
     """An error that is the same in any motion: source; σ (k,) of it in each of k channels [unit of the channel]; owner (k,):

@@ -1,0 +1,275 @@
+"""The filter on the measurements of a test: one record, or several that share their parameters and what is bonded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.cases.resources import Resources
+from strainsight.cases.structure.apart import Together, together_of
+from strainsight.cases.structure.bonded_gauges import bonded_gauges
+from strainsight.cases.structure.damage import Recorded, asked_places, damage_in_test
+from strainsight.cases.structure.detectable import undetectable
+from strainsight.cases.structure.diagnosed import ACCEPT, Judgement, judgement_of
+from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record
+from strainsight.cases.structure.filtered_test import (
+    Filtered,
+    Filtering,
+    Progress,
+    Wants,
+    filtered,
+    filtered_together,
+    model_of,
+)
+from strainsight.cases.structure.forecast import forecast_in_words
+from strainsight.cases.structure.histories import histories
+from strainsight.cases.structure.hold_out import held_out
+from strainsight.cases.structure.measured import measured_of, settled_in
+from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
+from strainsight.cases.structure.posterior import posteriors_of
+from strainsight.cases.structure.problem import initial_covariance, problem_of, withheld_in_words
+from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
+from strainsight.cases.structure.source import source_of
+from strainsight.cases.structure.surface import Skin, damage_on_surface, virtual_strain
+from strainsight.cases.structure.surface_in_test import skin_in_test, wanted_of
+from strainsight.cases.structure.suspected import suspect_of, turning_of
+from strainsight.config.estimate import Estimate
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.smoothed import Wanted
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.vtkhdf import VtkHdf
+from strainsight.records.damage import Damaged
+from strainsight.records.estimated import HoldOut, Posterior
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What the records of a test say.
+
+    records: what each says, by its name, empty of a test that is one file; withheld, accepted, undetectable: as of an
+    `Estimation`; together: what they say of each other, None of one; posterior: of every parameter; damage: of all; surface: its
+    grid, None where neither that nor pictures in time are asked for.
+    """
+
+    records: dict[str, Estimation]
+    withheld: str
+    accepted: bool
+    undetectable: str
+    together: Together | None
+    posterior: dict[str, Posterior]
+    damage: Damaged | None
+    surface: VtkHdf | None
+
+    @property
+    def only(self) -> Estimation | None:
+        """The one record; None where there are several."""
+        return next(iter(self.records.values())) if len(self.records) == 1 else None
+
+
+def campaign_of(
+    config: PlacementConfig,
+    mesh: Mesh,
+    reduced: Reduced,
+    training: Training,
+    screened: Screened,
+    gauges: np.ndarray,
+    using: Resources,
+) -> Campaign:
+    """Read the files, check that they can tell the unknowns, filter and smooth; then what no gauge measured.
+
+    gauges (k,): numbers of those of the layout. Raises ConfigError where no file is named, InfeasibleError
+    where the channels cannot tell the unknowns and that is not allowed, and ContradictionError where no filter can follow a
+    record and one fault of a channel explains why, or no filter can follow all records together.
+    """
+    settings = config.estimate
+    records = () if settings is None else records_of(settings)
+    if settings is None or not records:
+        raise ConfigError("no measurements of a test", key="estimate.file", remedy="name the file of the test")
+    using.progress("reading", 0.0)
+    problem = problem_of(config, using.files, reduced, training, screened)
+    named = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
+    tests = []
+    for own in records:
+        with in_record(own.name if len(records) > 1 else ""):
+            tests.append(measured_of(own, using.files[own.file], problem, named))
+    channels = tests[0].channels
+    hidden = undetectable(problem, channels, config.place.instants, config.seed, settings.allow_unobservable)
+    skin, bare = skin_in_test(config, settings, mesh, reduced.basis, using.files)
+    using.progress("model", 0.2)
+    stated = {**config.validation.initial_std, **settings.initial_std}
+    start = initial_covariance(problem, stated, moving=settings.start != "rest")
+    tolerances = tolerated(config, mesh, reduced, training, channels)
+    each, tuning = [], None
+    for i, (own, test) in enumerate(zip(records, tests, strict=True)):
+        with in_record(own.name if len(records) > 1 else ""):
+            settled = settled_in(problem, test) if settings.start == "settled" else None
+            model, tuning = model_of(problem, test, own.settings, start)
+        each.append(Filtering(problem, tolerances, model, test, start, settled, i, len(records)))
+    with blame("estimate.virtual"):
+        virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, len(each[0].covariance))
+    turning, judgements, suspects = turning_of(mesh, reduced, training, channels), [], []
+    for i, (own, given) in enumerate(zip(records, each, strict=True)):
+
+        def checking(share: float, i: int = i) -> None:
+            using.progress(_named("channels", records, i), 0.4 + 0.2 * (i + share) / len(records))
+
+        suspects.append(suspect_of(config, mesh, reduced, training, given, turning))
+        judgements.append(judgement_of(own, given.test, problem, suspects[-1], tolerances.discrepancy, checking))
+    using.progress("filter", 0.6)
+    untold = "" if settings.loads_as_stated else withheld_in_words(problem)
+
+    def wanted(given: Filtering, run: FilterRun) -> Wanted:
+        return wanted_of(settings, config.loads, given, virtual, run)
+
+    def filtering(share: float) -> None:
+        using.progress("filter and smoother", 0.6 + 0.1 * share)
+
+    passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))
+    if forecast := forecast_in_words(each, passes, wanted):
+        using.notice(forecast)
+    found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
+    alone = [own for own in judgements if not own.trusted]
+    together = None if len(records) == 1 else together_of(each, suspects, found, tuple(own.name for own in records))
+    apart = together.words if together is not None and not alone else ""
+    contradicted = _contradicted(records, judgements, apart)
+    withheld = (f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else "") or untold
+    # What contradicts the model is looked for there: the claim is what is tested.
+    without = _without_each(config, settings, each, untold, using)
+    using.progress("field", 0.95 if settings.hold_out else 0.7)
+    damage = _damage(config, settings, skin, each, found, withheld, using)
+    common = Common(
+        withheld, settings.accept, hidden, bare, tuning, not_held_in_words(config, reduced, training), virtual
+    )
+    single, said = len(records) == 1, {}
+    for i, (own, given) in enumerate(zip(records, each, strict=True)):
+        source = source_of(own.settings, using.files[own.file], given.test.labels, problem.known)
+        judged = replace(judgements[i], trusted=False, words=apart) if apart else judgements[i]
+        said[own.name] = estimation_of_record(
+            config,
+            mesh,
+            reduced,
+            skin,
+            own,
+            source,
+            given,
+            found[i],
+            judged,
+            None if without is None else without[i],
+            damage if single else None,
+            common,
+        )
+    posterior = {} if withheld else posteriors_of(problem, start, found[0].bank)
+    surface = None
+    if single:
+        surface = said[records[0].name].surface
+    elif skin is not None and damage is not None and damage.surface is not None:
+        surface = damage_on_surface(skin, damage.surface)
+    return Campaign(said, withheld, settings.accept, hidden, together, posterior, damage, surface)
+
+
+def estimation_of(
+    config: PlacementConfig,
+    mesh: Mesh,
+    reduced: Reduced,
+    training: Training,
+    screened: Screened,
+    gauges: np.ndarray,
+    using: Resources,
+) -> Estimation:
+    """Of a test that is one record, as `campaign_of`. Raises ConfigError where there are several."""
+    found = campaign_of(config, mesh, reduced, training, screened, gauges, using).only
+    if found is None:
+        raise ConfigError(
+            "several records", key="estimate.records", remedy="take `campaign`, which has each by its name"
+        )
+    return found
+
+
+def _named(what: str, records: Sequence[RecordSettings], i: int) -> str:
+    return f"{what} of {records[i].name}" if len(records) > 1 else what
+
+
+def _contradicted(records: Sequence[RecordSettings], judgements: Sequence[Judgement], apart: str) -> str:
+    """What contradicts the model, record by record, or else each other; empty where nothing does."""
+    if len(records) == 1:
+        return judgements[0].words
+    pairs = zip(records, judgements, strict=True)
+    said = [f"record '{own.name}': {judged.words}" for own, judged in pairs if not judged.trusted]
+    return "; ".join(said) or (f"{apart}, {ACCEPT}" if apart else "")
+
+
+def _found(
+    config: PlacementConfig,
+    each: Sequence[Filtering],
+    records: Sequence[RecordSettings],
+    judgements: Sequence[Judgement],
+    untold: bool,
+    wanted: Wants,
+    progress: Progress,
+) -> tuple[Filtered, ...]:
+    """Filter and smoother, with other filters beside them where that is asked for or takes little."""
+    contradicted = _contradicted(records, judgements, "")
+    try:
+        if len(each) > 1:
+            return filtered_together(each, wanted, progress)
+        settings = records[0].settings
+        compare = not each[0].long if config.filter.compare is None else config.filter.compare
+        withheld = untold or (bool(contradicted) and not settings.accept)
+        return (filtered(each[0], compare and not withheld, wanted, progress),)
+    except (NumericalError, np.linalg.LinAlgError) as error:
+        if contradicted:
+            raise ContradictionError(
+                f"no filter can follow this record: {contradicted.removesuffix(f', {ACCEPT}')}",
+                key="estimate.channels",
+                remedy="correct the channel, and estimate again",
+            ) from error
+        if len(each) == 1:
+            raise
+        raise ContradictionError(
+            f"no filter can follow all records together, though each agrees with the model: {error}",
+            key="estimate.records",
+            remedy="estimate each with estimate.file, and compare what they say of the parameters",
+        ) from error
+
+
+def _without_each(
+    config: PlacementConfig, settings: Estimate, each: Sequence[Filtering], untold: str, using: Resources
+) -> tuple[HoldOut, ...] | None:
+    """Every gauge by the others where that is asked for; untold: why there is no σ whatever the records are, else empty."""
+    if settings.hold_out is None:
+        return None
+
+    def hidden(channels: np.ndarray) -> str:
+        return undetectable(each[0].problem, channels, config.place.instants, config.seed, True)
+
+    return held_out(each, hidden, bool(untold), using.progress)
+
+
+def _damage(
+    config: PlacementConfig,
+    settings: Estimate,
+    skin: Skin | None,
+    each: Sequence[Filtering],
+    found: Sequence[Filtered],
+    withheld: str,
+    using: Resources,
+) -> Damaged | None:
+    """Damage of all records where it is asked for, without its interval where σ is withheld."""
+    own = settings.damage
+    if own is None or skin is None:
+        return None
+
+    def counting(share: float) -> None:
+        using.progress("damage", 0.7 + 0.3 * share)
+
+    records = [
+        Recorded(given.model, one.smoothed, None if withheld else histories(given, one, own.draws, config.seed))
+        for given, one in zip(each, found, strict=True)
+    ]
+    return damage_in_test(own, asked_places(skin, settings.virtual, config.gauges), records, counting)
