@@ -50,6 +50,10 @@ def view(
         Of | None,
         typer.Option("--of", help="Whose field, of a placement; default: the test's where there is one."),
     ] = None,
+    record: Annotated[
+        str | None,
+        typer.Option("--record", metavar="NAME", help="Which record, of a test of several; default: the first."),
+    ] = None,
     body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body of a bench.")] = None,
     screenshot: Annotated[
         Path | None, typer.Option("--screenshot", metavar="FILE.png", help="Write a picture, open no window.")
@@ -67,7 +71,7 @@ def view(
 
         folder = results / str(loaded.data["name"])
         names = [stage.name for stage in stages]
-        shown, read = view_of(model, names, folder, str(config), what and what.value, at, body, of and of.value)
+        shown, read = view_of(model, names, folder, str(config), what and what.value, at, body, of and of.value, record)
         say_stale(loaded, results, read)
         from strainsight.report.view import viewing
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, bank_record, filtered_at
+from strainsight.estimation.bank_filters import BankProblem, BankRecord, bank_record, filtered_at
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import LOST
@@ -52,14 +53,20 @@ def peak_of(
     p(y | p) by a filter at p, tolerances integrated out. Newton's method on differences over a σ of the posterior, in 1 + 2k +
     k(k − 1)/2 filters a round. A lattice follows a posterior to wherever a wrong record drives it; this gives up.
     """
-    record = bank_record(model, known, measurement, nuisances, settled)
-    problem = BankProblem((record,), mean, covariance, biased, 1.0, 1.0, 1)
+    return peak_of_records([bank_record(model, known, measurement, nuisances, settled)], mean, covariance, biased)
+
+
+def peak_of_records(
+    records: Sequence[BankRecord], mean: np.ndarray, covariance: np.ndarray, biased: np.ndarray
+) -> Peak:
+    """The same of records that share their parameters and ν; arguments as of `filter_records`."""
+    problem = BankProblem(tuple(records), mean, covariance, biased, 1.0, 1.0, 1)
     centre, prior = problem.prior
     k = len(centre)
     width = np.sqrt(np.diag(prior))
 
     def density(point: np.ndarray) -> np.ndarray:
-        found = filtered_at(problem, Points(point), len(known)).log_weight  # type: ignore[type-var]
+        found = filtered_at(problem, Points(point), problem.first[-1]).log_weight  # type: ignore[type-var]
         return np.where(np.isfinite(found), found, -np.finfo(float).max)
 
     if not k:

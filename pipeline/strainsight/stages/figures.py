@@ -80,12 +80,23 @@ def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
 
 
 def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
-    """Under names of their own: the page of the placement has an estimate of every unknown, too."""
+    """Under names of their own, with the record's where there are several: the page of the placement has an estimate of every
+    unknown, too."""
+    from strainsight.report.tested.campaign import campaign_figures
     from strainsight.report.tested.figures import figures_of_test
-    from strainsight.stages.pages.tested import findings_of
+    from strainsight.stages.pages.tested import pages_of
 
-    drawings = figures_of_test(findings_of(context))
-    return [replace(own, key=f"{TEST}-{own.key}", title=f"the test: {own.title}") for own in drawings]
+    found, drawings = pages_of(context), []
+    if found.campaign is not None:
+        own = campaign_figures(found.campaign)
+        drawings += [replace(one, key=f"{TEST}-{one.key}", title=f"the test: {one.title}") for one in own]
+    for report in found.records:
+        name, of = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
+        drawings += [
+            replace(one, key=f"{TEST}{name}-{one.key}", title=f"the test{of}: {one.title}")
+            for one in figures_of_test(report)
+        ]
+    return drawings
 
 
 def _of_bench(context: Context[BenchConfig]) -> list[Drawing]:

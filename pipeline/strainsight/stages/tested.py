@@ -1,45 +1,67 @@
-"""test: the page of a test; everything on it is read from the artefacts, and the file of the test is not needed for it."""
+"""test: the page of a test, and one for each of several records; everything on them is read from the artefacts, and the files of
+the test are not needed for them."""
 
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import StrainsightError
 from strainsight.report.placement.page import TEST_PAGE
+from strainsight.report.tested.campaign import campaign_figures, page_of_campaign
+from strainsight.report.tested.data import Findings
 from strainsight.report.tested.field import views_of
 from strainsight.report.tested.figures import figures_of_test
 from strainsight.report.tested.page import page_of_test
 from strainsight.report.view.viewing import screenshots
-from strainsight.stages.pages.tested import findings_of
+from strainsight.stages.pages.tested import pages_of
 from strainsight.workflow.output import Output, Table
 from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:
-    """Gather what the page shows and write it as one self-contained file."""
-    report = findings_of(context)
-    context.progress("pictures", 0.1)
-    pictures, problem = [], ""
-    views = views_of(report)
-    try:
-        pictures = screenshots(views) if views else []
-    except StrainsightError as error:
-        problem = f"{error.what}: {error.remedy}"
-    context.progress("figures", 0.5)
-    drawings = figures_of_test(report)
-    page = page_of_test(report, drawings, tuple(pictures), problem).encode()
-    said = f"{TEST_PAGE}, {len(page) / 1024:.0f} KiB" + (f"; no picture: {problem}" if problem else "")
+    """Gather what the pages show and write each as one self-contained file: of a test of several records one over all of them,
+    and one for each."""
+    found = pages_of(context)
+    files: dict[str, bytes] = {}
+    warnings: dict[str, None] = {}
+    pictured, drawn, problem = 0, 0, ""
+    for i, report in enumerate(found.records):
+        context.progress(
+            f"pictures of {report.record}" if report.record else "pictures", (i + 0.1) / len(found.records)
+        )
+        pictures, problem = _pictures(report)
+        context.progress("figures", (i + 0.5) / len(found.records))
+        drawings = figures_of_test(report)
+        name = f"test-{report.record}.html" if report.record else TEST_PAGE
+        files[name] = page_of_test(report, drawings, tuple(pictures), problem).encode()
+        warnings |= dict.fromkeys(report.warnings)
+        pictured, drawn = pictured + len(pictures), drawn + len(drawings)
+    if (campaign := found.campaign) is not None:
+        over = campaign_figures(campaign)
+        files = {TEST_PAGE: page_of_campaign(campaign, over).encode()} | files
+        warnings, drawn = dict.fromkeys(campaign.warnings), drawn + len(over)
+    size = f"{sum(map(len, files.values())) / 1024:.0f} KiB"
+    said = f"{', '.join(files)}, {size}" + (f"; no picture: {problem}" if problem else "")
     return Output(
         datasets={},
-        summary={"pictures": len(pictures), "figures": len(drawings), "warnings": len(report.warnings)},
+        summary={"pictures": pictured, "figures": drawn, "warnings": len(warnings)},
         message=said,
-        tables=(Table("warnings", ("",), tuple((text,) for text in report.warnings)),) * bool(report.warnings),
-        files={TEST_PAGE: page},
+        tables=(Table("warnings", ("",), tuple((text,) for text in warnings)),) * bool(warnings),
+        files=files,
     )
+
+
+def _pictures(report: Findings) -> tuple[list[bytes], str]:
+    """PNG of the surface, or why there are none."""
+    views = views_of(report)
+    try:
+        return (screenshots(views) if views else []), ""
+    except StrainsightError as error:
+        return [], f"{error.what}: {error.remedy}"
 
 
 TEST = Stage(
     "test",
-    version=2,
+    version=3,
     reads=("name", "seed", "loads", "place.estimate"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.structure.filtered_test import Filtered, Filtering
+from strainsight.cases.structure.filtered_test import Filtering
+from strainsight.estimation.bank_filters import BankRecord, bank_record
 from strainsight.estimation.fault_search import MARGIN, Suspect
-from strainsight.estimation.peak import peak_of
+from strainsight.estimation.peak import peak_of_records
 
 
 @dataclass(frozen=True)
@@ -23,40 +24,36 @@ class Together:
     words: str
 
 
-def together_of(
-    each: Sequence[Filtering], suspects: Sequence[Suspect], found: Sequence[Filtered], names: Sequence[str]
-) -> Together:
-    """Records and the banks that judge them one by one, and what the bank of all of them found.
+def together_of(each: Sequence[Filtering], suspects: Sequence[Suspect], names: Sequence[str]) -> Together:
+    """Records and the banks that judge them one by one.
 
         ln p(y₁ … y_R) − Σᵣ ln p(yᵣ)
 
-    Of records of one test it is large, as one set of constants has to fit all; records of different parameters, or gauges that
-    were bonded anew in between, have one below −MARGIN. p(yᵣ) as of `peak_of`.
+    Of records of one test it is large, as parameters and constants that fit one fit all; records of other parameters, or of
+    gauges that were bonded anew in between, have one below −MARGIN. Both as of `peak_of`, which gives up on what no parameters
+    explain before a bank would.
     """
-    peaks = [
-        peak_of(
-            own.model,
-            own.mean,
-            own.covariance,
-            own.known,
-            own.samples,
-            replace(own.nuisances, learned=True),
-            own.biased,
-            own.settled,
-        )
-        for own in suspects
-    ]
+    records: list[BankRecord] = []
+    alone: list[BankRecord] = []
+    for given, own in zip(each, suspects, strict=True):
+        for nuisances, found in ((own.nuisances, alone), (given.nuisances, records)):
+            learned = replace(nuisances, learned=True)
+            found.append(bank_record(own.model, own.known, own.samples, learned, own.settled))
+    first = suspects[0]
+    peaks = [peak_of_records([own], first.mean, first.covariance, first.biased) for own in alone]
+    in_place = [records[i] for i in np.argsort([given.record for given in each])]
+    of_all = peak_of_records(in_place, first.mean, first.covariance, first.biased)
     unknowns = each[0].problem.unknowns
-    alone = {
+    values = {
         name: unknowns.guess[name] * np.exp([peak.point[i] for peak in peaks])
         for i, name in enumerate(unknowns.parameters)
     }
-    gain = float(sum(own.run.log_likelihood[0] for own in found) - sum(peak.evidence for peak in peaks))
+    gain = of_all.evidence - sum(peak.evidence for peak in peaks)
     words = ""
     if gain < -MARGIN:
         said = [
-            f"{name} {', '.join(f'{value:.4g} ({of})' for value, of in zip(values, names, strict=True))}"
-            for name, values in alone.items()
+            f"{name} {', '.join(f'{value:.4g} ({of})' for value, of in zip(own, names, strict=True))}"
+            for name, own in values.items()
         ]
         words = f"the records contradict each other: each alone says {'; '.join(said) or 'other errors of the gauges'}"
-    return Together(alone, gain, words)
+    return Together(values, float(gain), words)

@@ -85,7 +85,7 @@ def campaign_of(
 
     gauges (k,): numbers of those of the layout. Raises ConfigError where no file is named, InfeasibleError
     where the channels cannot tell the unknowns and that is not allowed, and ContradictionError where no filter can follow a
-    record and one fault of a channel explains why, or no filter can follow all records together.
+    record and one fault of a channel explains why, and where records that agree with the model contradict each other.
     """
     settings = config.estimate
     records = () if settings is None else records_of(settings)
@@ -105,12 +105,14 @@ def campaign_of(
     stated = {**config.validation.initial_std, **settings.initial_std}
     start = initial_covariance(problem, stated, moving=settings.start != "rest")
     tolerances = tolerated(config, mesh, reduced, training, channels)
+    # in the order of their names: what is found does not depend on that of the config
+    place = np.argsort(np.argsort([own.name for own in records]))
     each, tuning = [], None
     for i, (own, test) in enumerate(zip(records, tests, strict=True)):
         with in_record(own.name if len(records) > 1 else ""):
             settled = settled_in(problem, test) if settings.start == "settled" else None
             model, tuning = model_of(problem, test, own.settings, start)
-        each.append(Filtering(problem, tolerances, model, test, start, settled, i, len(records)))
+        each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, len(each[0].covariance))
     turning, judgements, suspects = turning_of(mesh, reduced, training, channels), [], []
@@ -121,6 +123,16 @@ def campaign_of(
 
         suspects.append(suspect_of(config, mesh, reduced, training, given, turning))
         judgements.append(judgement_of(own, given.test, problem, suspects[-1], tolerances.discrepancy, checking))
+    trusted = all(own.trusted for own in judgements)
+    together = None if len(records) == 1 else together_of(each, suspects, tuple(own.name for own in records))
+    apart = together.words if together is not None and trusted else ""
+    if apart and not settings.accept:
+        raise ContradictionError(
+            apart,
+            key="estimate.records",
+            remedy="leave out what is of another part or of gauges that were bonded anew, correct its known loads and units, "
+            f"{ACCEPT}",
+        )
     using.progress("filter", 0.6)
     untold = "" if settings.loads_as_stated else withheld_in_words(problem)
 
@@ -134,10 +146,7 @@ def campaign_of(
     if forecast := forecast_in_words(each, passes, wanted):
         using.notice(forecast)
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
-    alone = [own for own in judgements if not own.trusted]
-    together = None if len(records) == 1 else together_of(each, suspects, found, tuple(own.name for own in records))
-    apart = together.words if together is not None and not alone else ""
-    contradicted = _contradicted(records, judgements, apart)
+    contradicted = _contradicted(records, judgements)
     withheld = (f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else "") or untold
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, each, untold, using)
@@ -195,13 +204,12 @@ def _named(what: str, records: Sequence[RecordSettings], i: int) -> str:
     return f"{what} of {records[i].name}" if len(records) > 1 else what
 
 
-def _contradicted(records: Sequence[RecordSettings], judgements: Sequence[Judgement], apart: str) -> str:
-    """What contradicts the model, record by record, or else each other; empty where nothing does."""
+def _contradicted(records: Sequence[RecordSettings], judgements: Sequence[Judgement]) -> str:
+    """What contradicts the model, record by record; empty where nothing does."""
     if len(records) == 1:
         return judgements[0].words
     pairs = zip(records, judgements, strict=True)
-    said = [f"record '{own.name}': {judged.words}" for own, judged in pairs if not judged.trusted]
-    return "; ".join(said) or (f"{apart}, {ACCEPT}" if apart else "")
+    return "; ".join(f"record '{own.name}': {judged.words}" for own, judged in pairs if not judged.trusted)
 
 
 def _found(
@@ -214,7 +222,7 @@ def _found(
     progress: Progress,
 ) -> tuple[Filtered, ...]:
     """Filter and smoother, with other filters beside them where that is asked for or takes little."""
-    contradicted = _contradicted(records, judgements, "")
+    contradicted = _contradicted(records, judgements)
     try:
         if len(each) > 1:
             return filtered_together(each, wanted, progress)

@@ -39,7 +39,8 @@ SHORTER = "give a part of the record at a time, or a larger machine"
 @dataclass(frozen=True)
 class Filtering:
     """problem; tolerances, at least of the channels of the test; model at these; test; start (n*, n*) covariance of x* at t = 0;
-    settled: the motion that it begins in, None where it is not known to be periodic; record: its number among `records`."""
+    settled: the motion that it begins in, None where it is not known to be periodic; record: its place among `records`,
+    which are filtered in that order."""
 
     problem: Problem
     tolerances: Tolerated
@@ -130,12 +131,16 @@ def filtered(
 def filtered_together(
     each: Sequence[Filtering], wanted: Wants | None = None, progress: Progress = lambda share: None
 ) -> tuple[Filtered, ...]:
-    """Filter and smoother of records that share their parameters and what is bonded, by the bank. Raises where the memory does
-    not hold them.
+    """Filter and smoother of records that share their parameters and what is bonded, by the bank, whatever their order here.
+    Raises where the memory does not hold them.
 
     wanted: covariances that the smoother keeps of a record, by what the filter found, None: all of every instant; progress:
     called with the share of the way.
     """
+    places = [own.record for own in each]
+    if places != sorted(places):
+        by_place = filtered_together(sorted(each, key=lambda own: own.record), wanted, progress)
+        return tuple(by_place[place] for place in places)
     _require_memory(each, some=wanted is not None)
     covariance, at, all_nuisances = each[0].covariance, each[0].biased, [given.nuisances for given in each]
     rest = np.zeros(len(covariance))

@@ -44,8 +44,8 @@ def peak_of(time: FloatArray, values: FloatArray) -> Peak:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A load or a parameter: estimate, of a load its RMS [unit]; std [unit] one σ, None where it is withheld; peak of a load;
-    doubts: sentences about it alone."""
+    """A load or a parameter: estimate, of a load its RMS [unit]; std [unit] one σ, None where it is withheld; peak of a load,
+    peak_std its σ where that is not withheld; doubts: sentences about it alone."""
 
     name: str
     unit: str
@@ -54,6 +54,7 @@ class Unknown:
     std: float | None
     peak: Peak | None = None
     doubts: tuple[str, ...] = ()
+    peak_std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,8 @@ class Findings:
     reason why σ is withheld before all; notes: what was done to the measurements;
     histories: every unknown in time, resultants and known loads; load_spectra: of every unknown load; readings in the order of
     the config, residuals: their spectra; hold_out: what gauges predict that the filter was not given, empty where none was
-    left out; moment: None where the mesh has no surface; facts: what was found by which stage.
+    left out; moment: None where the mesh has no surface; facts: what was found by which stage; record: its name, where the test
+    has several; beside: (name, page) of what there is to see of the others.
     """
 
     name: str
@@ -189,3 +191,5 @@ class Findings:
     moment: Moment | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+    record: str = ""
+    beside: tuple[tuple[str, str], ...] = ()

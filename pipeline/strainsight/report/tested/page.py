@@ -33,6 +33,14 @@ SPECTRA = (
 )
 
 
+def _beside(parts: Parts) -> str:
+    """Which record of a test this is, and where the others are."""
+    if not parts.report.beside:
+        return ""
+    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in parts.report.beside)
+    return f'<p class="lead">Record {escape(parts.report.record)}. The others: {links}.</p>'
+
+
 def _readings(parts: Parts) -> str:
     lead = '<p class="lead">What each channel measured, and what the estimate says that it reads; below, the difference.</p>'
     shown = multiples(chosen(parts, "reading-"))
@@ -81,6 +89,7 @@ def _provenance(parts: Parts) -> str:
 
 
 SECTIONS: tuple[Callable[[Parts], str], ...] = (
+    _beside,
     first_screen,
     _readings,
     hold_out_section,

@@ -1,8 +1,9 @@
-"""Everything that the page of a test shows, gathered from the artefacts."""
+"""Everything that the pages of a test show, gathered from the artefacts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,12 +11,16 @@ from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.consistency import verdict
 from strainsight.gauges.candidates import UNITS
-from strainsight.records.estimated import Estimated, Source
+from strainsight.records import estimated as recorded
+from strainsight.records.estimated import CampaignRecord, Estimated, Source, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training
 from strainsight.report.arrays import History
+from strainsight.report.placement.page import TEST_PAGE
+from strainsight.report.tested.campaign import CampaignFindings, RecordRow
 from strainsight.report.tested.data import (
     File,
     FileChannel,
@@ -35,7 +40,6 @@ from strainsight.report.view.viewed import exaggerated
 from strainsight.signals.spectra import density, noise_density
 from strainsight.stages.pages.page_layout import layout_of_test
 from strainsight.stages.pages.page_numbers import filters_of
-from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
@@ -43,11 +47,35 @@ NOTHING = "nothing was done"
 CONTRADICTS = "the record contradicts the model"
 
 
-def findings_of(context: Context[PlacementConfig]) -> Findings:
-    """The page's content, from import, rom, train, screen, place and estimate."""
+@dataclass(frozen=True)
+class PagesOfTest:
+    """records: what each page of a record shows, one of a test that is one record; campaign: what the page over them shows, None
+    where there is one record."""
+
+    records: tuple[Findings, ...]
+    campaign: CampaignFindings | None
+
+
+def pages_of(context: Context[PlacementConfig]) -> PagesOfTest:
+    """The pages' content, from import, rom, train, screen, place and estimate."""
+    estimate = context.upstream["estimate"]
+    campaign, records = campaign_in(estimate), estimated_in(estimate)
+    pages = {name: f"test-{name}.html" for name in records if name}
+    found = {name: _findings_of(context, name, own, campaign, pages) for name, own in records.items()}
+    whole = None if campaign is None else _campaign_findings(context, records, found, campaign, pages)
+    return PagesOfTest(tuple(found.values()), whole)
+
+
+def _findings_of(
+    context: Context[PlacementConfig],
+    record: str,
+    own: Estimated,
+    campaign: CampaignRecord | None,
+    pages: Mapping[str, str],
+) -> Findings:
     up, config = context.upstream, context.config
     estimate = up["estimate"]
-    own, summary = read(Estimated, estimate), estimate.summary
+    summary = estimate.summary
     names = [str(name) for name in config.place.estimate]
     units = {name: unit_of(own, "estimate", name) for name in names}
     loads = [name for name in names if name in config.loads]
@@ -55,17 +83,31 @@ def findings_of(context: Context[PlacementConfig]) -> Findings:
     layout, marks = layout_of_test(mesh, up, config.loads, own.gauge.label, own.gauge.channel)
     withheld = str(summary.get("withheld", ""))
     readings = _readings(own, marks, read(Training, up["train"]))
-    doubts = posterior_doubts(own.posterior, units)
+    shared = own.posterior if campaign is None else campaign.posterior
+    doubts = posterior_doubts(shared, units)
+    judged = verdict(own.whitened) if record else None
+    text, consistent = (
+        (summary["verdict"], summary["consistent"]) if judged is None else (judged.text, judged.consistent)
+    )
+    others = [(name, page) for name, page in pages.items() if name != record]
     return Findings(
         name=config.name,
-        title=title_of(config.name, tuple(names)),
+        title=title_of(f"{config.name}, record {record}" if record else config.name, tuple(names)),
         unknowns=tuple(
-            _unknown(name, units[name], name in loads, own, summary, [t for t in doubts if f"{name} " in f"{t} "])
+            _unknown(
+                name,
+                units[name],
+                name in loads,
+                own,
+                summary,
+                [t for t in doubts if f"{name} " in f"{t} "],
+                f".{record}" if record and name in loads else "",
+            )
             for name in names
         ),
-        verdict=str(summary["verdict"]) if own.trusted else CONTRADICTS,
-        consistent=bool(own.trusted and summary["consistent"]),
-        warnings=_warnings(estimate, withheld, doubts),
+        verdict=str(text) if own.trusted else CONTRADICTS,
+        consistent=bool(own.trusted and consistent),
+        warnings=_warnings(own, summary, withheld, doubts, str(text), bool(consistent)),
         notes=own.notes,
         layout=layout,
         histories=tuple(_history(name, units[name], name in loads, own) for name in names),
@@ -81,43 +123,101 @@ def findings_of(context: Context[PlacementConfig]) -> Findings:
             for name, values in own.known.items()
         ),
         load_spectra=tuple(found for name in loads if (found := _load(name, units[name], own)) is not None),
-        posteriors=tuple(
-            Posterior(name, units[name], found.value, found.density, found.prior)
-            for name, found in own.posterior.items()
-        ),
+        posteriors=_posteriors(own.posterior, units),
         filters=filters_of(own),
         budget={} if own.budget is None else own.budget.shares,
         moment=_moment(own, layout.points),
-        facts={stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "estimate")},
-        provenance={"strainsight": __version__, "seed": str(config.seed)}
-        | {f"{stage} artefact": up[stage].key[:16] for stage in up},
+        facts=_facts(context),
+        provenance=_provenance(context),
+        record=record,
+        beside=(("all records", TEST_PAGE), *others) if record else (),
     )
 
 
-def _warnings(estimate: Artefact, withheld: str, doubts: list[str]) -> tuple[str, ...]:
+def _campaign_findings(
+    context: Context[PlacementConfig],
+    records: Mapping[str, Estimated],
+    found: Mapping[str, Findings],
+    campaign: CampaignRecord,
+    pages: Mapping[str, str],
+) -> CampaignFindings:
+    config, summary = context.config, context.upstream["estimate"].summary
+    names = tuple(str(name) for name in config.place.estimate)
+    first = next(iter(found.values()))
+    rows = []
+    for name, own in records.items():
+        report, inside = found[name], own.whitened[np.isfinite(own.whitened)]
+        fits = "fits" if report.consistent else "the noise does not fit"
+        rows.append(
+            RecordRow(
+                name=name,
+                page=pages[name],
+                file=report.file,
+                loads=tuple(one for one in report.unknowns if one.kind == "load"),
+                inside=float(np.mean(np.abs(inside) < 2)) if len(inside) else np.nan,
+                verdict=fits if own.trusted else CONTRADICTS,
+                fits=report.consistent,
+            )
+        )
+    texts = [str(summary.get("withheld", ""))]
+    texts += [f"{name}: {report.verdict}" for name, report in found.items() if not report.consistent]
+    texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
+    units = {one.name: one.unit for one in first.unknowns}
+    return CampaignFindings(
+        name=config.name,
+        title=title_of(config.name, names),
+        records=tuple(rows),
+        parameters=tuple(one for one in first.unknowns if one.kind == "parameter"),
+        alone={name: tuple(map(float, values)) for name, values in campaign.alone.items()},
+        warnings=tuple(capital(text) for text in texts if text),
+        posteriors=_posteriors(campaign.posterior, units),
+        facts=_facts(context),
+        provenance=_provenance(context),
+    )
+
+
+def _posteriors(found: Mapping[str, recorded.Posterior], units: Mapping[str, str]) -> tuple[Posterior, ...]:
+    return tuple(Posterior(name, units[name], own.value, own.density, own.prior) for name, own in found.items())
+
+
+def _facts(context: Context[PlacementConfig]) -> dict[str, str]:
+    up = context.upstream
+    return {stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "estimate")}
+
+
+def _provenance(context: Context[PlacementConfig]) -> dict[str, str]:
+    own = {"strainsight": __version__, "seed": str(context.config.seed)}
+    return own | {f"{stage} artefact": found.key[:16] for stage, found in context.upstream.items()}
+
+
+def _warnings(
+    own: Estimated, summary: Mapping[str, object], withheld: str, doubts: list[str], verdict_: str, consistent: bool
+) -> tuple[str, ...]:
     """What a reader has to know, the gravest first: why σ is withheld, what the record contradicts, what it cannot tell."""
-    summary, own = estimate.summary, read(Estimated, estimate)
     texts = [withheld] * bool(withheld)
     # A record that contradicts the model has its own warning, and the noise is not to blame.
-    if own.trusted and not summary["consistent"]:
-        texts.append(str(summary["verdict"]))
+    if own.trusted and not consistent:
+        texts.append(verdict_)
     texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
     texts += [*doubts, *disagreements_in_words(own.compared)]
     return tuple(capital(text) for text in texts if text)
 
 
 def _unknown(
-    name: str, unit: str, load: bool, own: Estimated, summary: Mapping[str, object], doubts: list[str]
+    name: str, unit: str, load: bool, own: Estimated, summary: Mapping[str, object], doubts: list[str], of: str
 ) -> Unknown:
-    std = summary.get(f"std.{name}")
+    """of: what stands behind its name in the summary, of one record of several."""
+    std, at = summary.get(f"std.{name}{of}"), int(np.argmax(np.abs(own.smoothed[name])))
+    peak_std = float(own.smoothed_std[name][at])
     return Unknown(
         name=name,
         unit=unit,
         kind="load" if load else "parameter",
-        estimate=float(str(summary[f"estimate.{name}"])),
+        estimate=float(str(summary[f"estimate.{name}{of}"])),
         std=None if std is None or not np.isfinite(float(str(std))) else float(str(std)),
         peak=peak_of(own.time, own.smoothed[name]) if load else None,
         doubts=tuple(doubts),
+        peak_std=peak_std if load and np.isfinite(peak_std) else None,
     )
 
 

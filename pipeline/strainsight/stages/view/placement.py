@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import UserError
+from strainsight.errors import UserError, did_you_mean
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
-from strainsight.records.estimated import Estimated
+from strainsight.records.estimated import estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
@@ -26,8 +26,11 @@ from strainsight.workflow.artefact import Artefact
 MICRO = 1e6
 
 
-def placement_view(config: PlacementConfig, what: str, up: Mapping[str, Artefact], at: float | None) -> View:
-    """What is asked for, from the artefacts that `offers` names; at [s]: the instant of a field in time."""
+def placement_view(
+    config: PlacementConfig, what: str, up: Mapping[str, Artefact], at: float | None, record: str | None = None
+) -> View:
+    """What is asked for, from the artefacts that `offers` names; at [s]: the instant of a field in time; record: of a test that
+    has several, None for the first."""
     name, mesh = str(config.name), mesh_from(up["import"])
     if what == "modes":
         return _modes(name, mesh, up["rom"])
@@ -42,14 +45,26 @@ def placement_view(config: PlacementConfig, what: str, up: Mapping[str, Artefact
     if what == "layout":
         return View(title, layout)
     if "estimate" in up:
-        return _tested(name, layout, up["estimate"], at)
+        return _tested(name, layout, up["estimate"], at, record)
     return _strain(f"{name}: estimate of the validation, which is simulated", layout, up)
 
 
-def _tested(name: str, layout: Layout, estimate: Artefact, at: float | None) -> View:
-    """Of the surface in time where it was asked for, else at the moment of the largest reading. Raises UserError without one."""
-    own = read(Estimated, estimate)
-    title = f"{name}: estimate of the test {own.source.file}"
+def _tested(name: str, layout: Layout, estimate: Artefact, at: float | None, record: str | None) -> View:
+    """Of the surface in time where it was asked for, else at the moment of the largest reading. Raises UserError without one, and
+    for a record that the test has not."""
+    records = estimated_in(estimate)
+    names = [one for one in records if one]
+    shown = next(iter(records)) if record is None else record
+    if record is not None and record not in names:
+        raise UserError(
+            f"--record {record}: the test has {'no record of that name' if names else 'one record'}",
+            where=str(estimate.path),
+            remedy=did_you_mean(record, names, f"there are {', '.join(names)}") if names else "leave it out",
+        )
+    own = records[shown]
+    title = f"{name}: estimate of the test {own.source.file}" + (
+        f", record {shown} of {', '.join(names)}" * bool(shown)
+    )
     if "/VTKHDF/Steps" in estimate:
         return stress_view(title, estimate, layout, at)
     then = own.moment

@@ -130,12 +130,13 @@ def view_of(
     at: float | None = None,
     body: str | None = None,
     of: str | None = None,
+    record: str | None = None,
 ) -> tuple[View, tuple[str, ...]]:
     """The view, and the stages that it was read from.
 
     config, stages: of a placement or a bench; folder: of its results; what: "mesh", "modes", "candidates", "layout", "field",
     None: the furthest of field, layout and mesh that is there; at [s]: instant of a field in time; body: of a bench; of:
-    "test" or "validation", whose field, None: the test's where there is one.
+    "test" or "validation", whose field, None: the test's where there is one; record: of a test of several, None: the first.
     Raises UserError for what the run does not have or has not computed yet.
     """
     if body is not None and not isinstance(config, BenchConfig):
@@ -155,6 +156,12 @@ def view_of(
         )
         remedy += "; the surface in time is written with `estimate.field`" * (read[-1] == STAGE[TEST])
         raise UserError(f"--at {at:g}: this view of {picked} has no time", where=config_file, remedy=remedy)
+    if record is not None and (isinstance(config, BenchConfig) or picked != "field" or read[-1] != STAGE[TEST]):
+        raise UserError(
+            f"--record {record}: this view of {picked} is of no record",
+            where=config_file,
+            remedy="ask for --what field",
+        )
     if isinstance(config, BenchConfig):
         return bench_view(config, picked, shown, up, at), read
-    return placement_view(config, picked, up, at), read
+    return placement_view(config, picked, up, at, record), read

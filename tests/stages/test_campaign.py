@@ -1,0 +1,236 @@
+"""Several records of a test in one estimate, from the command line: table, verdicts, pages, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .tested_beam import changed, table, write
+
+NAMES = ("low", "mid", "high")
+TRUTH = 2.1e11
+LINES = "".join(f"    - {{name: {name}, file: {name}.csv, date: day {i}}}\n" for i, name in enumerate(NAMES))
+RECORDS = f"  records:\n{LINES}"
+PLACE = "  as_placed: true\n"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """The thirds of a simulated test, as records of their own."""
+    folder = tmp_path_factory.mktemp("campaign")
+    changed(folder, "test", {})
+    head, rows = table(folder)
+    count = (len(rows) - 1) // 3
+    for i, name in enumerate(NAMES):
+        write(folder / f"{name}.csv", head, rows[i * count : (i + 1) * count + 1])
+    return folder
+
+
+def run(project, records=RECORDS, *options, also=()):
+    """The config with these records; what `estimate` says of it, and its artefact."""
+    text = (project / "test.yaml").read_text().replace(PLACE, PLACE + records)
+    for old, new in also:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (project / "campaign.yaml").write_text(text)
+    command = ["estimate", str(project / "campaign.yaml"), "--results", str(project / "results"), *options]
+    done = CliRunner().invoke(app, command if "--page" in options else [*command, "--no-page"])
+    said = done.output + (done.stderr or "")
+    assert "Traceback" not in said
+    return done.exit_code, " ".join(said.split()), Artefact(project / "results" / "test" / "estimate.h5")
+
+
+@pytest.fixture(scope="module")
+def found(project):
+    code, said, artefact = run(project, RECORDS, "--page")
+    assert code == 0, said
+    folder = project / "results" / "test"
+    pages = {path.name: path.read_text(encoding="utf-8") for path in folder.glob("test*.html")}
+    arrays = {path: artefact[path].copy() for path in artefact.paths()}
+    return said, dict(artefact.summary), arrays, pages, {own.title: own for own in artefact.tables}
+
+
+def test_one_modulus_is_found_by_all_records_and_each_has_loads_of_its_own(found):
+    said, numbers, arrays, _, _ = found
+    assert numbers["records"] == 3
+    assert numbers["trusted"]
+    assert abs(numbers["estimate.E"] - TRUTH) < 3 * numbers["std.E"]
+    assert list(arrays["/records"]) == list(NAMES)
+    for name in NAMES:
+        np.testing.assert_allclose(arrays[f"/record/{name}/smoothed/E"], numbers["estimate.E"], rtol=1e-9)
+        size = np.sqrt(np.mean(arrays[f"/record/{name}/smoothed/side"] ** 2))
+        assert numbers[f"estimate.side.{name}"] == pytest.approx(size)
+    assert "E 2.1" in said
+
+
+def test_the_table_over_records_says_what_the_histories_say(found):
+    _, _, arrays, _, tables = found
+    rows = tables["records"].rows
+    assert [row[0] for row in rows] == list(NAMES)
+    for name, _, peak, size, inside, verdict in rows:
+        own = arrays[f"/record/{name}/smoothed/side"]
+        assert float(peak.split(" ± ")[0]) == pytest.approx(own[np.argmax(np.abs(own))], rel=1e-3)
+        assert float(size.split(" ± ")[0]) == pytest.approx(np.sqrt(np.mean(own**2)), rel=1e-3)
+        whitened = arrays[f"/record/{name}/consistency/whitened"]
+        share = np.mean(np.abs(whitened[np.isfinite(whitened)]) < 2)
+        assert float(inside.removesuffix(" %")) == pytest.approx(100 * share, rel=1e-2)
+        assert verdict == "fits"
+    assert tables["parameters that all records share"].columns[3:] == tuple(f"{name} alone" for name in NAMES)
+
+
+def test_a_page_over_records_leads_to_one_of_each(found):
+    *_, pages, _ = found
+    assert set(pages) == {"test.html", *(f"test-{name}.html" for name in NAMES)}
+    whole = pages["test.html"]
+    assert whole.index('id="records"') < whole.index('id="parameters"')
+    for name in NAMES:
+        assert f'href="test-{name}.html"' in whole
+        own = pages[f"test-{name}.html"]
+        assert f"record {name}" in own[own.index("<h1>") : own.index("</h1>")]
+        assert 'href="test.html"' in own
+        assert f"{name}.csv" in own
+
+
+def test_status_view_and_figures_say_which_record(project, found, tmp_path):
+    config, results = str(project / "campaign.yaml"), ["--results", str(project / "results")]
+    status = CliRunner().invoke(app, ["status", config, *results])
+    assert "3 records (low, mid, high)" in " ".join(status.output.split())
+    picture = str(tmp_path / "view.png")
+    done = CliRunner().invoke(app, ["view", config, *results, "--record", "mid", "--screenshot", picture])
+    assert "record mid of low, mid, high" in done.output, done.output
+    wrong = CliRunner().invoke(app, ["view", config, *results, "--record", "midd", "--screenshot", picture])
+    assert wrong.exit_code == 2
+    assert "did you mean mid?" in wrong.output + (wrong.stderr or "")
+    done = CliRunner().invoke(app, ["figures", config, *results])
+    assert "test low, mid, high" in done.output
+    names = {path.name for path in (project / "results" / "test" / "figures").glob("*.svg")}
+    assert {f"test-{name}-load-side.svg" for name in NAMES} < names
+
+
+def test_the_order_of_records_is_no_matter(project, found):
+    _, numbers, arrays, *_ = found
+    lines = LINES.splitlines(keepends=True)
+    code, said, other = run(project, "  records:\n" + "".join(lines[::-1]))
+    assert code == 0, said
+    assert list(other["/records"]) == list(NAMES[::-1])
+    assert {name: other.summary[name] for name in ("estimate.E", "std.E", "gain")} == {
+        name: pytest.approx(numbers[name], rel=1e-12) for name in ("estimate.E", "std.E", "gain")
+    }
+    for name in NAMES:
+        for what in ("smoothed", "smoothed_std"):
+            path = f"/record/{name}/{what}/side"
+            np.testing.assert_allclose(other[path], arrays[path], rtol=1e-9)
+
+
+def test_one_record_is_the_test_of_its_file(project):
+    code, said, one = run(project, "  records: [{name: low, file: low.csv}]\n")
+    assert code == 0, said
+    numbers, arrays = dict(one.summary), {path: one[path].copy() for path in one.paths()}
+    code, said, file = run(project, "  file: low.csv\n")
+    assert code == 0, said
+    assert set(file.paths()) == set(arrays)
+    assert dict(file.summary) == numbers
+    for path, values in arrays.items():
+        np.testing.assert_array_equal(values, file[path])
+
+
+def changed_record(project, name, change, of="mid", samples=None):
+    head, rows = table_of(project / f"{of}.csv")
+    write(project / f"{name}.csv", head, change(head, rows[:samples]))
+
+
+def table_of(path):
+    lines = path.read_text().splitlines()
+    rows = [[float(cell or "nan") for cell in line.split(",")] for line in lines[1:]]
+    return lines[0].split(","), np.array(rows)
+
+
+def turned(head, rows):
+    at = head.index("G2 [m/m]")
+    rows[:, at] = -rows[:, at]
+    return rows
+
+
+def test_a_channel_that_is_wrong_in_one_record_is_named_with_it_and_can_be_put_right_there(project):
+    changed_record(project, "wrong", turned, samples=61)
+    changed_record(project, "short", lambda head, rows: rows, of="low", samples=61)
+    records = "  records: [{name: low, file: short.csv}, {name: mid, file: wrong.csv}]\n"
+    code, said, artefact = run(project, records)
+    assert code == 3
+    assert "record 'mid': the record contradicts the model: G2 fits with sign −1" in said
+    assert "estimate.records.1.channels.1.sign: -1" in said
+    assert not artefact.summary["trusted"]
+    assert artefact.summary["trusted.low"]
+    for name in ("low", "mid"):
+        assert np.isnan(artefact[f"/record/{name}/smoothed_std/E"]).all()
+    entries = ", ".join(
+        f"{{channel: G{i}, gauge: G{i}, unit: m/m{', sign: -1' * (i == 2)}}}" for i in range(1, 5)
+    )
+    put_right = records.replace("wrong.csv}", f"wrong.csv, channels: [{entries}]}}")
+    code, said, artefact = run(project, put_right)
+    assert code == 0, said
+    assert artefact.summary["trusted"]
+
+
+def test_records_of_different_parts_contradict_each_other(project):
+    """The known load 10 % too small in one record: alone it says a tenth less of the modulus."""
+
+    def less(head, rows):
+        at = next(i for i, name in enumerate(head) if name.startswith("tip"))
+        rows[:, at] = 0.9 * rows[:, at]
+        return rows
+
+    changed_record(project, "other", less, samples=101)
+    changed_record(project, "half", lambda head, rows: rows, of="low", samples=101)
+    records = "  records: [{name: low, file: half.csv}, {name: mid, file: other.csv}]\n"
+    code, said, _ = run(project, records)
+    assert code == 3
+    assert "estimate.records: the records contradict each other: each alone says E" in said
+
+
+def one_more(line):
+    return RECORDS + f"    - {line}\n"
+
+
+@pytest.mark.parametrize(
+    ("records", "also", "key", "remedy"),
+    [
+        (one_more("{name: low, file: more.csv}"), (), "estimate.records[3].name", "a name of its own"),
+        (one_more("{name: more, file: low.csv}"), (), "estimate.records[3].file", "leave one of them out"),
+        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "paths start from"),
+        ("  file: low.csv\n" + RECORDS, (), "estimate.records", "one file, or a list of records"),
+        (
+            one_more("{name: more, file: more.csv, channels: [{channel: G1, gauge: G1, unit: m/m}]}"),
+            (),
+            "estimate.records[3].channels",
+            "the same gauges and grids in the same order",
+        ),
+        (RECORDS, [("validate:\n", "filter: {method: extended}\nvalidate:\n")], "estimate.records", "filter.method: bank"),
+        (RECORDS, [("validate:\n", "filter: {compare: true}\nvalidate:\n")], "filter.compare", "estimate.file"),
+        (RECORDS + "  field: {}\n", (), "estimate.field", "estimate.file"),
+        (RECORDS + "  tune: {parts: [noise]}\n", (), "estimate.tune.parts", "estimate.file"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_key(project, records, also, key, remedy):
+    code, said, _ = run(project, records, also=also)
+    assert code == 2, said
+    assert f"{key}: " in said
+    assert remedy in said
+
+
+def test_a_channel_that_one_file_lacks_is_named_with_the_record(project):
+    head, rows = table_of(project / "high.csv")
+    write(project / "fewer.csv", head[:-1], rows[:, :-1])
+    code, said, _ = run(project, "  records: [{name: low, file: low.csv}, {name: high, file: fewer.csv}]\n")
+    assert code == 2
+    assert "record 'high': " in said
+
+
+def test_a_file_on_the_command_line_is_not_put_beside_records(project):
+    code, said, _ = run(project, RECORDS, "--measurements", str(project / "low.csv"))
+    assert code == 2
+    assert "'file' (low.csv) and 'records' are both given" in said
