@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from strainsight.records.artefacts import BENCH, PLACEMENT, SHARED
+from strainsight.records.artefacts import BENCH, BESIDE, PLACEMENT, SHARED
 from strainsight.records.record import Place, listed
 
 PAGE = Path(__file__).parent / "artefacts.md"
@@ -25,7 +25,7 @@ def renewed(text: str) -> str:
     """The page with the table of every artefact that is a record made anew."""
     kinds = {f"{stage}.h5": kind for stage, kind in PLACEMENT.items()}
     kinds |= {f"{stage}.h5{' of a bench' * (stage in SHARED)}": kind for stage, kind in BENCH.items()}
-    for heading, kind in kinds.items():
+    for heading, kind in (kinds | BESIDE).items():
         pattern = rf"(^## {re.escape(heading)}\n(?:(?!^## |^\| dataset ).*\n)*)(?:^\|.*\n)+"
         text, found = re.subn(pattern, lambda own, kind=kind: own[1] + table(kind), text, flags=re.MULTILINE)
         if found != 1:

@@ -15,7 +15,7 @@ from strainsight.records.bearing import BearingsAlone
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBodies, ReducedBody
-from strainsight.records.estimated import Estimated
+from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.record import Record, read
@@ -96,7 +96,23 @@ class Run(Written):
 
     @property
     def estimated(self) -> Estimated:
-        return self._record(Estimated, "estimate")
+        """Of a test that is one record. Raises UserError where there are several."""
+        artefact = self.artefact("estimate")
+        if campaign_in(artefact) is not None:
+            raise UserError(
+                "the test has several records", where=str(artefact.path), remedy="take `records`, by their names"
+            )
+        return read(Estimated, artefact)
+
+    @property
+    def records(self) -> dict[str, Estimated]:
+        """The records of a test by their names; of an empty name where it is one file."""
+        return estimated_in(self.artefact("estimate"))
+
+    @property
+    def campaign(self) -> CampaignRecord | None:
+        """What several records share; None of one."""
+        return campaign_in(self.artefact("estimate"))
 
 
 class BenchRun(Written):

@@ -8,7 +8,7 @@ from strainsight.records.bearing import BearingsAlone
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBodies
-from strainsight.records.estimated import Estimated
+from strainsight.records.estimated import CampaignRecord, Estimated
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
@@ -41,5 +41,7 @@ BENCH: dict[str, Any] = {
     "field": SurfaceInTime,
 }
 """The same of a bench."""
+BESIDE: dict[str, Any] = {"estimate.h5 of several records": CampaignRecord}
+"""Heading in docs/artefacts.md → what an artefact has in another case."""
 SHARED = ("import", "place", "estimate", "report")
 """Stages of both: docs/artefacts.md says "of a bench" in the heading of the second."""
