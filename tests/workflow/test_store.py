@@ -66,6 +66,16 @@ def test_what_is_read_is_what_was_written(tmp_path):
     assert "/tables" not in artefact.paths()
 
 
+def test_a_file_that_is_no_longer_written_goes_unless_someone_has_altered_it(tmp_path):
+    """An estimate of other records has other files beside it."""
+    path, names = tmp_path / "estimate.h5", ("a.csv", "b.csv", "c.csv")
+    write_artefact(path, output(files={name: name.encode() for name in names}), HEADER)
+    (tmp_path / "b.csv").write_bytes(b"my own notes")
+    (tmp_path / "d.csv").write_bytes(b"another file")
+    write_artefact(path, output(files={"c.csv": b"c.csv"}), HEADER)
+    assert sorted(own.name for own in tmp_path.glob("*.csv")) == ["b.csv", "c.csv", "d.csv"]
+
+
 def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
     path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
     with h5py.File(path) as file:

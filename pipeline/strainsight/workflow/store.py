@@ -19,8 +19,16 @@ import h5py
 import numpy as np
 
 import strainsight
-from strainsight.errors import UserError
-from strainsight.workflow.artefact import FORMAT, FORMAT_VERSION, Artefact, Header, content_digest
+from strainsight.errors import StrainsightError, UserError
+from strainsight.workflow.artefact import (
+    FORMAT,
+    FORMAT_VERSION,
+    Artefact,
+    Header,
+    content_digest,
+    digest_or_none,
+    header_of,
+)
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.seal import BLOCK, seal
 from strainsight.workflow.slices import canonical
@@ -35,7 +43,8 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     """Write `output` to `path`, read back and verified before it gets that name.
 
     A temporary file in the same folder, fsync, os.replace: `path` holds the old content or the new, never a part. Files
-    beside it are replaced first, so that an artefact that exists vouches for them by their sha256.
+    beside it are replaced first, so that an artefact that exists vouches for them by their sha256. What the old content had
+    beside it and the new has not is removed, where nobody has altered it.
 
     Raises UserError for a disk that is full, or does not let itself be written to; ValueError for an Output that breaks the
     rules: object arrays, a dataset without unit, a scale that is not there.
@@ -56,6 +65,7 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
             file.attrs["digest"] = content_digest(file)
         seal(temporary)
 
+    gone = {name: digest for name, digest in _beside(path).items() if name not in output.files}
     with kept_on_disk(path), named_together() as parts:
         path.parent.mkdir(parents=True, exist_ok=True)
         parts.append((_temporary(path, write), path))
@@ -63,7 +73,19 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
         for name, content in output.files.items():
             parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
     written.path = path
+    for name, digest in gone.items():
+        with kept_on_disk(path.parent / name):
+            if digest_or_none(path.parent / name) == digest:
+                (path.parent / name).unlink()
     return written
+
+
+def _beside(path: Path) -> Mapping[str, str]:
+    """File beside an artefact → its sha256; none where the artefact is not there or cannot be read."""
+    try:
+        return (header_of(path).beside or {}) if path.is_file() else {}
+    except StrainsightError:
+        return {}
 
 
 @contextmanager
