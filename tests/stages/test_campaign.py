@@ -95,6 +95,7 @@ def test_a_page_over_records_leads_to_one_of_each(found):
         assert f"{name}.csv" in own
 
 
+@pytest.mark.slow
 def test_status_view_and_figures_say_which_record(project, found, tmp_path):
     config, results = str(project / "campaign.yaml"), ["--results", str(project / "results")]
     status = CliRunner().invoke(app, ["status", config, *results])
@@ -155,6 +156,7 @@ def turned(head, rows):
     return rows
 
 
+@pytest.mark.slow
 def test_a_channel_that_is_wrong_in_one_record_is_named_with_it_and_can_be_put_right_there(project):
     changed_record(project, "wrong", turned, samples=61)
     changed_record(project, "short", lambda head, rows: rows, of="low", samples=61)
