@@ -26,7 +26,7 @@ def test_a_set_that_cannot_tell_scores_infinity(beam_of, scenarios_of):
     unknown = np.arange(len(pools[0].P) - 2, len(pools[0].P))
     assert score(pools, [3]) == np.inf
     assert score(pools, []) == np.inf
-    lost = scores(pools, [3], metrics_of(unknown, len(pools[0].P)), unknown, np.ones(2))
+    lost = scores(by_criteria(pools, unknown), [3], unknown, np.ones(2))
     assert lost.cost == dict.fromkeys([criterion.name for criterion in CRITERIA], np.inf)
     assert lost.std.tolist() == [np.inf] * 2
 
@@ -37,13 +37,14 @@ def test_standard_deviations_are_in_the_coordinates_that_were_given(oracle, beam
     gauges, unknown = [1, 4, 6, 9], np.array([len(scenario.F) - 1, 0])
     P = oracle(pools[0].scenario, gauges)
     expected = (np.sqrt(np.diag(P)) * pools[0].scale)[unknown]
-    found = scores(pools, gauges, metrics_of(unknown, len(scenario.F)), unknown, np.ones(2))
+    found = scores(by_criteria(pools, unknown), gauges, unknown, np.ones(2))
     np.testing.assert_allclose(found.std, expected, rtol=1e-8)
 
 
-def metrics_of(unknown, size, weight=1.0):
-    """Every criterion of these states of x*."""
-    return {c.name: Metric(np.where(np.isin(np.arange(size), unknown), weight, 0.0), c) for c in CRITERIA}
+def by_criteria(pools, unknown):
+    """The scenarios by every criterion of these states of x*."""
+    weight = np.isin(np.arange(len(pools[0].P)), unknown).astype(float)
+    return {c.name: [pool.under(Metric(weight, c)) for pool in pools] for c in CRITERIA}
 
 
 def test_every_metric_comes_from_the_same_covariance(oracle, beam_of, scenarios_of):
@@ -54,9 +55,9 @@ def test_every_metric_comes_from_the_same_covariance(oracle, beam_of, scenarios_
     scale = np.array([1e4, 1e3, 2e11])
     P = [oracle(pool.scenario, gauges) * np.outer(pool.scale, pool.scale) for pool in pools]
     blocks = [p[np.ix_(unknown, unknown)] for p in P]
-    metrics = metrics_of(unknown, size) | {"as chosen by": scenarios[0].metric}
+    by = by_criteria(pools, unknown) | {"as chosen by": [pool.under(scenarios[0].metric) for pool in pools]}
     for aggregate, combine in COMBINED.items():
-        found = scores(pools, gauges, metrics, unknown, scale, aggregate)
+        found = scores(by, gauges, unknown, scale, aggregate)
         for criterion in CRITERIA:
             expected = combine([variance(criterion.name, block) for block in blocks])
             np.testing.assert_allclose(found.cost[criterion.name], expected, rtol=1e-8)
@@ -72,5 +73,5 @@ def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(beam_of, sc
         raise NumericalError("not solved")
 
     monkeypatch.setattr("strainsight.placement.score.subset_covariance", refuse)
-    found = scores(pools, [1, 2, 3], metrics_of([0], len(pools[0].P)), np.array([0]), np.ones(1))
+    found = scores(by_criteria(pools, [0]), [1, 2, 3], np.array([0]), np.ones(1))
     assert np.isnan([*found.cost.values(), *found.std]).all()

@@ -33,11 +33,12 @@ BELOW_KIND = {
 }
 ONLY_SOMETIMES = (
     r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/glued/|/sweep/|/elimination/metric"
-    r"|/selected/greedy/load|/clearance/"
+    r"|/selected/greedy/load|/clearance/|/load_cases/"
 )
 """Where a density is a parameter; where stiffness and mass, or strain rows, come from files (test_ready.py); where gauges
 are bonded already (test_sensors.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
-(tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py)."""
+(tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where load cases are
+placed for (test_load_cases.py)."""
 
 
 UNITS_OF = {

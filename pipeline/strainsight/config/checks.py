@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
 from strainsight.config.checks_records import record_problems
 from strainsight.config.damage import damage_problems
 from strainsight.config.layout import layout_problems
-from strainsight.config.loads import Load, MultiSine, Sine, Sweep
+from strainsight.config.load_cases import CaseLoad, load_case_problems
+from strainsight.config.loads import LoadSignal, MultiSine, Settle, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem, known, undivided
 from strainsight.errors import at_most, did_you_mean
@@ -25,9 +26,11 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of a config."""
     yield from model_problems(config)
     yield from gauge_problems(config)
-    yield from _time("train", config.train.duration, config.train.time_step, config)
-    yield from _time("validate", config.validation.duration, config.validation.time_step, config)
-    yield from _settle(config)
+    stated = {name: load.signal for name, load in config.loads.items()}
+    yield from _time("train", config.train.duration, config.train.time_step, stated)
+    yield from _time("validate", config.validation.duration, config.validation.time_step, stated)
+    yield from _settle("train", config.train.settle, min(config.train.time_step, config.validation.time_step))
+    yield from _load_cases(config)
     yield from _estimate(config)
     yield from _optimum(config)
     yield from _input_models(config)
@@ -38,15 +41,15 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _measurements(config)
 
 
-def _time(section: str, duration: float, step: float, config: PlacementConfig) -> Iterator[Problem]:
+def _time(section: str, duration: float, step: float, signals: Mapping[str, LoadSignal]) -> Iterator[Problem]:
     key, steps = f"{section}.time_step", duration / step
     if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
         limit = f"at least {FEWEST_STEPS}" if steps < FEWEST_STEPS else f"at most {MOST_STEPS}"
         yield Problem(key, f"{duration:g} s are {steps:.3g} steps of {step:g} s", f"take {limit} steps")
     else:
         yield from undivided(key, duration, step)
-    for name, load in config.loads.items():
-        highest = _highest(load)
+    for name, signal in signals.items():
+        highest = _highest(signal)
         if highest is not None and step * highest * FEWEST_STEPS_A_PERIOD > 1:
             yield Problem(
                 key,
@@ -55,24 +58,43 @@ def _time(section: str, duration: float, step: float, config: PlacementConfig) -
             )
 
 
-def _settle(config: PlacementConfig) -> Iterator[Problem]:
-    settle, step = config.train.settle, min(config.train.time_step, config.validation.time_step)
+def _settle(section: str, settle: Settle, step: float) -> Iterator[Problem]:
     if isinstance(settle, float) and settle / step > MOST_STEPS:
         yield Problem(
-            "train.settle",
+            f"{section}.settle",
             f"{settle:g} s are {settle / step:.3g} steps of {step:g} s",
             f"take at most {at_most(MOST_STEPS * step)} s, or auto",
         )
 
 
-def _highest(load: Load) -> float | None:
-    match load.signal:
+def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
+    cases, train = config.place.load_cases, config.train
+    if cases is None:
+        return
+    over = config.place.metric_over or config.place.estimate
+    yield from load_case_problems(cases, config.loads, config.place.estimate, over)
+    for name, case in cases.items():
+        key, step = f"place.load_cases.{name}", case.time_step or train.time_step
+        signals = {own: load.signal for own, load in config.loads.items() if own not in case.loads}
+        signals |= {own: entry.signal for own, entry in case.loads.items() if isinstance(entry, CaseLoad)}
+        yield from _time(key, case.duration or train.duration, step, signals)
+        yield from _settle(key, train.settle if case.settle is None else case.settle, step)
+        asked = {
+            f"{key}.loads.{own}.frequency": entry.frequency
+            for own, entry in case.loads.items()
+            if isinstance(entry, CaseLoad) and entry.frequency is not None
+        }
+        yield from _resolved(asked, step, "the time step of this case")
+
+
+def _highest(signal: LoadSignal) -> float | None:
+    match signal:
         case Sine():
-            return load.signal.frequency
+            return signal.frequency
         case Sweep():
-            return max(load.signal.start_frequency, load.signal.end_frequency)
+            return max(signal.start_frequency, signal.end_frequency)
         case MultiSine():
-            return load.signal.highest
+            return signal.highest
     return None
 
 
@@ -124,17 +146,22 @@ def _input_models(config: PlacementConfig) -> Iterator[Problem]:
 def _fast(config: PlacementConfig) -> Iterator[Problem]:
     """Frequencies beside those of the signals that the training step has to resolve."""
     step = config.train.time_step
-    asked = [(f"observe.frequencies.{i}", f) for i, f in enumerate(config.observe.frequencies)]
-    asked += [
-        (f"loads.{name}.process_noise.frequency", load.process_noise.frequency)
+    asked = {f"observe.frequencies.{i}": f for i, f in enumerate(config.observe.frequencies)}
+    asked |= {
+        f"loads.{name}.process_noise.frequency": load.process_noise.frequency
         for name, load in config.loads.items()
         if not load.known and load.process_noise.frequency is not None
-    ]
-    for key, frequency in asked:
+    }
+    yield from _resolved(asked, step, "train.time_step")
+
+
+def _resolved(asked: Mapping[str, float], step: float, of: str) -> Iterator[Problem]:
+    """Frequencies [Hz] by key that a step [s] is too long for; of: what the step is called."""
+    for key, frequency in asked.items():
         if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
             yield Problem(
                 key,
-                f"{frequency:g} Hz, of which train.time_step takes {1 / (step * frequency):.3g} steps a period",
+                f"{frequency:g} Hz, of which {of} takes {1 / (step * frequency):.3g} steps a period",
                 f"take at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or a shorter step",
             )
 

@@ -55,6 +55,13 @@ class Recorded(Section):
     )
 
 
+LoadSignal = Annotated[Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
+"""What a load looks like in time."""
+
+Settle = Positive | Literal["auto", "none"]
+"""How a motion under loads begins: from rest so long before t = 0 [s], periodic where it can be, from rest."""
+
+
 class InputNoise(Section):
     """How an unknown load is modelled in time, by placement and filter alike."""
 
@@ -95,7 +102,5 @@ class Load(Section):
         description="Direction in global coordinates [-]; its length does not matter. Left out only with deck_load.",
     )
     known: bool = Field(description="true: measured by other means; false: to be estimated.")
-    signal: Annotated[Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")] = Field(
-        description="What the load looks like in training and validation."
-    )
+    signal: LoadSignal = Field(description="What the load looks like in training and validation.")
     process_noise: InputNoise = with_defaults(InputNoise, "How an unknown load is modelled in the filter.")

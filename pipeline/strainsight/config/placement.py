@@ -10,7 +10,8 @@ from strainsight.config.base import Name, NotNegative, Positive, RunName, Sectio
 from strainsight.config.estimate import Estimate
 from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.layout import LayoutSettings
-from strainsight.config.loads import Load
+from strainsight.config.load_cases import TrainingCase
+from strainsight.config.loads import Load, Settle
 from strainsight.config.mesh import MeshFile
 from strainsight.config.tolerances import StatedTolerances, Tolerances
 from strainsight.config.validation import Validate
@@ -78,9 +79,6 @@ class ReducedModel(Section):
     tolerance: float = Field(1e-8, gt=0, lt=1, description="Share of snapshot energy that may be cut [-].")
 
 
-Settle = Positive | Literal["auto", "none"]
-
-
 class Train(Section):
     """The training run."""
 
@@ -140,7 +138,12 @@ class Place(LayoutSettings):
         description="Parameter values to place for [-]: 1, the guess alone; more, points of the parameters' ranges too.",
     )
     aggregate: Literal["mean", "worst"] = Field(
-        "mean", description="How instants and parameter samples are put together."
+        "mean", description="How instants, parameter samples and load cases are put together."
+    )
+    load_cases: Annotated[dict[Name, TrainingCase], Field(min_length=1)] | None = Field(
+        None,
+        description="Trainings that the layout has to serve together, by name: all that it is placed for, where they are given; "
+        "null: the one under `loads` as stated, under which validation runs in any case.",
     )
     weights: Literal["normalised", "thesis"] = Field(
         "normalised",

@@ -34,10 +34,10 @@ class Elimination:
     """What was removed and what it cost.
 
     kept ascending; removed (s,) in order; cost (s + 1,) aggregate of the metric, the whole pool first; rise (s,) its
-    increments, not differences of `cost` and so with all their digits; blocks (s + 1, weighed states) their variances times
-    their weights, Mᵢᵢ (of the worst scenario where that is the aggregate), which add up to the trace; solves (s,): exact
-    Riccati solves of every step, one a scenario; ties: per step, the gauges that were as good as the one removed; residual:
-    the largest relative one of all; pools: the scenarios as solved.
+    increments, not differences of `cost` and so with all their digits; blocks (s + 1, states that any scenario weighs)
+    their variances times their weights, Mᵢᵢ (of the worst scenario where that is the aggregate), which add up to the trace;
+    solves (s,): exact Riccati solves of every step, one a scenario; ties: per step, the gauges that were as good as the one
+    removed; residual: the largest relative one of all; pools: the scenarios as solved.
     """
 
     kept: np.ndarray
@@ -161,5 +161,7 @@ def _descend(
 
 
 def _blocks(pools: Sequence[Pool], loops: Sequence[Loop], costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
-    parts = np.array([np.diag(p.metric.weighed(l.P)) for p, l in zip(pools, loops, strict=True)])
+    at = np.flatnonzero(np.any([p.metric.weight > 0 for p in pools], axis=0))
+    root = [np.sqrt(p.metric.weight[at]) for p in pools]
+    parts = np.array([np.diag(l.P)[at] * (w * w) for w, l in zip(root, loops, strict=True)])
     return parts.mean(axis=0) if aggregate == "mean" else parts[int(np.argmax(costs))]

@@ -73,6 +73,10 @@ class Metric:
         soft = self.criterion.softened(temperature)
         return self if soft == self.criterion else Metric(self.weight, soft)
 
+    def times(self, factor: float) -> Metric:
+        """The metric `factor` > 0 times as large: c(αM) = α c(M) of every criterion."""
+        return Metric(self.weight * factor, self.criterion)
+
     def scaled(self, d: np.ndarray) -> Metric:
         """The same of x*/d."""
         return Metric(self.weight * d * d, self.criterion)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, subset_covariance
 
 Gauges = Sequence[int] | np.ndarray
@@ -19,7 +18,7 @@ class Scores:
     """One layout by every metric, from the same steady covariances P; inf throughout where it loses an unknown, NaN where
     there is none or P is not solved to accuracy.
 
-    cost: name of the metric → its aggregate; std (count,) [N, SI]: √Pᵢᵢ · scale of each unknown, root mean square over
+    cost: name of the metric → its aggregate; std (count,) [SI]: √Pᵢᵢ · scale of each unknown, root mean square over
     scenarios. All of a fixed linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
     """
 
@@ -37,24 +36,27 @@ def score(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") 
 
 
 def scores(
-    pools: Sequence[Pool],
+    by: Mapping[str, Sequence[Pool]],
     gauges: Gauges,
-    metrics: Mapping[str, Metric],
     unknown: np.ndarray,
     scale: np.ndarray,
     aggregate: Aggregate = "mean",
+    share: np.ndarray | None = None,
 ) -> Scores:
-    """The `Scores` of these gauges (pool rows); metrics of x* by name; unknown (count,): the unknowns' indices in x*;
-    scale (count,) [N, SI]."""
+    """The `Scores` of these gauges (pool rows); by: name of a metric → the scenarios with it; unknown (count,): the unknowns'
+    indices in x*; scale (count,) [SI], or (scenarios, count) with share (scenarios, count), what each counts in σ, of sum 1."""
+    pools = next(iter(by.values()))
     try:
         P = covariances_of(pools, gauges)
-        cost = {key: cost_of(P, [p.under(metric) for p in pools], aggregate) for key, metric in metrics.items()}
+        cost = {key: cost_of(P, own, aggregate) for key, own in by.items()}
     except NumericalError:
-        return Scores.all(metrics, np.nan, len(unknown))
+        return Scores.all(by, np.nan, len(unknown))
     if P is None:
-        return Scores.all(metrics, np.inf, len(unknown))
-    variances = [np.diag(unknown_block(pool, own, unknown)) for pool, own in zip(pools, P, strict=True)]
-    return Scores(cost, np.sqrt(np.mean(variances, axis=0)) * scale)
+        return Scores.all(by, np.inf, len(unknown))
+    variances = np.array([np.diag(unknown_block(pool, own, unknown)) for pool, own in zip(pools, P, strict=True)])
+    if share is None:
+        return Scores(cost, np.sqrt(np.mean(variances, axis=0)) * scale)
+    return Scores(cost, np.sqrt(np.sum(share * variances * scale**2, axis=0)))
 
 
 def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | None:

@@ -66,11 +66,37 @@ class HotSpots:
 
 
 @record
+class ByCase:
+    """The load cases that a layout is placed for."""
+
+    name: tuple[str, ...] = dataset("/name", "1", "/name", "every load case")
+    weight: np.ndarray = dataset("/weight", "1", "/name", "what it counts")
+    scenario: np.ndarray = dataset(
+        "/scenario", "1", "scenario", "number of the load case of every scenario of /augmented"
+    )
+    metric: np.ndarray = dataset("/metric", "1", "/name", "<what> of the final set in it alone, without its weight")
+    std: dict[str, np.ndarray] = dataset(
+        "/std/<name>",
+        "1",
+        "/name",
+        "σ of <name> expected along its training run, relative to the amplitude or guess there",
+    )
+    acts: dict[str, np.ndarray] = dataset(
+        "/acts/<name>", "1", "/name", "whether <name> acts in it; where it is silent it is no part of the metric"
+    )
+    scale: dict[str, np.ndarray] = dataset("/scale/<name>", "SI", "/name", "that amplitude or guess")
+    worst: dict[str, str] = dataset("/worst/<name>", "1", "", "load case in which <name> is known least")
+
+
+@record
 class Placed(PlacedLayout):
     """place.h5."""
 
     expected_std: dict[str, float] = dataset(
-        "/expected_std/<name>", "SI", "", "σ of <name> that is expected along the training run, tolerances included"
+        "/expected_std/<name>",
+        "SI",
+        "",
+        "σ of <name> that is expected along the training run, tolerances included; in its worst load case",
     )
     without: dict[str, np.ndarray] = dataset(
         "/without/<name>", "1", "gauge", "relative σ of <name> expected without each gauge of the final set"
@@ -78,3 +104,4 @@ class Placed(PlacedLayout):
     budget: Budget | None = group("/budget", default=None)
     observability: PbhNumbers = group("/observability")
     hot_spots: HotSpots | None = group("/hot_spots", default=None)
+    by_case: ByCase | None = group("/load_cases", what="<what>", default=None)

@@ -11,6 +11,18 @@ from strainsight.records.record import dataset, group, record
 
 
 @record
+class CaseMotion:
+    """The training run of a load case."""
+
+    time: np.ndarray = dataset("/time", "s", "instant", "time of the training run of the load case")
+    load: np.ndarray = dataset("/input", "N", "instant × input", "its loads")
+    coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "instant × coordinate", "reduced coordinates q")
+    velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "instant × coordinate", "reduced velocities")
+    rms: np.ndarray = dataset("/rms", "unit of the channel", "channel", "RMS reading of every channel")
+    peak: np.ndarray = dataset("/peak", "unit of the channel", "channel", "largest reading of every channel")
+
+
+@record
 class Training:
     """train.h5."""
 
@@ -39,6 +51,35 @@ class Training:
     coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
     reading: np.ndarray = dataset("/strain", "unit of the channel", "/time × channel", "reading of every channel")
+    cases: dict[str, CaseMotion] = group("/load_cases/<name>")
+
+    def motion_in(self, case: str) -> Training | CaseMotion:
+        """The run of a load case; "": that under the loads as stated."""
+        return self.cases[case] if case else self
+
+    @property
+    def motions(self) -> tuple[Training | CaseMotion, ...]:
+        """The runs that a layout is placed for: those of the load cases by name, where there are some, else the one as stated."""
+        return tuple(self.cases[name] for name in sorted(self.cases)) or (self,)
+
+    @property
+    def rms(self) -> np.ndarray:
+        """RMS reading of every channel (m,), in the load case where it is largest."""
+        if self.cases:
+            return np.max([own.rms for own in self.cases.values()], axis=0)
+        return np.sqrt(np.mean(self.reading**2, axis=0))
+
+    @property
+    def peak(self) -> np.ndarray:
+        """Largest reading of every channel (m,), in any load case."""
+        if self.cases:
+            return np.max([own.peak for own in self.cases.values()], axis=0)
+        return np.abs(self.reading).max(axis=0)
+
+    @property
+    def moment(self) -> np.ndarray:
+        """Mean of q qᵀ over a run (n, n), and of that over the load cases."""
+        return np.mean([own.coordinate.T @ own.coordinate / len(own.coordinate) for own in self.motions], axis=0)
 
 
 STATED, CARRIER = "stated", "carrier"

@@ -20,7 +20,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=17,
+    version=18,
     reads=(
         "seed",
         "loads.*.node",
@@ -45,6 +45,6 @@ PLACE = Stage(
         "motion_sensors.*.price",
     ),
     upstream=("import", "rom", "train", "screen"),
-    files=("loads.*.signal.file",),
+    files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),
     run=run,
 )

@@ -23,7 +23,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     found = trained(context.config, inputs.mesh(context), inputs.reduced(context), context)
     training, surface = found.training, found.surface
     pool, moved = training.candidates, training.moved
-    rms = np.sqrt(np.mean(training.reading**2, axis=0))
+    rms = training.rms
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     steps = len(training.time) - 1
     return Output(
@@ -35,12 +35,12 @@ def run(context: Context[PlacementConfig]) -> Output:
             "steps": steps,
             "strongest_rms": strongest,
         },
-        message=_message(pool, steps, strongest, surface),
+        message=_message(pool, steps, strongest, surface, sorted(training.cases)),
         tables=() if moved is None else (_bonded_table(pool, training.name, moved),),
     )
 
 
-def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface | None) -> str:
+def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface | None, cases: Sequence[str]) -> str:
     first = pool.first
     kinds = (
         (pool.array[first] == 0) & ~pool.bonded[first],
@@ -51,6 +51,8 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     words = ("candidates", "bonded", "accelerometers", "displacement sensors")
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
     said = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
+    if cases:
+        said[1] += f" of {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
         said.append("far from small: are load and modulus in the right unit?")
     if surface is not None and len(surface.moved):
@@ -82,10 +84,11 @@ def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> T
 
 TRAIN = Stage(
     "train",
-    version=8,
+    version=9,
     reads=(
         "loads.*.signal",
         "train",
+        "place.load_cases",
         "gauges.surface",
         "gauges.direction",
         "gauges.rosette",
@@ -108,6 +111,7 @@ TRAIN = Stage(
     upstream=("import", "rom"),
     files=(
         "loads.*.signal.file",
+        "place.load_cases.*.loads.*.signal.file",
         "gauges.fixed_file",
         "gauges.given.rows",
         "gauges.given.table",

@@ -41,7 +41,7 @@ def advice(
         *_how_many(task.sigma, cost, len(layout.gauges), labels, task.settings.keep),
         *(_weakest(expected.std) if task.relative else ()),
         *helps(expected.budget),
-        *best_possible(layout.certificate, task.metric.criterion, task.over, task.sigma),
+        *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
         *(
             f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise, and can replace "
             "each other."

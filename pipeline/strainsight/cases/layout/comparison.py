@@ -12,7 +12,6 @@ from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
 from strainsight.placement.criteria.choices import CRITERIA, criterion_of
 from strainsight.placement.elimination import eliminate_from
-from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import Pool
 from strainsight.placement.score import Scores, scores
 from strainsight.workflow.output import Table
@@ -20,7 +19,7 @@ from strainsight.workflow.output import Table
 RANDOM_SETS = 10
 """Random sets of the pool, scored beside the other rules."""
 CRITERION_SCENARIOS = 3
-"""Scenarios that layouts by other criteria are made with; all of them score every layout."""
+"""Scenarios of a load case that layouts by other criteria are made with; all of them score every layout."""
 RULES = {
     "final": "this layout",
     "greedy": "elimination alone",
@@ -47,25 +46,30 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> Comparison:
     greedy: what the elimination keeps. Only the random sets are held to the limits of the layout.
     """
     keep, pools, readings, unknowns = len(final), task.pools, task.readings, task.unknowns
-    criterion, fixed = task.settings.criterion, task.limits.fixed
-    some = [pools[i] for i in np.unique(np.linspace(0, len(pools) - 1, CRITERION_SCENARIOS).astype(int))]
+    criterion, fixed, cases = task.settings.criterion, task.limits.fixed, task.cases
+    some = _some(np.zeros(len(pools), dtype=int) if cases is None else cases.of)
     whitened = readings.rows / np.sqrt(readings.variance)[..., None]
     sets: dict[str, np.ndarray | None] = {
         "final": final,
         "greedy": greedy,
-        **{name: _kept(some, metric, keep, fixed) for name, metric in task.metrics.items() if name != criterion},
+        **{
+            name: _kept(task.under([pools[i] for i in some], name, "mean", some), keep, fixed)
+            for name in task.metrics
+            if name != criterion
+        },
         "effective_independence": effective_independence(whitened, keep),
         "qr_pivoting": qr_pivoting(whitened, keep),
         "d_optimal": d_optimal(readings.rows, readings.variance, readings.prior, keep),
     }
     drawn = random_sets(len(readings.rows), keep, RANDOM_SETS, task.seed, task.limits.allows)
     sets |= {f"random_{i}": gauges for i, gauges in enumerate(drawn, start=1)}
-    ordered = {criterion: task.metric} | task.metrics
+    by = {name: task.under(pools, name) for name in dict.fromkeys((criterion, *task.metrics))}
+    scale, share = (unknowns.scale, None) if cases is None else (cases.scale[cases.of], cases.shares())
     chosen = {name: np.zeros(0, dtype=int) if gauges is None else gauges for name, gauges in sets.items()}
     found = {
-        name: Scores.all(ordered, np.nan, len(unknowns.at))
+        name: Scores.all(by, np.nan, len(unknowns.at))
         if gauges is None
-        else scores(pools, gauges, ordered, unknowns.at, unknowns.scale, task.aggregate)
+        else scores(by, gauges, unknowns.at, scale, task.aggregate, share)
         for name, gauges in sets.items()
     }
     return Comparison(chosen, found)
@@ -111,9 +115,18 @@ def criteria_table(others: Comparison, names: Sequence[str], scale: np.ndarray |
     return Table("criteria, of the covariance that ranks layouts: its σ is no claim", columns, rows)
 
 
-def _kept(pools: Sequence[Pool], metric: Metric, keep: int, fixed: frozenset[int]) -> np.ndarray | None:
-    """What an elimination by this metric keeps; None where it cannot go so far."""
+def _some(of: np.ndarray) -> list[int]:
+    """`CRITERION_SCENARIOS` of the scenarios of every load case, spread evenly; of (scenarios,): the case of each."""
+    found: list[int] = []
+    for case in np.unique(of):
+        own = np.flatnonzero(of == case)
+        found += own[np.unique(np.linspace(0, len(own) - 1, CRITERION_SCENARIOS).astype(int))].tolist()
+    return found
+
+
+def _kept(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:
+    """What an elimination by the metric of these pools keeps; None where it cannot go so far."""
     try:
-        return eliminate_from([pool.under(metric) for pool in pools], keep, fixed=fixed).kept
+        return eliminate_from(pools, keep, fixed=fixed).kept
     except (InfeasibleError, NumericalError):
         return None

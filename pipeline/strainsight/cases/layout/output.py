@@ -23,12 +23,11 @@ from strainsight.workflow.output import Dataset, Output, Scalar, Table
 def layout_record(found: Placed) -> PlacedLayout:
     """The record of what was found."""
     task, result, certificate = found.task, found.elimination, found.layout.certificate
-    pool, there, metric = task.pool, task.pool.channels >= 0, task.metric
+    pool, there, criterion = task.pool, task.pool.channels >= 0, task.criterion
     solved = [own.scenario for own in result.pools]
     several = solved[0].H.ndim == 3
-    named = dict(zip(task.unknowns.at.tolist(), task.unknowns.names, strict=True))
     greedy = pool.gauges_of(result.kept)
-    cost = {metric_key(metric.criterion.name): result.cost}
+    cost = {metric_key(criterion.name): result.cost}
     return PlacedLayout(
         augmented=Augmented(
             state=task.states,
@@ -47,7 +46,7 @@ def layout_record(found: Placed) -> PlacedLayout:
             trace=cost.get("trace"),
             metric=cost.get("metric"),
             rise=result.rise,
-            unknowns=tuple(named[state] for state in metric.states.tolist()),
+            unknowns=task.weighed,
             blocks=result.blocks,
             solves=result.solves,
             ties=np.array([len(tied) for tied in result.ties], dtype=np.int64),
@@ -60,7 +59,7 @@ def layout_record(found: Placed) -> PlacedLayout:
         if certificate is None
         else Bound(lower_bound=certificate.lower_bound, gap=certificate.gap, weights=certificate.weights),
         baseline={
-            rule: scores.cost[metric.criterion.name]
+            rule: scores.cost[criterion.name]
             for rule, scores in found.others.scores.items()
             if rule not in ("final", "greedy")
         },
@@ -80,7 +79,7 @@ def layout_output(
     """Datasets of the record and the pool, numbers, tables and files; numbers, attributes, tables: those of the case beside;
     unit of its channels."""
     task, listed, std, names = found.task, found.listed, found.expected.std, found.task.unknowns.names
-    criterion, certificate, proof = task.metric.criterion, found.layout.certificate, found.layout.proof
+    criterion, certificate, proof = task.criterion, found.layout.certificate, found.layout.proof
     grid, own = _pool_grid(found)
     parts = [f"{len(task.pool.gauges)} → {len(found.gauges)}"]
     if certificate:
@@ -156,7 +155,7 @@ def _pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, A
 
 
 def _summary(found: Placed) -> dict[str, Scalar]:
-    result, layout, criterion = found.elimination, found.layout, found.task.metric.criterion.name
+    result, layout, criterion = found.elimination, found.layout, found.task.criterion.name
     swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
     key = metric_key(criterion)
     numbers: dict[str, Scalar] = {

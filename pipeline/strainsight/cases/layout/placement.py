@@ -67,7 +67,7 @@ def placed(
     if len(tasks) > 1:
         chosen = least_expected([expects(tuple(layout.gauges)) for _, layout in drafts], tasks[0].over)
     task, (result, layout) = tasks[chosen], drafts[chosen]
-    metric, pool = task.metric, task.pool
+    pool = task.pool
     with blame("place.keep"):
         layout = proved(layout, result.pools, task.limits, task.settings, task.aggregate, progress)
     expected, final = _most_missed_first(task, expects(tuple(layout.gauges)), layout.gauges)
@@ -75,9 +75,9 @@ def placed(
     own = listed(gauges)
     progress("failures and other rules", 0.8)
     if len(final) == len(gauges) or alone is None:
-        loss = loss_if_one_fails([each.under(metric) for each in task.pools], final, task.aggregate)
+        loss = loss_if_one_fails(task.under(task.pools), final, task.aggregate)
     else:  # of a mirrored pair one gauge fails, not both
-        single = [each.under(metric) for each in alone(gauges, task.coherence)]
+        single = task.under(alone(gauges, task.coherence))
         loss = loss_if_one_fails(single, np.arange(len(gauges)), task.aggregate)
     words = advice(task, result, layout, own, expected, loss, alike(gauges))
     if chosen:
@@ -90,8 +90,7 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
     """Elimination and exchanges."""
     progress("elimination", 0.3)
     with blame("place.keep"):
-        pools = [own.under(task.metric) for own in task.pools]
-        result = eliminate_from(pools, task.limits, task.aggregate, names=task.unknowns.states)
+        result = eliminate_from(task.under(task.pools), task.limits, task.aggregate, names=task.unknowns.states)
         return result, layout_of(result.pools, result.kept, task.limits, task.settings, task.aggregate, progress)
 
 

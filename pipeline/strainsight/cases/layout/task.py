@@ -8,10 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from strainsight.cases.layout.load_cases import LoadCases
 from strainsight.cases.layout.pool import PoolRows
 from strainsight.config.layout import LayoutSettings
 from strainsight.gauges.candidates import Candidates
-from strainsight.placement.criteria.choices import CRITERIA
+from strainsight.placement.criteria.choices import CRITERIA, criterion_of
 from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.limits import Limits
@@ -49,7 +50,8 @@ class Task:
     """unknowns; pools: every scenario solved with all gauges of the pool, still without a metric; candidates, and which of them
     are the pool, with price (p,) of its rows; limits, settings: `place` of a config; readings; seed of random sets; aggregate
     over the scenarios; weights of the trace; relative: whether σ is claimed relative to `scale`, or in its unit; coherence τ [s]
-    of the white noise that stands for errors of installation in the pools, 0: they are taken as exact."""
+    of the white noise that stands for errors of installation in the pools, 0: they are taken as exact; cases: the load cases that
+    the scenarios are of, None where there is one without a name."""
 
     unknowns: Unknowns
     pools: tuple[Pool, ...]
@@ -64,6 +66,7 @@ class Task:
     weights: str = "normalised"
     relative: bool = True
     coherence: float = 0.0
+    cases: LoadCases | None = None
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -78,28 +81,60 @@ class Task:
         return self.settings.metric_over or self.unknowns.names
 
     @cached_property
-    def metrics(self) -> dict[str, Metric]:
-        """Every criterion of these unknowns, by its name: the trace weighed as `weights` asks for, the others in units of
-        `size`."""
-        own, states = self.unknowns, len(self.pools[0].P)
-        over = np.isin(own.names, self.over)
+    def metrics(self) -> dict[str, tuple[Metric, ...]]:
+        """Every criterion of these unknowns by its name, one a load case: the trace weighed as `weights` asks for, of the
+        scenarios of that case; the others in units of `size`. Unknowns that are silent in a case have no weight there."""
+        found = [self._metrics_of(case) for case in range(1 if self.cases is None else len(self.cases.names))]
+        return {c.name: tuple(own[c.name] for own in found) for c in CRITERIA}
+
+    def _metrics_of(self, case: int) -> dict[str, Metric]:
+        own, states, cases = self.unknowns, len(self.pools[0].P), self.cases
+        over, scale, pools = np.isin(own.names, self.over), own.scale, self.pools
+        if cases is not None:
+            over, scale = over & cases.acts[case], cases.scale[case]
+            pools = tuple(pools[i] for i in np.flatnonzero(cases.of == case))
         at = own.at[over]
-        if self.weights == "thesis":
-            weight = thesis_weight(states, at, own.scale[over])
-        else:
-            weight = weight_of_pools(self.pools, at)
+        weight = thesis_weight(states, at, scale[over]) if self.weights == "thesis" else weight_of_pools(pools, at)
         plain = thesis_weight(states, at, 1 / own.size[over])
         return {c.name: Metric(weight if isinstance(c, Trace) else plain, c) for c in CRITERIA}
 
+    def under(
+        self,
+        pools: Sequence[Pool],
+        criterion: str = "",
+        aggregate: Aggregate | None = None,
+        at: Sequence[int] | None = None,
+    ) -> list[Pool]:
+        """Scenarios by a criterion, that of the layout where none is named, each by the unknowns and the weight of its load case.
+
+        pools: one for each scenario, or for those numbered `at`. The weight is a factor of the metric, which has the aggregate
+        weighed and every bound of it valid as it is (`LoadCases.factors`).
+        """
+        metrics, cases = self.metrics[criterion or self.settings.criterion], self.cases
+        if cases is None:
+            return [pool.under(metrics[0]) for pool in pools]
+        of = cases.of if at is None else cases.of[np.asarray(at)]
+        factors = cases.factors(of, self.aggregate if aggregate is None else aggregate)
+        return [
+            pool.under(metrics[case].times(factor))
+            for pool, case, factor in zip(pools, of.tolist(), factors.tolist(), strict=True)
+        ]
+
     @property
-    def metric(self) -> Metric:
+    def criterion(self) -> Criterion:
         """What the layout is chosen by."""
-        return self.metrics[self.settings.criterion]
+        return criterion_of(self.settings.criterion)
+
+    @property
+    def weighed(self) -> tuple[str, ...]:
+        """The unknowns that the criterion weighs, in the order of x*."""
+        order = np.argsort(self.unknowns.at, kind="stable")
+        return tuple(self.unknowns.names[i] for i in order if self.unknowns.names[i] in self.over)
 
     @property
     def sigma(self) -> str:
         """What the root of the metric is: the σ of one unknown, or the criterion's mean of several."""
-        return root_of(self.metric.criterion, self.over) + (" (installation as noise)" if self.coherence else "")
+        return root_of(self.criterion, self.over) + (" (installation as noise)" if self.coherence else "")
 
     def cost_of(self, rows: np.ndarray) -> tuple[float, float] | None:
         """What a layout (k,) of pool rows costs and may cost; None without a budget."""

@@ -39,12 +39,12 @@ class OnSurface:
 
 
 def candidates_on_surface(
-    mesh: Mesh, config: PlacementConfig, files: Mapping[str, Path], basis: np.ndarray, q: np.ndarray
+    mesh: Mesh, config: PlacementConfig, files: Mapping[str, Path], basis: np.ndarray, moment: np.ndarray
 ) -> OnSurface:
     """Every sensor of the config on the exterior facets.
 
-    files: that of `gauges.fixed_file`; basis (3 nodes, n) displacement per reduced coordinate; q (steps, n): the training run,
-    for principal directions.
+    files: that of `gauges.fixed_file`; basis (3 nodes, n) displacement per reduced coordinate; moment (n, n): mean of q qᵀ in
+    training, for principal directions.
     """
     if not mesh.blocks:
         raise ConfigError(
@@ -58,7 +58,7 @@ def candidates_on_surface(
         with blame("gauges.fixed"):
             there, distance = bonded(mesh, facets, fixed, float(config.gauges.snap_tolerance))
         parts.append(there)
-    own, left_out = _strain_gauges(mesh, facets, config.gauges, basis, q)
+    own, left_out = _strain_gauges(mesh, facets, config.gauges, basis, moment)
     parts.append(own)
     for array, (key, sensors) in enumerate(families(config).items()):
         if isinstance(sensors, Gauges):
@@ -95,7 +95,7 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[s
 
 
 def _strain_gauges(
-    mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, q: np.ndarray
+    mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray
 ) -> tuple[Candidates, int]:
     """Candidates of strain, and how many were left out because their grid would run over a sharp edge."""
     direction, length = gauges.direction, gauges.grid_length
@@ -108,7 +108,7 @@ def _strain_gauges(
                 mesh, facets, None, ROSETTE, exclude, gauges.surface, include=include, rosette=True, length=0.0
             )
             rows = channel_rows(mesh.position, base, basis, facets=facets).reshape(-1, len(ROSETTE), basis.shape[1])
-            turn = principal_angles(rows, q.T @ q / len(q))
+            turn = principal_angles(rows, moment)
         pool = candidates(
             mesh,
             facets,

@@ -58,7 +58,7 @@ def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) ->
     """Gauges (k,) by their numbers, as a layout lists them, with what they read in the training run."""
     candidates = training.candidates
     used, peak = candidates.channels(gauges), np.full(len(candidates), np.nan)
-    peak[used] = np.abs(training.reading[:, used]).max(axis=0)
+    peak[used] = training.peak[used]
     return gauge_list(candidates, training.name, gauges, screened.family, peak, screened.range)
 
 
@@ -90,7 +90,6 @@ def accelerations(model: ReducedModel, theta: Mapping[str, float], x: np.ndarray
     return np.asarray(np.linalg.solve(model.mass.at(theta), force.T).T)
 
 
-def largest_of_quantity(reading: np.ndarray, quantity: np.ndarray) -> np.ndarray:
-    """For every channel the largest reading of any channel of its quantity (m,); reading (s, m), quantity (m,)."""
-    peak = np.abs(reading).max(axis=0)
+def largest_of_quantity(peak: np.ndarray, quantity: np.ndarray) -> np.ndarray:
+    """For every channel the largest reading of any channel of its quantity (m,); peak (m,) of each, quantity (m,)."""
     return np.array([peak[quantity == q].max() for q in quantity])

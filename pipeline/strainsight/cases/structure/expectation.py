@@ -52,12 +52,12 @@ def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expecta
     )
 
 
-def alike_gauges(problem: Problem, gauges: np.ndarray) -> list[tuple[int, ...]]:
+def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -> list[tuple[int, ...]]:
     """Groups of gauges (k,), by their places in the list, that read the same quantity alike in the training run.
 
-    Rows R L on coordinates that are uncorrelated and of unit size there, L Lᵀ = cov(q).
+    Rows R L on coordinates that are uncorrelated and of unit size there, L Lᵀ = cov(q), the covariance (n, n).
     """
-    values, V = np.linalg.eigh(np.cov(problem.x[:, : problem.model.size], rowvar=False))
+    values, V = np.linalg.eigh(covariance)
     L = V * np.sqrt(np.maximum(values, 0.0))
     channels = problem.channels.of(gauges)
     quantity = problem.channels.quantity[channels[:, 0]]

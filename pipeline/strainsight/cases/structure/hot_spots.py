@@ -34,12 +34,12 @@ def tested_hot_spots(
     mesh."""
     if training.given is not None or reduced.matrices is not None or not mesh.blocks:
         return None
-    tested, q = gauges[:MOST], training.coordinate
+    tested = gauges[:MOST]
     found = hot_spots(
         at_guess(config, mesh, reduced),
         training.candidates.take(training.candidates.channels(tested)),
         reduced.basis,
-        q.T @ q / len(q),
+        training.moment,
         loaded_nodes(config, mesh, exterior_facets(mesh)),
     )
     left = np.full(len(gauges) - len(tested), np.nan)

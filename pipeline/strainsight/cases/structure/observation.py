@@ -85,13 +85,16 @@ def _largest(model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, motion
         np.abs(readings(model, model.reference, rows, quantity, motion.x[part], motion.u[part])).max(axis=0)
         for part in parts
     ]
-    return largest_of_quantity(np.array(peaks), quantity)
+    return largest_of_quantity(np.max(peaks, axis=0), quantity)
 
 
 def _excitations(
     config: PlacementConfig, model: ReducedModel, training: Training, amplitude: dict[str, float]
 ) -> list[Excitation]:
-    found = [Excitation("training run", np.hstack([training.coordinate, training.velocity]), training.load)]
+    found = [
+        Excitation(label, np.hstack([own.coordinate, own.velocity]), own.load)
+        for label, own in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
+    ]
     for frequency in config.observe.frequencies:
         duration = max(config.train.duration, 5 / frequency)
         steps = ceil(duration * STEPS_A_PERIOD * frequency)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from strainsight.cases.layout.budget import budget_table
 from strainsight.cases.layout.output import layout_output, layout_record
+from strainsight.cases.structure.by_case import case_table
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.hot_spots import hot_spot_table
 from strainsight.cases.structure.placement import Placement
@@ -19,6 +20,9 @@ def placement_output(found: Placement) -> Output:
     """Datasets, numbers, tables and files."""
     condition, lost, unknowns = found.condition, found.condition.null_direction, found.task.unknowns
     scale = dict(zip(unknowns.names, unknowns.scale.tolist(), strict=True))
+    by_case = found.by_case
+    if by_case is not None:
+        scale = {name: float(by_case.scale[name][by_case.name.index(by_case.worst[name])]) for name in unknowns.names}
     budget = found.expected.budget
     record = Placed(
         **vars(layout_record(found)),
@@ -29,12 +33,14 @@ def placement_output(found: Placement) -> Output:
             condition=condition.condition, sigma_min=condition.sigma_min, condition_raw=condition.condition_raw
         ),
         hot_spots=found.hot_spots,
+        by_case=by_case,
     )
     numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})
     rests = rests_on_loads_in_words(found.problem)
     numbers |= {"rests_on_loads": rests} if rests else {}
     hot = found.hot_spots
-    tables: tuple[Table, ...] = (budget_table(budget),)
+    cases = () if by_case is None else (case_table(by_case, found.task.criterion.symbol),)
+    tables: tuple[Table, ...] = (*cases, budget_table(budget))
     if hot is not None:
         numbers |= {"hot_spots": int(hot.hot.sum())}
         tables += (hot_spot_table(hot, found.listed.labels),)

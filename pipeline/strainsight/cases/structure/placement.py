@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from strainsight.augmentation.linearisation import linearise
 from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.observability import Observability, observability
+from strainsight.cases.layout.expectation import Expectation
+from strainsight.cases.layout.load_cases import LoadCases
 from strainsight.cases.layout.placement import Placed, placed
 from strainsight.cases.layout.pool import PoolRows, layout_limits
 from strainsight.cases.layout.task import Readings, Task, Unknowns
 from strainsight.cases.resources import Resources
+from strainsight.cases.structure.by_case import cases_in_words, cases_of, worst_case
 from strainsight.cases.structure.channels import largest_of_quantity, listed_gauges
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.hot_spots import hot_spot_advice, tested_hot_spots
 from strainsight.cases.structure.installation_noise import installation_intensity
+from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
 from strainsight.cases.structure.pool import pool_of, prices
-from strainsight.cases.structure.problem import Problem
+from strainsight.cases.structure.problem import Problem, problem_in
 from strainsight.cases.structure.scenarios import placed_instants, scenarios_of
 from strainsight.cases.structure.start import ringing_in_words
 from strainsight.config.placement import Place, PlacementConfig
 from strainsight.errors import blame
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
-from strainsight.records.placed import HotSpots
+from strainsight.records.placed import ByCase, HotSpots
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
@@ -42,13 +48,14 @@ such errors are larger than the noise of a gauge, its size hardly changes the la
 class Placement(Placed):
     """All that a placement has found, with the problem that it is of; σ is relative to the scale of an unknown.
 
-    condition: whether the pool can tell the unknowns; hot_spots: whether the strain at its gauges is that of the part, None where
-    the model is not that of a mesh.
+    condition: whether the pool can tell the unknowns, in the load case where it can least; hot_spots: whether the strain at its
+    gauges is that of the part, None where the model is not that of a mesh; by_case: the load cases, None where there are none.
     """
 
     problem: Problem
     condition: Observability
     hot_spots: HotSpots | None
+    by_case: ByCase | None
 
 
 def placement_of(
@@ -60,11 +67,13 @@ def placement_of(
     screened: Screened,
     using: Resources,
 ) -> Placement:
-    """Linearise along the training run, eliminate, exchange, certify, and say what the layout is expected to know.
+    """Linearise along the training runs, eliminate, exchange, certify, and say what the layout is expected to know.
 
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
-    settings, candidates, unknowns = config.place, training.candidates, problem.unknowns
+    settings, candidates = config.place, training.candidates
+    posed = _posed(config, reduced, problem, training, screened, using)
+    unknowns = problem.unknowns
     pool = pool_of(screened.kept, problem.channels, candidates, settings.symmetry)
     price = prices(config, pool, candidates)
     with blame("place.keep"):
@@ -72,21 +81,35 @@ def placement_of(
     ranges = {name: entry.range for name, entry in config.parameters.items()}
 
     # of one second, of which every other coherence is a multiple
-    installation = installation_intensity(config, mesh, reduced, training, problem, pool.channels, 1.0)
+    installation = [
+        installation_intensity(config, mesh, reduced, training, own.problem, pool.channels, 1.0) for own in posed
+    ]
+    covariance = _covariance(posed)
 
-    def scenarios(channels: np.ndarray, coherence: float) -> tuple[Scenario, ...]:
-        noise = coherence * installation if coherence else None
-        return scenarios_of(problem, channels, settings, ranges, config.seed, noise)
+    def scenarios(channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
+        return [
+            scenarios_of(
+                own.problem,
+                channels,
+                settings,
+                ranges,
+                config.seed,
+                share * own.run.duration * noise if share else None,
+            )
+            for own, noise in zip(posed, installation, strict=True)
+        ]
 
-    def task(coherence: float) -> Task:
+    def task(share: float) -> Task:
+        found = scenarios(pool.channels, share)
         with blame("place.estimate"):
-            pools = using.sweep(solved, scenarios(pool.channels, coherence), unknowns.state_names)
+            pools = using.sweep(solved, tuple(chain(*found)), unknowns.state_names)
+        cases = _cases(posed, [len(own) for own in found])
         return Task(
             Unknowns(
                 unknowns.names,
                 unknowns.state_names,
                 np.asarray(unknowns.position(problem.model)),
-                unknowns.scale,
+                unknowns.scale if cases is None else cases.amplitude(),
                 np.ones(len(unknowns.names)),
             ),
             tuple(pools),
@@ -95,56 +118,134 @@ def placement_of(
             price,
             limits,
             settings,
-            _readings(problem, pool.channels),
+            _readings(problem, pool.channels, covariance),
             config.seed,
             settings.aggregate,
             settings.weights,
-            coherence=coherence,
+            coherence=share * config.train.duration,
+            cases=cases,
         )
 
-    avoided = settings.installation == "avoid" and not problem.printed and bool(installation.any())
+    def expected(gauges: np.ndarray) -> list[Expectation]:
+        own = tolerated(config, mesh, reduced, training, problem.channels.of(gauges))
+        return [expectation(each.problem, gauges, own) for each in posed]
+
+    avoided = settings.installation == "avoid" and not problem.printed and any(own.any() for own in installation)
     found = placed(
-        [task(share * config.train.duration) for share in ((0.0, COHERENCE) if avoided else (0.0,))],
-        lambda gauges: expectation(
-            problem, gauges, tolerated(config, mesh, reduced, training, problem.channels.of(gauges))
-        ),
+        [task(share) for share in ((0.0, COHERENCE) if avoided else (0.0,))],
+        lambda gauges: worst_case(expected(gauges), [own.acts for own in posed]),
         lambda gauges: listed_gauges(gauges, training, screened),
         using.progress,
-        alike=lambda gauges: alike_gauges(problem, gauges),
-        alone=lambda gauges, coherence: [solve_pool(own) for own in scenarios(problem.channels.of(gauges), coherence)],
+        alike=lambda gauges: alike_gauges(problem, gauges, covariance),
+        alone=lambda gauges, coherence: [
+            solve_pool(own) for own in chain(*scenarios(problem.channels.of(gauges), COHERENCE if coherence else 0.0))
+        ],
     )
     using.progress("hot spots", 0.9)
     hot = tested_hot_spots(config, mesh, reduced, training, found.gauges)
-    first = _ringing(problem, settings, config.seed), *not_held_in_words(config, reduced, training)
+    ringing = [_ringing(own, settings, config.seed) for own in posed]
+    first = *ringing, *not_held_in_words(config, reduced, training)
     listed = found.listed
     spots = hot_spot_advice(hot, listed.labels, listed.bonded.tolist())
-    found = replace(found, advice=(*filter(None, first), *spots, *found.advice))
-    solved_first = found.task.pools[0]
-    condition = _observability(problem, training, solved_first.scenario.scaled(1 / solved_first.scale), pool)
-    return Placement(**vars(found), problem=problem, condition=condition, hot_spots=hot)
+    by_case = None if found.task.cases is None else cases_of(found, expected(found.gauges))
+    words = () if by_case is None else cases_in_words(by_case, settings.aggregate)
+    found = replace(found, advice=(*filter(None, first), *spots, *words, *found.advice))
+    return Placement(
+        **vars(found),
+        problem=problem,
+        condition=_worst_observability(found, posed, pool),
+        hot_spots=hot,
+        by_case=by_case,
+    )
 
 
-def _readings(problem: Problem, channels: np.ndarray) -> Readings:
+@dataclass(frozen=True)
+class Posed:
+    """A training run with its estimation problem: x of it, amplitudes and process noise; peak (m,): largest reading of every
+    channel."""
+
+    run: Run
+    problem: Problem
+    peak: np.ndarray
+
+    @property
+    def acts(self) -> np.ndarray:
+        """Which unknowns act in it (u,) bool: all but the silent loads."""
+        return np.array([name not in self.run.silent for name in self.problem.unknowns.names])
+
+
+def _posed(
+    config: PlacementConfig,
+    reduced: Reduced,
+    problem: Problem,
+    training: Training,
+    screened: Screened,
+    using: Resources,
+) -> tuple[Posed, ...]:
+    """The load cases, or the loads as stated where there are none."""
+    runs = runs_of(config, reduced.model.inputs, using.files)
+    if not runs:
+        return (Posed(run_as_stated(config, reduced.model.inputs, using.files), problem, training.peak),)
+    return tuple(
+        Posed(run, problem_in(run, config, using.files, reduced, training, screened), training.cases[run.name].peak)
+        for run in runs
+    )
+
+
+def _cases(posed: Sequence[Posed], count: Sequence[int]) -> LoadCases | None:
+    """The load cases with so many scenarios each; None of the loads as stated."""
+    if not posed[0].run.name:
+        return None
+    return LoadCases(
+        tuple(own.run.name for own in posed),
+        np.array([own.run.weight for own in posed]),
+        np.repeat(np.arange(len(posed)), count),
+        np.array([own.acts for own in posed]),
+        np.array([own.problem.unknowns.scale for own in posed]),
+    )
+
+
+def _covariance(posed: Sequence[Posed]) -> np.ndarray:
+    """Of the coordinates in training (n, n), the weighed mean over load cases."""
+    found = [np.cov(own.problem.x[:, : own.problem.model.size], rowvar=False) for own in posed]
+    if len(found) == 1:
+        return found[0]
+    return np.asarray(np.average(found, axis=0, weights=[own.run.weight for own in posed]))
+
+
+def _readings(problem: Problem, channels: np.ndarray, covariance: np.ndarray) -> Readings:
     """Rows per reduced coordinate, of accelerometers at the guess; channels (pool, c): rows of train.h5, −1 for none."""
     p, there = problem, channels >= 0
     F = linearise(p.model, p.unknowns, p.model.reference, p.x[:1], instant_values(p.u)[:1])[0]
     every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
     rows = np.where(there[..., None], every[channels], 0.0)
-    return Readings(rows, p.channels.noise_std[channels] ** 2, np.cov(p.x[:, : p.model.size], rowvar=False))
+    return Readings(rows, p.channels.noise_std[channels] ** 2, covariance)
 
 
-def _ringing(problem: Problem, settings: Place, seed: int) -> str:
+def _ringing(posed: Posed, settings: Place, seed: int) -> str:
     """What to know of instants at which a start from rest still rings; without a parameter the instant does not matter."""
-    p = problem
+    p, case = posed.problem, posed.run.name
     if not p.unknowns.parameters:
         return ""
     instants = placed_instants(p, p.model.reference, p.x, settings, seed)
-    return ringing_in_words(p.settle, p.loading, p.model, instants)
+    said = ringing_in_words(p.settle, p.loading, p.model, instants)
+    return f"Load case {case}: {said}" if case and said else said
 
 
-def _observability(problem: Problem, training: Training, scenario: Scenario, pool: PoolRows) -> Observability:
+def _worst_observability(found: Placed, posed: Sequence[Posed], pool: PoolRows) -> Observability:
+    """Of the first instant of every load case, that of the largest condition."""
+    task = found.task
+    first = [0] if task.cases is None else [int(np.flatnonzero(task.cases.of == case)[0]) for case in range(len(posed))]
+    every = [
+        _observability(own, task.pools[at].scenario.scaled(1 / task.pools[at].scale), pool)
+        for own, at in zip(posed, first, strict=True)
+    ]
+    return max(every, key=lambda own: own.condition)
+
+
+def _observability(posed: Posed, scenario: Scenario, pool: PoolRows) -> Observability:
     """Of x* as it is, not in the coordinates of a solved pool."""
-    p, n = problem, problem.model.size
+    p, n = posed.problem, posed.problem.model.size
     frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
     there = pool.channels >= 0
@@ -152,7 +253,7 @@ def _observability(problem: Problem, training: Training, scenario: Scenario, poo
     H = scenario.H[there] if scenario.H.ndim == 3 else scenario.H
     return observability(
         scenario.F,
-        H / largest_of_quantity(training.reading[:, used], p.channels.quantity[used])[:, None],
+        H / largest_of_quantity(posed.peak[used], p.channels.quantity[used])[:, None],
         names=p.unknowns.state_names,
         frequency=frequency,
         state_amplitude=amplitude,

@@ -12,11 +12,12 @@ import numpy as np
 from strainsight.augmentation.input_models import WALK
 from strainsight.augmentation.noise import Rule, channel_intensity, process_intensity
 from strainsight.augmentation.unknowns import Unknowns
-from strainsight.cases.histories import signal_of
 from strainsight.cases.structure.channels import Channels, accelerations, channels_of
-from strainsight.cases.structure.settings import characteristic, unknowns_of
-from strainsight.cases.structure.start import Loading, loading_of
-from strainsight.config.placement import PlacementConfig, Settle
+from strainsight.cases.structure.load_cases import Run, run_as_stated, typical_of
+from strainsight.cases.structure.settings import unknowns_of
+from strainsight.cases.structure.start import Loading
+from strainsight.config.loads import Settle
+from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
@@ -89,14 +90,30 @@ class Problem:
 def problem_of(
     config: PlacementConfig, files: Mapping[str, Path], reduced: Reduced, training: Training, screened: Screened
 ) -> Problem:
-    """Gather the estimation problem from the reduced model, the training run, the noise of the channels and the config."""
-    model, h, duration = reduced.model, config.train.time_step, config.train.duration
-    with blame("train"):
-        # In the order of the reduced model: that of the config may have changed since, which is no change of the config.
-        signals = {name: signal_of(name, config.loads[name].signal, files) for name in model.inputs}
-        loading = loading_of(config.train.settle, list(signals.values()), h, round(duration / h))
-    x = np.hstack([training.coordinate, training.velocity])
-    unknowns = unknowns_of(config.place.estimate, config.loads, signals, model.reference, duration)
+    """The estimation problem under the loads as stated."""
+    run = run_as_stated(config, reduced.model.inputs, files)
+    return problem_in(run, config, files, reduced, training, screened)
+
+
+def problem_in(
+    run: Run,
+    config: PlacementConfig,
+    files: Mapping[str, Path],
+    reduced: Reduced,
+    training: Training,
+    screened: Screened,
+) -> Problem:
+    """Gather the estimation problem from the reduced model, a training run, the noise of the channels and the config.
+
+    Noise is that of a sample every train.time_step: in a run of another step it is that of the same intensity.
+    """
+    model, h, motion = reduced.model, run.time_step, training.motion_in(run.name)
+    with blame(run.key):
+        loading = run.loading()
+    x = np.hstack([motion.coordinate, motion.velocity])
+    inputs = tuple(name for name in config.place.estimate if name in config.loads)
+    typical = typical_of(config, run, inputs, files)
+    unknowns = unknowns_of(config.place.estimate, config.loads, typical, model.reference)
     rule = config.process_noise.rule
     rules: tuple[Rule, Rule] = (
         ("intensity", "intensity")
@@ -108,7 +125,7 @@ def problem_of(
             process_intensity(
                 model.size,
                 unknowns,
-                {name: characteristic(config.loads[name], signals[name], duration)[0] for name in unknowns.inputs},
+                {name: typical[name][0] for name in unknowns.inputs},
                 {name: config.parameters[name].process_noise_scale for name in unknowns.parameters},
                 rule=one,
                 h=h,
@@ -118,6 +135,8 @@ def problem_of(
             for one, share in zip(rules, _model_error(config, unknowns), strict=True)
         )
     channels = channels_of(training, screened)
+    if h != config.train.time_step:
+        channels = replace(channels, noise_std=channels.noise_std * np.sqrt(config.train.time_step / h))
     own = config.filter
     drifting = own.method == "extended" if own.drift is None else own.drift
     if not drifting:
@@ -126,8 +145,8 @@ def problem_of(
     return Problem(
         model,
         unknowns,
-        signals,
-        config.train.settle,
+        run.signals,
+        run.settle,
         x,
         loading,
         Q,

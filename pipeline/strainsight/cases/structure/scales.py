@@ -45,10 +45,10 @@ def refuse_damping(damping: Damping, frequency: np.ndarray) -> None:
         )
 
 
-def refuse_times(frequency: np.ndarray, duration: float, step: float) -> None:
+def refuse_times(frequency: np.ndarray, duration: float, step: float, section: str = "train") -> None:
     """Raise InfeasibleError where a training run is over before any mode swings, or all swing a million times in a step.
 
-    frequency (modes,) [Hz], ascending; duration, step [s].
+    frequency (modes,) [Hz], ascending; duration, step [s] of the config's `section`.
     """
     first, last = float(frequency[0]), float(frequency[-1])
     units = "check mesh.length_unit, mesh.mass_unit, modulus and density"
@@ -56,13 +56,13 @@ def refuse_times(frequency: np.ndarray, duration: float, step: float) -> None:
         raise InfeasibleError(
             f"{duration:g} s are {last * duration:.2g} periods of the last mode, {last:.4g} Hz: the structure's stiffness "
             "is not felt in so short a run",
-            key="train.duration",
+            key=f"{section}.duration",
             remedy=f"take at least {at_least(LEAST_PERIODS / last)} s, better a few periods of the first; or {units}",
         )
     if first * step > MOST_PERIODS:
         raise InfeasibleError(
             f"{step:g} s are {first * step:.2g} periods of the first mode, {first:.4g} Hz: only the static response is left",
-            key="train.time_step",
+            key=f"{section}.time_step",
             remedy=f"take at most {at_most(MOST_PERIODS / first)} s; or {units}",
         )
 

@@ -149,13 +149,12 @@ def characteristic(entry: Load, signal: Signal, duration: float) -> tuple[float,
 def unknowns_of(
     estimate: Sequence[str],
     loads: Mapping[str, Load],
-    signals: Mapping[str, Signal],
+    typical: Mapping[str, tuple[float, float]],
     reference: Mapping[str, float],
-    duration: float,
 ) -> Unknowns:
-    """The inputs and parameters to estimate, with the scale of each: an amplitude, a guess."""
+    """The inputs and parameters to estimate, with the scale of each: an amplitude, a guess; typical: frequency [Hz] and amplitude
+    of every input."""
     inputs = tuple(name for name in estimate if name in loads)
-    typical = {name: characteristic(loads[name], signals[name], duration) for name in inputs}
     return Unknowns(
         inputs=inputs,
         parameters=tuple(name for name in estimate if name not in loads),

@@ -8,7 +8,7 @@ from math import ceil
 
 import numpy as np
 
-from strainsight.config.placement import Settle
+from strainsight.config.loads import Settle
 from strainsight.errors import ConfigError, UserError, blame
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import ReducedModel, modal_basis

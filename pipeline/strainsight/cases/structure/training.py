@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from strainsight.cases.histories import signal_of
 from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface
 from strainsight.cases.structure.channels import readings
 from strainsight.cases.structure.clearance import clearance_of
 from strainsight.cases.structure.given_gauges import read_given
+from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.scales import refuse_noise, refuse_readings, refuse_times
 from strainsight.cases.structure.settings import families
-from strainsight.cases.structure.start import loading_of, motion_of
+from strainsight.cases.structure.start import motion_of
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.decks.matrices.files import read_numbering
@@ -30,7 +30,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
-from strainsight.records.training import STATED, Clearance, Screened, Training
+from strainsight.records.training import STATED, CaseMotion, Clearance, Screened, Training
 from strainsight.signals.histories import instant_values
 
 FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
@@ -45,20 +45,19 @@ class Trained:
 
 
 def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources) -> Trained:
-    """Simulate the reduced model at the guess, and read every candidate."""
-    model, h = reduced.model, config.train.time_step
-    steps = round(config.train.duration / h)
-    refuse_times(reduced.frequency, config.train.duration, h)
-    with blame("train"):
-        signals = [signal_of(name, config.loads[name].signal, using.files) for name in model.inputs]
-        loading = loading_of(config.train.settle, signals, h, steps)
-    x, u = motion_of(model, model.reference, loading), instant_values(loading.held)
-    n = model.size
+    """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate."""
+    model = reduced.model
+    stated, *cases = (
+        _Moved(run, *_motion(run, reduced))
+        for run in (run_as_stated(config, model.inputs, using.files), *runs_of(config, model.inputs, using.files))
+    )
+    x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
     using.progress("candidates", 0.3)
     surface, given = None, None
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
-        surface = candidates_on_surface(mesh, config, using.files, reduced.basis, x[:, :n])
+        moments = [own.x[:, :n].T @ own.x[:, :n] / len(own.x) for own in cases or [stated]]
+        surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
         pool, names = surface.candidates, surface.names
         both = channel_rows(
             mesh.position, pool, _with_missed(reduced.basis, reduced.misaligned.missed), facets=exterior_facets(mesh)
@@ -69,11 +68,19 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
         both = given @ _with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
-    with blame("train"):
-        # the readings and their squares
-        require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
-    reading = readings(model, model.reference, rows, pool.quantity, x, u)
-    refuse_readings(reading)
+    reading = _read(stated, reduced, rows, pool)
+    found = {}
+    for own in cases:
+        using.progress(f"readings of {own.run.name}", 0.5)
+        there = _read(own, reduced, rows, pool)
+        found[own.run.name] = CaseMotion(
+            time=own.run.time_step * np.arange(len(own.x)),
+            load=own.u,
+            coordinate=own.x[:, :n],
+            velocity=own.x[:, n:],
+            rms=np.sqrt(np.mean(there**2, axis=0)),
+            peak=np.abs(there).max(axis=0),
+        )
     training = Training(
         candidates=pool,
         name=names + ("",) * (pool.gauges - len(names)),
@@ -81,13 +88,41 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         missed=missed,
         given=given,
         moved=surface.moved if surface is not None and len(surface.moved) else None,
-        time=h * np.arange(steps + 1),
+        time=stated.run.time_step * np.arange(steps + 1),
         load=u,
         coordinate=x[:, :n],
         velocity=x[:, n:],
         reading=reading,
+        cases=found,
     )
     return Trained(training, surface)
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """A run with its motion x (steps + 1, 2n) and loads u (steps + 1, n_u) [N] at its instants."""
+
+    run: Run
+    x: np.ndarray
+    u: np.ndarray
+
+
+def _motion(run: Run, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
+    refuse_times(reduced.frequency, run.duration, run.time_step, run.key)
+    with blame(run.key):
+        loading = run.loading()
+    return motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held)
+
+
+def _read(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> np.ndarray:
+    """Readings of all candidates (steps + 1, m) in a run."""
+    steps, model = len(own.x) - 1, reduced.model
+    with blame(own.run.key):
+        # the readings and their squares
+        require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
+    found = readings(model, model.reference, rows, pool.quantity, own.x, own.u)
+    refuse_readings(found)
+    return found
 
 
 def _with_missed(basis: np.ndarray, missed: np.ndarray) -> np.ndarray:
@@ -119,8 +154,7 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
 def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Screened:
     """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the weak and the
     overloaded, thin the clusters."""
-    pool, reading = training.candidates, training.reading
-    rms, peak = np.sqrt(np.mean(reading**2, axis=0)), np.abs(reading).max(axis=0)
+    pool, rms, peak = training.candidates, training.rms, training.peak
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
     clearance, near = clearance_of(config, mesh, training)
     clear = ~near[pool.gauge]

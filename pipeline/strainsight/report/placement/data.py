@@ -55,10 +55,12 @@ class Unknown:
     error           relative: parameter |estimate/truth − 1|; input RMS error over its RMS, both after the first tenth
     std             relative: one standard deviation that the filter claims for the same span
     smoothed_error, smoothed_std  `error` and `std` of the smoothed estimate
-    expected_std    relative: one standard deviation expected at placement, from the covariance recursion along training
+    expected_std    relative: one standard deviation expected at placement, from the covariance recursion along training; with
+                    load cases in the worst one, relative to the amplitude there
     zero            an input that is zero throughout: everything relative is over its amplitude, `guess`
     claims          whether its σ held, first the one that decides
     benefit         whether random layouts of the same size estimate it as well
+    worst_case      name of the load case of expected_std, empty where there are none
 
     What was not computed is None: a placement without a validation still has a page.
     """
@@ -77,6 +79,18 @@ class Unknown:
     smoothed_std: float | None = None
     claims: tuple[Claim, ...] = ()
     benefit: Benefit | None = None
+    worst_case: str = ""
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """A training that the layout is placed for: name; weight beside the others; metric of the layout in it alone; std: unknown's
+    name → expected σ relative to its amplitude there, NaN where it is silent."""
+
+    name: str
+    weight: float
+    metric: float
+    std: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -220,6 +234,7 @@ class PlacementReport:
     name of the config, title for people; frequencies [Hz] of the model at the reference;
     metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be
     distinguished; observability: name → number;
+    load_cases: what the layout is placed for together, empty where it is the loads as stated;
     budget: unknown's name → source → share of the variance expected, empty where that is not known;
     advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
     filters: parameters by the bank and the filters that were compared with it;
@@ -244,6 +259,7 @@ class PlacementReport:
     metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()
     cases: tuple[Case, ...] = ()
+    load_cases: tuple[LoadCase, ...] = ()
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     advice: tuple[str, ...] = ()
     observability: Mapping[str, float] = field(default_factory=dict)

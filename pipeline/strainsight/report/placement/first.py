@@ -46,7 +46,20 @@ def answer(report: PlacementReport) -> str:
     if len(known) > 1:
         weakest = max(known, key=lambda unknown: _sigma(unknown) or 0.0)
         text += f" The weakest unknown is <strong>{escape(weakest.name)}</strong>."
-    return text
+    return text + _worst_cases(report)
+
+
+def _worst_cases(report: PlacementReport) -> str:
+    """In which load case every unknown is known least; empty without load cases."""
+    if not report.load_cases:
+        return ""
+    parts = [
+        f"{escape(own.name)} ±{share(own.expected_std)} in {escape(own.worst_case)}"
+        for own in report.unknowns
+        if own.worst_case
+    ]
+    many = len(report.load_cases)
+    return f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {_join(parts)}, of the amplitude there."
 
 
 def lost_of(report: PlacementReport) -> frozenset[str]:
@@ -100,6 +113,8 @@ def _tile(unknown: Unknown, lost: bool) -> str:
         rows.append(("amplitude", measure(unknown.guess, unknown.unit)))
     if unknown.std is not None:
         rows.append(("expected σ", share(unknown.expected_std)))
+    if unknown.worst_case:
+        rows.append(("expected in load case", escape(unknown.worst_case)))
     return _card(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))
 
 

@@ -13,7 +13,7 @@ from strainsight.report.page.markup import bullets, figure, figures, measure, pa
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.first import answer, first_screen, lost_of
 from strainsight.report.placement.gauge_table import gauge_table
-from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table
+from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table, load_cases_table
 from strainsight.report.placement.verdicts import HELD, faults, headline
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import STYLE, script, space_section
@@ -45,6 +45,7 @@ def placement_page(
         _test(report),
         space_section([("", report.layout)], shapes),
         _advice(report),
+        _load_cases(report),
         _gauges(report),
         budget_section(report.budget),
         _trend(report, drawings),
@@ -75,6 +76,12 @@ def _advice(report: PlacementReport) -> str:
     if not report.advice:
         return ""
     return f'<section class="card notes advice"><h2>What to do with this layout</h2>{bullets(report.advice)}</section>'
+
+
+def _load_cases(report: PlacementReport) -> str:
+    if not report.load_cases:
+        return ""
+    return f'<h2 id="load-cases">Load cases</h2><div class="card">{load_cases_table(report)}</div>'
 
 
 def _gauges(report: PlacementReport) -> str:

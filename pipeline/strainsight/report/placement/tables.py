@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from strainsight.report.page.markup import measure, plain, table
-from strainsight.report.placement.data import Case, Compared, Criteria
+from strainsight.report.page.markup import measure, plain, share, table
+from strainsight.report.placement.data import Case, Compared, Criteria, PlacementReport
 
 STEADY = (
     "one standard deviation of an unknown with the system held at an instant: it ranks layouts, a filter claims its own"
@@ -63,6 +63,31 @@ def criteria_meaning(report: Compared) -> str:
         for name, text in [*words, ("steady-state σ", STEADY)]
     )
     return f"<h3>Criteria, smaller is better in all</h3><ul>{items}</ul>"
+
+
+def load_cases_table(report: PlacementReport) -> str:
+    """Load cases one a row: weight, metric, expected σ of every unknown."""
+    names = [unknown.name for unknown in report.unknowns]
+    rows = [
+        [
+            escape(case.name),
+            plain(case.weight),
+            plain(case.metric),
+            *("silent" if math.isnan(case.std[name]) else share(case.std[name]) for name in names),
+        ]
+        for case in report.load_cases
+    ]
+    head = [
+        "load case",
+        "weight",
+        escape(report.trend.metric.symbol),
+        *(f"expected σ({escape(name)})" for name in names),
+    ]
+    caption = (
+        "The layout serves all of them, each by its weight. σ along the training of the case, relative to the amplitude there; "
+        "the metric is that of the case alone."
+    )
+    return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
 def cases_table(cases: Sequence[Case]) -> str:

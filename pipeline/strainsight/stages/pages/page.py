@@ -32,6 +32,7 @@ from strainsight.stages.pages.page_numbers import (
     criteria_of,
     filters_of,
     history_of,
+    load_cases_of,
     metrics_of,
     noise_rows,
     posterior_of,
@@ -70,6 +71,7 @@ def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
+        load_cases=load_cases_of(place),
         budget={} if budget is None else budget.shares,
         advice=place.advice,
         observability={
@@ -79,7 +81,7 @@ def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
         filters=filters_of(read(Validated, validate)),
         consistency=consistency_of(validate),
         warnings=warnings_of(up, names, mesh),
-        not_tested=_not_tested(up["train"], config),
+        not_tested=_not_tested(up["train"], config, place),
         test=up["estimate"].message if "estimate" in up else "",
         facts=_facts(up),
         seconds={
@@ -127,8 +129,10 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     return notes
 
 
-def _not_tested(train: Artefact, config: PlacementConfig) -> tuple[str, ...]:
+def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tuple[str, ...]:
     notes = ["No measured data: the truth is simulated."]
+    if place.by_case is not None:
+        notes.append("The load cases: the truth is simulated under the loads as stated.")
     if config.validation.truth.model == "rom":
         notes.append("The truth is the filter's own model: no model error was tested.")
     elif config.validation.truth.model == "modes":

@@ -25,7 +25,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     place, own = up["place"], read(Placed, up["place"])
     candidates = read(Training, up["train"]).candidates
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
-    without = {name: values * placed_scale(name, place) / size(name, up) for name, values in own.without.items()}
+    without = {name: values * placed_scale(name, place) / placed_size(name, up) for name, values in own.without.items()}
     listed = listed_gauges(up)
     row = own.final.gauge
     mirror = [next((listed.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), "") for i in range(len(row))]
@@ -146,6 +146,12 @@ def placed_scale(name: str, place: Artefact) -> float:
 def size(name: str, up: Mapping[str, Artefact]) -> float:
     """What the page shows an unknown relative to: its truth, or before it was validated its scale at placement."""
     return true_size(name, up["validate"]) if "validate" in up else placed_scale(name, up["place"])
+
+
+def placed_size(name: str, up: Mapping[str, Artefact]) -> float:
+    """What the page shows expected σ relative to: as everything of the unknown; with load cases to its scale in the worst one, of
+    which there is no truth."""
+    return size(name, up) if read(Placed, up["place"]).by_case is None else placed_scale(name, up["place"])
 
 
 def true_size(name: str, validate: Artefact) -> float:

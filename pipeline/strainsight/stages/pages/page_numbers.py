@@ -24,6 +24,7 @@ from strainsight.report.placement.data import (
     Consistency,
     Criteria,
     GaugeSignal,
+    LoadCase,
     Metric,
     NoiseRow,
     OtherFilter,
@@ -34,13 +35,13 @@ from strainsight.report.placement.data import (
     Unknown,
 )
 from strainsight.stages.pages.claims import benefit_on, claims_of
-from strainsight.stages.pages.page_layout import listed_gauges, placed_scale, true_size
+from strainsight.stages.pages.page_layout import listed_gauges, placed_scale, placed_size
 from strainsight.workflow.artefact import Artefact
 
 
 def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
     validate, place = up["validate"], up["place"]
-    own, summary = read(Validated, validate), validate.summary
+    own, summary, placed = read(Validated, validate), validate.summary, read(Placed, place)
     truth = own.truth[name]
     return Unknown(
         name=name,
@@ -52,11 +53,33 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         error=float(summary[f"error.{name}"]),
         std=float(summary[f"std.{name}"]),
         smoothed_error=float(summary[f"smoothed.{name}"]),
-        expected_std=read(Placed, place).expected_std[name] / true_size(name, validate),
+        expected_std=placed.expected_std[name] / placed_size(name, up),
+        worst_case=worst_case_of(name, placed),
         zero=bool(summary.get(f"zero.{name}", False)),
         smoothed_std=float(summary[f"smoothed_std.{name}"]),
         claims=claims_of(name, summary, repeated(name, validate)),
         benefit=benefit_on(name, summary, own.all.error[name]),
+    )
+
+
+def worst_case_of(name: str, placed: Placed) -> str:
+    """The load case in which an unknown is known least, empty where there are none."""
+    return "" if placed.by_case is None else placed.by_case.worst[name]
+
+
+def load_cases_of(placed: Placed) -> tuple[LoadCase, ...]:
+    """The load cases that a layout is placed for."""
+    own = placed.by_case
+    if own is None:
+        return ()
+    return tuple(
+        LoadCase(
+            name,
+            float(own.weight[i]),
+            float(own.metric[i]),
+            {unknown: float(std[i]) if own.acts[unknown][i] else np.nan for unknown, std in own.std.items()},
+        )
+        for i, name in enumerate(own.name)
     )
 
 

@@ -20,7 +20,7 @@ from strainsight.report.placement.data import Layout, Unknown
 from strainsight.report.suite.data import PlacementRun, Study, Suite, SuiteRun
 from strainsight.stages.pages.bench_run import estimate_of, motion_of, warnings_in
 from strainsight.stages.pages.page import warnings_of
-from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, size
+from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, placed_size
 from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
 from strainsight.stages.pages.statements import statements_of
 from strainsight.workflow.artefact import Artefact
@@ -81,7 +81,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
         pool=int(place.summary["pool"]) if place else None,
         trend=trend_of(place) if place else None,
         layout=layout,
-        expected_std={n: expected[n] / size(n, up) for n in names if n in expected},
+        expected_std={n: expected[n] / placed_size(n, up) for n in names if n in expected},
         histories=tuple(history_of(name, validate) for name in names) if validate else (),
         repeats=repeats_of(names, validate) if validate else (),
         cases=cases_of(up["observe"]) if "observe" in up else (),

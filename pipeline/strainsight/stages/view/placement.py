@@ -89,7 +89,7 @@ def _modes(name: str, mesh: Mesh, rom: Artefact) -> View:
 def _candidates(name: str, layout: Layout, train: Artefact) -> View:
     training = read(Training, train)
     candidates = training.candidates
-    rms = np.sqrt(np.mean(training.reading**2, axis=0))
+    rms = training.rms
     strains = candidates.quantity == STRAIN
     # Of a gauge with several channels, or several gauges at a place, the strongest: it is drawn last.
     order = np.flatnonzero(strains)[np.argsort(rms[strains], kind="stable")]

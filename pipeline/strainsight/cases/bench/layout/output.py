@@ -14,7 +14,7 @@ from strainsight.workflow.output import Output, Scalar, Table
 
 def output_of(found: BenchPlacement) -> Output:
     """Datasets, tables and files; gauges.csv has σ without each gauge in N or N m, and as peak the strain at the start."""
-    candidates, inputs, symbol = found.on.candidates, found.task.unknowns.names, found.task.metric.criterion.symbol
+    candidates, inputs, symbol = found.on.candidates, found.task.unknowns.names, found.task.criterion.symbol
     record = BenchPlaced(
         **vars(layout_record(found)),
         inputs=inputs,

@@ -169,7 +169,8 @@ def _expectation(strained: Strained, gauges: np.ndarray, inputs: tuple[str, ...]
 
 def _layouts(found: Placed, place: BenchPlace, strained: Strained) -> dict[str, BenchLayout]:
     """The placed layout, and as many gauges drawn from all candidates, those that are bonded already among them."""
-    expected, candidates, metric = found.expected, found.task.candidates, found.task.metric
+    expected, candidates = found.expected, found.task.candidates
+    metric = found.task.metrics[found.task.criterion.name][0]
 
     def layout(gauges: np.ndarray, cost: float, std: np.ndarray, without: np.ndarray) -> BenchLayout:
         where = {key: getattr(candidates, key)[gauges] for key in ("position", "direction", "length")}
