@@ -63,4 +63,5 @@ def test_members_of_a_union_without_names_are_one_problem_of_their_key():
 def test_a_key_is_described_by_the_member_that_the_config_names():
     errors = refused("cantilever-youngs-modulus.yaml", "loads.tip.signal={type: sweep, end_frequency: 4, duration: 1}")
     said = {error.key: error.remedy for error in errors}
-    assert said["loads.tip.signal.amplitude"] == "amplitude: Amplitude [N]."  # a sine's is "Amplitude a [N]."
+    # a sine's is "Amplitude a …"
+    assert said["loads.tip.signal.amplitude"] == "amplitude: Amplitude [N, of a moment N m]."

@@ -49,6 +49,7 @@ UNITS_OF = {
     "unit of the biased channel": ("strain",),
     "unit of the candidate": ("strain", "strain or m"),
     "unit of input <name>": ("N", "N m"),
+    "unit of the loads": ("N", "N m", "N or N m"),
     "unit of parameter <name>": ("m", "Pa"),
     "unit of sensor <name>": ("strain", "m or rad", "m", "m/s", "1"),
 }

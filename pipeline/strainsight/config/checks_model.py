@@ -54,7 +54,9 @@ def _parameter(key: str, parameter: MaterialParameter, run: str) -> Iterator[Pro
 
 def _load(key: str, load: Load) -> Iterator[Problem]:
     yield from exactly_one(key, {"node": load.node, "set": load.set, "deck_load": load.deck_load})
-    if load.direction is None and load.deck_load is None:
+    if load.moment is not None:
+        yield from _moment(key, load)
+    elif load.direction is None and load.deck_load is None:
         yield Problem(f"{key}.direction", "missing", "give a vector such as [0, 0, 1]", at_key=True)
     elif load.direction is not None and load.deck_load is not None:
         yield Problem(f"{key}.direction", "a load of the deck has its own direction", "remove the key", at_key=True)
@@ -73,6 +75,17 @@ def _load(key: str, load: Load) -> Iterator[Problem]:
             f"give {key}.process_noise.frequency [Hz]",
             at_key=True,
         )
+
+
+def _moment(key: str, load: Load) -> Iterator[Problem]:
+    if load.deck_load is not None:
+        yield Problem(f"{key}.moment", "a load of the deck is no moment", "remove the key", at_key=True)
+    elif load.direction is not None:
+        yield Problem(
+            f"{key}.direction", "a moment has an axis and no direction", "remove one of the two keys", at_key=True
+        )
+    if not any(load.moment or ()):
+        yield Problem(f"{key}.moment", "an axis of length zero", "give a vector such as [0, 0, 1]")
 
 
 def _mesh(mesh: MeshFile) -> Iterator[Problem]:

@@ -14,7 +14,7 @@ class Sine(Section):
 
     type: Literal["sine"] = Field(description="Kind of signal.")
     frequency: Positive = Field(description="Frequency f [Hz].")
-    amplitude: Positive = Field(description="Amplitude a [N].")
+    amplitude: Positive = Field(description="Amplitude a [N, of a moment N m].")
     phase: float = Field(0.0, description="Phase φ [rad].")
 
 
@@ -25,7 +25,7 @@ class Sweep(Section):
     start_frequency: NotNegative = Field(description="Frequency at t = 0 [Hz].")
     end_frequency: Positive = Field(description="Frequency at the end of the sweep [Hz].")
     duration: Positive = Field(description="Length of the sweep [s].")
-    amplitude: Positive = Field(description="Amplitude [N].")
+    amplitude: Positive = Field(description="Amplitude [N, of a moment N m].")
 
 
 class MultiSine(Section):
@@ -35,7 +35,9 @@ class MultiSine(Section):
     lowest: Positive = Field(description="Lowest frequency [Hz].")
     highest: Positive = Field(description="Highest frequency [Hz].")
     count: int = Field(ge=1, description="Number of sines [-].")
-    amplitude: Positive = Field(description="Amplitude [N] of the one sine that has the power of all of them together.")
+    amplitude: Positive = Field(
+        description="Amplitude [N, of a moment N m] of the one sine that has the power of all of them together."
+    )
     seed: Seed = Field(0, description="Seed of the phases [-].")
 
 
@@ -80,14 +82,16 @@ class InputNoise(Section):
         description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of its signal.",
     )
     amplitude: Positive | None = Field(
-        None, description="Typical amplitude of the load [N]; initial_std is relative to it; null: that of its signal."
+        None,
+        description="Typical amplitude of the load [N, of a moment N m]; initial_std is relative to it; null: that of its "
+        "signal.",
     )
     smoothness: Literal["1/2", "3/2", "5/2"] = Field("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
     damping: Positive = Field(0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency.")
 
 
 class Load(Section):
-    """A force at a node or spread over a set."""
+    """A force at a node or spread over a set, or a moment."""
 
     node: int | None = Field(
         None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
@@ -99,8 +103,18 @@ class Load(Section):
     )
     direction: Vector | None = Field(
         None,
-        description="Direction in global coordinates [-]; its length does not matter. Left out only with deck_load.",
+        description="Direction in global coordinates [-]; its length does not matter. Left out only with deck_load or moment.",
+    )
+    moment: Vector | None = Field(
+        None,
+        description="Axis of a moment [-] instead of a direction: the load is in N m then. It acts on the rotations of an "
+        "RBE2/RBE3 reference node, else as a couple of forces on the nodes of the set, or on those around the node.",
     )
     known: bool = Field(description="true: measured by other means; false: to be estimated.")
     signal: LoadSignal = Field(description="What the load looks like in training and validation.")
     process_noise: InputNoise = with_defaults(InputNoise, "How an unknown load is modelled in the filter.")
+
+    @property
+    def unit(self) -> str:
+        """Of its signal and of all that is estimated of it."""
+        return "N" if self.moment is None else "N m"

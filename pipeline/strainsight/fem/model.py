@@ -13,6 +13,7 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
+from strainsight.fem.couple import couple, exerted
 from strainsight.fem.point_masses import point_mass_matrix, turning_masses
 from strainsight.fem.support import require_support
 from strainsight.mesh.kinds import FAMILIES
@@ -37,13 +38,15 @@ class FiniteElementModel:
 @dataclass(frozen=True)
 class PointLoad:
     """A force of unit resultant: in a direction (3,), not all zero, on a node or shared equally by the nodes of a set, or
-    as a load of the deck distributes it (without a direction of its own)."""
+    as a load of the deck distributes it (without a direction of its own). Or a unit moment about an axis (3,), not all zero, on
+    a node or on the nodes of a set as a `couple`."""
 
     name: str
     direction: tuple[float, float, float] | None = None
     node_id: int | None = None
     node_set: str | None = None
     deck_load: str | None = None
+    moment: tuple[float, float, float] | None = None
 
 
 def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True) -> FiniteElementModel:
@@ -86,13 +89,16 @@ def congruence(X: sparse.csr_array, T: sparse.csr_array) -> sparse.csr_array:
 
 def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.ndarray:
     """S = Tᵀe (n_free, n_u) [-]: e puts a unit force on the node, or 1/k of it on each of the k nodes of a set; a load f of the
-    deck is e = f / |Σ f|.
+    deck is e = f / |Σ f|; of a moment e is the `couple` of 1 N m.
 
-    Raises the errors of `nodal_forces`, and UserError for a node that is clamped in the direction.
+    Raises the errors of `nodal_forces` and `moment_forces`, and UserError for a node that is clamped in the direction.
     """
     mesh, T = model.mesh, model.constraint.transform
     e = np.zeros((T.shape[0], len(loads)))
     for column, load in enumerate(loads):
+        if load.moment is not None:
+            e[:, column] = moment_forces(model, load, np.asarray(load.moment) / np.linalg.norm(load.moment))
+            continue
         own = nodal_forces(mesh, load)
         if load.deck_load is not None:
             _check_acts(mesh, T, load, own)
@@ -100,6 +106,30 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
             _check_all_act(mesh, T, load, own)
         np.add.at(e[: 3 * len(mesh.position), column].reshape(-1, 3), own.nodes, own.force)
     return T.T @ e
+
+
+def moment_shape(model: FiniteElementModel, load: PointLoad) -> np.ndarray:
+    """S = Tᵀe (n_free,) [1/m] of the couple of 1 N m of a load with a moment. Raises the errors of `moment_forces`."""
+    return np.asarray(input_shape(model, (load,))[:, 0])
+
+
+def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray) -> np.ndarray:
+    """Forces and moments on the rows of z (3n + 3r,) that exert a moment (3,) [N m] where a load with a moment acts.
+
+    Raises UserError for a node or set that is not there, and where the nodes cannot exert it: they lie on a line or at a point,
+    or cannot move.
+    """
+    mesh, constraint = model.mesh, model.constraint
+    nodes = np.array(_loaded_nodes(mesh, load), dtype=np.int64)
+    e = couple(mesh, constraint, nodes, np.ones(len(nodes)), moment)
+    missed = np.linalg.norm(exerted(mesh, constraint, e) - moment) / np.linalg.norm(moment)
+    if missed > 1e-6 or not np.any(constraint.transform.T @ e):
+        where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
+        raise UserError(
+            f"load {load.name}: {where} cannot exert its moment, {100 * missed:.3g} % of it is missed",
+            remedy="take the reference node of an RBE2 or RBE3, or a set of nodes that move and do not lie on a line",
+        )
+    return e
 
 
 def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:

@@ -218,7 +218,7 @@ class Estimated(Histories):
     bias: Offsets | None = group("/bias", default=None)
     resultant: dict[str, Resultant] = group("/resultant/<name>")
     virtual: VirtualStrain | None = group("/virtual", default=None)
-    known: dict[str, np.ndarray] = dataset("/known/<name>", "N", "/time", "known load <name> as measured")
+    known: dict[str, np.ndarray] = dataset("/known/<name>", "unit of <name>", "/time", "known load <name> as measured")
     moment: Moment | None = group("/moment", default=None)
     source: Source = group("/source")
     damage: Damaged | None = group("/damage", default=None)

@@ -15,7 +15,7 @@ class CaseMotion:
     """The training run of a load case."""
 
     time: np.ndarray = dataset("/time", "s", "instant", "time of the training run of the load case")
-    load: np.ndarray = dataset("/input", "N", "instant × input", "its loads")
+    load: np.ndarray = dataset("/input", "unit of the loads", "instant × input", "its loads")
     coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "instant × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "instant × coordinate", "reduced velocities")
     rms: np.ndarray = dataset("/rms", "unit of the channel", "channel", "RMS reading of every channel")
@@ -47,7 +47,7 @@ class Training:
         "/glued/distance", "m", "bonded gauge", "how far every bonded gauge was moved to the surface", default=None
     )
     time: np.ndarray = dataset("/time", "s", "/time", "time of the training run")
-    load: np.ndarray = dataset("/input", "N", "/time × input", "training load")
+    load: np.ndarray = dataset("/input", "unit of the loads", "/time × input", "training load")
     coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
     reading: np.ndarray = dataset("/strain", "unit of the channel", "/time × channel", "reading of every channel")

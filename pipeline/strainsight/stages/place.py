@@ -26,6 +26,7 @@ PLACE = Stage(
         "loads.*.node",
         "loads.*.set",
         "loads.*.deck_load",
+        "loads.*.moment",
         "loads.*.signal",
         "loads.*.process_noise",
         "parameters.*.process_noise_scale",

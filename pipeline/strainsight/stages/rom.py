@@ -56,6 +56,7 @@ ROM = Stage(
         "loads.*.set",
         "loads.*.deck_load",
         "loads.*.direction",
+        "loads.*.moment",
         "damping",
         "rom",
         *READS,

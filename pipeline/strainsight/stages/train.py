@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.cases.structure.candidates import OnSurface
 from strainsight.cases.structure.channels import training_units
+from strainsight.cases.structure.settings import load_units
 from strainsight.cases.structure.training import trained
 from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.candidates import Candidates
@@ -27,7 +28,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     steps = len(training.time) - 1
     return Output(
-        datasets=written(training, training_units(pool.quantity)),
+        datasets=written(training, training_units(pool.quantity) | {"the loads": load_units(context.config.loads)}),
         summary={
             "candidates": pool.gauges,
             "left_out": surface.left_out if surface else 0,
@@ -87,6 +88,7 @@ TRAIN = Stage(
     version=9,
     reads=(
         "loads.*.signal",
+        "loads.*.moment",
         "train",
         "place.load_cases",
         "gauges.surface",

@@ -39,6 +39,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
     numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own}
     doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER}
+    units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
     grid, attributes = gauge_grid(training.candidates.position, field)
     return Output(
@@ -52,7 +53,7 @@ def run(context: Context[PlacementConfig]) -> Output:
             *([] if own.compared is None else [comparison_table(own.compared, found.units)]),
             *([] if own.sweep is None else [sweep_table(own.sweep)]),
         ),
-        files={"measured.csv": measured_csv(found.trial, labels, own.gauge.measured)},
+        files={"measured.csv": measured_csv(found.trial, labels, own.gauge.measured, units)},
     )
 
 

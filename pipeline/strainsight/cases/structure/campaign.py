@@ -94,10 +94,10 @@ def campaign_of(
     using.progress("reading", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
     named = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
-    tests = []
+    tests, units = [], {name: load.unit for name, load in config.loads.items()}
     for own in records:
         with in_record(own.name if len(records) > 1 else ""):
-            tests.append(measured_of(own, using.files[own.file], problem, named))
+            tests.append(measured_of(own, using.files[own.file], problem, named, units))
     channels = tests[0].channels
     hidden = undetectable(problem, channels, config.place.instants, config.seed, settings.allow_unobservable)
     skin, bare = skin_in_test(config, settings, mesh, reduced.basis, using.files)

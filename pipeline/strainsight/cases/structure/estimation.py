@@ -94,6 +94,7 @@ def estimation_of_record(
 ) -> Estimation:
     """Of one record, σ as claimed; without: every gauge by the others; damage: of a test that is this record."""
     settings, problem, test, withheld = record.settings, given.problem, given.test, common.withheld
+    load_units = {name: load.unit for name, load in config.loads.items()}
     budget, not_so = ({}, ()) if withheld else budget_in(given, found)
     if withheld:
         found = found.without_sigma()
@@ -108,7 +109,7 @@ def estimation_of_record(
     if settings.damage is not None:
         notes += damage_notes(settings.damage, withheld)
     kinds = problem.channels.quantity[test.channels]
-    units = unknown_units(config) | {"the channel": units_in_words(kinds)}
+    units = load_units | unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(
         problem.unknowns,
         replace(

@@ -57,10 +57,12 @@ class Measured:
         )
 
 
-def measured_of(own: RecordSettings, path: Path, problem: Problem, gauges: Mapping[str, int]) -> Measured:
+def measured_of(
+    own: RecordSettings, path: Path, problem: Problem, gauges: Mapping[str, int], units: Mapping[str, str]
+) -> Measured:
     """Read and calibrate the channels that `estimate` of a config names for a record.
 
-    gauges: number of every gauge by its name (`bonded_gauges`).
+    gauges: number of every gauge by its name (`bonded_gauges`); units of the loads.
 
     Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
     a gap, and UserError for what the file contradicts.
@@ -78,12 +80,13 @@ def measured_of(own: RecordSettings, path: Path, problem: Problem, gauges: Mappi
             raise ConfigError(
                 f"the known load '{name}' has no channel",
                 key=own.inputs,
-                remedy=f"give inputs: {{{name}: {{channel: …, unit: N}}}}, or set loads.{name}.known: false and estimate it",
+                remedy=f"give inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false and "
+                "estimate it",
             )
     wanted: dict[str, Channel] = {f"{own.channels}.{i}": entry for i, entry in enumerate(settings.channels)}
     wanted |= {f"{own.inputs}.{name}": settings.inputs[name] for name in problem.known}
     signals = signals_of(settings, own.file.removesuffix(".file"), path, wanted)
-    _check_quantities(wanted, signals, problem, channels)
+    _check_quantities(wanted, signals, problem, channels, units)
     dt = float(signals.time[1] - signals.time[0])
     every = 1 if settings.time_step is None else round(dt / settings.time_step)
     if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
@@ -151,8 +154,11 @@ def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[st
     return int(own[entry.grid - 1])
 
 
-def _check_quantities(wanted: Mapping[str, Channel], signals: Signals, problem: Problem, channels: np.ndarray) -> None:
-    expected = [QUANTITY[int(problem.channels.quantity[c])] for c in channels] + ["force"] * len(problem.known)
+def _check_quantities(
+    wanted: Mapping[str, Channel], signals: Signals, problem: Problem, channels: np.ndarray, units: Mapping[str, str]
+) -> None:
+    expected = [QUANTITY[int(problem.channels.quantity[c])] for c in channels]
+    expected += ["moment" if units[name] == "N m" else "force" for name in problem.known]
     for (key, entry), found, should in zip(wanted.items(), signals.quantities, expected, strict=True):
         if found != should:
             raise ConfigError(

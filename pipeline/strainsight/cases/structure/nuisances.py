@@ -124,7 +124,12 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
         ("load_angle", own.load_angle, change[..., :2]),
         ("load_position", own.load_position, change[..., 2:]),
     ):
-        rigid = [name for i, name in enumerate(reduced.model.inputs) if std > 0 and not of[:, i].any()]
+        # a moment is the same wherever it acts
+        rigid = [
+            name
+            for i, name in enumerate(reduced.model.inputs)
+            if std > 0 and not of[:, i].any() and (key == "load_angle" or config.loads[name].moment is None)
+        ]
         if rigid:
             found.append(
                 f"σ holds no such error as tolerances.{key} states of {', '.join(rigid)}: no motion of the model follows it"

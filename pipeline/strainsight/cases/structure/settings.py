@@ -98,9 +98,14 @@ def unknown_units(config: PlacementConfig) -> dict[str, str]:
     """The unit of every unknown, by its name."""
     parameters = config.parameters
     return {
-        name: "N" if name in config.loads else PARAMETER_UNITS[parameters[name].property]
+        name: config.loads[name].unit if name in config.loads else PARAMETER_UNITS[parameters[name].property]
         for name in config.place.estimate
     }
+
+
+def load_units(loads: Mapping[str, Load]) -> str:
+    """The unit of an array over these loads: N, N m, or both."""
+    return " or ".join(sorted({load.unit for load in loads.values()}))
 
 
 def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.ndarray:
@@ -115,7 +120,8 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.nda
 def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:
     """The loads of the config, in its order."""
     return {
-        name: PointLoad(name, entry.direction, entry.node, entry.set, entry.deck_load) for name, entry in config.items()
+        name: PointLoad(name, entry.direction, entry.node, entry.set, entry.deck_load, entry.moment)
+        for name, entry in config.items()
     }
 
 

@@ -126,12 +126,13 @@ def loose_nodes(mesh: Mesh) -> np.ndarray:
 
 
 def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Where a load is drawn and along what: a load of the deck at the mean of its nodes, weighted by their forces."""
+    """Where a load is drawn and along what, a moment along its axis: one of the deck at the mean of its nodes, weighted by their
+    forces."""
     if entry.deck_load is not None:
         forces = mesh.loads[entry.deck_load]
         size = np.linalg.norm(forces.force, axis=1)
         return size @ mesh.position[forces.nodes] / size.sum(), forces.force.sum(axis=0)
-    direction = np.array(entry.direction, float)
+    direction = np.array(entry.direction if entry.moment is None else entry.moment, float)
     if entry.node is not None:
         return mesh.position[mesh.node_index(int(entry.node))], direction
     members = mesh.node_sets[entry.set]

@@ -119,7 +119,7 @@ def _findings_of(
             History(there.place, "N", own.time, None, there.magnitude, there.std) for there in own.resultant.values()
         ),
         known=tuple(
-            History(name, "N", own.time, None, values, np.full(len(values), np.nan))
+            History(name, unit_of(own, "known", name), own.time, None, values, np.full(len(values), np.nan))
             for name, values in own.known.items()
         ),
         load_spectra=tuple(found for name in loads if (found := _load(name, units[name], own)) is not None),
