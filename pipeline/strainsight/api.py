@@ -169,7 +169,7 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
 def expect(
     case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges
 ) -> Expectation:
-    """What a filter on any gauges is expected to claim along the training run.
+    """What a filter on any gauges is expected to claim along the training run, under the loads as stated.
 
     `.std` σ of every unknown relative to its scale, `.without` the same without each gauge in turn, `.budget` the shares of the
     variance by source.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from strainsight.config.loads import Load, MultiSine, Recorded
+from strainsight.config.loads import Load, Recorded, signal_problems
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.config.problem import Problem, exactly_one
@@ -62,12 +62,7 @@ def _load(key: str, load: Load) -> Iterator[Problem]:
         yield Problem(f"{key}.direction", "a load of the deck has its own direction", "remove the key", at_key=True)
     elif load.direction is not None and not any(load.direction):
         yield Problem(f"{key}.direction", "a direction of length zero", "give a vector such as [0, 0, 1]")
-    if isinstance(load.signal, MultiSine) and load.signal.lowest > load.signal.highest:
-        yield Problem(
-            f"{key}.signal.lowest",
-            f"{load.signal.lowest:g} Hz is above the highest, {load.signal.highest:g} Hz",
-            "swap them",
-        )
+    yield from signal_problems(f"{key}.signal", load.signal)
     if not load.known and isinstance(load.signal, Recorded) and load.process_noise.frequency is None:
         yield Problem(
             f"{key}.process_noise",

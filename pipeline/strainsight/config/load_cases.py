@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag
 
 from strainsight.config.base import Name, Positive, Section
-from strainsight.config.loads import Load, LoadSignal, Settle
+from strainsight.config.loads import Load, LoadSignal, Recorded, Settle, signal_problems
 from strainsight.config.problem import Problem, known
 
 
@@ -66,8 +66,10 @@ def load_case_problems(
     """Contradictions between load cases and loads; estimate: the unknowns, over: those that the criterion covers."""
     for name, case in cases.items():
         key, silent = f"place.load_cases.{name}", silent_in(case)
-        for load in case.loads:
+        for load, entry in case.loads.items():
             yield from known(f"{key}.loads.{load}", load, loads, "load")
+            if load in loads and isinstance(entry, CaseLoad):
+                yield from _entry(f"{key}.loads.{load}", entry, loads[load])
         if silent >= set(loads):
             yield Problem(f"{key}.loads", "no load acts in this case", "let one act, or remove the case")
         elif silent >= set(over):
@@ -84,3 +86,15 @@ def load_case_problems(
                 f"the unknown load '{unknown}' is silent in every case",
                 f"let {unknown} act in one of them",
             )
+
+
+def _entry(key: str, entry: CaseLoad, load: Load) -> Iterator[Problem]:
+    yield from signal_problems(f"{key}.signal", entry.signal)
+    stated = entry.frequency if entry.frequency is not None else load.process_noise.frequency
+    if not load.known and isinstance(entry.signal, Recorded) and stated is None:
+        yield Problem(
+            f"{key}.frequency",
+            "an unknown load from a recorded signal needs a typical frequency",
+            f"give {key}.frequency [Hz]",
+            at_key=True,
+        )

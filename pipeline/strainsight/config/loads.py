@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from strainsight.config.base import NotNegative, Positive, Section, Seed, Text, Vector, with_defaults
+from strainsight.config.problem import Problem
 
 
 class Sine(Section):
@@ -118,3 +120,9 @@ class Load(Section):
     def unit(self) -> str:
         """Of its signal and of all that is estimated of it."""
         return "N" if self.moment is None else "N m"
+
+
+def signal_problems(key: str, signal: LoadSignal) -> Iterator[Problem]:
+    """Contradictions within a signal."""
+    if isinstance(signal, MultiSine) and signal.lowest > signal.highest:
+        yield Problem(f"{key}.lowest", f"{signal.lowest:g} Hz is above the highest, {signal.highest:g} Hz", "swap them")

@@ -12,7 +12,7 @@ from strainsight.cases.structure.start import Loading, loading_of
 from strainsight.config.load_cases import CaseLoad, TrainingCase, silent_in
 from strainsight.config.loads import Settle
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import blame
+from strainsight.errors import ConfigError, blame
 from strainsight.signals.histories import Constant, Signal
 
 
@@ -95,5 +95,11 @@ def typical_of(
         if isinstance(entry, CaseLoad):
             frequency = frequency if entry.frequency is None else entry.frequency
             amplitude = amplitude if entry.amplitude is None else entry.amplitude
+        if run.name and amplitude == 0:
+            raise ConfigError(
+                f"load '{name}' is zero throughout this case",
+                key=f"{run.key}.loads.{name}",
+                remedy=f"state {name}: none",
+            )
         found[name] = frequency, amplitude
     return found
