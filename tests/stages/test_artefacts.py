@@ -32,13 +32,13 @@ BELOW_KIND = {
     "<case>": r"[\w+]+",
 }
 ONLY_SOMETIMES = (
-    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/glued/|/sweep/|/elimination/metric"
+    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/|/elimination/metric"
     r"|/selected/greedy/load|/clearance/|/load_cases/"
 )
 """Where a density is a parameter; where stiffness and mass, or strain rows, come from files (test_ready.py); where gauges
-are bonded already (test_sensors.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
-(tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where load cases are
-placed for (test_load_cases.py)."""
+are bonded already (test_sensors.py) or bridges (test_bridges.py); where sweeps are asked for (test_estimate.py); by another
+criterion than the trace (tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where
+load cases are placed for (test_load_cases.py)."""
 
 
 UNITS_OF = {

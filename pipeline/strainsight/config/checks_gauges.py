@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from strainsight.config.gauges import AxisDirection, Gauges
+from strainsight.config.gauges import AxisDirection, BondedBridge, Gauges
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, zone_problems
@@ -39,7 +39,7 @@ def channels_of_a_gauge(config: PlacementConfig) -> int:
     """The most signals that one gauge can give: a rosette, a triaxial accelerometer."""
     direction = config.gauges.direction
     counts = [len(sensors.axes) for sensors in config.motion_sensors.values()]
-    counts += [len(bonded.angles) for bonded in config.gauges.fixed]
+    counts += [len(bonded.angles) for bonded in config.gauges.fixed if not isinstance(bonded, BondedBridge)]
     counts += [LARGEST_ROSETTE] * (config.gauges.fixed_file is not None)  # nobody has read it yet
     return max([len(direction.angles) if direction is not None and config.gauges.rosette else 1, *counts])
 
@@ -87,9 +87,38 @@ def _directions(gauges: Gauges) -> Iterator[Problem]:
     if direction is not None and len(direction.angles) > LARGEST_ROSETTE and gauges.rosette:
         yield Problem("gauges.direction.angles", f"a rosette of {len(direction.angles)} grids", "give at most three")
     for i, bonded in enumerate(gauges.fixed):
+        if isinstance(bonded, BondedBridge):
+            yield from _bridge(f"gauges.fixed.{i}.arms", bonded)
+            continue
         if not any(bonded.direction):
             yield Problem(f"gauges.fixed.{i}.direction", NO_LENGTH, FOR_EXAMPLE)
         yield from _angles(f"gauges.fixed.{i}.angles", bonded.angles)
+
+
+def _bridge(key: str, bridge: BondedBridge) -> Iterator[Problem]:
+    if problem := bridge_problem([arm.sign for arm in bridge.arms]):
+        yield Problem(key, f"a bridge of {problem[0]}", problem[1])
+    for k, arm in enumerate(bridge.arms):
+        if not any(arm.direction):
+            yield Problem(f"{key}.{k}.direction", NO_LENGTH, FOR_EXAMPLE)
+
+
+def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
+    """What arms with these signs have that a Wheatstone bridge has not, and the remedy; None: they are one."""
+    count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
+    if len(signs) < 2:
+        return count, "give two to four arms; one alone is a gauge: position, direction"
+    if not {*signs} <= {1, -1}:
+        return f"an arm of sign {next(s for s in signs if s not in (1, -1)):g}", "give 1 or -1"
+    for sign in (1, -1):
+        if (alike := list(signs).count(sign)) > 2:
+            return (
+                f"{alike} arms of sign {sign}",
+                "give at most two of either sign: arms 1 and 3 raise the output, 2 and 4 lower it",
+            )
+    if 1 not in signs:
+        return f"{count}, none of sign 1", "turn all signs, and state sign: -1 of the channel in estimate"
+    return None
 
 
 def _unit(axis: Sequence[float]) -> tuple[float, ...]:

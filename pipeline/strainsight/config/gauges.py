@@ -84,6 +84,29 @@ class NamedGauge(BondedGauge):
     name: Name | None = Field(None, description="What it is called wherever it is named; null: the next free number.")
 
 
+class BridgeArm(Section):
+    """One arm of a bridge: a gauge that is bonded."""
+
+    position: Vector = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
+    direction: Vector = Field(description="Measuring direction [-]; it is laid on the surface there.")
+    sign: Literal[1, -1] = Field(
+        1, description="Of its strain in the reading: 1 for arms 1 and 3 of the bridge, -1 for 2 and 4."
+    )
+    length: NotNegative | None = Field(None, description="Length of its grid [m]; null: gauges.grid_length.")
+
+
+class BondedBridge(Section):
+    """A Wheatstone bridge that is already bonded: one reading, the signed sum of the strains of its arms."""
+
+    arms: tuple[BridgeArm, ...] = Field(description="Two to four arms, at most two of either sign.")
+    name: Name | None = Field(None, description="What it is called wherever it is named; null: the next free number.")
+
+
+NamedGaugeOrBridge = Annotated[
+    Annotated[NamedGauge, Tag("position")] | Annotated[BondedBridge, Tag("arms")], key_of("position", "arms")
+]
+
+
 class SensorSites(Section):
     """Where sensors may go, and what one costs."""
 
@@ -94,9 +117,8 @@ class SensorSites(Section):
 
 
 class GaugeSites(SensorSites):
-    """Where strain gauges may go, and which are there already."""
+    """Where strain gauges may go, and how near those that are there already are to the surface."""
 
-    fixed: tuple[BondedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
     snap_tolerance: Positive = Field(
         0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
     )
@@ -105,7 +127,10 @@ class GaugeSites(SensorSites):
 class Gauges(GaugeSites):
     """Where strain gauges may go, along what, and how noisy they are."""
 
-    fixed: tuple[NamedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
+    fixed: tuple[NamedGaugeOrBridge, ...] = Field(
+        (),
+        description="Gauges and bridges ({arms: […]}) that are already bonded; they count in place.keep, a bridge as one.",
+    )
     fixed_file: Text | None = Field(
         None,
         description="CSV file of more of them, with their names: a gauges.csv that `place` has written, or one like it with "

@@ -84,7 +84,8 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
             )
         case "one_key":
             given, known = first["input"], keys_at(model, path, data)
-            meant = did_you_mean(str(*given), known) if isinstance(given, dict) and len(given) == 1 else ""
+            alone = isinstance(given, dict) and len(given) == 1 and not {*given} <= {*known}
+            meant = did_you_mean(str(*given), known) if alone else ""
             return Problem(key, first["msg"], meant or _description(model, path, data))
     problem = _wrong_value(key, entries)
     return problem if problem.remedy else replace(problem, remedy=_description(model, path, data))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
+from strainsight.gauges.arms import Arms
 from strainsight.gauges.candidates import STEEPEST, Candidates
 from strainsight.gauges.locate import locate
 from strainsight.gauges.points import normals_at
@@ -26,7 +27,8 @@ ALIKE = 1e-6
 class BondedEntry:
     """One gauge: position (3,) [m], direction (3,) of any length, length of its grid [m], angles of its grids [deg] from
     the direction, right-handed about the outward normal (several: a rosette); name, empty: none; key of the config that states
-    it, empty: its number below that of all."""
+    it, empty: its number below that of all; arms: of a bridge those behind the first, each of one grid, with the sign 1 or −1 of
+    their strain; that of the first is 1."""
 
     position: Sequence[float]
     direction: Sequence[float]
@@ -34,6 +36,7 @@ class BondedEntry:
     angles: Sequence[float] = (0.0,)
     name: str = ""
     key: str = ""
+    arms: Sequence[tuple[BondedEntry, int]] = ()
 
 
 def bonded(
@@ -43,15 +46,33 @@ def bonded(
     tolerance: float,
     key: str = "gauges.fixed",
 ) -> tuple[Candidates, np.ndarray]:
-    """The gauges at the nearest points of the surface, and how far (entries,) [m] that is from their positions:
+    """The gauges at the nearest points of the surface, and how far (entries,) [m] that is from their positions, of a bridge the
+    most of its arms:
 
         d ∥ a − (a·n) n,     turned by each angle about n
 
     facets of the whole surface; tolerance [m]; key: what to blame, the number of the entry is added to it.
     Raises UserError, with the name of the entry or its number from 1, for one that is farther from the surface than the
     tolerance, whose direction has no length or is within 10° of the normal, whose grid runs over a sharp edge, or that is in the
-    place and direction of another.
+    place and direction of another. So for each arm of a bridge, but that only arms of one bridge and opposite signs may not be in
+    one place and direction.
     """
+    arms = [(i, arm, sign) for i, entry in enumerate(entries) for arm, sign in entry.arms]
+    n, owner = len(entries), np.array([i for i, _, _ in arms], dtype=np.int64)
+    grids, distance = _grids(mesh, facets, [*entries, *(arm for _, arm, _ in arms)], tolerance, key)
+    if not arms:
+        return grids, distance
+    pool, sign = grids.take(grids.channels(np.arange(n))), np.array([float(sign) for _, _, sign in arms])
+    grid = grids.take(grids.channels(n + np.arange(len(arms))))
+    moved = distance[:n].copy()
+    np.maximum.at(moved, owner, distance[n:])
+    return replace(pool, arms=Arms(pool.first[owner], sign, grid)), moved
+
+
+def _grids(
+    mesh: Mesh, facets: Facets | Skin, entries: Sequence[BondedEntry], tolerance: float, key: str
+) -> tuple[Candidates, np.ndarray]:
+    """The entries without regard to their arms, each a gauge, and how far (entries,) [m] each is from its position."""
     skin = facets if isinstance(facets, Skin) else skin_of(mesh.position, facets)
     place = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
     if not np.isfinite(place).all():
@@ -137,7 +158,13 @@ def _laid(key: str, entries: Sequence[BondedEntry], i: int, n: np.ndarray) -> np
 
 
 def _check_apart(key: str, entries: Sequence[BondedEntry], point: np.ndarray, d: np.ndarray, near: float) -> None:
+    sign = {id(arm): (id(entry), own) for entry in entries for arm, own in entry.arms}
+    sign |= {id(entry): (id(entry), 1) for entry in entries if entry.arms}
     for i, j in sorted(cKDTree(point).query_pairs(near)):
+        (bridge, first), (other_bridge, second) = (sign.get(id(entries[k]), (0, 0)) for k in (i, j))
+        # Two grids side by side are in one place here: arms that add up, or of different bridges.
+        if bridge != other_bridge or (bridge and first == second):
+            continue
         if abs(d[i] @ d[j]) > np.cos(np.deg2rad(0.1)):
             other = entries[i].name or f"gauge {i + 1}"
             raise _refused(key, entries, j, f"is in the place and direction of {other}", "leave one of them out")

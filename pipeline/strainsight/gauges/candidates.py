@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.gauges.admissible import admissible
+from strainsight.gauges.arms import Arms, concatenated
 from strainsight.gauges.surface import farthest_axis, turned
 from strainsight.gauges.zones import Zone
 from strainsight.mesh.facets import Facets
@@ -42,6 +43,8 @@ class Candidates:
     is averaged, 0 at the point; quantity (m,) STRAIN, ACCELERATION or DISPLACEMENT; gauge (m,) number of the gauge,
     0, 1, 2 … without holes; array (m,) number of the family in the config; bonded (m,) already in place.
     What is left out after angle is a point gauge of strain at the facet's centre, each channel a gauge, of family 0, free.
+    arms: of channels that are bridges, those behind the first; such a channel has the place of its first arm, is a gauge of
+    one channel, and reads the sum of its arms. None: every channel is one grid.
     """
 
     element: np.ndarray
@@ -58,6 +61,7 @@ class Candidates:
     gauge: np.ndarray = field(default_factory=_unset)
     array: np.ndarray = field(default_factory=_unset)
     bonded: np.ndarray = field(default_factory=_unset)
+    arms: Arms | None = None
 
     def __post_init__(self) -> None:
         m = len(self.element)
@@ -93,8 +97,68 @@ class Candidates:
 
     def take(self, index: np.ndarray) -> Candidates:
         """The channels at `index`, in its order; neighbours of one gauge remain one."""
-        taken = {entry.name: getattr(self, entry.name)[index] for entry in fields(self)}
-        return Candidates(**(taken | {"gauge": _consecutive(taken["gauge"])}))
+        taken = {name: getattr(self, name)[index] for name in COLUMNS}
+        arms = self.arms and self.arms.of(np.arange(len(self))[index])
+        return Candidates(**(taken | {"gauge": _consecutive(taken["gauge"])}), arms=arms)
+
+    @property
+    def grids(self) -> Candidates:
+        """Every grid as a channel of its own (g ≥ m): those of the channels, behind them the further arms of bridges, each a
+        gauge."""
+        return self if self.arms is None else concatenate([replace(self, arms=None), self.arms.grid])
+
+    @property
+    def channel_of_grid(self) -> np.ndarray:
+        """The channel (g,) that each of the `grids` is read in."""
+        own = np.arange(len(self))
+        return own if self.arms is None else np.append(own, self.arms.channel)
+
+    @property
+    def sign_of_grid(self) -> np.ndarray:
+        """s (g,) of each of the `grids` in the reading of its channel."""
+        own = np.ones(len(self))
+        return own if self.arms is None else np.append(own, self.arms.sign)
+
+    @property
+    def bridged(self) -> np.ndarray:
+        """Which channels (m,) are bridges."""
+        found = np.zeros(len(self), dtype=bool)
+        if self.arms is not None:
+            found[self.arms.channel] = True
+        return found
+
+    def read(self, rows: np.ndarray) -> np.ndarray:
+        """What the channels read (m, …) where their `grids` read rows (g, …): ε_B = Σₖ sₖ εₖ of a bridge."""
+        return self._onto(rows, self.sign_of_grid)
+
+    def added(self, values: np.ndarray) -> np.ndarray:
+        """The sum (m, …) of values (g, …) over the grids of every channel, whatever their signs."""
+        return self._onto(values, np.ones(len(values)))
+
+    def _onto(self, values: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        if self.arms is None:
+            return values
+        m, factor = len(self), factor.reshape(-1, *(1,) * (values.ndim - 1))
+        found = values[:m].astype(float)
+        np.add.at(found, self.arms.channel, (factor * values)[m:])
+        return found
+
+    def any_grid(self, values: np.ndarray) -> np.ndarray:
+        """For which channels (m,) it is true of some of their `grids` (g,)."""
+        return np.asarray(self.added(values) > 0) if self.arms is not None else values
+
+    def grids_of(self, gauges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of some gauges (k,): which of all `grids`, and which of the gauges of these, in the order of those that
+        `take(channels(gauges))` has."""
+        own = self.channels(gauges)
+        if self.arms is None:
+            return own, np.asarray(gauges)
+        further = self.arms.index_of(own)
+        return np.append(own, len(self) + further), np.append(gauges, self.gauges + further)
+
+
+COLUMNS = tuple(entry.name for entry in fields(Candidates) if entry.name != "arms")
+"""What there is of every channel."""
 
 
 def channels_of_gauges(owner: np.ndarray, gauges: np.ndarray) -> np.ndarray:
@@ -108,10 +172,13 @@ def channels_of_gauges(owner: np.ndarray, gauges: np.ndarray) -> np.ndarray:
 
 def concatenate(parts: Sequence[Candidates]) -> Candidates:
     """All channels of the parts, their gauges numbered on."""
-    columns = {e.name: np.concatenate([getattr(part, e.name) for part in parts]) for e in fields(Candidates)}
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     start = np.cumsum([0, *(part.gauges for part in parts)])
     gauge = np.concatenate([part.gauge + start[i] for i, part in enumerate(parts)])
-    return Candidates(**(columns | {"gauge": gauge}))
+    return Candidates(
+        **(columns | {"gauge": gauge}),
+        arms=concatenated([part.arms for part in parts], [len(part) for part in parts], concatenate),
+    )
 
 
 def centres(kind: np.ndarray) -> np.ndarray:

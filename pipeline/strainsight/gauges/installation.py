@@ -48,10 +48,10 @@ class InstallationStd:
 
 @dataclass(frozen=True)
 class Installation:
-    """How each gauge and channel really is.
+    """How each gauge, grid and channel really is; the arms of a bridge are gauges (`Candidates.grids`, g of them).
 
     place (gauges, 2) [m] along the `installation_axes`; angle (gauges,) [rad] about the normal; tilt (gauges, 2) [rad] about
-    those axes, of motion sensors; gain (m,) relative error of the reading; transverse (m,) K_t; offset (m,) [strain] that is
+    those axes, of motion sensors; gain (g,) relative error of the reading; transverse (g,) K_t; offset (m,) [strain] that is
     always there; drift (m,) [strain] that is there at the end of the record, t/T of it before.
     """
 
@@ -65,39 +65,40 @@ class Installation:
 
     def take(self, candidates: Candidates, gauges: np.ndarray) -> Installation:
         """Of some gauges (k,) of the candidates, in their order."""
-        own = candidates.channels(gauges)
+        own, (grids, each) = candidates.channels(gauges), candidates.grids_of(gauges)
         return Installation(
-            self.place[gauges],
-            self.angle[gauges],
-            self.tilt[gauges],
-            self.gain[own],
-            self.transverse[own],
+            self.place[each],
+            self.angle[each],
+            self.tilt[each],
+            self.gain[grids],
+            self.transverse[grids],
             self.offset[own],
             self.drift[own],
         )
 
 
 def drawn_installation(candidates: Candidates, std: InstallationStd, rng: np.random.Generator) -> Installation:
-    """Normal and independent: place, angle and tilt of every gauge, gain, K_t, offset and drift of every channel, one
-    temperature of the part, and what every gauge reads of a kelvin.
+    """Normal and independent: place, angle and tilt of every gauge, gain and K_t of every grid, offset and drift of every
+    channel, one temperature of the part, and what every gauge reads of a kelvin. The arms of a bridge are gauges.
 
     Gauges that are bonded already keep place and direction. Only channels of strain have K_t, an offset and a drift, only
     motion sensors tilt.
     """
-    common, own = rng.standard_normal((candidates.gauges, 5)), rng.standard_normal((len(candidates), 3))
-    common *= ~candidates.bonded[candidates.first][:, None]
-    straining = candidates.quantity == STRAIN
+    grids, m = candidates.grids, len(candidates)
+    common, own = rng.standard_normal((grids.gauges, 5)), rng.standard_normal((len(grids), 3))
+    common *= ~grids.bonded[grids.first][:, None]
+    straining = grids.quantity == STRAIN
     # drawn after what was there before it
-    drift, warmer = std.drift * rng.standard_normal(len(candidates)), std.temperature * rng.standard_normal()
-    of_kelvin = std.thermal_output + std.thermal_spread * rng.standard_normal(candidates.gauges)
+    drift, warmer = std.drift * rng.standard_normal(m), std.temperature * rng.standard_normal()
+    of_kelvin = std.thermal_output + std.thermal_spread * rng.standard_normal(grids.gauges)
     return Installation(
         place=std.position * common[:, :2],
         angle=std.angle * common[:, 2],
-        tilt=std.angle * common[:, 3:] * ~straining[candidates.first][:, None],
+        tilt=std.angle * common[:, 3:] * ~straining[grids.first][:, None],
         gain=std.gain * own[:, 0],
         transverse=std.transverse * own[:, 1] * straining,
-        offset=std.offset * own[:, 2] * straining,
-        drift=(drift + warmer * of_kelvin[candidates.gauge]) * straining,
+        offset=std.offset * own[:m, 2] * straining[:m],
+        drift=(drift + warmer * candidates.read(of_kelvin[grids.gauge])) * straining[:m],
     )
 
 
@@ -110,16 +111,18 @@ def installation_variance(
 
     first order, k: place, turns, gain and transverse sensitivity; σ² of an offset is added where strain is read, and a third of
     that at the end of what grows from nothing, but for what a temperature adds to all gauges. Gauges that are bonded already
-    have errors of gain, K_t, offset and drift alone. still, moving (r, r): C of the coordinates and of their
-    second rates. Returns (m,) [unit² of the channel].
+    have errors of gain, K_t, offset and drift alone. The variances of the arms of a bridge add up. still, moving
+    (r, r): C of the coordinates and of their second rates. Returns (m,) [unit² of the channel].
     """
-    free, sensing = ~candidates.bonded, candidates.quantity == ACCELERATION
-    at_end = std.drift**2 + std.warmed[1] ** 2
+    grids = candidates.grids
+    free, sensing = ~grids.bonded, grids.quantity == ACCELERATION
+    at_end = std.drift**2 + std.warmed[1] ** 2 * candidates.added(np.ones(len(grids)))
     variance = (std.offset**2 + at_end / 3) * (candidates.quantity == STRAIN)
     for name, sigma in std.by_name.items():
         s = getattr(sensitivity, name)
         square = [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in (still, moving)]
-        variance = variance + sigma**2 * np.where(sensing, square[1], square[0]) * (free if name in COMMON else 1.0)
+        own = sigma**2 * np.where(sensing, square[1], square[0]) * (free if name in COMMON else 1.0)
+        variance = variance + candidates.added(own)
     return variance
 
 
@@ -135,22 +138,26 @@ def installed_rows(
 
         (1 + g)(ε + K_t ε_t)/(1 − ν₀ K_t),   ε and ε_t along and across each grid where and how it really lies
 
+    and of a bridge the sum of that over its arms.
     position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface. Returns rows (m, r) [unit of the channel] and
-    which gauges (gauges,) a sharp edge has kept from going as far as asked. K_t as in `sensitivity_rows`.
+    which gauges (gauges,) a sharp edge has kept from going as far as asked, of bridges with an arm. K_t as in
+    `sensitivity_rows`.
     Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
     """
-    skin, held = surface_of(position, candidates, facets), np.zeros(candidates.gauges, dtype=bool)
+    grids = candidates.grids
+    skin, held = surface_of(position, grids, facets), np.zeros(grids.gauges, dtype=bool)
     if installation.place.any() or installation.angle.any():
-        candidates, held = misplaced(position, candidates, skin, installation.place, np.rad2deg(installation.angle))
-    candidates = _tilted(candidates, installation.tilt)
-    points = points_within(position, candidates, skin)
+        grids, held = misplaced(position, grids, skin, installation.place, np.rad2deg(installation.angle))
+    grids = _tilted(grids, installation.tilt)
+    points = points_within(position, grids, skin)
     z = np.asarray(field).reshape(3 * len(position), -1)
-    rows = np.asarray(matrix_of(position, points, len(candidates)) @ z)
+    rows = np.asarray(matrix_of(position, points, len(grids)) @ z)
     k = installation.transverse[:, None]
     if k.any():
         aside = replace(points, direction=np.cross(normals_of(position, points), points.direction))
-        rows = (rows + k * (matrix_of(position, aside, len(candidates)) @ z)) / (1 - CALIBRATION_POISSON * k)
-    return (1 + installation.gain[:, None]) * rows, held
+        rows = (rows + k * (matrix_of(position, aside, len(grids)) @ z)) / (1 - CALIBRATION_POISSON * k)
+    held_back = candidates.any_grid(held[grids.gauge])[candidates.first]
+    return candidates.read((1 + installation.gain[:, None]) * rows), held_back
 
 
 def _tilted(candidates: Candidates, tilt: np.ndarray) -> Candidates:

@@ -28,7 +28,8 @@ def misplaced(
     rotation (gauges,) [deg], right-handed about the normal. All channels of a gauge move as one, and their directions are
     carried along without turning about the normal. A point gauge stops at a sharp edge; one with a grid, or several, is moved
     and turned by the largest share of what was asked for that leaves its grids on the surface.
-    position (n, 3) [m]; facets of the whole surface (None: those that carry candidates).
+    position (n, 3) [m]; candidates: grids of bridges are gauges here (`Candidates.grids`); facets of the whole surface (None:
+    those that carry candidates).
     """
     gauges = candidates.gauges
     offset = np.zeros((gauges, 2)) if offset is None else np.asarray(offset, dtype=float)

@@ -19,7 +19,7 @@ WEIGHT = np.array([0.5, 0.5])
 @dataclass(frozen=True)
 class Points:
     """p points: channel (p,), kind (p,), nodes (p, 8), local (p, 2) ξ, direction (p, 3), quantity (p,), weight (p,), which
-    adds up to 1 over a channel."""
+    adds up to 1 over a grid, of a bridge to the sign of the grid."""
 
     channel: np.ndarray
     kind: np.ndarray
@@ -39,6 +39,7 @@ def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Sk
     if isinstance(facets, Skin):
         return facets
     if facets is None:
+        candidates = candidates.grids
         _, first = np.unique(candidates.element * 8 + candidates.facet, return_index=True)
         facets = Facets(
             candidates.element[first],
@@ -51,7 +52,7 @@ def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Sk
 
 
 def points_of(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None) -> tuple[Points, np.ndarray]:
-    """The points of every channel, and which channels (m,) have a grid that stays on the surface.
+    """The points of every channel of one grid, and which channels (m,) have a grid that stays on the surface.
 
     A channel without a grid has the point of its ξ. A grid is walked from its centre both ways, and every piece of it on one
     facet has the two points of Gauss, so that the jumps of strain from facet to facet are averaged and not sampled.

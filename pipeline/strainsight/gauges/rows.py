@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import sparse
 
@@ -27,19 +29,21 @@ def channel_rows(
     """What every channel reads in every displacement field: `channel_matrix` times the field.
 
     field (3n, r) [m per unit], row 3·node + component; offset (gauges, 2) [m] and rotation (gauges,) [deg] misplace the
-    gauges, see `misplaced`. An accelerometer has the row of a displacement sensor, for accelerations.
+    gauges of the `grids`, see `misplaced`. An accelerometer has the row of a displacement sensor, for accelerations.
     Returns (m, r) [strain or m per unit]. Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
     """
     if offset is not None or rotation is not None:
-        candidates, _ = misplaced(position, candidates, facets, offset, rotation)
+        moved, _ = misplaced(position, candidates.grids, facets, offset, rotation)
+        return candidates.read(channel_rows(position, moved, field, facets=facets))
     return channel_matrix(position, candidates, facets) @ np.asarray(field).reshape(3 * len(position), -1)
 
 
 def fits(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> np.ndarray:
     """Whether the grids of each channel's gauge (m,) lie on the surface without running over a sharp edge (over 30°)."""
-    if not np.any(candidates.length > 0):
+    if not np.any(candidates.grids.length > 0):
         return np.ones(len(candidates), dtype=bool)
-    return stays(surface_of(position, candidates, facets), candidates)[candidates.gauge]
+    grids = candidates.grids
+    return ~candidates.any_grid(~stays(surface_of(position, grids, facets), grids)[grids.gauge])
 
 
 def channel_matrix(
@@ -50,6 +54,7 @@ def channel_matrix(
         strain at a point     ε = dᵀ sym(∇z) d = d·(∂z/∂s),    ∂Nₖ/∂s = d · J(JᵀJ)⁻¹ ∂Nₖ/∂ξ,    J = ∂x/∂ξ
         over a grid of length L     the mean of ε over −L/2 ≤ s ≤ L/2 along d, facet by facet
         motion     d·z = d·Σ Nₖ zₖ
+        a bridge   Σₖ sₖ εₖ over its arms
 
     A gauge's d is tangent to the facet, so the surface gradient is all of ∇z that counts; along a grid it is carried with
     the surface.
@@ -61,18 +66,22 @@ def channel_matrix(
 
 
 def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> Points:
-    """The points that every channel averages over. Raises InfeasibleError as `channel_matrix`."""
-    points, well = points_of(position, candidates, facets)
+    """The points that every channel sums or averages over. Raises InfeasibleError as `channel_matrix`."""
+    grids = candidates.grids
+    points, well = points_of(position, grids, facets)
     if not well.all():
         first = int(np.argmin(well))
         raise InfeasibleError(
             f"the grid of {np.count_nonzero(~well)} of {len(well)} channels runs over a sharp edge "
-            f"(element {candidates.element[first]}, facet {candidates.facet[first]}, "
-            f"grid {candidates.length[first]:.3g} m long)",
+            f"(element {grids.element[first]}, facet {grids.facet[first]}, "
+            f"grid {grids.length[first]:.3g} m long)",
             remedy="a shorter grid, or none near edges: "
-            f"exclude: [{{near_edges: {0.5 * float(candidates.length[first]):.3g}}}]",
+            f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}]",
         )
-    return points
+    if candidates.arms is None:
+        return points
+    weight = points.weight * candidates.sign_of_grid[points.channel]
+    return replace(points, channel=candidates.channel_of_grid[points.channel], weight=weight)
 
 
 def matrix_of(position: np.ndarray, points: Points, channels: int) -> sparse.csr_array:

@@ -38,6 +38,7 @@ def screen(
     bonded: np.ndarray | None = None,
     largest: np.ndarray | None = None,
     limit: np.ndarray | None = None,
+    also_at: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Screening:
     """Bonded gauges, then best first by signal-to-noise, nothing within the spacing of one already kept, until `keep` are found:
 
@@ -46,7 +47,8 @@ def screen(
     Of every channel (m,): rms of the training response and noise_std σ in its unit (σ may be one number for all);
     position (m, 3) [m]; gauge number of its gauge, ascending without holes (None: each channel its own); bonded, whether it is
     already in place: kept whatever it reads; largest, the peak of the training response, and limit, what it can measure at
-    most (inf: anything): a gauge with a channel beyond is dropped.
+    most (inf: anything): a gauge with a channel beyond is dropped. also_at: further places (a, 3) [m], and the gauges (a,) that
+    sit there too, as arms of bridges do.
     keep: the number of gauges wanted, bonded ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
     gauges of one facet have no distance). Of ties the lower number wins.
     Raises InfeasibleError where fewer than `keep` are left or more are bonded, for noise that is not positive and responses
@@ -73,6 +75,10 @@ def screen(
             remedy=f"keep at least {max(1, there)}",
         )
     falling = strongest_first(snr)
+    owner = np.arange(count)
+    if also_at is not None:
+        place, owner = np.concatenate([place, also_at[0]]), np.append(owner, also_at[1])
+    places = [np.flatnonzero(owner == i) for i in range(count)] if also_at is not None else owner[:, None]
     neighbours = cKDTree(place) if minimum_spacing > 0 else None
     kept: list[int] = []
     for index in np.concatenate([falling[fixed[falling]], falling[~fixed[falling]]]):
@@ -81,7 +87,8 @@ def screen(
         if len(kept) == wanted:
             break
         if neighbours is not None:
-            near = np.array(neighbours.query_ball_point(place[index], minimum_spacing * (1 - 1e-9)))
+            found = neighbours.query_ball_point(place[places[index]], minimum_spacing * (1 - 1e-9))
+            near = owner[np.concatenate([np.asarray(own, dtype=np.int64) for own in found])]
             reason[near[reason[near] == WEAK]] = NEAR
         kept.append(index)
     # What the best have crowded out stays so marked; what is weaker than the last one kept was never weighed.

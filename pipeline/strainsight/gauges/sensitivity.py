@@ -25,7 +25,8 @@ BEYOND = 0.75
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives (m, r) of every channel's reading of r displacement fields with respect to how its gauge is installed.
+    """Derivatives (g, r) of every grid's reading of r displacement fields with respect to how its gauge is installed; but for
+    bridges, whose arms are gauges here (`Candidates.grids`), a channel is one grid.
 
     along, across [unit of the channel/m]: position of the gauge along e₁ and e₂ of `installation_axes`
     angle [unit/rad]: turn of the gauge about the outward normal, right-handed
@@ -81,6 +82,7 @@ def sensitivity_rows(
     Sources: Micro-Measurements, Tech Notes TN-509 (transverse sensitivity) and TN-511 (misalignment); Gelb, Applied Optimal
     Estimation (1974), section 6.2 (statistical linearisation).
     """
+    candidates = candidates.grids
     skin = surface_of(position, candidates, facets)
     points = points_within(position, candidates, skin)
     z = np.asarray(field).reshape(3 * len(position), -1)

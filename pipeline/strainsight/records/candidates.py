@@ -2,18 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 from scipy import sparse
 
-from strainsight.gauges.candidates import Candidates
-from strainsight.records.record import dataset, record
+from strainsight.gauges.arms import Arms
+from strainsight.gauges.candidates import COLUMNS, Candidates
+from strainsight.records.record import dataset, group, record
+
+
+@record
+class ArmColumns:
+    """`Arms`, a row an arm of a bridge behind its first."""
+
+    channel: np.ndarray = dataset("/channel", "1", "arm", "channel that the arm is read in")
+    sign: np.ndarray = dataset(
+        "/sign", "1", "arm", "sign of its strain in the reading of the bridge; that of the first is 1"
+    )
+    element: np.ndarray = dataset("/element", "1", "arm", "element id of every arm")
+    facet: np.ndarray = dataset(
+        "/facet", "1", "arm", "facet number within the element, from 1, in the order of this page"
+    )
+    kind: np.ndarray = dataset("/kind", "1", "arm", "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8")
+    nodes: np.ndarray = dataset("/nodes", "1", "arm × 8", "node indices of the facet, −1 where it has fewer")
+    position: np.ndarray = dataset("/position", "m", "arm × 3", "where it sits")
+    normal: np.ndarray = dataset("/normal", "1", "arm × 3", "outward normal")
+    direction: np.ndarray = dataset("/direction", "1", "arm × 3", "measuring direction, in the facet's plane")
+    angle: np.ndarray = dataset("/angle", "deg", "arm", "right-handed about the outward normal")
+    local: np.ndarray = dataset("/local", "1", "arm × 2", "local coordinates on the facet")
+    length: np.ndarray = dataset("/length", "m", "arm", "length of the grid that the strain is averaged over")
+    array: np.ndarray = dataset("/array", "1", "arm", "that of the channel")
+    bonded: np.ndarray = dataset("/glued", "1", "arm", "1 where the bridge is bonded already")
+
+    @classmethod
+    def of(cls, arms: Arms) -> ArmColumns:
+        return cls(channel=arms.channel, sign=arms.sign, **{name: getattr(arms.grid, name) for name in GRID})
+
+    def made(self) -> Arms:
+        return Arms(self.channel, self.sign, Candidates(**{name: getattr(self, name) for name in GRID}))
+
+
+GRID = tuple(name for name in COLUMNS if name not in ("quantity", "gauge"))
+"""What there is of every arm: each is a gauge of strain."""
 
 
 @record
 class CandidateColumns:
-    """`Candidates`, a row a channel."""
+    """`Candidates`, a row a channel; a bridge is one, in the place of its first arm."""
 
     element: np.ndarray = dataset("/element", "1", "channel", "element id of every candidate")
     facet: np.ndarray = dataset(
@@ -39,13 +73,14 @@ class CandidateColumns:
         "/array", "1", "channel", "0 gauges, then the motion_sensors of the config in their order"
     )
     bonded: np.ndarray = dataset("/glued", "1", "channel", "1 where the gauge is bonded already")
+    arms: Arms | None = group("/arms", ArmColumns, default=None)
 
     @classmethod
     def of(cls, pool: Candidates) -> CandidateColumns:
-        return cls(**{column.name: getattr(pool, column.name) for column in fields(Candidates)})
+        return cls(**{name: getattr(pool, name) for name in COLUMNS}, arms=pool.arms)
 
     def made(self) -> Candidates:
-        return Candidates(**{column.name: getattr(self, column.name) for column in fields(Candidates)})
+        return Candidates(**{name: getattr(self, name) for name in COLUMNS}, arms=self.arms)
 
 
 @record

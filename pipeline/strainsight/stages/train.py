@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -65,18 +65,23 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     return ", ".join(said)
 
 
+def _spaced(words: Iterable[str]) -> str:
+    return " ".join(words)
+
+
 def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> Table:
-    """Where the bonded gauges are; they are the first candidates."""
+    """Where the bonded gauges are, of bridges all arms; they are the first candidates."""
     rows = tuple(
         (
             names[i] or f"fixed {i + 1}",
-            str(own.element[c]),
-            str(own.facet[c]),
-            " ".join(f"{x:.4f}" for x in own.position[c]),
-            " ".join(f"{round(d, 3) + 0.0:g}" for d in own.direction[c]),
+            "/".join(str(element) for element in grids.element),
+            "/".join(str(facet) for facet in grids.facet),
+            ", ".join(_spaced(f"{x:.4f}" for x in position) for position in grids.position),
+            ", ".join(_spaced(f"{round(d, 3) + 0.0:g}" for d in direction) for direction in grids.direction),
             f"{1e3 * moved[i]:.3g} mm",
         )
         for i, c in enumerate(own.first[: len(moved)])
+        for grids in (own.take(np.array([c])).grids,)
     )
     return Table(
         "bonded gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows

@@ -13,13 +13,25 @@ from strainsight.workflow.output import Table
 
 
 @dataclass(frozen=True)
+class BridgeArms:
+    """All arms of one bridge, the first of which has its place: grid, a of them, and their signs (a,)."""
+
+    grid: Candidates
+    sign: np.ndarray
+
+    def labels(self, label: str) -> list[str]:
+        """Of each of them, by that of the bridge."""
+        return [f"{label} arm {k + 1}" for k in range(len(self.sign))]
+
+
+@dataclass(frozen=True)
 class GaugeList:
     """The gauges of a layout, k of them in its order.
 
     labels as of `layout_labels`; kind: in words; unit of its readings; element, facet ids, of given gauges their number and
     0; position, normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of
     its grid; bonded (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks:
-    that of each channel; range (k,): what it can measure, NaN where not stated.
+    that of each channel; range (k,): what it can measure, NaN where not stated; arms of each that is a bridge, else None.
     """
 
     labels: tuple[str, ...]
@@ -37,6 +49,7 @@ class GaugeList:
     peak: np.ndarray
     peaks: tuple[np.ndarray, ...]
     range: np.ndarray
+    arms: tuple[BridgeArms | None, ...]
 
 
 def gauge_list(
@@ -57,7 +70,7 @@ def gauge_list(
     stated = np.array([limit[c].min() for c in own])
     return GaugeList(
         labels=layout_labels(names, gauges),
-        kind=tuple(_kind(int(candidates.quantity[c[0]]), len(c)) for c in own),
+        kind=tuple(_kind(int(candidates.quantity[c[0]]), len(c), bool(candidates.bridged[c[0]])) for c in own),
         unit=tuple(UNITS[int(candidates.quantity[c])] for c in first),
         element=candidates.element[first],
         facet=candidates.facet[first],
@@ -71,7 +84,12 @@ def gauge_list(
         peak=np.array([peak[c].max() for c in own]),
         peaks=tuple(peak[c] for c in own),
         range=np.where(np.isfinite(stated), stated, np.nan),
+        arms=tuple(_arms(candidates.take(c)) for c in own),
     )
+
+
+def _arms(own: Candidates) -> BridgeArms | None:
+    return None if own.arms is None else BridgeArms(own.grids, own.sign_of_grid)
 
 
 def channel_labels(listed: GaugeList) -> tuple[str, ...]:
@@ -89,7 +107,9 @@ def channel_labels(listed: GaugeList) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _kind(quantity: int, channels: int) -> str:
+def _kind(quantity: int, channels: int, bridge: bool) -> str:
+    if bridge:
+        return "bridge"
     if quantity == STRAIN:
         return "strain gauge" if channels == 1 else "rosette"
     return "accelerometer" if quantity == ACCELERATION else "displacement sensor"
@@ -98,20 +118,38 @@ def _kind(quantity: int, channels: int) -> str:
 def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: bool) -> Table:
     """Where every gauge goes, and what each unknown would be known to without it."""
     kinds, given = listed.bonded.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
-    rows = tuple(
-        (
-            listed.labels[i],
-            *([listed.kind[i] + ", bonded" * bool(listed.bonded[i])] if kinds else []),
-            *([] if given else [str(listed.element[i]), str(listed.facet[i])]),
-            " ".join(f"{x:.4f}" for x in listed.position[i]),
-            " ".join(f"{round(x, 3) + 0.0:g}" for x in listed.directions[i][0]),
-            " ".join(f"{angle:g}°" for angle in listed.angles[i])
-            if listed.kind[i] in ("strain gauge", "rosette")
-            else "",
-            *(f"{100 * v[i]:.3g} %" if relative else f"{v[i]:.4g}" for v in without.values()),
+
+    def place(position: np.ndarray, direction: np.ndarray) -> tuple[str, str]:
+        return " ".join(f"{x:.4f}" for x in position), " ".join(f"{round(x, 3) + 0.0:g}" for x in direction)
+
+    rows: list[tuple[str, ...]] = []
+    for i in range(len(listed.labels)):
+        rows.append(
+            (
+                listed.labels[i],
+                *([listed.kind[i] + ", bonded" * bool(listed.bonded[i])] if kinds else []),
+                *([] if given else [str(listed.element[i]), str(listed.facet[i])]),
+                *place(listed.position[i], listed.directions[i][0]),
+                " ".join(f"{angle:g}°" for angle in listed.angles[i])
+                if listed.kind[i] in ("strain gauge", "rosette", "bridge")
+                else "",
+                *(f"{100 * v[i]:.3g} %" if relative else f"{v[i]:.4g}" for v in without.values()),
+            )
         )
-        for i in range(len(listed.labels))
-    )
+        if (arms := listed.arms[i]) is None:
+            continue
+        rows += [
+            (
+                "",
+                f"arm {k + 1}, {'+' if arms.sign[k] > 0 else '−'}",
+                str(arms.grid.element[k]),
+                str(arms.grid.facet[k]),
+                *place(arms.grid.position[k], arms.grid.direction[k]),
+                f"{arms.grid.angle[k]:g}°",
+                *[""] * len(without),
+            )
+            for k in range(1, len(arms.sign))
+        ]
     columns = (
         "gauge",
         *(["kind"] if kinds else []),
@@ -121,21 +159,70 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
         "angle",
         *(f"σ({name}) without it" for name in without),
     )
-    return Table("gauges", columns, rows)
+    return Table("gauges", columns, tuple(rows))
 
 
 def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray]) -> bytes:
-    """The layout for whoever bonds it: a line a channel, lengths in m, σ of every unknown without the gauge relative to its
-    scale, the largest training reading in the unit of the channel."""
+    """The layout for whoever bonds it: a line a channel, of a bridge an arm with its sign, lengths in m, σ of every unknown
+    without the gauge relative to its scale, the largest training reading in the unit of the channel."""
+    bridged = any(listed.arms)
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
+    head += ["sign"] * bridged
     lines = [",".join([*head, *(f"std_{name}_without" for name in without)])]
     for i, label in enumerate(listed.labels):
-        for direction, angle, peak in zip(listed.directions[i], listed.angles[i], listed.peaks[i], strict=True):
-            vectors = np.round([*listed.position[i], *listed.normal[i], *direction], 12) + 0.0
-            numbers = [*vectors, angle, listed.length[i], peak]
+        for own in _lines(listed, i):
+            numbers = [
+                *np.round([*own.position, *own.normal, *own.direction], 12) + 0.0,
+                own.angle,
+                own.length,
+                own.peak,
+            ]
             bonded = "yes" if listed.bonded[i] else "no"
-            words = [label, listed.kind[i], listed.family[i], bonded, str(listed.element[i]), str(listed.facet[i])]
+            words = [label, listed.kind[i], listed.family[i], bonded, str(own.element), str(own.facet)]
             missing = [f"{values[i]:.9g}" for values in without.values()]
-            lines.append(",".join([*words, *(f"{x:.9g}" for x in numbers), listed.unit[i], *missing]))
+            tail = [listed.unit[i], *[own.sign] * bridged, *missing]
+            lines.append(",".join([*words, *(f"{x:.9g}" for x in numbers), *tail]))
     return ("\n".join(lines) + "\n").encode()
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A channel, or an arm of a bridge, with its sign in words."""
+
+    element: int
+    facet: int
+    position: np.ndarray
+    normal: np.ndarray
+    direction: np.ndarray
+    angle: float
+    length: float
+    peak: float
+    sign: str = ""
+
+
+def _lines(listed: GaugeList, i: int) -> list[_Line]:
+    arms, peaks = listed.arms[i], listed.peaks[i]
+    if arms is not None:
+        g, peak = arms.grid, peaks[0]
+        columns = zip(g.element, g.facet, g.position, g.normal, g.direction, g.angle, g.length, arms.sign, strict=True)
+        return [_Line(e, f, x, n, d, angle, length, peak, f"{s:g}") for e, f, x, n, d, angle, length, s in columns]
+    element, facet, position, normal = (getattr(listed, c)[i] for c in ("element", "facet", "position", "normal"))
+    each = zip(listed.directions[i], listed.angles[i], peaks, strict=True)
+    return [_Line(element, facet, position, normal, d, angle, listed.length[i], peak) for d, angle, peak in each]
+
+
+def marked_places(listed: GaugeList) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Position, first direction and normal (p, 3) of every gauge, of a bridge those of its arms, and a label for each."""
+    rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    labels: list[str] = []
+    for i, label in enumerate(listed.labels):
+        arms = listed.arms[i]
+        if arms is None:
+            rows.append((listed.position[i], listed.directions[i][0], listed.normal[i]))
+            labels.append(label)
+        else:
+            rows += zip(arms.grid.position, arms.grid.direction, arms.grid.normal, strict=True)
+            labels += arms.labels(label)
+    position, direction, normal = (np.array(column).reshape(-1, 3) for column in zip(*rows, strict=True))
+    return position, direction, normal, tuple(labels)

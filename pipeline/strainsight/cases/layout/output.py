@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.layout.advice import advice_table
 from strainsight.cases.layout.comparison import Comparison, criteria_table
-from strainsight.cases.layout.gauge_list import gauge_csv, gauge_table
+from strainsight.cases.layout.gauge_list import gauge_csv, gauge_table, marked_places
 from strainsight.cases.layout.placement import Placed
 from strainsight.gauges.candidates import STRAIN, UNITS, channels_of_gauges, grouped
 from strainsight.gauges.export import uff_text
@@ -87,7 +87,7 @@ def layout_output(
     if proof and proof.proven:
         parts.append("proven")
     parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
-    directions = np.array([each[0] for each in listed.directions])
+    position, direction, normal, labels = marked_places(listed)
     units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
         datasets=grid | written(record, units, Place("", what=criterion.symbol)),
@@ -102,7 +102,7 @@ def layout_output(
         ),
         files={
             "gauges.csv": gauge_csv(listed, found.expected.without),
-            "gauges.unv": uff_text(listed.position, directions, listed.normal, listed.labels).encode(),
+            "gauges.unv": uff_text(position, direction, normal, labels).encode(),
         },
     )
 

@@ -59,14 +59,14 @@ def layout_limits(
     """
     gauge, which = pool.flat
     first = candidates.first[gauge]
-    position, normal = candidates.position[first], candidates.normal[first]
-    zones = []
+    part = candidates.take(first)
+    places, zones = part.grids, []
     facets = exterior_facets(mesh) if mesh.blocks and place.at_most else None
     for i, limit in enumerate(place.at_most):
         name = f"place.at_most.{i}"
         with blame(f"{name}.zone"):
-            within = inside(zone_of(limit.zone), mesh, facets, position, normal)
-        zones.append((name, pool.summed(within), limit.count))
+            within = inside(zone_of(limit.zone), mesh, facets, places.position, places.normal)
+        zones.append((name, pool.summed(part.any_grid(within)), limit.count))
     return limits_of(
         len(pool.gauges),
         place.keep,
@@ -74,15 +74,19 @@ def layout_limits(
         size=(pool.gauges >= 0).sum(axis=1),
         price=price if place.budget is not None else None,
         budget=place.budget,
-        near=_near(position, which, place.minimum_spacing),
+        near=_near(places.position, part.channel_of_grid, which, place.minimum_spacing),
         zones=zones,
         key=key,
     )
 
 
-def _near(position: np.ndarray, which: np.ndarray, spacing: float) -> np.ndarray | None:
-    """Pairs of pool rows (q, 2) with gauges nearer to each other than the spacing [m]."""
+def _near(position: np.ndarray, owner: np.ndarray, which: np.ndarray, spacing: float) -> np.ndarray | None:
+    """Pairs of pool rows (q, 2) with gauges nearer to each other than the spacing [m].
+
+    position (g, 3) of grids; owner (g,): the gauge of each, whose arms may be as near to one another as they are; which: the
+    pool row of every gauge.
+    """
     if spacing <= 0:
         return None
-    pairs = cKDTree(position).query_pairs(spacing * (1 - 1e-9), output_type="ndarray")
-    return np.unique(np.sort(which[pairs], axis=1), axis=0)
+    pairs = owner[cKDTree(position).query_pairs(spacing * (1 - 1e-9), output_type="ndarray")]
+    return np.unique(np.sort(which[pairs[pairs[:, 0] != pairs[:, 1]]], axis=1), axis=0)

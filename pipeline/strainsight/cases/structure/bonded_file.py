@@ -7,19 +7,31 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.config.checks_gauges import bridge_problem
 from strainsight.decks.matrices.files import csv_columns
 from strainsight.errors import DeckError
 
 AXES = ("x", "y", "z")
 NEEDED = ("gauge", *(f"{vector}_{axis}" for vector in ("position", "direction") for axis in AXES))
 NORMAL = tuple(f"normal_{axis}" for axis in AXES)
-STRAIN_KINDS = ("strain gauge", "rosette")
+STRAIN_KINDS = ("strain gauge", "rosette", "bridge")
+
+
+@dataclass(frozen=True)
+class BondedArm:
+    """One arm of a bridge: position [m] and direction (3,); length [m] of its grid, None where the file has none; sign ±1."""
+
+    position: np.ndarray
+    direction: np.ndarray
+    length: float | None
+    sign: int
 
 
 @dataclass(frozen=True)
 class BondedPlace:
     """One gauge: position (3,) [m]; direction (c, 3) of each of its channels; normal (3,) outward, zero where the file has none;
-    length [m] of its grid, None where the file has none; kind in words; line of the file where it begins."""
+    length [m] of its grid, None where the file has none; kind in words; line of the file where it begins; arms of a bridge, all
+    of them, the first of which is the rest of this."""
 
     position: np.ndarray
     direction: np.ndarray
@@ -27,6 +39,7 @@ class BondedPlace:
     length: float | None
     kind: str
     line: int
+    arms: tuple[BondedArm, ...] = ()
 
     @property
     def angles(self) -> tuple[float, ...]:
@@ -37,11 +50,11 @@ class BondedPlace:
 
 
 def read_bonded(path: Path) -> dict[str, BondedPlace]:
-    """Gauges by name, in the order of the file: a line a channel, those of one gauge one behind the other.
+    """Gauges by name, in the order of the file: a line a channel, of a bridge an arm, those of one gauge one behind the other.
 
-    Columns gauge, position_x … z, direction_x … z in metres; kind, normal_x … z and grid_length where they are there, others are
-    passed over. Raises DeckError for a column that is missing, what is no number, a direction without length, a gauge that is
-    there twice, and a rosette without a normal.
+    Columns gauge, position_x … z, direction_x … z in metres; kind, normal_x … z and grid_length where they are there, and sign,
+    1 or −1, of the arms of a bridge; others are passed over. Raises DeckError for a column that is missing, what is no number, a
+    direction without length, a gauge that is there twice, a rosette without a normal, and arms that are no bridge.
     """
     found: dict[str, list[tuple[int, dict[str, str]]]] = {}
     last = ""
@@ -72,7 +85,11 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
     length = np.linalg.norm(vectors["direction"], axis=1)
     if not length.all():
         raise DeckError(f"gauge {name} has a direction of length zero", where=where, remedy="give direction_x, …")
-    if np.ptp(vectors["position"], axis=0).any():
+    direction = vectors["direction"] / length[:, None]
+    arms = _arms(path, name, lines, vectors["position"], direction)
+    if arms:
+        lines = lines[:1]
+    elif np.ptp(vectors["position"], axis=0).any():
         raise DeckError(f"the grids of {name} are in several places", where=where, remedy="give all the same position")
     there = all(cells.get(column) for column in NORMAL)
     normal = np.array([_number(path, first, cells, column) for column in NORMAL]) if there else np.zeros(3)
@@ -84,12 +101,38 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
         )
     return BondedPlace(
         position=vectors["position"][0],
-        direction=vectors["direction"] / length[:, None],
+        direction=direction[: len(lines)],
         normal=normal,
-        length=_number(path, first, cells, "grid_length") if cells.get("grid_length") else None,
-        kind=cells.get("kind") or STRAIN_KINDS[len(lines) > 1],
+        length=_length(path, first, cells),
+        kind=cells.get("kind") or STRAIN_KINDS[2 if arms else len(lines) > 1],
         line=first,
+        arms=arms,
     )
+
+
+def _arms(
+    path: Path, name: str, lines: list[tuple[int, dict[str, str]]], position: np.ndarray, direction: np.ndarray
+) -> tuple[BondedArm, ...]:
+    """The arms of a bridge, () of what is none: its lines have signs."""
+    cells = [own.get("sign", "") for _, own in lines]
+    where = f"{path}:{lines[0][0]}"
+    if not any(cells):
+        if lines[0][1].get("kind") == STRAIN_KINDS[2]:
+            raise DeckError(
+                f"the arms of the bridge {name} have no sign", where=where, remedy="add the column sign: 1 or -1"
+            )
+        return ()
+    sign = [_number(path, line, own, "sign") for line, own in lines]
+    if problem := bridge_problem(sign):
+        raise DeckError(f"the bridge {name} has {problem[0]}", where=where, remedy=problem[1])
+    return tuple(
+        BondedArm(x, d, _length(path, line, own), int(s))
+        for x, d, s, (line, own) in zip(position, direction, sign, lines, strict=True)
+    )
+
+
+def _length(path: Path, line: int, cells: dict[str, str]) -> float | None:
+    return _number(path, line, cells, "grid_length") if cells.get("grid_length") else None
 
 
 def _number(path: Path, line: int, cells: dict[str, str], column: str) -> float:

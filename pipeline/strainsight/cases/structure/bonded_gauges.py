@@ -83,29 +83,39 @@ def _check_place(
             key=key,
             remedy=did_you_mean(name, places, f"it has {', '.join(places)}"),
         )
-    was, own = places[name], candidates.channels(np.array([number]))
-    allowed, position = tolerances_of(config.tolerances), candidates.position[own[0]]
-    moved = float(np.linalg.norm(position - was.position))
+    was, own = places[name], candidates.take(candidates.channels(np.array([number])))
+    now, direction = own.grids, was.direction
+    if len(now) != (len(was.arms) or len(was.direction)):
+        what = "arms" if own.arms is not None or was.arms else "channels"
+        raise ConfigError(
+            f"{name} had {len(was.arms) or len(was.direction)} {what} where it was bonded, and has {len(now)} now",
+            key=key,
+            remedy=_KEPT,
+        )
+    if was.arms:
+        arms = sorted(was.arms, key=lambda arm: -arm.sign)
+        there, direction = np.array([arm.position for arm in arms]), np.array([arm.direction for arm in arms])
+        if [arm.sign for arm in arms] != own.sign_of_grid.tolist():
+            raise ConfigError(f"the arms of {name} had other signs where it was bonded", key=key, remedy=_KEPT)
+    else:
+        there = np.repeat(was.position[None], len(now), axis=0)
+    allowed, off = tolerances_of(config.tolerances), np.linalg.norm(now.position - there, axis=1)
+    worst = int(np.argmax(off))
+    moved, position = float(off[worst]), now.position[worst]
     if moved > max(allowed.position, ROUNDED * float(np.abs(was.position).max())):
         raise ConfigError(
-            f"{name} sits elsewhere now: it was bonded at {_xyz(was.position)} m, and the layout has it at {_xyz(position)} m, "
+            f"{name} sits elsewhere now: it was bonded at {_xyz(there[worst])} m, and the layout has it at {_xyz(position)} m, "
             f"{1e3 * moved:.3g} mm from there",
             key=key,
             remedy=_KEPT,
         )
-    if len(own) != len(was.direction):
-        raise ConfigError(
-            f"{name} had {len(was.direction)} channels where it was bonded, and has {len(own)} now",
-            key=key,
-            remedy=_KEPT,
-        )
-    along = np.sum(candidates.direction[own] * was.direction, axis=1)
-    if candidates.quantity[own[0]] == STRAIN:
+    along = np.sum(now.direction * direction, axis=1)
+    if own.quantity[0] == STRAIN:
         along = np.abs(along)  # a gauge that is turned by half a turn reads the same
     turned = float(np.rad2deg(np.arccos(np.clip(along.min(), -1.0, 1.0))))
     if turned > max(allowed.angle, float(np.rad2deg(np.sqrt(2 * ROUNDED)))):
         raise ConfigError(
-            f"{name} is turned by {turned:.3g}° from where it was bonded, along {_xyz(was.direction[0])}",
+            f"{name} is turned by {turned:.3g}° from where it was bonded, along {_xyz(direction[int(np.argmin(along))])}",
             key=key,
             remedy=_KEPT,
         )

@@ -34,11 +34,17 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
     own = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
     if stated == "none" or training.given is not None or not len(own):
         return None, blocked
-    facets, points = exterior_facets(mesh), pool.position[first[own]]
+    facets, part = exterior_facets(mesh), pool.take(first[own])
+    points, places = part.position, part.grids.position
     around = obstacles(mesh, facets, loaded_nodes(config, mesh, facets))
+
+    def nearer(distance: float) -> dict[str, np.ndarray]:
+        """Which of them are too near to each obstacle; a bridge with any of its arms."""
+        return {name: part.any_grid(mask) for name, mask in crowded(places, around, distance).items()}
+
     if stated is not None:
         wanted = float(stated)
-        near = crowded(points, around, wanted)
+        near = nearer(wanted)
         blocked[own] = _any(near)
         if blocked[own].all():
             raise InfeasibleError(
@@ -49,7 +55,7 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
         return Clearance(distance=wanted, wanted=wanted, rule=STATED, near=_counts(near)), blocked
     wanted = carrier_clearance(config.gauges.grid_length)
     for step in STEPS:
-        near = crowded(points, around, step * wanted)
+        near = nearer(step * wanted)
         if room_for(points[~_any(near)], config.screen.minimum_spacing, CHOICE):
             blocked[own] = _any(near)
             return Clearance(distance=step * wanted, wanted=wanted, rule=CARRIER, near=_counts(near)), blocked

@@ -54,8 +54,9 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
     found = drawn_installation(pool, installation_std(config), rng)
     fixed = np.random.default_rng(config.seed)
-    heading, way = fixed.uniform(0, 2 * np.pi, pool.gauges), fixed.choice([-1.0, 1.0], pool.gauges)
-    free = ~pool.bonded[pool.first]
+    grids = pool.grids
+    heading, way = fixed.uniform(0, 2 * np.pi, grids.gauges), fixed.choice([-1.0, 1.0], grids.gauges)
+    free = ~grids.bonded[grids.first]
     if stated.gauge_offset is not None:
         ahead = np.column_stack([np.cos(heading), np.sin(heading)])
         found = replace(found, place=stated.gauge_offset * ahead * free[:, None])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from strainsight.cases.structure.bonded_file import STRAIN_KINDS, BondedPlace, read_bonded
-from strainsight.config.gauges import Gauges
+from strainsight.config.gauges import BondedBridge, Gauges, NamedGauge
 from strainsight.errors import ConfigError, blame
 from strainsight.gauges.bonded import BondedEntry
 
@@ -17,18 +19,38 @@ def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
 
     Raises ConfigError for a name that is there twice, and for a line of the file that is no strain gauge.
     """
-    entries = [
-        BondedEntry(e.position, e.direction, _length(gauges, e.length), e.angles, e.name or "", f"gauges.fixed.{i}")
-        for i, e in enumerate(gauges.fixed)
-    ]
+    entries = [_stated(gauges, i, entry) for i, entry in enumerate(gauges.fixed)]
     if file is not None:
         with blame(FILE):
             entries += [_entry(gauges, file, name, place) for name, place in read_bonded(file).items()]
     names = [entry.name for entry in entries]
     for i, entry in enumerate(entries):
         if entry.name and entry.name in names[:i]:
-            raise ConfigError(f"two bonded gauges are called {entry.name}", key=entry.key, remedy="rename one of them")
+            raise ConfigError(
+                f"two bonded gauges are called {entry.name}",
+                key=entry.key.partition(".arms")[0],
+                remedy="rename one of them",
+            )
     return entries
+
+
+def _stated(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedEntry:
+    key, name = f"gauges.fixed.{i}", entry.name or ""
+    if isinstance(entry, NamedGauge):
+        return BondedEntry(entry.position, entry.direction, _length(gauges, entry.length), entry.angles, name, key)
+    arms = [
+        (BondedEntry(arm.position, arm.direction, _length(gauges, arm.length), key=f"{key}.arms.{k}"), arm.sign)
+        for k, arm in enumerate(entry.arms)
+    ]
+    return bridge_of(arms, name, name or str(i + 1))
+
+
+def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, said: str) -> BondedEntry:
+    """A bridge of arms with their signs, one of them 1 at least, the first of which becomes its place; said: what messages call
+    it."""
+    named = [(replace(arm, name=f"{said}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
+    (first, _), *others = sorted(named, key=lambda arm: -arm[1])
+    return replace(first, name=name, arms=others)
 
 
 def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedEntry:
@@ -38,6 +60,15 @@ def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedE
             key=FILE,
             remedy="remove its line",
         )
+    if place.arms:
+        arms = [
+            (
+                BondedEntry(arm.position.tolist(), arm.direction.tolist(), _length(gauges, arm.length), key=FILE),
+                arm.sign,
+            )
+            for arm in place.arms
+        ]
+        return bridge_of(arms, name, name)
     return BondedEntry(
         place.position.tolist(), place.direction[0].tolist(), _length(gauges, place.length), place.angles, name, FILE
     )

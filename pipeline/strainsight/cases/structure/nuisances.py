@@ -56,14 +56,17 @@ class Zero:
 class Tolerated:
     """σ times the derivatives of some channels with respect to their installation.
 
-    channels (k,) of train.h5, ascending; gauge (k,) of each; quantity (k,); slope: name → (k, n) per reduced coordinate, those
-    without a tolerance left out; zeros: what is off whatever the motion is; loads: how they act; damping, stiffness, learned,
-    discrepancy: of `Nuisances`.
+    channels (k,) of train.h5, ascending; quantity (k,); of each of their g grids (`Candidates.grids`) the channel, 0 to k − 1,
+    that reads it, its sign there, and gauge, a number for those that move as one; slope: name → (g, n) per reduced coordinate,
+    those without a tolerance left out; zeros: what is off whatever the motion is; loads: how they act; damping, stiffness,
+    learned, discrepancy: of `Nuisances`.
     """
 
     channels: np.ndarray
-    gauge: np.ndarray
     quantity: np.ndarray
+    channel_of_grid: np.ndarray
+    sign: np.ndarray
+    gauge: np.ndarray
     slope: dict[str, np.ndarray]
     zeros: tuple[Zero, ...]
     loads: ToleratedLoads
@@ -81,14 +84,16 @@ def tolerated(
     # whole gauges: a sensitivity needs all channels that move as one
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
-    slope = _slopes(mesh, reduced, training, part, wanted, std.position)
-    free = ~part.bonded[:, None]
+    slope, grids = _slopes(mesh, reduced, training, part, wanted, std.position), part.grids
+    free = ~grids.bonded[:, None]
     sigma = {name: value for name, value in std.by_name.items() if value > 0}
     scaled = {name: value * slope[name] * (free if name in COMMON else 1.0) for name, value in sigma.items()}
     return Tolerated(
         wanted,
-        pool.gauge[wanted],
         part.quantity,
+        part.channel_of_grid,
+        part.sign_of_grid,
+        grids.gauge,
         {name: rows for name, rows in scaled.items() if rows.any()},
         _zeros(std, part),
         tolerated_loads(own, reduced, training.missed[wanted], part.quantity),
@@ -101,12 +106,12 @@ def tolerated(
 
 def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
     each, alike, beside = np.arange(len(part)), *std.warmed
-    straining = part.quantity == STRAIN
+    straining, ones = part.quantity == STRAIN, np.ones(len(part.grids))
     found = (
         Zero("offset", std.offset * straining, each, drifts=False),
         Zero("drift", std.drift * straining, each, drifts=True),
-        Zero("temperature", alike * straining, np.zeros_like(each), drifts=True),
-        Zero("temperature", beside * straining, part.gauge, drifts=True),
+        Zero("temperature", alike * straining * part.read(ones), np.zeros_like(each), drifts=True),
+        Zero("temperature", beside * straining * np.sqrt(part.added(ones)), part.gauge, drifts=True),
     )
     return tuple(own for own in found if own.std.any())
 
@@ -157,21 +162,25 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nu
     moving = own.quantity[at] == ACCELERATION
     sources, D, E, shape = of_loads(own.loads, model, at, moving)
     offset = [np.zeros(m)] * len(D)
+    row_of = np.full(len(own.channels), -1)
+    row_of[at] = np.arange(m)
+    grids = np.flatnonzero(row_of[own.channel_of_grid] >= 0)
+    grids = grids[np.argsort(row_of[own.channel_of_grid[grids]], kind="stable")]
+    row, accelerated = row_of[own.channel_of_grid[grids]], own.quantity[own.channel_of_grid[grids]] == ACCELERATION
     for name, rows in own.slope.items():
-        sensed = np.zeros((m, states))
-        sensed[:, :n] = rows[at]
-        fed = np.zeros((m, len(model.known_inputs)))
+        sensed, fed = np.zeros((len(grids), states)), np.zeros((len(grids), len(model.known_inputs)))
+        sensed[:, :n] = own.sign[grids, None] * rows[grids]
         if moving.any():
-            on_states, on_known = acceleration_rows(model, at_guess, rows[at][moving])
-            sensed[moving], fed[moving] = on_states[0], on_known[0]
-        owner = own.gauge[at] if name in COMMON else np.arange(m)
+            on_states, on_known = acceleration_rows(model, at_guess, rows[grids][accelerated])
+            sensed[accelerated], fed[accelerated] = on_states[0], on_known[0]
+        owner = own.gauge[grids] if name in COMMON else np.arange(len(grids))
         for each in np.unique(owner):
-            there = (owner == each)[:, None]
-            if not (sensed * there).any():
+            there = owner == each
+            if not sensed[there].any():
                 continue
             sources.append(SOURCE[name])
-            D.append(np.where(there, sensed, 0.0))
-            E.append(np.where(there, fed, 0.0))
+            D.append(_rows(m, row[there], sensed[there]))
+            E.append(_rows(m, row[there], fed[there]))
             offset.append(np.zeros(m))
     drift = [np.zeros(m)] * len(D)
     for zero in own.zeros:
@@ -196,3 +205,10 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nu
         own.discrepancy,
         stacked(shape, model.model.input_shape.shape),
     )
+
+
+def _rows(m: int, row: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """m rows, of which some, each once, have these values, and the others zero."""
+    found = np.zeros((m, values.shape[1]))
+    found[row] = values
+    return found

@@ -36,16 +36,18 @@ class Turning:
 
 
 def turning_of(mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray) -> Turning:
-    """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface."""
+    """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface, and no
+    bridges, the arms of which would be turned each by itself."""
     n, missed = training.rows.shape[1], reduced.misaligned.missed
     rows = np.full((len(channels), len(ANGLES), n), np.nan)
     more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
-    own = np.flatnonzero((training.candidates.quantity[channels] == STRAIN) & (training.given is None))
+    pool = training.candidates
+    own = np.flatnonzero((pool.quantity == STRAIN)[channels] & ~pool.bridged[channels] & (training.given is None))
     if len(own):
         both = np.hstack([reduced.basis, missed.reshape(len(missed), -1)])
         facets = exterior_facets(mesh)
         for k, angle in enumerate(ANGLES):
-            part = _apart(_turned(training.candidates.take(channels[own]), angle))
+            part = _apart(_turned(pool.take(channels[own]), angle))
             well = np.flatnonzero(fits(mesh.position, part, facets))
             read = channel_rows(mesh.position, part.take(well), both, facets=facets)
             rows[own[well], k], more[own[well], k] = read[:, :n], read[:, n:].reshape(-1, *missed.shape[1:])

@@ -204,7 +204,15 @@ def _screened(
         gauges = np.flatnonzero((kinds == kind) & ~near)
         own = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
 
-        def screening(most: int | None, own: np.ndarray = own, gauges: np.ndarray = gauges) -> Screening:
+        part = pool.take(own)
+        further = None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel])
+
+        def screening(
+            most: int | None,
+            own: np.ndarray = own,
+            gauges: np.ndarray = gauges,
+            further: tuple[np.ndarray, np.ndarray] | None = further,
+        ) -> Screening:
             return screen(
                 rms[own],
                 noise_std[own],
@@ -215,6 +223,7 @@ def _screened(
                 bonded=pool.bonded[own],
                 largest=peak[own],
                 limit=limit[own],
+                also_at=further,
             )
 
         try:

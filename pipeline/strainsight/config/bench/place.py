@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from strainsight.config.base import NotNegative, Positive
-from strainsight.config.gauges import Direction, GaugeSites, PrincipalDirection
+from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, PrincipalDirection
 from strainsight.config.layout import Keep, LayoutSettings
 from strainsight.config.names import FlexibleName
 
@@ -19,6 +19,7 @@ class BenchPlace(GaugeSites, LayoutSettings):
     """Gauges of a flexible body, placed for the unknown inputs of `estimate`."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
+    fixed: tuple[BondedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
     keep: Keep = 4
     noise: Positive = Field(description="Noise standard deviation of a sample of every gauge [strain].")
     direction: Direction = Field(

@@ -11,6 +11,18 @@ from strainsight.report.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
+class Arm:
+    """One arm of a bridge: position (3,) [m], direction and normal (3,) unit, sign 1 or −1 of its strain, element and facet."""
+
+    position: FloatArray
+    direction: FloatArray
+    normal: FloatArray
+    sign: int
+    element: int
+    facet: int
+
+
+@dataclass(frozen=True)
 class Gauge:
     """One gauge of the chosen set.
 
@@ -18,11 +30,12 @@ class Gauge:
     position (3,) [m]; direction, normal (3,) unit vectors;
     angle [deg] from the projected axis; nodes: ids of the facet's nodes;
     without: unknown's name → relative standard deviation expected when this gauge is left out (inf: not observable);
-    kind ("strain gauge", "rosette", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the
+    kind ("strain gauge", "rosette", "bridge", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the
     first is `direction`; bonded: it was there already; peak: largest training reading of its channels [unit]; range: what it
     can measure [unit], None where not stated; unit of its readings;
     mirror: label of its mirror image, where the two were placed as one; refined, spread: change of its strain over its RMS
-    when the mesh around it is refined, when forces on nodes there are spread, None where not tested; hot: beyond its share.
+    when the mesh around it is refined, when forces on nodes there are spread, None where not tested; hot: beyond its share;
+    arms: of a bridge all of them, the first of which is where the rest of this says; none of others.
     """
 
     label: str
@@ -44,6 +57,7 @@ class Gauge:
     refined: float | None = None
     spread: float | None = None
     hot: bool = False
+    arms: tuple[Arm, ...] = ()
 
     @property
     def channels(self) -> FloatArray:

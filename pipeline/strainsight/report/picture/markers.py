@@ -19,11 +19,13 @@ def shape(kind: str) -> str:
 
 
 def marker(gauge: Gauge, length: float) -> list[Any]:
-    """Meshes of one sensor: bars along what a strain gauge or rosette reads, a block with rods along what an
-    accelerometer reads, cones whose tip touches the point that a displacement sensor reads.
+    """Meshes of one sensor: bars along what a strain gauge, a rosette or each arm of a bridge reads, a block with rods along
+    what an accelerometer reads, cones whose tip touches the point that a displacement sensor reads.
 
     length [m] of a bar. A direction of zero is unknown: then a ball stands for a strain gauge.
     """
+    if gauge.arms:
+        return [_bar(arm.position, arm.direction, arm.normal, length, 0.17) for arm in gauge.arms]
     known = [direction for direction in gauge.channels if np.any(direction)]
     position, normal = np.asarray(gauge.position, dtype=float), np.asarray(gauge.normal, dtype=float)
     if (form := shape(gauge.kind)) == "block":

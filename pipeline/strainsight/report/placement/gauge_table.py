@@ -14,7 +14,7 @@ from strainsight.report.picture.layout import Gauge
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.text import number, percent, reading_unit
 
-SINGLE = frozenset({"strain gauge", "rosette"})
+SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 """Kinds that people call gauges; with others among them they are sensors."""
 
 
@@ -30,9 +30,9 @@ def gauge_table(report: PlacementReport) -> str:
     def row(index: int, gauge: Gauge) -> list[str]:
         nodes = " ".join(str(node) for node in gauge.nodes) or "–"
         cells = [
-            badge(gauge.label, index, hollow=gauge.bonded), _kind(gauge), str(gauge.element), str(gauge.facet or "–"),
-            nodes, *axes(gauge.position, places),
-            "<br>".join(_whole(_direction(vector)) for vector in gauge.channels),
+            badge(gauge.label, index, hollow=gauge.bonded), _kind(gauge), *_ids(gauge),
+            nodes, *map("<br>".join, zip(*(axes(x, places) for x in _positions(gauge)), strict=True)),
+            "<br>".join(_whole(_direction(vector)) for vector in _directions(gauge)),
             "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
         ]  # fmt: skip
         cells += [_reading(gauge)] * read
@@ -71,6 +71,8 @@ def _caption(gauges: tuple[Gauge, ...]) -> str:
         + "; direction is the measuring one in global axes, angle from the projected axis"
         + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
     ]
+    if any(gauge.arms for gauge in gauges):
+        text.append("The arms of a bridge stand below one another, in the order of the signs beside its kind.")
     if any(gauge.mirror for gauge in gauges):
         text.append("A gauge and its mirror image were placed as one.")
     if any(gauge.peak is not None for gauge in gauges):
@@ -92,9 +94,26 @@ def _several(gauges: tuple[Gauge, ...]) -> bool:
 def _kind(gauge: Gauge) -> str:
     """Strain gauge, rosette …; what sets it apart from the others of its kind stands below."""
     text = escape(gauge.kind)
+    if gauge.arms:
+        text += f"<br>{_whole(' '.join('+' if arm.sign > 0 else '−' for arm in gauge.arms))}"
     if gauge.bonded:
         text += f"<br><strong>{_whole('bonded already')}</strong>"
     return text + (f"<br>mirrors {escape(gauge.mirror)}" if gauge.mirror else "")
+
+
+def _ids(gauge: Gauge) -> tuple[str, str]:
+    """Element and facet, of a bridge those of its arms."""
+    if gauge.arms:
+        return "<br>".join(str(arm.element) for arm in gauge.arms), "<br>".join(str(arm.facet) for arm in gauge.arms)
+    return str(gauge.element), str(gauge.facet or "–")
+
+
+def _positions(gauge: Gauge) -> list[FloatArray]:
+    return [arm.position for arm in gauge.arms] or [gauge.position]
+
+
+def _directions(gauge: Gauge) -> list[FloatArray]:
+    return [arm.direction for arm in gauge.arms] or list(gauge.channels)
 
 
 def _angles(gauge: Gauge) -> list[float]:

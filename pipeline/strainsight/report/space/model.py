@@ -92,7 +92,9 @@ def space(layouts: Sequence[Layout], colour: NDArray[np.uint8] | None = None) ->
         marks = []
         for i, gauge in enumerate(layout.gauges):
             anchor.append(gathered.count)
-            marks += [solid(mesh, gauge_colour(i), gauge.position) for mesh in marker(gauge, LENGTH * size)]
+            drawn = marker(gauge, LENGTH * size)
+            anchors = [arm.position for arm in gauge.arms] or [gauge.position] * len(drawn)
+            marks += [solid(mesh, gauge_colour(i), at) for mesh, at in zip(drawn, anchors, strict=True)]
         parts += [Drawn("triangles", np.concatenate(marks), group=group)] if marks else []
         parts += dots(layout.pool, POOL, 5.0, group)
     position, normal = map(np.concatenate, zip(*(layout.places for layout in layouts), strict=True))

@@ -155,6 +155,10 @@ def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Sh
     return json.dumps(content, allow_nan=False).replace("<", "\\u003c")
 
 
+def _vector(direction: FloatArray) -> str:
+    return " ".join(number(round(float(value), 4), 4) for value in direction)
+
+
 def _gauge(gauge: Gauge, index: int, group: int, places: int) -> dict[str, Any]:
     """A gauge's mark and what its panel says."""
     text = [("kind", gauge.kind)]
@@ -163,7 +167,10 @@ def _gauge(gauge: Gauge, index: int, group: int, places: int) -> dict[str, Any]:
     text += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
     text.append(("position", f"{coordinates(gauge.position, places)} m"))
     for direction in gauge.channels:
-        text.append(("direction", " ".join(number(round(float(value), 4), 4) for value in direction)))
+        text.append(("direction", _vector(direction)))
+    for k, arm in enumerate(gauge.arms):
+        where = f"{coordinates(arm.position, places)} m, along {_vector(arm.direction)}"
+        text.append((f"arm {k + 1}, {'+' if arm.sign > 0 else '−'}", where))
     text += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
     text += [
         (f"σ({name}) without it", "cannot be observed" if math.isinf(value) else percent(value))

@@ -97,5 +97,10 @@ def _same_structure(one: Layout, other: Layout) -> bool:
 
 def _look(layout: Layout) -> bytes:
     """What two layouts have in common that are drawn alike."""
-    marks = [np.concatenate([gauge.position, *gauge.channels]) for gauge in layout.gauges]
+    marks = [
+        np.concatenate(
+            [gauge.position, *gauge.channels, *(own for arm in gauge.arms for own in (arm.position, arm.direction))]
+        )
+        for gauge in layout.gauges
+    ]
     return b"".join(np.asarray(array, dtype=float).tobytes() for array in (*marks, layout.pool))

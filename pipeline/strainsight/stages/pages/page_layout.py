@@ -17,6 +17,7 @@ from strainsight.records.placed import HotSpots, Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
+from strainsight.report.picture.layout import Arm
 from strainsight.report.placement.data import Gauge, Layout, Load
 from strainsight.workflow.artefact import Artefact
 
@@ -45,7 +46,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     pool = own.pool.gauges
     return replace(
         bare(mesh, loads),
-        pool=candidates.position[candidates.first[pool[pool >= 0]]],
+        pool=candidates.take(candidates.first[pool[pool >= 0]]).grids.position,
         gauges=gauges,
         # of a model that came as matrices
         loose=np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh),
@@ -97,6 +98,18 @@ def _marked(listed: GaugeList, i: int) -> Gauge:
         directions=listed.directions[i],
         bonded=bool(listed.bonded[i]),
         unit=listed.unit[i],
+        arms=_arms(listed, i),
+    )
+
+
+def _arms(listed: GaugeList, i: int) -> tuple[Arm, ...]:
+    arms = listed.arms[i]
+    if arms is None:
+        return ()
+    g = arms.grid
+    return tuple(
+        Arm(g.position[k], g.direction[k], g.normal[k], int(sign), int(g.element[k]), int(g.facet[k]))
+        for k, sign in enumerate(arms.sign)
     )
 
 

@@ -90,19 +90,21 @@ def _candidates(name: str, layout: Layout, train: Artefact) -> View:
     training = read(Training, train)
     candidates = training.candidates
     rms = training.rms
-    strains = candidates.quantity == STRAIN
+    # Of bridges every arm.
+    grids, channel = candidates.grids, candidates.channel_of_grid
+    strains = np.flatnonzero(grids.quantity == STRAIN)
     # Of a gauge with several channels, or several gauges at a place, the strongest: it is drawn last.
-    order = np.flatnonzero(strains)[np.argsort(rms[strains], kind="stable")]
+    order = strains[np.argsort(rms[channel[strains]], kind="stable")]
     others = candidates.position[candidates.first[candidates.quantity[candidates.first] != STRAIN]]
     title = f"{name}: {candidates.gauges} candidates"
-    view = View(title, replace(layout, pool=others), (Panel(values=rms[order] * MICRO),))
-    return replace(view, quantity="RMS training strain", unit="µm/m", on=DOTS, dots=candidates.position[order])
+    view = View(title, replace(layout, pool=others), (Panel(values=rms[channel[order]] * MICRO),))
+    return replace(view, quantity="RMS training strain", unit="µm/m", on=DOTS, dots=grids.position[order])
 
 
 def _strain(title: str, layout: Layout, up: Mapping[str, Artefact]) -> View:
     field, candidates = read(Validated, up["validate"]).field, read(Training, up["train"]).candidates
-    strain = field.strain
-    position, known = candidates.position, np.flatnonzero(np.isfinite(strain) & (candidates.quantity == STRAIN))
+    grids, strain = candidates.grids, field.strain[candidates.channel_of_grid]
+    position, known = grids.position, np.flatnonzero(np.isfinite(strain) & (grids.quantity == STRAIN))
     order = known[np.argsort(np.abs(strain[known]), kind="stable")]
     panel = Panel(f"t = {field.instant:.4g} s, largest true strain", strain[order] * MICRO)
     own = replace(layout, pool=np.empty((0, 3)))

@@ -1,0 +1,67 @@
+"""What a config may say of bridges, and what each mistake is answered with."""
+
+from __future__ import annotations
+
+import pytest
+
+from strainsight.config.load import load_config
+from strainsight.errors import ConfigError
+
+from .test_messages import CONFIGS, refused
+
+CONFIG = "cantilever-youngs-modulus.yaml"
+UP, DOWN = "{position: [0.5, 0.05, 0.095], direction: [1, 0, 0]", "{position: [0.5, 0.05, -0.095], direction: [1, 0, 0]"
+
+
+def one(*arms: str) -> str:
+    return f"gauges.fixed=[{{arms: [{', '.join(arms)}]}}]"
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "what", "remedy"),
+    [
+        (
+            "gauges.fixed=[{name: B1}]",
+            "gauges.fixed[0]",
+            "give exactly one of 'position', 'arms'",
+            "fixed: Gauges and bridges",
+        ),
+        ("gauges.fixed=[{arms: 2}]", "gauges.fixed[0].arms", "2 has to be a list", "arms: Two to four arms"),
+        (one(), "gauges.fixed[0].arms", "a bridge of 0 arms", "give two to four arms"),
+        (one(UP + "}"), "gauges.fixed[0].arms", "a bridge of 1 arm", "one alone is a gauge: position, direction"),
+        (
+            one(UP + "}", UP + "}", DOWN + "}"),
+            "gauges.fixed[0].arms",
+            "a bridge of 3 arms of sign 1",
+            "at most two of either sign",
+        ),
+        (
+            one(UP + ", sign: -1}", DOWN + ", sign: -1}"),
+            "gauges.fixed[0].arms",
+            "a bridge of 2 arms, none of sign 1",
+            "sign: -1 of the channel",
+        ),
+        (one(UP + ", sign: 2}", DOWN + "}"), "gauges.fixed[0].arms[0].sign", "2 is not one of 1, -1", "Of its strain"),
+        (
+            one(UP + "}", "{position: [0.5, 0.05, -0.095], direction: [0, 0, 0]}"),
+            "gauges.fixed[0].arms[1].direction",
+            "a vector of length zero",
+            "[1, 0, 0]",
+        ),
+        (one(UP + "}", "{position: [0, 0, 1]}"), "gauges.fixed[0].arms[1].direction", "missing", "Measuring direction"),
+        (one(UP + "}", DOWN + ", angles: [0]}"), "gauges.fixed[0].arms[1].angles", "unknown key", "known here"),
+    ],
+)
+def test_a_bridge_that_is_none_is_refused_with_key_and_remedy(override, key, what, remedy):
+    (error,) = refused(CONFIG, override)
+    assert error.key == key
+    assert what in error.what
+    assert remedy in error.remedy
+
+
+def test_a_bridge_counts_as_one_gauge_of_the_layout():
+    bridge = one(UP + "}", DOWN + ", sign: -1}")
+    loaded = load_config(CONFIGS / CONFIG, [bridge, "place.keep=1"])
+    assert len(loaded.model.gauges.fixed[0].arms) == 2
+    with pytest.raises(ConfigError, match="fixed"):
+        load_config(CONFIGS / CONFIG, [bridge[:-1] + f", {UP}}}]", "place.keep=1"])
