@@ -10,7 +10,8 @@ from strainsight.measurements.bridges import ARRANGEMENTS, Bridge, strain_of
 
 NU = 0.29
 GAUGES = {
-    # Where the resistors R1 to R4 sit: "+" along in tension, "-" along in compression, "t" across a "+", "c" across a "-".
+    # Where the resistors R1 to R4 sit: "+" along in tension, "-" along in compression, "t" across a "+", "c" across a "-", "q"
+    # and "p" where a quarter of the sum is, in tension and in compression.
     "quarter": "+   ",
     "half": "+-  ",
     "half-opposite": "+ + ",
@@ -18,6 +19,7 @@ GAUGES = {
     "full": "+-+-",
     "full-bending-poisson": "+-ct",
     "full-poisson": "+t+t",
+    "sum": "qpqp",
 }
 
 
@@ -27,7 +29,13 @@ def output(places: str, gauge_factor: float, strain: float) -> float:
     R1 from the supply to node A, R2 from A to ground, R4 from the supply to node B, R3 from B to ground.
     """
     local = {"+": strain, "-": -strain, "t": -NU * strain, "c": NU * strain, " ": 0.0}
-    R1, R2, R3, R4 = (350.0 * (1 + gauge_factor * local[place]) for place in places)
+    local |= {"q": strain / 4, "p": -strain / 4}
+    return wheatstone(gauge_factor * np.array([local[place] for place in places]))
+
+
+def wheatstone(x: np.ndarray) -> float:
+    """Of relative changes (4,) of the four resistances."""
+    R1, R2, R3, R4 = 350.0 * (1 + x)
     conductance = np.diag([1 / R1 + 1 / R2, 1 / R3 + 1 / R4])
     node = np.linalg.solve(conductance, [1 / R1, 1 / R4])
     return node[1] - node[0]
@@ -57,6 +65,24 @@ def test_a_small_output_is_linear_and_a_quarter_bridge_reads_low_in_tension():
     # TN-507: at 1000 microstrain, gauge factor 2, a linear reading of a quarter bridge is 0.1 % low.
     read = output("+   ", 2.0, 1e-3) * 4 / 2.0
     assert 1 - read / 1e-3 == pytest.approx(1e-3, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("arms", "low"),
+    [
+        ((900e-6, -900e-6, 400e-6, -400e-6), 0.0),  # neighbours that add up to zero
+        ((1000e-6, 0.0, 1000e-6, 0.0), 1e-3),  # axial, two completed by resistors: as low as a quarter bridge
+        ((1500e-6, -500e-6, 700e-6, -300e-6), (2000 * 1000 + 1000 * 400) / 3000 * 1e-6),
+    ],
+)
+def test_a_sum_is_linear_and_off_by_what_neighbouring_arms_have_in_common(arms, low):
+    """GF 2: every leg is read (ε₁ + ε₂) of its share too low, to first order; the second order is 1e-6 of it here."""
+    arms = np.array(arms)
+    total = arms @ [1, -1, 1, -1]
+    r = wheatstone(2.0 * arms)
+    read = strain_of(Bridge("sum", 2.0), np.array([r]))[0]
+    assert read == pytest.approx(4 * r / 2.0, rel=1e-14)
+    assert 1 - read / total == pytest.approx(low, rel=2e-3, abs=1e-12)
 
 
 def test_missing_samples_stay_missing_and_the_impossible_becomes_so():

@@ -10,13 +10,17 @@ from strainsight.config.base import Name, Positive, RunName, Section, Text, with
 from strainsight.config.damage import DamageSettings
 from strainsight.config.gauges import NamedGauge
 
-BridgeKind = Literal["quarter", "half", "half-opposite", "half-poisson", "full", "full-bending-poisson", "full-poisson"]
+BridgeKind = Literal[
+    "quarter", "half", "half-opposite", "half-poisson", "full", "full-bending-poisson", "full-poisson", "sum"
+]
 
 
 class Bridge(Section):
     """How gauges sit in a Wheatstone bridge, for channels in mV/V."""
 
-    arrangement: BridgeKind = Field(description="Arms with gauges, see docs/estimation.md.")
+    arrangement: BridgeKind = Field(
+        description="Arms with gauges, see docs/estimation.md; sum: a bridge of gauges.fixed."
+    )
     gauge_factor: Positive = Field(description="Gauge factor [-].")
     poisson_ratio: float | None = Field(None, gt=-1, lt=0.5, description="Of the part, where gauges lie across [-].")
 

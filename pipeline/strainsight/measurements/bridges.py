@@ -17,8 +17,11 @@ ARRANGEMENTS: Mapping[str, Callable[[float], tuple[float, float, float, float]]]
     "full": lambda nu: (1.0, -1.0, 1.0, -1.0),
     "full-bending-poisson": lambda nu: (1.0, -1.0, nu, -nu),
     "full-poisson": lambda nu: (1.0, -nu, 1.0, -nu),
+    "sum": lambda nu: (0.25, -0.25, 0.25, -0.25),
 }
 """Arrangement → ν → strains of arms 1 to 4 in parts of the strain under gauge 1."""
+SUM = "sum"
+"""The arrangement of a bridge that is one measurement (`Candidates.arms`); all others are of one gauge."""
 NEEDS_RATIO = ("half-poisson", "full-bending-poisson", "full-poisson")
 
 
@@ -35,6 +38,14 @@ class Bridge:
         full                   1  −1   1  −1     bending, or torsion at ±45°
         full-bending-poisson   1  −1   ν  −ν     both sides, along and across: bending
         full-poisson           1  −ν   1  −ν     both sides, along and across: axial
+        sum                    ¼  −¼   ¼  −¼     ε is the signed sum of the arms, wherever they sit
+
+    sum: ε_B = ε₁ − ε₂ + ε₃ − ε₄ = 4 r/GF, linear in r, which alone does not say what each arm reads. Of any arms it is
+
+        r = (x₁ − x₂)/(2(2 + x₁ + x₂)) + (x₃ − x₄)/(2(2 + x₃ + x₄)),     x = GF ε
+
+    so that it is exact where the strains of the arms of either leg, 1 and 2, 3 and 4, add up to zero. Otherwise each leg's share
+    of ε_B comes out (x₁ + x₂)/2 and (x₃ + x₄)/2 of itself too small, to first order.
     """
 
     arrangement: str

@@ -19,13 +19,14 @@ class Channels:
 
     rows (m, n): strain, or displacement of the point, per reduced coordinate; quantity (m,): 0 strain, 1 acceleration,
     2 displacement; noise_std (m,) of one sample at the training time step [unit of the quantity]; gauge (m,): number of the
-    gauge.
+    gauge; bridged (m,): which are bridges of several arms.
     """
 
     rows: np.ndarray
     quantity: np.ndarray
     noise_std: np.ndarray
     gauge: np.ndarray
+    bridged: np.ndarray
 
     @property
     def gauges(self) -> int:
@@ -51,7 +52,7 @@ def training_units(quantity: np.ndarray) -> dict[str, str]:
 def channels_of(training: Training, screened: Screened) -> Channels:
     """All channels of the training run, with their noise."""
     pool = training.candidates
-    return Channels(training.rows, pool.quantity, screened.noise_std, pool.gauge)
+    return Channels(training.rows, pool.quantity, screened.noise_std, pool.gauge, pool.bridged)
 
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:

@@ -16,6 +16,7 @@ from strainsight.config.estimate import Channel, GaugeChannel
 from strainsight.errors import ConfigError
 from strainsight.estimation.settled import Settled
 from strainsight.measurements.assemble import Signals
+from strainsight.measurements.bridges import SUM
 from strainsight.rom.oscillator import HOLD
 from strainsight.signals.histories import tones_of
 
@@ -75,6 +76,7 @@ def measured_of(
         raise ConfigError(
             "two channels are one grid of a gauge", key=own.channels, remedy="check `gauge` and `grid` of each"
         )
+    _check_bridges(own.channels, settings.channels, problem.channels.bridged[channels])
     for name in problem.known:
         if name not in settings.inputs:
             raise ConfigError(
@@ -152,6 +154,22 @@ def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[st
             f"grid {entry.grid} of a gauge that has {len(own)}", key=f"{key}.grid", remedy=f"give 1 to {len(own)}"
         )
     return int(own[entry.grid - 1])
+
+
+def _check_bridges(key: str, entries: Sequence[GaugeChannel], bridged: np.ndarray) -> None:
+    """Raises ConfigError where the bridge formula of a channel is not that of its gauge."""
+    for i, (entry, several) in enumerate(zip(entries, bridged, strict=True)):
+        if entry.bridge is None or (entry.bridge.arrangement == SUM) == several:
+            continue
+        own, what, remedy = entry.bridge.arrangement, "one gauge", "take quarter, or how its bridge is completed"
+        if several:
+            what = "a bridge, which reads the sum of its arms"
+            remedy = f"take {SUM}: of any other arrangement ε is that of one arm"
+        raise ConfigError(
+            f"the arrangement '{own}' of {entry.gauge}, which is {what}",
+            key=f"{key}.{i}.bridge.arrangement",
+            remedy=remedy,
+        )
 
 
 def _check_quantities(
