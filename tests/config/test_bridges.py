@@ -59,6 +59,30 @@ def test_a_bridge_that_is_none_is_refused_with_key_and_remedy(override, key, wha
     assert remedy in error.remedy
 
 
+@pytest.mark.parametrize(
+    ("overrides", "key", "what"),
+    [
+        (["gauges.bridge=half-bendng"], "gauges.bridge", "'half-bendng' is not one of half-bending, full-bending"),
+        (
+            ["gauges.bridge=full-torsion", "gauges.rosette=true", "gauges.direction.angles=[0, 90]"],
+            "gauges.rosette",
+            "no arm of a bridge",
+        ),
+        (
+            ["gauges.bridge=half-axial", "place.symmetry={point: [0, 0, 0], normal: [0, 1, 0]}"],
+            "place.symmetry",
+            "not placed in mirrored pairs",
+        ),
+    ],
+)
+def test_a_pattern_that_cannot_be_is_refused(overrides, key, what):
+    with pytest.raises(ConfigError) as caught:
+        load_config(CONFIGS / CONFIG, overrides)
+    assert caught.value.key == key
+    assert what in caught.value.what
+    assert caught.value.remedy
+
+
 def test_a_bridge_counts_as_one_gauge_of_the_layout():
     bridge = one(UP + "}", DOWN + ", sign: -1}")
     loaded = load_config(CONFIGS / CONFIG, [bridge, "place.keep=1"])

@@ -32,6 +32,7 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     if place.symmetry is not None and not any(place.symmetry.normal):
         yield Problem("place.symmetry.normal", NO_LENGTH, FOR_EXAMPLE)
     yield from _mirrored(config)
+    yield from _bridges(config)
     yield from _count(config)
 
 
@@ -58,6 +59,7 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
     for key, is_set in (
         ("gauges.direction", gauges.direction is not None),
         ("gauges.rosette", gauges.rosette),
+        ("gauges.bridge", gauges.bridge is not None),
         ("gauges.grid_length", gauges.grid_length > 0),
         ("gauges.clearance", isinstance(gauges.clearance, float)),
         ("gauges.fixed", bool(gauges.fixed)),
@@ -66,11 +68,10 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
         ("place.symmetry", config.place.symmetry is not None),
     ):
         if is_set:
-            what = (
-                "given gauges have their own directions"
-                if key == "gauges.direction"
-                else "it needs a surface to lie on"
-            )
+            what = {
+                "gauges.direction": "given gauges have their own directions",
+                "gauges.bridge": "the row of a given bridge is the sum of its arms already",
+            }.get(key, "it needs a surface to lie on")
             yield Problem(key, f"{what}, and gauges.given is there", "remove the key", at_key=True)
 
 
@@ -93,6 +94,21 @@ def _directions(gauges: Gauges) -> Iterator[Problem]:
         if not any(bonded.direction):
             yield Problem(f"gauges.fixed.{i}.direction", NO_LENGTH, FOR_EXAMPLE)
         yield from _angles(f"gauges.fixed.{i}.angles", bonded.angles)
+
+
+def _bridges(config: PlacementConfig) -> Iterator[Problem]:
+    """A candidate that is a bridge is one channel, and its mirror image would be one of four arms in other places."""
+    if config.gauges.bridge is None:
+        return
+    if config.gauges.rosette:
+        yield Problem("gauges.rosette", "a rosette is no arm of a bridge", "remove it, or gauges.bridge", at_key=True)
+    if config.place.symmetry is not None:
+        yield Problem(
+            "place.symmetry",
+            "bridges are not placed in mirrored pairs",
+            "remove it, or gauges.bridge; bridges that are bonded already may be there",
+            at_key=True,
+        )
 
 
 def _bridge(key: str, bridge: BondedBridge) -> Iterator[Problem]:

@@ -143,6 +143,12 @@ class Gauges(GaugeSites):
         False,
         description="true: the angles of one place are a rosette, placed and removed as one; false: a gauge each.",
     )
+    bridge: Literal["half-bending", "full-bending", "half-axial", "full-torsion"] | None = Field(
+        None,
+        description="Every candidate is a bridge with arms at a place and at the opposite one, through the body: it reads ε − ε′ "
+        "(half-bending), 2 (ε − ε′) (full-bending), ε + ε′ (half-axial) or ε₊₄₅ − ε₋₄₅ + ε′₊₄₅ − ε′₋₄₅ (full-torsion); null: a "
+        "gauge.",
+    )
     grid_length: NotNegative = Field(
         0.0, description="Length of a gauge's grid [m], over which it averages; 0: the strain at its centre."
     )

@@ -34,7 +34,7 @@ def locate(skin: Skin, points: np.ndarray) -> Located:
     so that a large facet beside small ones is not missed. Of facets equally near (to 1e-9 of their size) the first counts.
     """
     centre, _ = facet_centres(skin.position, skin.facets.kind, skin.facets.nodes)
-    radius = _radius(skin, centre)
+    radius = radius_of(skin, centre)
     tree = cKDTree(centre)
     _, some = tree.query(points, k=min(FIRST, len(centre)))
     pair_point = np.repeat(np.arange(len(points)), some.size // max(1, len(points)))
@@ -49,7 +49,8 @@ def locate(skin: Skin, points: np.ndarray) -> Located:
     return _nearest(skin, points, pair_point[worth], pair_facet[worth])
 
 
-def _radius(skin: Skin, centre: np.ndarray) -> np.ndarray:
+def radius_of(skin: Skin, centre: np.ndarray) -> np.ndarray:
+    """Radius (f,) [m] of a sphere about the centre (f, 3) of each facet that all of it lies in."""
     radius = np.zeros(len(centre))
     for kind, which, nodes in by_kind(skin.facets.kind, skin.facets.nodes):
         far = np.linalg.norm(skin.position[nodes] - centre[which, None], axis=2).max(axis=1)

@@ -60,6 +60,10 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
         said.append(f"bonded ones moved by up to {1e3 * surface.moved.max():.2g} mm")
     if surface is not None and surface.left_out:
         said.append(f"{surface.left_out} places left out: a grid over a sharp edge")
+    if surface is not None and surface.alone:
+        said.append(f"{surface.alone} places left out: no facet opposite that takes the arms of a bridge")
+    if surface is not None and surface.twice:
+        said.append(f"{surface.twice} bridges taken once of two that are one, seen from its sides")
     if surface is not None and surface.empty:
         said.append(f"no facet in the zone {', '.join(surface.empty)}: is it in metres?")
     return ", ".join(said)
@@ -99,6 +103,7 @@ TRAIN = Stage(
         "gauges.surface",
         "gauges.direction",
         "gauges.rosette",
+        "gauges.bridge",
         "gauges.grid_length",
         "gauges.include",
         "gauges.exclude",

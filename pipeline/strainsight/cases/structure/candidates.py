@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +13,16 @@ from strainsight.cases.structure.fixed_gauges import fixed_gauges
 from strainsight.cases.structure.settings import families
 from strainsight.config.gauges import AxisDirection, Gauges
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, blame
+from strainsight.errors import ConfigError, InfeasibleError, blame
+from strainsight.gauges.admissible import admissible
 from strainsight.gauges.bonded import bonded
+from strainsight.gauges.bridges import Bridges, bridges
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.principal import ROSETTE, principal_angles
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.surface import facet_centres
+from strainsight.gauges.walk import skin_of
 from strainsight.gauges.zones import inside
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
@@ -29,12 +32,15 @@ from strainsight.mesh.model import Mesh
 class OnSurface:
     """candidates: all channels that the config allows, bonded gauges first; names of these, empty where they have none;
     moved (bonded,) [m]: how far each of them was moved to the surface; left_out: places where a grid would run over a sharp
-    edge; empty: keys of zones that take no facet."""
+    edge; alone: places without a bridge, for want of one opposite; twice: bridges that were others, seen from the other side;
+    empty: keys of zones that take no facet."""
 
     candidates: Candidates
     names: tuple[str, ...]
     moved: np.ndarray
     left_out: int
+    alone: int
+    twice: int
     empty: tuple[str, ...]
 
 
@@ -58,8 +64,8 @@ def candidates_on_surface(
         with blame("gauges.fixed"):
             there, distance = bonded(mesh, facets, fixed, float(config.gauges.snap_tolerance))
         parts.append(there)
-    own, left_out = _strain_gauges(mesh, facets, config.gauges, basis, moment)
-    parts.append(own)
+    strain = _strain_gauges(mesh, facets, config.gauges, basis, moment)
+    parts.append(strain.candidates)
     for array, (key, sensors) in enumerate(families(config).items()):
         if isinstance(sensors, Gauges):
             continue
@@ -79,7 +85,8 @@ def candidates_on_surface(
                 )
             )
     names = tuple(entry.name for entry in fixed)
-    return OnSurface(concatenate(parts), names, distance, left_out, _empty_zones(mesh, facets, config))
+    empty = _empty_zones(mesh, facets, config)
+    return OnSurface(concatenate(parts), names, distance, strain.left_out, strain.alone, strain.twice, empty)
 
 
 def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:
@@ -94,10 +101,18 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[s
     return tuple(found)
 
 
-def _strain_gauges(
-    mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray
-) -> tuple[Candidates, int]:
-    """Candidates of strain, and how many were left out because their grid would run over a sharp edge."""
+@dataclass(frozen=True)
+class _StrainGauges:
+    """Candidates of strain, and the numbers of those left out, of `OnSurface`."""
+
+    candidates: Candidates
+    left_out: int = 0
+    alone: int = 0
+    twice: int = 0
+
+
+def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray) -> _StrainGauges:
+    """Gauges, rosettes or bridges on the facets that the config admits."""
     direction, length = gauges.direction, gauges.grid_length
     assert direction is not None  # the config asks for one where gauges are not given
     include, exclude = ([zone_of(entry) for entry in zones] for zones in (gauges.include, gauges.exclude))
@@ -121,8 +136,13 @@ def _strain_gauges(
             length=length,
             turn=turn,
         )
+        found = _StrainGauges(pool)
+        if gauges.bridge is not None:
+            keep, _, _ = admissible(mesh, facets, surface=gauges.surface, include=include, exclude=exclude)
+            found = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
+            pool = found.candidates
     if length == 0:
-        return pool, 0
+        return found
     well = fits(mesh.position, pool, facets)
     if not well.any():
         raise ConfigError(
@@ -131,4 +151,16 @@ def _strain_gauges(
             remedy="a shorter grid",
         )
     kept = pool.take(np.flatnonzero(well))
-    return kept, pool.gauges - kept.gauges
+    return replace(found, candidates=kept, left_out=pool.gauges - kept.gauges)
+
+
+def _bridged(found: Bridges, pattern: str) -> _StrainGauges:
+    """Raises InfeasibleError where no place has one opposite."""
+    if not len(found.candidates):
+        raise InfeasibleError(
+            f"no place has one opposite for the arms of a {pattern} bridge: behind none of {found.alone} is a facet that takes a "
+            "gauge along its direction",
+            key="gauges.bridge",
+            remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or remove it",
+        )
+    return _StrainGauges(found.candidates, alone=found.alone, twice=found.twice)

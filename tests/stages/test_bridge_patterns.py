@@ -1,0 +1,163 @@
+"""Placement among bridges: what they are worth beside single gauges, their tolerances, and what a run shows of them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from strainsight import api
+from strainsight.cases.structure.nuisances import nuisances_of, tolerated
+from strainsight.cases.structure.problem import filter_model, problem_of
+from strainsight.gauges.bonded import BondedEntry, bonded
+from strainsight.gauges.candidates import concatenate
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.sensitivity import CALIBRATION_POISSON
+from strainsight.mesh.facets import exterior_facets
+from strainsight_cli.main import app
+
+from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks, config_of
+
+UPRIGHT = {
+    "loads.tip.direction": [0, 0, 1],
+    "gauges.exclude": [{"normal_cone": {"axis": axis, "angle": 20}} for axis in ([1, 0, 0], [0, 1, 0])],
+    "gauges.direction.angles": [0.0],
+    "gauges.clearance": "none",
+    "gauges.noise_std": {"value": 1e-6},
+    "screen.keep": "all",
+    "place.keep": 1,
+    "place.installation": "ignore",
+    "tolerances": "none",
+    "process_noise": {"model_error": 1e-9},
+}
+"""Gauges on top and bottom of a beam that is bent about y, for E."""
+ONLY_GAIN = {"gain": 0.01} | dict.fromkeys(
+    ("position", "angle", "transverse", "load_angle", "load_position", "load_gain"), 0
+)
+ONLY_GAIN |= {"damping": 1, "discrepancy": 0}
+
+
+def written(folder, changes):
+    (folder / "beam.bdf").write_text(bricks((8, 3, 2), "hex20"), encoding="ascii")
+    config = config_of(PLACEMENT_CONFIG, {**UPRIGHT, **changes})
+    (folder / "edge.yaml").write_text(yaml.safe_dump(json.loads(json.dumps(config))))
+    return folder / "edge.yaml"
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """The mesh and its reduced model, and changes → a case and its training run."""
+    folder = tmp_path_factory.mktemp("beam")
+    plain = api.load(written(folder, {}))
+    mesh = api.mesh(plain)
+    reduced = api.reduce(plain, mesh)
+
+    def of(changes):
+        case = api.load(written(folder, changes))
+        return case, api.train(case, mesh, reduced)
+
+    return mesh, reduced, of
+
+
+def placed(beam, changes):
+    mesh, reduced, of = beam
+    case, training = of(changes)
+    return api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
+
+
+def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_helps_where_they_cancel(beam):
+    """Noise is that of the amplifier: σ falls as the arms, 2 and 4. By gains of 1 % under a slow load it falls as their root."""
+    noise = {pattern: placed(beam, {"gauges.bridge": pattern}) for pattern in (None, "half-bending", "full-bending")}
+    sigma = [found.expected.std["E"] for found in noise.values()]
+    np.testing.assert_allclose(np.array(sigma[0]) / sigma, [1, 2, 4], rtol=0.01)
+    where = [found.listed.position[0] for found in noise.values()]
+    np.testing.assert_allclose([x[0] for x in where], where[0][0])  # where bending is most
+    arms = noise["full-bending"].listed.arms[0]
+    np.testing.assert_array_equal(arms.sign, [1, -1, 1, -1])
+    np.testing.assert_allclose(
+        arms.grid.position[:, 2], np.where(arms.sign * arms.grid.normal[0, 2] > 0, SIZE[2], 0), atol=1e-9
+    )
+
+    # A load of 20 Hz tells E by the motion, too, whatever the gains are.
+    slow = {"loads.tip.signal.frequency": 2.0, "train": {"duration": 0.5, "time_step": 0.005}}
+    slow |= {"gauges.noise_std": {"value": 1e-7}, "tolerances": ONLY_GAIN}
+    gains = [placed(beam, {"gauges.bridge": pattern, **slow}).expected.std["E"] for pattern in noise]
+    np.testing.assert_allclose(gains, np.array([0.01, 0.01 / np.sqrt(2), 0.005]), rtol=0.01)
+
+    axial, bending = (beam[2]({"gauges.bridge": pattern})[1] for pattern in ("half-axial", "half-bending"))
+    assert np.abs(axial.reading).max() < 1e-9 * np.abs(bending.reading).max()
+
+
+def test_a_pool_of_bridges_is_half_that_of_gauges_on_both_sides(beam):
+    _, training = beam[2]({"gauges.bridge": "half-bending"})
+    _, single = beam[2]({})
+    assert training.candidates.gauges == single.candidates.gauges / 2
+    assert training.candidates.bridged.all()
+
+
+@pytest.mark.parametrize("pattern", ["full-bending", "full-torsion"])
+def test_nuisances_of_a_bridge_are_those_of_single_gauges_drawn_by_hand(beam, pattern):
+    """3000 draws know a variance to 1/√1500; three of that are asked. 1 mm and 2°: second order is 0.1 % of it."""
+    mesh, reduced, of = beam
+    stated = {"position": 0.001, "angle": 2.0, "gain": 0.01, "transverse": 0.01}
+    case, training = of({"gauges.bridge": pattern, "tolerances": {**ONLY_GAIN, **stated}})
+    gauge = training.candidates.gauges // 2
+    problem = problem_of(case.config, case.files, reduced, training, api.screen(case, mesh, training))
+    channels = problem.channels.of(np.array([gauge]))[0]
+    model = filter_model(problem, channels, problem.h)
+    own = nuisances_of(tolerated(case.config, mesh, reduced, training, channels), model, channels)
+    n = reduced.model.size
+    q = np.random.default_rng(6).standard_normal(n) / np.sqrt(np.mean(training.coordinate**2, axis=0)).max()
+    variance = np.sum((own.D[:, 0, :n] @ q) ** 2)
+
+    facets, z = exterior_facets(mesh), (reduced.basis @ q).reshape(-1, 1)
+    grids, signs = training.candidates.take(channels).grids, training.candidates.take(channels).sign_of_grid
+    rng, draws, total = np.random.default_rng(7), 3000, 0.0
+
+    def read(position, direction, offset, turn):
+        one, _ = bonded(mesh, facets, [BondedEntry(position, direction)], 1e-6)
+        many = concatenate([one] * draws)
+        return channel_rows(mesh.position, many, z, facets=facets, offset=offset, rotation=turn)[:, 0]
+
+    for x, d, normal, sign in zip(grids.position, grids.direction, grids.normal, signs, strict=True):
+        place, turn = 0.001 * rng.standard_normal((draws, 2)), 2.0 * rng.standard_normal(draws)
+        along = read(x, d, place, turn)
+        across = read(x, np.cross(normal, d), np.column_stack([place[:, 1], -place[:, 0]]), turn)
+        K, g = 0.01 * rng.standard_normal((2, draws))
+        total = total + sign * (1 + g) * (along + K * across) / (1 - CALIBRATION_POISSON * K)
+    assert np.var(total) == pytest.approx(variance, rel=3 / np.sqrt(draws / 2))
+
+
+def test_no_opposite_side_is_an_error_with_key_and_remedy(tmp_path):
+    below = {"normal_cone": {"axis": [0, 1, 0], "angle": 20}}
+    box = {"box": [[-1, -1, -1], [2, 2, 0.01]]}
+    path = written(
+        tmp_path, {"gauges.bridge": "half-bending", "gauges.exclude": [*UPRIGHT["gauges.exclude"], below, box]}
+    )
+    done = CliRunner().invoke(app, ["train", str(path), "--results", str(tmp_path / "results")])
+    said = " ".join(done.output.split())
+    assert done.exit_code == 2
+    assert "gauges.bridge: no place has one opposite for the arms of a half-bending bridge" in said
+    assert "include both sides" in said
+
+
+def test_a_run_with_bridges_goes_through_to_its_page_with_every_arm(tmp_path):
+    changes = {
+        "gauges.bridge": "full-bending",
+        "gauges.clearance": 0.01,
+        "tolerances": {"position": 0.001},
+        "place": {**PLACEMENT_CONFIG["place"], "keep": 2, "minimum_spacing": 0.05},
+    }
+    path = written(tmp_path, changes)
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "results")])
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "bridges taken once of two that are one, seen from its sides" in said
+    assert said.count("arm 4, −") == 2
+    page = (tmp_path / "results" / "edge" / "report.html").read_text(encoding="utf-8")
+    assert "+ − + −" in page
+    assert "The arms of a bridge stand below one another" in page
+    assert '"arm 2, \\u2212"' in page
