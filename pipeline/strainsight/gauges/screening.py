@@ -78,7 +78,7 @@ def screen(
     owner = np.arange(count)
     if also_at is not None:
         place, owner = np.concatenate([place, also_at[0]]), np.append(owner, also_at[1])
-    places = [np.flatnonzero(owner == i) for i in range(count)] if also_at is not None else owner[:, None]
+    places = np.split(np.argsort(owner, kind="stable"), np.cumsum(np.bincount(owner, minlength=count))[:-1])
     neighbours = cKDTree(place) if minimum_spacing > 0 else None
     kept: list[int] = []
     for index in np.concatenate([falling[fixed[falling]], falling[~fixed[falling]]]):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from strainsight.report.picture.layout import Gauge
+from strainsight.report.picture.layout import Arm, Gauge
 from strainsight.report.picture.markers import marker, shape
 
 AT, UP = np.array([0.3, 0.02, 0.12]), np.array([0.0, 0.0, 1.0])
@@ -29,6 +31,18 @@ def test_a_strain_gauge_is_one_bar_and_a_rosette_a_tick_for_every_direction():
     for tick, along in zip(ticks, fan, strict=True):
         assert np.ptp(tick.points @ along) == pytest.approx(0.1)
         assert np.ptp(tick.points @ np.cross(UP, along)) < 0.02
+
+
+def test_a_bridge_is_a_bar_at_each_of_its_arms():
+    down = AT - 0.2 * UP
+    arms = (Arm(AT, X, UP, 1, 7, 1), Arm(down, np.array([0.0, 1, 0]), -UP, -1, 8, 2))
+    one, other = marker(replace(sensor("bridge", X), arms=arms), 0.1)
+    for bar, arm in ((one, arms[0]), (other, arms[1])):
+        assert np.ptp(bar.points @ arm.direction) == pytest.approx(0.1)
+        np.testing.assert_allclose(
+            (np.min(bar.points, axis=0) + np.max(bar.points, axis=0)) / 2, arm.position, atol=2e-3
+        )
+        assert np.max((bar.points - arm.position) @ arm.normal) > 0
 
 
 def test_a_gauge_without_stated_channels_has_its_one_direction():

@@ -6,7 +6,9 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from strainsight.report.picture.layout import Arm
 from strainsight.report.placement.gauge_table import gauge_table
 
 
@@ -31,6 +33,24 @@ def test_given_gauges_have_a_number_in_place_of_an_element(full):
     assert "Numbers are those of the table of the gauges" in gauge_table(given)
     assert [row["element"] for row in rows(report)] == ["1201", "1202", "1203", "1204"]
     assert "Ids are those of the mesh file" in gauge_table(report)
+
+
+def test_the_arms_of_a_bridge_stand_below_one_another_with_their_signs(full):
+    report = full()
+    first, *others = report.layout.gauges
+    up = np.array([0.0, 0.0, 1.0])
+    arms = (
+        Arm(first.position, first.direction, up, 1, 1201, 2),
+        Arm(first.position - 0.1 * up, np.array([0.0, 1.0, 0.0]), -up, -1, 1300, 1),
+    )
+    gauges = (replace(first, kind="bridge", arms=arms), *others)
+    row, other, *_ = rows(replace(report, layout=replace(report.layout, gauges=gauges)))
+    assert row["kind"] == "bridge|+ −"
+    assert (row["element"], row["facet"]) == ("1201|1300", "2|1")
+    assert row["direction"].split("|")[1] == "0 1 0"
+    high, low = (float(z.replace("−", "-")) for z in row["z [m]"].split("|"))
+    assert high - low == pytest.approx(0.1)
+    assert "|" not in other["element"] + other["x [m]"]
 
 
 def test_kind_bonded_and_mirror_image_are_reported(mixed):

@@ -233,6 +233,10 @@ def _in_file(config: BenchConfig, estimate: Estimate, measured: FromFile) -> Ite
         if count is not None and len(channels) != count:
             what = f"{len(channels)} channels for {count} components"
             yield Problem(key, what, "give a channel for each, in their order; null where one was not measured")
+        for i, entry in enumerate(channels):
+            if entry is not None and entry.bridge is not None and entry.bridge.arrangement == "sum":
+                what = "a bench has no bridges of several places"
+                yield Problem(f"{key}.{i}.bridge.arrangement", what, "take quarter, or how its bridge is completed")
         if not any(channels):
             yield Problem(key, "no component is measured", "leave the sensor out of estimate.sensors")
     for name in estimate.sensors:

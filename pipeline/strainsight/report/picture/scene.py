@@ -51,6 +51,7 @@ def look(layout: Layout) -> str:
     """A digest of what the picture shows, the same for layouts that are drawn alike."""
     words = [(g.label, g.kind, g.bonded) for g in layout.gauges], [load.name for load in layout.loads]
     places = [array for g in layout.gauges for array in (g.position, g.normal, g.channels)]
+    places += [array for g in layout.gauges for arm in g.arms for array in (arm.position, arm.normal, arm.direction)]
     arrows = [array for load in layout.loads for array in (load.point, load.direction)]
     digest = sha256(repr(words).encode())
     for array in (layout.points, layout.faces, layout.pool, layout.fixed, layout.loose, *places, *arrows):

@@ -38,7 +38,14 @@ def carried(layout: Layout, panel: Panel) -> Layout:
     return replace(
         layout,
         points=layout.points + panel.shift,
-        gauges=tuple(replace(gauge, position=along(gauge.position)) for gauge in layout.gauges),
+        gauges=tuple(
+            replace(
+                gauge,
+                position=along(gauge.position),
+                arms=tuple(replace(arm, position=along(arm.position)) for arm in gauge.arms),
+            )
+            for gauge in layout.gauges
+        ),
         loads=tuple(replace(load, point=along(load.point)) for load in layout.loads),
     )
 
@@ -116,16 +123,18 @@ def facet_of_triangle(faces: IntArray) -> IntArray:
 
 
 def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:
-    """An arrow through the place along everything that the sensor reads, lifted off the surface by its own thickness."""
+    """An arrow through the place along everything that the sensor reads, of a bridge one at each arm, lifted off the surface by
+    its own thickness."""
     import pyvista as pv
 
     arrows = []
     base = np.asarray(gauge.position, dtype=float) + 0.06 * length * np.asarray(gauge.normal, dtype=float)
-    for direction in gauge.channels:
+    arms = [(arm.position + 0.06 * length * arm.normal, arm.direction) for arm in gauge.arms]
+    for start, direction in arms or [(base, direction) for direction in gauge.channels]:
         if np.any(direction):
             arrows.append(
                 pv.Arrow(
-                    start=base - 0.5 * length * direction,
+                    start=start - 0.5 * length * direction,
                     direction=direction,
                     scale=length,
                     shaft_radius=0.05,

@@ -46,7 +46,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     pool = own.pool.gauges
     return replace(
         bare(mesh, loads),
-        pool=candidates.take(candidates.first[pool[pool >= 0]]).grids.position,
+        pool=candidates.position[candidates.first[pool[pool >= 0]]],
         gauges=gauges,
         # of a model that came as matrices
         loose=np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh),
