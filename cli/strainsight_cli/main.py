@@ -213,10 +213,11 @@ def estimate(
 
         if measurements is not None and kind_of(config) == "bench":
             raise ConfigError(
-                "a bench takes its measurements from another run of a bench, not from a file",
+                "--measurements is of the estimate of a structure",
                 key="estimate.measured",
                 where=str(config),
-                remedy="give `estimate: {measured: {from: RUN}}`",
+                remedy="name the file in the config of the bench, `estimate: {measured: {file: FILE, channels: …}}`, or another "
+                "run, `{measured: {from: RUN}}`",
             )
         if measurements is not None:
             # From the config's folder, as all paths of a config: no absolute path gets into the results.
