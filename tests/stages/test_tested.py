@@ -67,9 +67,9 @@ def project(tmp_path_factory):
     (folder / "shaken.csv").write_text("\n".join(lines) + "\n")
     # a picture at the instant of the largest strain, and at its multiples
     strain = np.abs(readings / 1e6 - [9e-6, 12e-6, 0])
-    (folder / "options.json").write_text(
-        json.dumps([DATED, f"estimate.field={{every: {time[strain.max(axis=1).argmax()]:.6g}}}"])
-    )
+    field = f"estimate.field={{every: {time[strain.max(axis=1).argmax()]:.6g}}}"
+    damage = "estimate.damage={curve: {slope: 5, stress: 3.0e+7}, draws: 40, points: 10}"
+    (folder / "options.json").write_text(json.dumps([DATED, field, damage]))
     code, said = estimated(folder, folder / "shaken.csv", *options_of(folder), "--page")
     assert code == 0, said
     return folder
@@ -129,6 +129,14 @@ def test_the_page_has_the_numbers_of_the_artefact(found, page):
     assert "2025-03-14 10:20" in page
     assert "1 of 599 samples are missing" in page or "1 of 600 samples are missing" in page
     assert page.count("data:image/png;base64,") == 2
+
+
+def test_the_page_has_the_tables_of_channels_and_of_damage(found, page):
+    own, spot = read(Estimated, found), found["/damage/hot_spot"][0]
+    for label, residual in zip(own.gauge.label, own.check.residual, strict=True):
+        assert re.search(rf'<th scope="row">{label}</th>(<td class="n">[^<]*</td>){{2}}<td class="n">{residual:.3g}</td>', page)
+    assert f'<th scope="row">1, element {found["/damage/surface/element"][spot]}</th>' in page
+    assert '<th scope="row">V1</th>' in page
 
 
 def test_the_page_is_written_again_without_the_file(project):

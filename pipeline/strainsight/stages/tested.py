@@ -61,8 +61,8 @@ def _pictures(report: Findings) -> tuple[list[bytes], str]:
 
 TEST = Stage(
     "test",
-    version=3,
-    reads=("name", "seed", "loads", "place.estimate"),
+    version=4,
+    reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),
     run=run,

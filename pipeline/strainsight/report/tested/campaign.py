@@ -10,6 +10,7 @@ from html import escape
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.chart.posterior import Posterior, posterior_figure
 from strainsight.report.page.document import document
+from strainsight.report.page.listing import Listing, damage_section
 from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, plain, share, table
 from strainsight.report.tested.data import File, Unknown
 
@@ -35,7 +36,8 @@ class RecordRow:
 
 @dataclass(frozen=True)
 class CampaignFindings:
-    """All that the page shows. parameters by all records; alone: parameter → its most likely value by each record alone."""
+    """All that the page shows. parameters by all records; alone: parameter → its most likely value by each record alone;
+    damage of all of them, None where it was not asked for."""
 
     name: str
     title: str
@@ -46,6 +48,7 @@ class CampaignFindings:
     posteriors: tuple[Posterior, ...]
     facts: Mapping[str, str]
     provenance: Mapping[str, str]
+    damage: Listing | None = None
 
 
 def campaign_figures(report: CampaignFindings) -> tuple[Drawing, ...]:
@@ -58,6 +61,7 @@ def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) ->
     sections = [
         _records(report),
         _parameters(report, drawings),
+        damage_section(report.damage),
         _warnings(report),
         _files(report),
         _provenance(report),

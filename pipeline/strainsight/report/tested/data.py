@@ -15,6 +15,7 @@ import numpy as np
 from strainsight.report.arrays import FloatArray, History
 from strainsight.report.chart.posterior import Posterior
 from strainsight.report.page.filters import OtherFilter
+from strainsight.report.page.listing import Listing
 from strainsight.report.picture.layout import Layout
 
 
@@ -165,7 +166,8 @@ class Findings:
     reason why σ is withheld before all; notes: what was done to the measurements;
     histories: every unknown in time, resultants and known loads; load_spectra: of every unknown load; readings in the order of
     the config, residuals: their spectra; hold_out: what gauges predict that the filter was not given, empty where none was
-    left out; moment: None where the mesh has no surface; facts: what was found by which stage; record: its name, where the test
+    left out; checked: every channel against what the others say of it, damage: hot spots and virtual gauges, None where not asked
+    for; moment: None where the mesh has no surface; facts: what was found by which stage; record: its name, where the test
     has several; beside: (name, page) of what there is to see of the others.
     """
 
@@ -188,6 +190,8 @@ class Findings:
     filters: tuple[OtherFilter, ...] = ()
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     hold_out: tuple[HoldOut, ...] = ()
+    checked: Listing | None = None
+    damage: Listing | None = None
     moment: Moment | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)

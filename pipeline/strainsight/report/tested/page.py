@@ -13,6 +13,7 @@ from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.budget import budget_section
 from strainsight.report.page.document import document
 from strainsight.report.page.filters import filters_section
+from strainsight.report.page.listing import damage_section, listing_section
 from strainsight.report.page.markup import bullets, figures, pairs
 from strainsight.report.space.section import STYLE, script
 from strainsight.report.tested.data import Findings
@@ -32,6 +33,11 @@ SPECTRA = (
     "stands out above it the model does not have."
 )
 
+CHECKED = (
+    "RMS of each channel and of what the rest of the record says that it reads; residual over its σ is 1 where they agree. What "
+    "explains the record best is named also where the record agrees with the model, and then says little."
+)
+
 
 def _beside(parts: Parts) -> str:
     """Which record of a test this is, and where the others are."""
@@ -45,6 +51,14 @@ def _readings(parts: Parts) -> str:
     lead = '<p class="lead">What each channel measured, and what the estimate says that it reads; below, the difference.</p>'
     shown = multiples(chosen(parts, "reading-"))
     return f"<h2>Measured and reconstructed</h2>{lead}{shown}" if shown else ""
+
+
+def _checked(parts: Parts) -> str:
+    return listing_section("Every channel beside the others", parts.report.checked, CHECKED)
+
+
+def _damage(parts: Parts) -> str:
+    return damage_section(parts.report.damage)
 
 
 def _residuals(parts: Parts) -> str:
@@ -92,6 +106,7 @@ SECTIONS: tuple[Callable[[Parts], str], ...] = (
     _beside,
     first_screen,
     _readings,
+    _checked,
     hold_out_section,
     _residuals,
     _loads,
@@ -99,6 +114,7 @@ SECTIONS: tuple[Callable[[Parts], str], ...] = (
     extremes_section,
     field_section,
     space_of,
+    _damage,
     _budget,
     _filters,
     _warnings,

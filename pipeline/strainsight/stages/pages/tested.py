@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
+from strainsight.cases.structure.damage_text import damage_tables
+from strainsight.cases.structure.estimation_text import channel_table
 from strainsight.cases.structure.posterior import posterior_doubts
+from strainsight.cases.structure.surface import virtual_labels
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import verdict
 from strainsight.gauges.candidates import UNITS
 from strainsight.records import estimated as recorded
+from strainsight.records.damage import Damaged
 from strainsight.records.estimated import CampaignRecord, Estimated, Source, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training
 from strainsight.report.arrays import History
+from strainsight.report.page.listing import Listing
 from strainsight.report.placement.page import TEST_PAGE
 from strainsight.report.tested.campaign import CampaignFindings, RecordRow
 from strainsight.report.tested.data import (
@@ -40,6 +45,7 @@ from strainsight.report.view.viewed import exaggerated
 from strainsight.signals.spectra import density, noise_density
 from strainsight.stages.pages.page_layout import layout_of_test
 from strainsight.stages.pages.page_numbers import filters_of
+from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
@@ -114,6 +120,8 @@ def _findings_of(
         file=_file(own),
         readings=readings,
         hold_out=_held_out(own, readings),
+        checked=_listing((channel_table(own),), numeric=range(1, 5)),
+        damage=_damage(own.damage, config),
         residuals=tuple(found for reading in readings if (found := _residual(reading)) is not None),
         resultants=tuple(
             History(there.place, "N", own.time, None, there.magnitude, there.std) for there in own.resultant.values()
@@ -173,7 +181,21 @@ def _campaign_findings(
         posteriors=_posteriors(campaign.posterior, units),
         facts=_facts(context),
         provenance=_provenance(context),
+        damage=_damage(campaign.damage, config),
     )
+
+
+def _damage(found: Damaged | None, config: PlacementConfig) -> Listing | None:
+    assert config.estimate is not None
+    return _listing(damage_tables(found, virtual_labels(config.estimate.virtual)), numeric=(2, 4))
+
+
+def _listing(tables: tuple[Table, ...], numeric: Iterable[int]) -> Listing | None:
+    """A table of the console, None where there is none."""
+    if not tables:
+        return None
+    (own,) = tables
+    return Listing(own.title, own.columns, own.rows, tuple(numeric))
 
 
 def _posteriors(found: Mapping[str, recorded.Posterior], units: Mapping[str, str]) -> tuple[Posterior, ...]:
