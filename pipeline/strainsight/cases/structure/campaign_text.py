@@ -124,7 +124,7 @@ def campaign_tables(found: Campaign) -> tuple[Table, ...]:
         if held is not None:
             table = hold_out_table(held, gauge.label, own.channel_units, gauge.measured)
             tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))
-        table = channel_table(own.estimated)
+        table = channel_table(own.estimated, own.channel_units)
         tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))
         blamed = bool(own.estimated.check.candidate)
         notes += [(of, note) for note in (*own.estimated.notes, *([] if blamed else [own.verdict.text]))]

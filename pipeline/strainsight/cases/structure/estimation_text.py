@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.layout.budget import budget_tables
+from strainsight.cases.structure.channels import size_in_words
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.diagnosed import ACCEPT
 from strainsight.cases.structure.estimation import Estimation
@@ -91,16 +94,17 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
         *budget_tables(found.estimated.budget),
         *([] if beside is None else [comparison_table(beside, found.units)]),
         *([] if held is None else [hold_out_table(held, own.label, found.channel_units, own.measured)]),
-        channel_table(found.estimated),
+        channel_table(found.estimated, found.channel_units),
         Table("measurements", ("",), notes),
     )
 
 
-def channel_table(own: Estimated) -> Table:
-    """Every channel beside what the others, or the samples before, say of it."""
-    check = own.check
-    numbers = zip(own.gauge.label, check.measured, check.predicted, check.residual, check.correlation, strict=True)
-    rows = [(name, *(f"{value:.3g}" for value in values)) for name, *values in numbers]
+def channel_table(own: Estimated, units: Sequence[str]) -> Table:
+    """Every channel beside what the others, or the samples before, say of it; units of the channels."""
+    check, rows = own.check, []
+    for i, (name, unit) in enumerate(zip(own.gauge.label, units, strict=True)):
+        sizes = (size_in_words(size, unit) for size in (check.measured[i], check.predicted[i]))
+        rows.append((name, *sizes, f"{check.residual[i]:.3g}", f"{check.correlation[i]:.3g}"))
     columns: tuple[str, ...] = ("channel", "RMS measured", "RMS predicted", "residual / σ", "correlation")
     if check.by_others:
         columns = (*columns, "what explains the record best")

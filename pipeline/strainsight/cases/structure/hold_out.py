@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.cases.structure.channels import size_in_words
 from strainsight.cases.structure.filtered_test import Filtered, Filtering, filtered, filtered_together
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, samples_alike
-from strainsight.gauges.candidates import STRAIN, UNITS
 from strainsight.records.estimated import HoldOut
 from strainsight.workflow.output import Scalar, Table
 
@@ -130,10 +130,9 @@ def hold_out_table(found: HoldOut, labels: tuple[str, ...], units: tuple[str, ..
             continue
         share = f"{100 * own.error / own.reading:.3g} %" if own.reading > 0 else "–"
         claim = ("–", "–", "σ is withheld")
-        factor, shown = (1e6, "µm/m") if unit == UNITS[STRAIN] else (1.0, unit)
         if own.claim is not None:
             claim = f"{own.claim.ratio:.2g}", f"{100 * own.inside:.3g} %", own.claim.verdict
-        lines.append((label, f"{factor * own.reading:.4g} {shown}", share, *claim))
+        lines.append((label, size_in_words(own.reading, unit), share, *claim))
     return Table(
         "every gauge by the others",
         ("channel", "RMS reading", "RMS error", "error over σ", "within 2σ", "verdict"),

@@ -120,7 +120,7 @@ def _findings_of(
         file=_file(own),
         readings=readings,
         hold_out=_held_out(own, readings),
-        checked=_listing((channel_table(own),), numeric=range(1, 5)),
+        checked=_listing((channel_table(own, [reading.unit for reading in readings]),), numeric=range(1, 5)),
         damage=_damage(own.damage, config),
         residuals=tuple(found for reading in readings if (found := _residual(reading)) is not None),
         resultants=tuple(
