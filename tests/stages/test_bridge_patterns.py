@@ -10,8 +10,11 @@ import yaml
 from typer.testing import CliRunner
 
 from strainsight import api
+from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.nuisances import nuisances_of, tolerated
+from strainsight.cases.structure.placed import placement_output
 from strainsight.cases.structure.problem import filter_model, problem_of
+from strainsight.errors import ConfigError
 from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import concatenate
 from strainsight.gauges.rows import channel_rows
@@ -129,6 +132,24 @@ def test_nuisances_of_a_bridge_are_those_of_single_gauges_drawn_by_hand(beam, pa
         K, g = 0.01 * rng.standard_normal((2, draws))
         total = total + sign * (1 + g) * (along + K * across) / (1 - CALIBRATION_POISSON * K)
     assert np.var(total) == pytest.approx(variance, rel=3 / np.sqrt(draws / 2))
+
+
+@pytest.mark.parametrize("pattern", ["half-bending", "full-bending", "full-torsion"])
+def test_a_bridge_that_was_placed_is_found_in_the_file_of_its_layout(beam, tmp_path, pattern):
+    mesh, reduced, of = beam
+    channels = [{"channel": "ch 1", "gauge": "G1", "unit": "m/m"}]
+    case, training = of({"gauges.bridge": pattern, "estimate": {"channels": channels}})
+    found = api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
+    lines = placement_output(found).files["gauges.csv"].decode().splitlines()
+    (tmp_path / "bonded.csv").write_text("\n".join(lines))
+    assert bonded_gauges(case.config, training, found.gauges, tmp_path / "bonded.csv") == {"G1": found.gauges[0]}
+
+    sign = lines[0].split(",").index("sign")
+    cells = [line.split(",") for line in lines]
+    turned = [[*own[:sign], {"1": "-1", "-1": "1"}[own[sign]], *own[sign + 1 :]] for own in cells[1:]]
+    (tmp_path / "other.csv").write_text("\n".join(map(",".join, [cells[0], *turned])))
+    with pytest.raises(ConfigError, match=r"G1 (sits elsewhere now|is turned)"):
+        bonded_gauges(case.config, training, found.gauges, tmp_path / "other.csv")
 
 
 def test_no_opposite_side_is_an_error_with_key_and_remedy(tmp_path):

@@ -84,7 +84,8 @@ def _check_place(
             remedy=did_you_mean(name, places, f"it has {', '.join(places)}"),
         )
     was, own = places[name], candidates.take(candidates.channels(np.array([number])))
-    now, direction = own.grids, was.direction
+    order = np.argsort(-own.sign_of_grid, kind="stable")  # the arms of a bridge as those of the file below
+    now, sign, direction = own.grids.take(order), own.sign_of_grid[order], was.direction
     if len(now) != (len(was.arms) or len(was.direction)):
         what = "arms" if own.arms is not None or was.arms else "channels"
         raise ConfigError(
@@ -95,7 +96,7 @@ def _check_place(
     if was.arms:
         arms = sorted(was.arms, key=lambda arm: -arm.sign)
         there, direction = np.array([arm.position for arm in arms]), np.array([arm.direction for arm in arms])
-        if [arm.sign for arm in arms] != own.sign_of_grid.tolist():
+        if [arm.sign for arm in arms] != sign.tolist():
             raise ConfigError(f"the arms of {name} had other signs where it was bonded", key=key, remedy=_KEPT)
     else:
         there = np.repeat(was.position[None], len(now), axis=0)
