@@ -115,7 +115,7 @@ def estimation_of_record(
         replace(
             _estimated(given, found, resultants, judgement, source, notes),
             virtual=None if common.virtual is None else common.virtual.smoothed(found.smoothed),
-            moment=None if skin is None else moment_of(skin, given, found.smoothed),
+            moment=None if skin is None else moment_of(skin, given, found.run, found.smoothed),
             posterior={} if withheld or given.records > 1 else posteriors_of(problem, given.start, found.bank),
             compared=found.compared,
             budget=budget_of_shares(budget),

@@ -68,9 +68,9 @@ def grid_of(
     return damage_on_surface(skin, damage)
 
 
-def moment_of(skin: Skin, given: Filtering, smoothed: Smoothed) -> Moment:
-    """The surface when a channel reads most."""
-    k, channel = largest(given, smoothed.mean[-1, 0])
+def moment_of(skin: Skin, given: Filtering, run: FilterRun, smoothed: Smoothed) -> Moment:
+    """The surface when a channel reads most, by the offsets of the filter: the instant whose covariance `wanted_of` has kept."""
+    k, channel = largest(given, run.mean[-1, 0])
     then, test = (k + 1) * given.test.every, given.test
     return surface_then(skin, given.model, smoothed, then, float(test.time[k + 1]), test.labels[channel])
 
