@@ -294,13 +294,13 @@ def test_a_load_that_is_recorded_as_zero_is_to_be_silent(beam):
 
 
 def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_path):
-    cases = {"braking": BRAKING, "down": DOWN | {"weight": 2.0}}
+    cases = {"steering": BRAKING, "down": DOWN | {"weight": 2.0}}
     own = finished(tmp_path, "report", bricks((6, 2, 2)), TWO | {"place.load_cases": cases, "place.keep": 3})
     placed = read(Placed, own["place"])
     own_cases = placed.by_case
-    assert own_cases.name == ("braking", "down")
-    np.testing.assert_array_equal(own_cases.weight, [1.0, 2.0])
-    assert own_cases.acts["aside"].tolist() == [True, False]
+    assert own_cases.name == ("down", "steering")
+    np.testing.assert_array_equal(own_cases.weight, [2.0, 1.0])
+    assert own_cases.acts["aside"].tolist() == [False, True]
     for name in ("down", "aside"):
         worst = own_cases.name.index(own_cases.worst[name])
         assert own_cases.std[name][worst] == own_cases.std[name][own_cases.acts[name]].max()
@@ -308,10 +308,14 @@ def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_pat
         assert placed.expected_std[name] == pytest.approx(expected, rel=1e-12)
     mean = np.average(own_cases.metric, weights=own_cases.weight)
     assert own["place"].summary["trace_final"] == pytest.approx(mean, rel=1e-10)
-    assert own["observe"]["/excitation"].astype(str).tolist() == ["braking", "down"]
+    assert own["observe"]["/excitation"].astype(str).tolist() == ["down", "steering"]
+    condition, numbers = own["observe"]["/condition"], own["observe"].summary
+    assert list(numbers.values()) == condition.max(axis=0).tolist()
+    assert condition[0].max() != condition.max()  # the worst case is not the first
+    assert " in steering: " in own["observe"].message
     table = next(table for table in own["place"].tables if table.title.startswith("load cases"))
-    assert [row[0] for row in table.rows] == ["braking", "down"]
-    assert table.rows[1][-1] == "silent"
+    assert [row[0] for row in table.rows] == ["down", "steering"]
+    assert table.rows[0][-1] == "silent"
     page = (own["report"].path.parent / "report.html").read_text(encoding="utf-8")
     assert 'id="load-cases"' in page
     assert "Expected at worst over" in page

@@ -13,15 +13,17 @@ from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:
-    """The cases, and which is the worst at the training motion."""
+    """The cases, and which is the worst at the training motion, of load cases in the one where it is worst."""
     reduced, training, screened = inputs.reduced(context), inputs.training(context), inputs.screened(context)
     found = observed_of(context.config, reduced, training, screened, context)
-    condition = dict(zip(found.case, found.condition[0].tolist(), strict=True))
-    worst = first_of_largest(found.condition[0])
+    trained = found.condition[: len(training.motions)]
+    condition = trained.max(axis=0)
+    worst = first_of_largest(condition)
+    where = f" in {found.excitation[first_of_largest(trained[:, worst])]}" * bool(training.cases)
     return Output(
         datasets=written(found),
-        summary={f"condition.{case}": value for case, value in condition.items()},
-        message=f"{len(condition)} cases, the worst {_unknowns(found, worst)}: {found.condition[0, worst]:.2g}",
+        summary={f"condition.{case}": float(value) for case, value in zip(found.case, condition, strict=True)},
+        message=f"{len(condition)} cases, the worst {_unknowns(found, worst)}{where}: {condition[worst]:.2g}",
         tables=(_table(found),),
     )
 
