@@ -50,6 +50,8 @@ def test_a_case_without_overrides_is_the_loads_as_stated():
          "place.load_cases.a.loads.tip.frequency", "needs a typical frequency", "[Hz]"),
         ("{a: {loads: {tip: {signal: {type: multisine, lowest: 9, highest: 3, count: 2, amplitude: 1}}}}}",
          "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "swap them"),
+        ("{a: {loads: {side: none, tip: {signal: {type: sine, frequency: 1, amplitude: 1}}}, time_step: 0.01}, b: {}}",
+         "place.load_cases.a.loads.side", "30 Hz, of which the time step of this case takes 3.33 steps", "a shorter step"),
         ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "take"),
         ("{a: {settle: 1.0e+9}}", "place.load_cases.a.settle", "steps", "take at most"),
         ("{'a b': {}}", "place.load_cases.a b", "", ""),
@@ -69,3 +71,12 @@ def test_a_case_in_which_all_that_the_criterion_covers_is_silent_is_refused():
     with pytest.raises(ConfigError, match="side is silent, and the criterion covers nothing else") as caught:
         loaded("{a: {loads: {side: none}}, b: {}}", "place.metric_over=[side]")
     assert caught.value.key == "place.load_cases.a.loads"
+
+
+def test_the_step_of_a_case_resolves_the_process_noise_that_a_load_has_as_stated():
+    slow = "{type: sine, frequency: 1, amplitude: 1}"
+    cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
+    assert loaded(cases)["a"].time_step == 0.01
+    with pytest.raises(ConfigError, match="40 Hz, of which the time step of this case") as caught:
+        loaded(cases, "loads.side.process_noise.frequency=40")
+    assert caught.value.key == "loads.side.process_noise.frequency"

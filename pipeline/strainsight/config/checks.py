@@ -79,11 +79,15 @@ def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
         signals |= {own: entry.signal for own, entry in case.loads.items() if isinstance(entry, CaseLoad)}
         yield from _time(key, case.duration or train.duration, step, signals)
         yield from _settle(key, train.settle if case.settle is None else case.settle, step)
-        asked = {
-            f"{key}.loads.{own}.frequency": entry.frequency
-            for own, entry in case.loads.items()
-            if isinstance(entry, CaseLoad) and entry.frequency is not None
-        }
+        asked = {}
+        for own, load in config.loads.items():
+            entry, noise = case.loads.get(own), load.process_noise.frequency
+            if isinstance(entry, CaseLoad) and entry.frequency is not None:
+                asked[f"{key}.loads.{own}.frequency"] = entry.frequency
+            elif not load.known and noise is not None:
+                asked[f"loads.{own}.process_noise.frequency"] = noise
+            elif not load.known and entry == "none" and (highest := _highest(load.signal)) is not None:
+                asked[f"{key}.loads.{own}"] = highest  # silent, it has the process noise that it has as stated
         yield from _resolved(asked, step, "the time step of this case")
 
 
