@@ -31,7 +31,7 @@ def project(tmp_path_factory):
 
 
 def run(project, records=RECORDS, *options, also=()):
-    """The config with these records; what `estimate` says of it, and its artefact."""
+    """The config with these records; what `estimate` says of it, and its artefact, None where there is none."""
     text = (project / "test.yaml").read_text().replace(PLACE, PLACE + records)
     for old, new in also:
         assert text.count(old) == 1
@@ -41,7 +41,8 @@ def run(project, records=RECORDS, *options, also=()):
     done = CliRunner().invoke(app, command if "--page" in options else [*command, "--no-page"])
     said = done.output + (done.stderr or "")
     assert "Traceback" not in said
-    return done.exit_code, " ".join(said.split()), Artefact(project / "results" / "test" / "estimate.h5")
+    written = project / "results" / "test" / "estimate.h5"
+    return done.exit_code, " ".join(said.split()), Artefact(written) if written.is_file() else None
 
 
 @pytest.fixture(scope="module")
@@ -178,8 +179,9 @@ def test_a_channel_that_is_wrong_in_one_record_is_named_with_it_and_can_be_put_r
     assert artefact.summary["trusted"]
 
 
-def test_records_of_different_parts_contradict_each_other(project):
-    """The known load 10 % too small in one record: alone it says a tenth less of the modulus."""
+@pytest.fixture(scope="module")
+def apart(project):
+    """Two records, the known load 10 % too small in one: alone it says a tenth less of the modulus."""
 
     def less(head, rows):
         at = next(i for i, name in enumerate(head) if name.startswith("tip"))
@@ -188,10 +190,27 @@ def test_records_of_different_parts_contradict_each_other(project):
 
     changed_record(project, "other", less, samples=101)
     changed_record(project, "half", lambda head, rows: rows, of="low", samples=101)
-    records = "  records: [{name: low, file: half.csv}, {name: mid, file: other.csv}]\n"
-    code, said, _ = run(project, records)
+    return "  records: [{name: low, file: half.csv}, {name: mid, file: other.csv}]\n"
+
+
+def test_records_of_different_parts_contradict_each_other(project, apart):
+    code, said, _ = run(project, apart)
     assert code == 3
     assert "estimate.records: the records contradict each other: each alone says E" in said
+
+
+@pytest.mark.slow
+def test_records_that_contradict_each_other_and_are_accepted_are_not_said_to_contradict_the_model(project, apart):
+    code, said, artefact = run(project, apart, "--accept", "--page")
+    assert code == 0, said
+    line = said[said.index("accepted: ") : said.index("samples of")]
+    assert line.count("the records contradict each other: each alone says E") == 1
+    assert artefact.summary["apart"].startswith("the records contradict each other: each alone says E")
+    pages = {path.name: path.read_text(encoding="utf-8") for path in artefact.path.parent.glob("test*.html")}
+    assert '<strong class="bad">The records contradict each other: each alone says E' in pages["test.html"]
+    for name in ("test.html", "test-low.html", "test-mid.html"):
+        assert "the record contradicts other records" in pages[name]
+        assert "contradicts the model" not in pages[name]
 
 
 def one_more(line):

@@ -53,6 +53,8 @@ def campaign_numbers(found: Campaign) -> dict[str, Scalar]:
         "accepted": found.accepted and not trusted,
         "gain": together.gain,
     }
+    if apart := _apart(found):
+        numbers["apart"] = apart
     if faults := [f"{name}: {own.judgement.named}" for name, own in found.records.items() if own.judgement.named]:
         numbers["fault"] = "; ".join(faults)
     for name in first.unknowns.inputs:
@@ -92,7 +94,8 @@ def campaign_message(found: Campaign) -> str:
     parts = [found.withheld] if found.withheld else []
     if found.accepted and not numbers["trusted"]:
         wrong = {of: own.judgement.words.removesuffix(f", {ACCEPT}") for of, own in found.records.items()}
-        parts.append(f"accepted: {'; '.join(f'{of}: {words}' for of, words in wrong.items() if words)}")
+        each = "; ".join(f"{of}: {words}" for of, words in wrong.items() if words)
+        parts.append(f"accepted: {_apart(found) or each}")
     parts.append(
         f"{numbers['samples']} samples of {numbers['channels']} channels in {len(found.records)} records ({names})"
     )
@@ -191,6 +194,12 @@ def _once(notes: list[tuple[str, ...]], records: int) -> list[tuple[str, ...]]:
 
 def _first(found: Campaign) -> Estimation:
     return next(iter(found.records.values()))
+
+
+def _apart(found: Campaign) -> str:
+    """That records that agree with the model one by one contradict each other, where that is accepted; else empty."""
+    words = "" if found.together is None else found.together.words
+    return words if all(own.judgement.words == words for own in found.records.values()) else ""
 
 
 def _verdict(found: Campaign) -> Verdict:

@@ -51,6 +51,7 @@ from strainsight.workflow.stage import Context
 MEGA, MICRO = 1e6, 1e6
 NOTHING = "nothing was done"
 CONTRADICTS = "the record contradicts the model"
+APART = "the record contradicts other records"
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ def _findings_of(
         (summary["verdict"], summary["consistent"]) if judged is None else (judged.text, judged.consistent)
     )
     others = [(name, page) for name, page in pages.items() if name != record]
+    contradicts = APART if summary.get("apart") else CONTRADICTS
     return Findings(
         name=config.name,
         title=title_of(f"{config.name}, record {record}" if record else config.name, tuple(names)),
@@ -111,7 +113,7 @@ def _findings_of(
             )
             for name in names
         ),
-        verdict=str(text) if own.trusted else CONTRADICTS,
+        verdict=str(text) if own.trusted else contradicts,
         consistent=bool(own.trusted and consistent),
         warnings=_warnings(own, summary, withheld, doubts, str(text), bool(consistent)),
         notes=own.notes,
@@ -163,12 +165,13 @@ def _campaign_findings(
                 file=report.file,
                 loads=tuple(one for one in report.unknowns if one.kind == "load"),
                 inside=float(np.mean(np.abs(inside) < 2)) if len(inside) else np.nan,
-                verdict=fits if own.trusted else CONTRADICTS,
+                verdict=fits if own.trusted else report.verdict,
                 fits=report.consistent,
             )
         )
-    texts = [str(summary.get("withheld", ""))]
-    texts += [f"{name}: {report.verdict}" for name, report in found.items() if not report.consistent]
+    apart = str(summary.get("apart", ""))
+    texts = [str(summary.get("withheld", "")), apart]
+    texts += [f"record {name}: {report.verdict}" for name, report in found.items() if not (report.consistent or apart)]
     texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
     units = {one.name: one.unit for one in first.unknowns}
     return CampaignFindings(
