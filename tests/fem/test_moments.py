@@ -115,3 +115,16 @@ def test_nodes_that_cannot_exert_the_moment_are_refused(cantilever, load, axis):
     assert "RBE2 or RBE3" in caught.value.remedy
     # two axes across the line are no trouble
     assert input_shape(cantilever[LOOSE], (about(PointLoad("M", node_set="LINE"), (0, 1, 0)),)).any()
+
+
+def test_a_line_of_nodes_exerts_what_it_can_of_a_moment_that_turns_towards_it(cantilever):
+    """Along z: a moment about y turns towards x, which it exerts as well, or towards z, of which it has nothing."""
+    model, line = cantilever[LOOSE], PointLoad("M", node_set="LINE")
+    own, whole = about(line, (0, 1, 0)), input_shape(model, (about(line, (0, 1, 0)), about(line, (1, 0, 0))))
+    off = misalignment_shapes(model, (own,))[:, 0]
+    towards = [np.cross(axis, (0, 1, 0)) for axis in axes_across(np.array([0.0, 1.0, 0.0]))]
+    np.testing.assert_allclose(off[:, :2], np.outer(whole[:, 1], [unit[0] for unit in towards]), atol=1e-12)
+    for i, unit in enumerate(towards):
+        turned = misaligned_shape(model, own, 0.1 * np.eye(2)[i], np.zeros(2))
+        expected = np.cos(0.1) * whole[:, 0] + np.sin(0.1) * unit[0] * whole[:, 1]
+        np.testing.assert_allclose(turned, expected, atol=1e-12 * np.abs(whole).max())

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from strainsight.fem.couple import couple
-from strainsight.fem.model import FiniteElementModel, PointLoad, moment_forces, moment_shape, nodal_forces
+from strainsight.fem.model import FiniteElementModel, PointLoad, moment_forces, nodal_forces
 from strainsight.mesh.model import NodalForces
 from strainsight.ordering import first_of_largest
 
@@ -30,12 +29,13 @@ def misaligned_shape(model: FiniteElementModel, load: PointLoad, turn: np.ndarra
         S = Tᵀ(e(R f) + c(δ × Σ R f)),     R = exp([θ₁a₁ + θ₂a₂]×),   δ = δ₁a₁ + δ₂a₂
 
     f the forces on its nodes, e puts forces and c a `couple` on them, in proportion to f. A moment turns, and is the same
-    wherever it acts. turn θ (2,) [rad] about and shift δ (2,) [m] along the `axes_across`.
+    wherever it acts; what its nodes cannot exert of the turned one is left out. turn θ (2,) [rad] about and shift δ (2,) [m]
+    along the `axes_across`.
     """
     if load.moment is not None:
-        axis = np.asarray(load.moment, dtype=float)
-        turned = Rotation.from_rotvec(np.asarray(turn) @ axes_across(axis / np.linalg.norm(axis))).apply(axis)
-        return moment_shape(model, replace(load, moment=tuple(turned.tolist())))
+        axis = np.asarray(load.moment, dtype=float) / np.linalg.norm(load.moment)
+        turned = Rotation.from_rotvec(np.asarray(turn) @ axes_across(axis)).apply(axis)
+        return np.asarray(model.constraint.transform.T @ moment_forces(model, load, turned, whole=False))
     own = nodal_forces(model.mesh, load)
     axes = _axes_of(own.force)
     force = Rotation.from_rotvec(np.asarray(turn) @ axes).apply(own.force)
@@ -53,7 +53,8 @@ def misalignment_shapes(model: FiniteElementModel, loads: Sequence[PointLoad]) -
     for load in loads:
         if load.moment is not None:
             axis = np.asarray(load.moment, dtype=float) / np.linalg.norm(load.moment)
-            columns += [moment_forces(model, load, np.cross(across, axis)) for across in axes_across(axis)]
+            turned = [np.cross(across, axis) for across in axes_across(axis)]
+            columns += [moment_forces(model, load, moment, whole=False) for moment in turned]
             columns += [np.zeros(model.constraint.transform.shape[0])] * 2
             continue
         own = nodal_forces(model.mesh, load)

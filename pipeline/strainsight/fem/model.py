@@ -108,20 +108,18 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
     return T.T @ e
 
 
-def moment_shape(model: FiniteElementModel, load: PointLoad) -> np.ndarray:
-    """S = Tᵀe (n_free,) [1/m] of the couple of 1 N m of a load with a moment. Raises the errors of `moment_forces`."""
-    return np.asarray(input_shape(model, (load,))[:, 0])
+def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray, *, whole: bool = True) -> np.ndarray:
+    """Forces and moments on the rows of z (3n + 3r,) that exert a moment (3,) [N m] where a load with a moment acts; whole: all
+    of it, otherwise what its nodes can exert.
 
-
-def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray) -> np.ndarray:
-    """Forces and moments on the rows of z (3n + 3r,) that exert a moment (3,) [N m] where a load with a moment acts.
-
-    Raises UserError for a node or set that is not there, and where the nodes cannot exert it: they lie on a line or at a point,
-    or cannot move.
+    Raises UserError for a node or set that is not there, and where the nodes cannot exert the whole: they lie on a line or at a
+    point, or cannot move.
     """
     mesh, constraint = model.mesh, model.constraint
     nodes = np.array(_loaded_nodes(mesh, load), dtype=np.int64)
     e = couple(mesh, constraint, nodes, np.ones(len(nodes)), moment)
+    if not whole:
+        return e
     missed = np.linalg.norm(exerted(mesh, constraint, e) - moment) / np.linalg.norm(moment)
     if missed > 1e-6 or not np.any(constraint.transform.T @ e):
         where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
