@@ -70,6 +70,9 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
     except ArtefactError as error:
         note(f"{artefact} is left out: {error.what}")
         return loaded
+    if last.get("records"):
+        note(f"{artefact} is left out: it is of records, and the config names none")
+        return loaded
     if not (loaded.path.parent / str(last.get("file") or "")).is_file():
         note(f"{artefact} is left out: {last.get('file')}, the file of the test, is not there any more")
         return loaded
