@@ -6,6 +6,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from strainsight.cases.structure.filtered_test import Filtering, Wants, filtered
 from strainsight.errors import NumericalError
 
@@ -25,7 +27,7 @@ def forecast_in_words(each: Sequence[Filtering], passes: int, wanted: Wants) -> 
         filtered(few, wanted=wanted)  # what is compiled is not timed
         before = time.perf_counter()
         filtered(first, wanted=wanted)
-    except NumericalError:
+    except (NumericalError, np.linalg.LinAlgError):  # the estimate itself says what it cannot follow
         return ""
     seconds = passes * (time.perf_counter() - before) * steps / len(first.test.known)
     return f"filter and smoother of {steps} steps take about {_in_words(seconds)}, by the first {len(first.test.known)} of them"
