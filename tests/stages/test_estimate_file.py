@@ -103,14 +103,14 @@ def test_a_clock_that_jumps_back_is_refused_with_its_line(project, tmp_path):
 
 
 def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(project, plain, monkeypatch):
-    """600 steps, with a covariance of the filter, one of the smoother and a Jacobian for each."""
+    """600 steps: mean and σ of filter and smoother with copies of them, and a dozen numbers for each of four channels."""
     monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
     code, said = estimated(project, project / "results" / "test" / "measured.csv", "--force")
     assert code == 2
     states, needed = re.search(
         r"600 steps of (\d+) states: (\S+) GiB of memory are needed, 9.31e-05 GiB", said
     ).groups()
-    assert float(needed) == pytest.approx(3 * 8 * 600 * int(states) ** 2 / 2**30, rel=0.01)
+    assert float(needed) == pytest.approx(8 * 600 * (8 * int(states) + 12 * 4) / 2**30, rel=0.01)
     assert "give a part of the record at a time" in said
 
 

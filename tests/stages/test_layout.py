@@ -113,7 +113,7 @@ def _said(without):
 def _advice(without, loss):
     """On two gauges, without each of which σ of E is that."""
     task = SimpleNamespace(
-        metric=SimpleNamespace(criterion=Trace()), over=("E",), limits=limits_of(3, 2), settings=SimpleNamespace(keep=2),
+        criterion=Trace(), over=("E",), limits=limits_of(3, 2), settings=SimpleNamespace(keep=2),
         pool=SimpleNamespace(alone=0), relative=True, sigma="the steady-state σ of E", cost_of=lambda rows: None,
     )  # fmt: skip
     listed = SimpleNamespace(labels=("G1", "G2"), bonded=np.zeros(2, dtype=bool), peak=np.zeros(2), range=np.ones(2))

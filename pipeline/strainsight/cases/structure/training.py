@@ -56,7 +56,8 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     surface, given = None, None
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
-        moments = [own.x[:, :n].T @ own.x[:, :n] / len(own.x) for own in cases or [stated]]
+        with np.errstate(over="ignore", invalid="ignore"):  # readings beyond all bounds are refused below
+            moments = [own.x[:, :n].T @ own.x[:, :n] / len(own.x) for own in cases or [stated]]
         surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
         pool, names = surface.candidates, surface.names
         both = channel_rows(
