@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.bank_filters import OF_POINTS
 from strainsight.estimation.bank_smoother import AtPoints, kept_at, points_of, smoothed_at_points
-from strainsight.estimation.conditional import Nuisances, known_ends
+from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.consider_smoother import consider_errors
 from strainsight.estimation.error_paths import smoother_errors
 from strainsight.estimation.model import FilterModel
@@ -71,7 +71,7 @@ def bank_paths(
     for start in range(0, count, part):
         own = slice(start, min(start + part, count))
         each = -(-(own.stop - own.start) // points)
-        error = _errors(found, known, nuisances, biased, each, rng, states)[: own.stop - own.start]
+        error = _errors(found, known, biased, each, rng, states)[: own.stop - own.start]
         error += middle[None, :, states]
         for i in range(k):
             here = z[own, i, None, None]
@@ -113,22 +113,18 @@ def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def _errors(
     found: AtPoints,
     known: np.ndarray,
-    nuisances: Nuisances,
     biased: np.ndarray | None,
     each: int,
     rng: np.random.Generator,
     states: slice,
 ) -> np.ndarray:
     """−w (each · points, T + 1, n), the points one after the other."""
-    steps, points = len(known), len(found.points)
+    points = len(found.points)
     if found.considered:
         error = consider_errors(
             replace(found.models, **{name: getattr(found.models, name)[:points] for name in OF_POINTS}),
             (found.start[0][:points], found.start[1], found.start[2][:points]),
-            known.reshape(steps, -1),
-            known_ends(known, nuisances),
-            found.samples,
-            found.noise,
+            *found.record,
             each,
             rng,
         )[..., states]

@@ -99,7 +99,8 @@ class AtPoints:
 
     centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. nu (d,) and left
     (d, d): mean and covariance of ν that σ holds. model: with the discrepancy in its noise; models: linear at the points and
-    behind them at the centre, with start (x₀, P₀, V₀); samples (T, m) of every step; considered: by gains that consider ν.
+    behind them at the centre, with start (x₀, P₀, V₀); known (T, p), known_end (T, p₁) and samples (T, m) of every step;
+    considered: by gains that consider ν.
     """
 
     points: np.ndarray
@@ -110,14 +111,17 @@ class AtPoints:
     model: FilterModel
     models: LinearModels
     start: tuple[np.ndarray, np.ndarray, np.ndarray]
+    known: np.ndarray
+    known_end: np.ndarray
     samples: np.ndarray
     considered: bool
 
     @property
-    def noise(self) -> np.ndarray:
-        """Variances (T, m) of the samples."""
+    def record(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What is known, in every step and at its end, samples, and their variances (T, m)."""
         own = self.model.noise
-        return own[:, 0] if own.ndim == 3 else np.broadcast_to(own, self.samples.shape)
+        noise = own[:, 0] if own.ndim == 3 else np.broadcast_to(own, self.samples.shape)
+        return self.known, self.known_end, self.samples, noise
 
 
 def points_of(
@@ -148,7 +152,8 @@ def points_of(
         left = left + removed_of(left)
     models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, offsets)
     start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
-    return AtPoints(points, centre, spread, nu, left, model, models, start, samples, considered)
+    held = known.reshape(steps, -1), known_ends(known, nuisances)
+    return AtPoints(points, centre, spread, nu, left, model, models, start, *held, samples, considered)
 
 
 def _pieces(
@@ -164,9 +169,7 @@ def _pieces(
     V (L, d, n), what one of each adds to x̂ˢ − x; where ν is learned the record is one piece."""
     points = len(found.points)
     if found.considered:
-        steps, ends = len(known), known_ends(known, nuisances)
-        samples = found.samples, found.noise
-        for at, own in smoothed_pieces(found.models, found.start, known.reshape(steps, -1), ends, *samples):
+        for at, own in smoothed_pieces(found.models, found.start, *found.record):
             yield at, own.x[:points], own.P[:points], own.V[-1]
         return
     yield (
@@ -186,8 +189,7 @@ def smoothed_at_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """x (b + 1, T + 1, n) at the points and behind them at the centre, and V (T + 1, d, n); arguments as of `points_of`."""
     if found.considered:
-        steps, ends = len(known), known_ends(known, nuisances)
-        own = consider_smoothed(found.models, found.start, known.reshape(steps, -1), ends, found.samples, found.noise)
+        own = consider_smoothed(found.models, found.start, *found.record)
         return np.concatenate([own.x[: len(found.points)], own.x[-1:]]), own.V[-1]
 
     def at(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
