@@ -109,7 +109,7 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
     if lost.shape[1]:
         raise InfeasibleError(
             f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
-            remedy="estimate fewer unknowns, or make a load, a mass or a stiffness known",
+            remedy="let more candidates into the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
     unreached = undetectable_directions(scenario.F.T, _noise_rows(scenario.Q))
