@@ -8,6 +8,7 @@ from strainsight.config.loads import Load, Recorded, signal_problems
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.config.problem import Problem, exactly_one
+from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, box_problem
 from strainsight.errors import did_you_mean
 
 RESERVED = {"constant"}  # names the terms of an affine operator that belong to no parameter
@@ -84,6 +85,14 @@ def _moment(key: str, load: Load) -> Iterator[Problem]:
 
 
 def _mesh(mesh: MeshFile) -> Iterator[Problem]:
+    for name, face in mesh.faces.items():
+        if not (face.near or face.normal or face.box or face.radius):
+            what = "says of no face which it is"
+            yield Problem(f"mesh.faces.{name}", what, "give near, normal, box or radius", at_key=True)
+        if face.normal is not None and not any(face.normal):
+            yield Problem(f"mesh.faces.{name}.normal", NO_LENGTH, FOR_EXAMPLE)
+        if face.box is not None:
+            yield from box_problem(f"mesh.faces.{name}.box", face.box)
     for i, support in enumerate(mesh.supports):
         yield from exactly_one(f"mesh.supports.{i}", {"node": support.node, "set": support.set})
     claimed: dict[object, str] = {}

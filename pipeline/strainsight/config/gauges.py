@@ -110,7 +110,7 @@ NamedGaugeOrBridge = Annotated[
 class SensorSites(Section):
     """Where sensors may go, and what one costs."""
 
-    surface: Text = Field("all", description="'all' exterior facets, or the name of an element or node set.")
+    surface: Text = Field("all", description="'all' exterior facets, or the name of a face, an element or node set.")
     include: tuple[Zone, ...] = Field((), description="Zones that they have to be in, one of them; none: everywhere.")
     exclude: tuple[Zone, ...] = Field((), description="Zones without them.")
     price: NotNegative = Field(1.0, description="Price of one, in the unit of place.budget.")

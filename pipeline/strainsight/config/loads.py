@@ -98,7 +98,7 @@ class Load(Section):
     node: int | None = Field(
         None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
     )
-    set: Text | None = Field(None, description="Name of a node set instead of a node.")
+    set: Text | None = Field(None, description="Name of a node set or a face instead of a node.")
     deck_load: Text | None = Field(
         None,
         description="Name of a load of the deck (FORCE-7: the FORCE cards of set 7) instead of a node and direction.",

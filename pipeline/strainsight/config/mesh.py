@@ -29,8 +29,24 @@ class Support(Section):
     """Components that are held at zero, beside those of the file."""
 
     node: NodeId | None = Field(None, description="Id of a node.")
-    set: Text | None = Field(None, description="Name of a node set instead of a node.")
+    set: Text | None = Field(None, description="Name of a node set or a face instead of a node.")
     components: Components = Field((1, 2, 3), description="1-3 translations, 4-6 rotations of a reference node.")
+
+
+class Face(Section):
+    """A face of the surface, or several, under one name; all that is given has to hold."""
+
+    near: Vector | Annotated[tuple[Vector, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="A point [m], or a list of points: the face nearest to each. A face ends where it turns by more than "
+        "30°, or begins to bend. The middle of a bore means the bore. `import` lists a point of every face.",
+    )
+    normal: Vector | None = Field(None, description="Outward normal [-]: facets that face this way.")
+    angle: float = Field(10.0, gt=0, le=90, description="Largest angle between a facet's normal and `normal` [deg].")
+    box: tuple[Vector, Vector] | None = Field(
+        None, description="[[x, y, z], [x, y, z]]: lower and upper corner [m]; facets whose centre lies between them."
+    )
+    radius: Positive | None = Field(None, description="Bores and cylinders of this radius [m], to 2 %.")
 
 
 class Tie(Section):
@@ -41,7 +57,7 @@ class Tie(Section):
     )
     reference: NodeId = Field(description="Id of the reference node; a new one where `at` is given.")
     at: Vector | None = Field(None, description="Position of a new reference node [m].")
-    set: Text = Field(description="Name of the node set.")
+    set: Text = Field(description="Name of the node set or face.")
     components: Components | None = Field(
         None, description="rigid: of the nodes, default [1, 2, 3]; averaging: of the reference, default all six."
     )
@@ -87,6 +103,11 @@ class MeshFile(Section):
     )
     region_data: Text | None = Field(
         None, description="Cell data array that holds the region ids (VTU, VTK and the like); null: by its usual names."
+    )
+    faces: dict[Name, Face] = Field(
+        {},
+        description="Names for faces of the surface, which the file need not know: a name is a set of nodes, for loads, "
+        "supports, ties, zones and `gauges.surface`.",
     )
     materials: dict[Name, Material] = Field({}, description="Materials that the file lacks, in SI units, by name.")
     supports: tuple[Support, ...] = Field((), description="Supports that the file lacks.")

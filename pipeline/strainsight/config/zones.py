@@ -98,9 +98,14 @@ def zone_problems(key: str, zones: Sequence[Any]) -> Iterator[Problem]:
         yield from zone_problem(f"{key}.{i}", zone)
 
 
+def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
+    if any(low >= high for low, high in zip(*box, strict=True)):
+        yield Problem(key, "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
+
+
 def zone_problem(key: str, zone: Any) -> Iterator[Problem]:
-    if isinstance(zone, BoxZone) and any(low >= high for low, high in zip(*zone.box, strict=True)):
-        yield Problem(f"{key}.box", "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
+    if isinstance(zone, BoxZone):
+        yield from box_problem(f"{key}.box", zone.box)
     elif isinstance(zone, InCylinder) and not any(zone.cylinder.axis):
         yield Problem(f"{key}.cylinder.axis", NO_LENGTH, FOR_EXAMPLE)
     elif isinstance(zone, FacingZone) and not any(zone.normal_cone.axis):

@@ -25,8 +25,8 @@ def admissible(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices (k,) of the facets that may carry gauges; centre (f, 3) [m] and outward normal (f, 3) of all facets.
 
-    surface "all" or the name of an element or node set (a facet belongs to a node set with all its nodes); facets that touch
-    an SPC, RBE2 or RBE3 node are left out unless on_constraints; include: in at least one of these zones, none:
+    surface "all" or the name of a face, an element or node set (a facet belongs to a node set with all its nodes); facets
+    that touch an SPC, RBE2 or RBE3 node are left out unless on_constraints; include: in at least one of these zones, none:
     everywhere; exclude: in none of these. key: the section of the config that asks, to name what leaves no facet.
     Raises UserError for a set that is not there, InfeasibleError where no facet is left.
     """
@@ -65,6 +65,9 @@ def admissible(
 def _on_surface(mesh: Mesh, facets: Facets, surface: str) -> np.ndarray:
     if surface == "all":
         return np.ones(len(facets.element_id), dtype=bool)
+    if surface in mesh.faces:
+        own = mesh.faces[surface]
+        return np.isin(facets.element_id * 8 + facets.facet, own[:, 0] * 8 + own[:, 1])
     elements, nodes = surface in mesh.element_sets, surface in mesh.node_sets
     if elements and nodes:
         raise UserError(

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
+from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import AveragingElement, IntArray, Material, Mesh, RigidElement
 
 
@@ -71,6 +72,16 @@ def with_averaging_element(
     others = nodes[nodes != reference]
     element = AveragingElement(_next_tie(mesh), reference, others, np.ones(len(others)), tuple(components), name=name)
     return replace(mesh, averaging=(*mesh.averaging, element))
+
+
+def with_face(mesh: Mesh, name: str, facets: Facets, chosen: IntArray) -> Mesh:
+    """A mesh with one named face more, the chosen (k,) of its facets. Raises UserError for a name that a set has."""
+    if name in mesh.node_sets or name in mesh.element_sets:
+        raise UserError(f"the mesh has a set {name!r}", remedy="give the face another name, or use the set")
+    nodes = facets.nodes[chosen]
+    members = np.sort(mesh.node_ids[np.unique(nodes[nodes >= 0])])
+    own = np.column_stack([facets.element_id[chosen], facets.facet[chosen]])
+    return replace(mesh, faces={**mesh.faces, name: own}, node_sets={**mesh.node_sets, name: members})
 
 
 def node_indices(mesh: Mesh, name: str) -> IntArray:

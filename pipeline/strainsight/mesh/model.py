@@ -125,12 +125,13 @@ class Origin:
 class Mesh:
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
-    node_ids (n,) of the file; position (n, 3) [m]; blocks of cells; fixed (f, 2) pairs (node index, component 0-5)
-    that are held at zero; axes: node index → (3, 3) axes, one in a column, that the components of fixed, rigid and
-    averaging mean at that node (CD of a GRID), the basic ones where it has none; node_sets and element_sets name → ids of
-    the file; loads: name → forces of the file; ignored: card or the like that is not supported → count; effect: "structure" for
-    those that may add stiffness, mass or a tie, "none" for those that change none of them; notes: sentences on how something
-    was read; included: files that the deck takes in; origin: "node", "element", "tie" → lines.
+    node_ids (n,) of the file; position (n, 3) [m]; blocks of cells; fixed (f, 2) pairs (node index, component 0-5) that are
+    held at zero; axes: node index → (3, 3) axes, one in a column, that the components of fixed, rigid and averaging mean at
+    that node (CD of a GRID), the basic ones where it has none; node_sets and element_sets name → ids of the file; faces:
+    name → facets (k, 2) as element id and local number, of which the nodes are a node set of that name; loads: name →
+    forces of the file; ignored: card or the like that is not supported → count; effect: "structure" for those that may add
+    stiffness, mass or a tie, "none" for those that change none of them; notes: sentences on how something was read;
+    included: files that the deck takes in; origin: "node", "element", "tie" → lines.
     """
 
     node_ids: IntArray
@@ -145,6 +146,7 @@ class Mesh:
     axes: Mapping[int, FloatArray] = field(default_factory=dict)
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
     element_sets: Mapping[str, IntArray] = field(default_factory=dict)
+    faces: Mapping[str, IntArray] = field(default_factory=dict)
     loads: Mapping[str, NodalForces] = field(default_factory=dict)
     ignored: Mapping[str, int] = field(default_factory=dict)
     effect: Mapping[str, str] = field(default_factory=dict)

@@ -74,6 +74,7 @@ def refined(mesh: Mesh) -> Refined:
         axes={},
         node_sets={},
         element_sets={},
+        faces={},
         loads={},
         origin={},
     )

@@ -9,7 +9,7 @@ from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.estimated import CampaignRecord, Estimated
-from strainsight.records.mesh import MeshColumns
+from strainsight.records.faces import Imported
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.simulated import Simulated, SurfaceInTime
@@ -18,7 +18,7 @@ from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 
 PLACEMENT: dict[str, Any] = {
-    "import": MeshColumns,
+    "import": Imported,
     "modes": Modes,
     "rom": Reduced,
     "train": Training,

@@ -202,6 +202,15 @@ class Sets:
 
 
 @record
+class NamedFaces:
+    """Faces that the config names."""
+
+    name: tuple[str, ...] = dataset("/name", "1", "name", "name; its nodes are a node set of that name")
+    facets: np.ndarray = dataset("/facets", "1", "named facet × 2", "element id and local facet number" + ALL)
+    facets_offset: np.ndarray = dataset("/facets_offset", "1", "name + 1", OFFSET)
+
+
+@record
 class Ignored:
     card: tuple[str, ...] = dataset("/card", "1", "card", "card that is not supported")
     count: np.ndarray = dataset("/count", "1", "card", "how often")
@@ -226,6 +235,7 @@ class MeshColumns:
     loads: Loads = group("/loads")
     node_sets: Sets = group("/sets/nodes", what="nodes")
     element_sets: Sets = group("/sets/elements", what="elements")
+    faces: NamedFaces = group("/faces/named")
     ignored: Ignored = group("/ignored")
     notes: tuple[str, ...] = dataset("/notes", "1", "note", "how something of the deck was read")
 
@@ -233,6 +243,7 @@ class MeshColumns:
     def of(cls, mesh: Mesh) -> MeshColumns:
         regions, materials, masses = list(mesh.regions.values()), list(mesh.materials.values()), mesh.point_masses
         loaded, loaded_offset = _joined([load.nodes for load in mesh.loads.values()], int)
+        named, named_offset = _joined(list(mesh.faces.values()), int, (2,))
         force, force_offset = _joined([load.force for load in mesh.loads.values()], float, (3,))
         return cls(
             nodes=Nodes(id=mesh.node_ids, position=mesh.position),
@@ -271,6 +282,7 @@ class MeshColumns:
             ),
             node_sets=_sets(mesh.node_sets),
             element_sets=_sets(mesh.element_sets),
+            faces=NamedFaces(name=tuple(mesh.faces), facets=named, facets_offset=named_offset),
             ignored=Ignored(
                 card=tuple(mesh.ignored),
                 count=_ints(list(mesh.ignored.values())),
@@ -306,6 +318,7 @@ class MeshColumns:
             axes=dict(zip(axes.node.tolist(), axes.direction, strict=True)),
             node_sets=_members(self.node_sets),
             element_sets=_members(self.element_sets),
+            faces=dict(zip(self.faces.name, _split(self.faces.facets, self.faces.facets_offset), strict=True)),
             loads={name: NodalForces(*row) for name, row in zip(loads.name, forces, strict=True)},
             notes=self.notes,
             ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),

@@ -10,13 +10,16 @@ import numpy as np
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
+from strainsight.gauges.faces import faces_of
+from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
+from strainsight.records.faces import FoundFaces, Imported
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import written
-from strainsight.stages.pages.found import found_tables
+from strainsight.stages.pages.found import faces_table, found_tables
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -26,6 +29,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     config = context.config.mesh
     mesh = mesh_of(config, context.files["mesh.file"])
     weight, quality = checked(mesh, config)
+    faces = faces_of(mesh.position, exterior_facets(mesh)) if mesh.blocks else None
     grid, grid_attributes = vtkhdf_datasets(_grid(mesh))
     count = sum(len(block.ids) for block in mesh.blocks)
     kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.blocks)
@@ -36,11 +40,14 @@ def run(context: Context[PlacementConfig]) -> Output:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")
     return Output(
-        datasets=written(MeshColumns.of(mesh)) | grid,
+        datasets=written(Imported(mesh=MeshColumns.of(mesh), found=FoundFaces.of(faces) if faces else None)) | grid,
         attributes=grid_attributes,
         summary=summary,
         message=", ".join(part for part in parts if part),
-        tables=found_tables(mesh, weight, quality, _warnings(mesh, config)),
+        tables=(
+            *found_tables(mesh, weight, quality, _warnings(mesh, config)),
+            *((faces_table(faces),) if faces else ()),
+        ),
         inputs=tuple(Path(name) for name in mesh.included),
     )
 
@@ -63,4 +70,4 @@ def _grid(mesh: Mesh) -> VtkHdf:
     )
 
 
-IMPORT = Stage("import", version=3, reads=("mesh",), upstream=(), files=("mesh.file",), run=run)
+IMPORT = Stage("import", version=4, reads=("mesh",), upstream=(), files=("mesh.file",), run=run)

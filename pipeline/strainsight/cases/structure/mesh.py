@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.mesh import MeshFile
+from strainsight.config.mesh import Face, MeshFile
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, blame
@@ -16,15 +16,18 @@ from strainsight.fem.assembly import mass_properties
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.quality import Quality, element_quality
+from strainsight.gauges.faces import Pick, faces_of, picked
 from strainsight.mesh.additions import (
     node_index,
     node_indices,
     with_averaging_element,
+    with_face,
     with_material,
     with_node,
     with_rigid_element,
     with_support,
 )
+from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 
 
@@ -64,6 +67,12 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
             regions = None if material.regions == "all" else material.regions
             E, nu, rho = material.youngs_modulus, material.poisson_ratio, material.density
             mesh = with_material(mesh, regions, E, nu, rho, f"{key}.materials.{name}")
+    if config.faces:
+        facets = exterior_facets(mesh)
+        faces = faces_of(mesh.position, facets)
+        for name, face in config.faces.items():
+            with blame(f"{key}.faces.{name}"):
+                mesh = with_face(mesh, name, facets, picked(_pick(face), faces, mesh.position, facets))
     for i, tie in enumerate(config.ties):
         with blame(f"{key}.ties.{i}"):
             nodes = node_indices(mesh, tie.set)
@@ -88,6 +97,12 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
                 nodes = node_indices(mesh, str(support.set))  # the config asks for one of the two
             mesh = with_support(mesh, nodes, _components(support.components))
     return mesh
+
+
+def _pick(face: Face) -> Pick:
+    near = face.near or ()
+    points = near if not near or isinstance(near[0], tuple) else (near,)
+    return Pick(points, face.normal, face.angle, face.box, face.radius)
 
 
 @contextmanager

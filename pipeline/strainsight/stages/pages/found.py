@@ -8,12 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.fem.quality import POOR, Quality
+from strainsight.gauges.faces import Faces
 from strainsight.mesh.model import Mesh
 from strainsight.workflow.output import Table
 
 Row = tuple[str, str, str]
 LONGEST = 12
 """Rows of one kind that a table shows before it only counts the rest."""
+
+FACES = 24
+"""Faces that are listed."""
 
 
 def found_tables(
@@ -33,6 +37,19 @@ def found_tables(
     rows += [("note", "", text) for text in mesh.notes]
     rows += [("warning", "", text) for text in (*warnings, *_poor(quality))]
     return (Table("the mesh", ("what", "how many", "detail"), tuple(rows)),)
+
+
+def faces_table(faces: Faces) -> Table:
+    """The largest faces of the surface, with a point of each that a config can name it by."""
+    count = len(faces.area)
+    rows = []
+    for face in range(min(count, FACES)):
+        point = ", ".join(f"{x:.4g}" for x in faces.point[face].round(9) + 0.0)
+        rows.append((f"{faces.area[face]:.3g} m²", faces.in_words(face), f"near: [{point}]"))
+    title = "faces of the surface"
+    if count > FACES:
+        title += f", the {FACES} largest of {count}: the others are in import.h5"
+    return Table(title, ("area", "what", "for mesh.faces"), tuple(rows))
 
 
 def _times(count: int, effect: str | None) -> str:
@@ -107,9 +124,11 @@ def _lever(offset: np.ndarray, inertia: np.ndarray) -> str:
 
 
 def _sets(mesh: Mesh) -> list[Row]:
-    nodes = [(f"node set {name}", _number(len(ids), "node"), "") for name, ids in mesh.node_sets.items()]
+    faces = [(f"face {name}", _number(len(own), "facet"), "") for name, own in mesh.faces.items()]
+    sets = {name: ids for name, ids in mesh.node_sets.items() if name not in mesh.faces}
+    nodes = [(f"node set {name}", _number(len(ids), "node"), "") for name, ids in sets.items()]
     elements = [(f"element set {name}", _number(len(ids), "element"), "") for name, ids in mesh.element_sets.items()]
-    return _shortened(nodes, "node sets") + _shortened(elements, "element sets")
+    return faces + _shortened(nodes, "node sets") + _shortened(elements, "element sets")
 
 
 def _shortened(rows: list[Row], what: str) -> list[Row]:

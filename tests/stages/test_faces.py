@@ -1,0 +1,53 @@
+"""A deck that names nothing: faces of the config hold it, load it and carry its gauges, as sets of the deck would."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+
+from ..edges.beam import bricks, finished
+
+FACES = {"root": {"near": [0, 0.05, 0.04]}, "end": {"normal": [1, 0, 0]}, "top": {"near": [0.5, 0.05, 0.08]}}
+LOAD = {"known": True, "direction": [0, 0, 1], "signal": {"type": "sine", "frequency": 20.0, "amplitude": 1000.0}}
+
+
+def unheld() -> str:
+    """The beam without its SPC1 card."""
+    lines = bricks((8, 2, 2), "hex20", tip=False).replace("SPC = 1\n", "").splitlines()
+    kept, skip = [], False
+    for line in lines:
+        skip = line.startswith("SPC1") or (skip and line.startswith(","))
+        kept += [] if skip else [line]
+    return "\n".join([*kept, ""])
+
+
+def changes(faces: bool) -> dict:
+    own = {"loads": {"tip": {**LOAD, "set": "end"}}, "mesh.faces": FACES if faces else {"end": FACES["end"]}}
+    own |= {"screen.keep": "all", "screen.minimum_spacing": 0.0, "gauges.clearance": "none"}
+    own["gauges.exclude"] = [{"normal_cone": {"axis": [1, 0, 0], "angle": 10}}]
+    return own | ({"mesh.supports": [{"set": "root"}], "gauges.surface": "top"} if faces else {})
+
+
+def test_a_face_holds_loads_and_carries_gauges(tmp_path):
+    of_deck = finished(tmp_path / "deck", "train", bricks((8, 2, 2), "hex20", tip=False), changes(False))
+    of_faces = finished(tmp_path / "faces", "train", unheld(), changes(True))
+    np.testing.assert_array_equal(of_faces["import"]["/constraints/fixed"], of_deck["import"]["/constraints/fixed"])
+    np.testing.assert_array_equal(of_faces["modes"]["/frequency"], of_deck["modes"]["/frequency"])
+    on_top = of_deck["train"]["/gauges/position"][:, 2] > 0.08 - 1e-9
+    np.testing.assert_array_equal(of_faces["train"]["/strain"], of_deck["train"]["/strain"][:, on_top])
+
+
+def test_the_import_lists_six_faces_of_a_beam_and_the_names_that_stand_for_three(tmp_path):
+    found = finished(tmp_path, "import", unheld(), changes(True))["import"]
+    np.testing.assert_allclose(found["/faces/found/area"], [0.1, 0.1, 0.08, 0.08, 0.008, 0.008], rtol=1e-12)
+    assert found["/faces/named/name"].astype(str).tolist() == ["end", "root", "top"]  # yaml sorts them
+    assert found["/faces/named/facets_offset"].tolist() == [0, 4, 8, 24]
+
+
+def test_a_name_that_the_deck_has_is_refused(tmp_path):
+    text = unheld().replace("ENDDATA", "SET1,7,1,THRU,4\nENDDATA")
+    with pytest.raises(UserError, match="the mesh has a set 'SET1-7'") as caught:
+        finished(tmp_path, "import", text, {"mesh.faces": {"SET1-7": {"near": [0, 0.05, 0.04]}}})
+    assert caught.value.key == "mesh.faces.SET1-7"
