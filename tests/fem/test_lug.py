@@ -16,7 +16,8 @@ from scipy.sparse.linalg import spsolve
 from strainsight.decks.reader import read_mesh
 from strainsight.fem.assembly import assemble
 from strainsight.fem.factorisation import factorise
-from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows

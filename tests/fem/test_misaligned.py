@@ -9,8 +9,9 @@ import pytest
 from scipy.linalg import expm
 from scipy.sparse.linalg import spsolve
 
+from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.misaligned import axes_across, misaligned_shape, misalignment_shapes
-from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.model import AveragingElement, NodalForces, RigidElement
 
 L, B, H = 2.0, 0.25, 0.19

@@ -10,7 +10,8 @@ import pytest
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.factorisation import factorise
-from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.model import NodalForces, PointMass, RigidElement
 
 

@@ -9,8 +9,9 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from strainsight.errors import UserError
+from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.misaligned import axes_across, misaligned_shape, misalignment_shapes
-from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.model import AveragingElement, RigidElement
 
 from .test_misaligned import NU, B, E, G, H, L, torsion_constant

@@ -11,7 +11,8 @@ from scipy import sparse
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble
-from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.ready import Term, build_ready_model, ready_matrices
 from strainsight.mesh.model import AveragingElement, Mesh, RigidElement

@@ -14,7 +14,8 @@ from scipy.linalg import eigh
 from strainsight.decks.reader import read_mesh
 from strainsight.fem import transient as module
 from strainsight.fem.affine import Parameter
-from strainsight.fem.model import PointLoad, build_model, input_shape
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model
 from strainsight.fem.transient import free_rows, transient
 from strainsight.fem.viscous import ViscousDamping, modal_damping
 from strainsight.gauges.candidates import candidates

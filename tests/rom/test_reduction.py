@@ -11,7 +11,8 @@ from scipy.linalg import cholesky, eigh, svdvals
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.model import FiniteElementModel, PointLoad, build_model, input_shape
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import FiniteElementModel, build_model
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.rom import reduction as module
 from strainsight.rom import snapshots as snapshots_module

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.errors import UserError
+from strainsight.errors import ConfigError, UserError
 
 from ..edges.beam import bricks, finished
 
@@ -51,3 +51,41 @@ def test_a_name_that_the_deck_has_is_refused(tmp_path):
     with pytest.raises(UserError, match="the mesh has a set 'SET1-7'") as caught:
         finished(tmp_path, "import", text, {"mesh.faces": {"SET1-7": {"near": [0, 0.05, 0.04]}}})
     assert caught.value.key == "mesh.faces.SET1-7"
+
+
+@pytest.mark.parametrize(
+    ("load", "key", "what"),
+    [
+        ({"node": 1, "pressure": True}, "loads.tip.pressure", "acts on a face"),
+        ({"set": "end", "pressure": True, "bearing": [0, 0, 1]}, "loads.tip.pressure", "a load with 'bearing', too"),
+        ({"set": "end", "bearing": [0, 0, 0]}, "loads.tip.bearing", "length zero"),
+        ({"set": "end", "pressure": True, "direction": [0, 0, 1]}, "loads.tip.direction", "a pressure acts inward"),
+        ({"set": "end"}, "loads.tip.direction", "missing"),
+    ],
+)
+def test_what_presses_has_one_kind_and_a_face(tmp_path, load, key, what):
+    own = {name: value for name, value in LOAD.items() if name != "direction"}
+    with pytest.raises(ConfigError, match=what) as caught:
+        finished(tmp_path, "import", unheld(), changes(True) | {"loads": {"tip": own | load}})
+    assert key in str(caught.value)
+
+
+def test_an_unknown_pressure_is_placed_for_in_pascal_and_a_known_pin_beside_it(tmp_path):
+    own = changes(True) | {
+        "mesh.faces": FACES | {"below": {"near": [0.5, 0.05, 0.0]}},
+        "loads": {
+            "press": {"known": False, "set": "below", "pressure": True, "signal": LOAD["signal"] | {"amplitude": 2e5}},
+            "pin": {"known": True, "set": "end", "bearing": [-1, 0, 0], "signal": LOAD["signal"]},
+        },
+        "parameters": {},
+        "place.estimate": ["press"],
+        "tolerances": "none",
+        "validate": {"truth": {"model": "modes"}, "time_step": 0.001, "duration": 0.1, "repeats": 1, "random_sets": 0},
+    }
+    own["validate"] |= {"noise_factors": [], "initial_std": {"press": 1.0}}
+    found = finished(tmp_path, "validate", unheld(), own)
+    own = found["validate"]
+    assert own.attributes("/estimate/press")["units"] == "Pa"
+    truth, mean, std = (own[f"/{name}/press"].ravel() for name in ("truth", "smoothed", "smoothed_std"))
+    assert np.abs(truth).max() == pytest.approx(2e5, rel=0.05)
+    assert np.all(np.abs(mean - truth)[10:] < 4 * std[10:])

@@ -9,7 +9,8 @@ import pytest
 from scipy.sparse.linalg import eigsh, splu
 
 from strainsight.decks.reader import read_mesh
-from strainsight.fem.model import PointLoad, build_model, input_shape, nodal
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
 from strainsight.gauges.rows import channel_matrix
 from strainsight.records.record import read
 from strainsight.records.training import Training

@@ -15,13 +15,13 @@ from strainsight.measurements.records import Recording
 from strainsight.measurements.units import known_unit
 from strainsight.signals.histories import FromSamples
 
-LOADS = ("force", "moment")
+LOADS = ("force", "moment", "pressure")
 
 
 def recorded(key: str, config: Recorded, path: Path) -> FromSamples:
     """The history that the text table at `path` holds in the columns that the config names; key: of the signal.
 
-    Time in s, values in N or N m, or in the unit that stands behind the name of the column, as in "F [kN]".
+    Time in s, values in N, N m or Pa, or in the unit that stands behind the name of the column, as in "F [kN]".
     Raises UserError with file:line for what is no table, a sample that is missing, and a time that does not increase.
     """
     column = config.value_column

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from strainsight.config.loads import Load, Recorded, signal_problems
 from strainsight.config.mesh import MeshFile
@@ -55,8 +55,9 @@ def _parameter(key: str, parameter: MaterialParameter, run: str) -> Iterator[Pro
 
 def _load(key: str, load: Load) -> Iterator[Problem]:
     yield from exactly_one(key, {"node": load.node, "set": load.set, "deck_load": load.deck_load})
-    if load.moment is not None:
-        yield from _moment(key, load)
+    kinds = {"moment": load.moment, "bearing": load.bearing, "pressure": load.pressure}
+    if given := [name for name, value in kinds.items() if value is not None]:
+        yield from _instead(key, load, given, kinds[given[0]])
     elif load.direction is None and load.deck_load is None:
         yield Problem(f"{key}.direction", "missing", "give a vector such as [0, 0, 1]", at_key=True)
     elif load.direction is not None and load.deck_load is not None:
@@ -73,15 +74,22 @@ def _load(key: str, load: Load) -> Iterator[Problem]:
         )
 
 
-def _moment(key: str, load: Load) -> Iterator[Problem]:
+def _instead(key: str, load: Load, given: Sequence[str], value: object) -> Iterator[Problem]:
+    """What stands instead of a direction."""
+    kind = given[0]
+    if len(given) > 1:
+        yield Problem(f"{key}.{given[1]}", f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
     if load.deck_load is not None:
-        yield Problem(f"{key}.moment", "a load of the deck is no moment", "remove the key", at_key=True)
+        what = "a load of the deck is no moment" if kind == "moment" else "a load of the deck has its own forces"
+        yield Problem(f"{key}.{kind}", what, "remove the key", at_key=True)
     elif load.direction is not None:
-        yield Problem(
-            f"{key}.direction", "a moment has an axis and no direction", "remove one of the two keys", at_key=True
-        )
-    if not any(load.moment or ()):
-        yield Problem(f"{key}.moment", "an axis of length zero", "give a vector such as [0, 0, 1]")
+        own = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector of its own"}
+        what = f"{own.get(kind, 'a pressure acts inward')} and no direction"
+        yield Problem(f"{key}.direction", what, "remove one of the two keys", at_key=True)
+    if isinstance(value, tuple) and not any(value):
+        yield Problem(f"{key}.{kind}", "an axis of length zero", "give a vector such as [0, 0, 1]")
+    if kind != "moment" and load.set is None:
+        yield Problem(f"{key}.{kind}", "acts on a face", "give `set` the name of one of mesh.faces", at_key=True)
 
 
 def _mesh(mesh: MeshFile) -> Iterator[Problem]:

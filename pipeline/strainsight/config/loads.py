@@ -16,7 +16,7 @@ class Sine(Section):
 
     type: Literal["sine"] = Field(description="Kind of signal.")
     frequency: Positive = Field(description="Frequency f [Hz].")
-    amplitude: Positive = Field(description="Amplitude a [N, of a moment N m].")
+    amplitude: Positive = Field(description="Amplitude a [N, of a moment N m, of a pressure Pa].")
     phase: float = Field(0.0, description="Phase φ [rad].")
 
 
@@ -27,7 +27,7 @@ class Sweep(Section):
     start_frequency: NotNegative = Field(description="Frequency at t = 0 [Hz].")
     end_frequency: Positive = Field(description="Frequency at the end of the sweep [Hz].")
     duration: Positive = Field(description="Length of the sweep [s].")
-    amplitude: Positive = Field(description="Amplitude [N, of a moment N m].")
+    amplitude: Positive = Field(description="Amplitude [N, of a moment N m, of a pressure Pa].")
 
 
 class MultiSine(Section):
@@ -38,7 +38,7 @@ class MultiSine(Section):
     highest: Positive = Field(description="Highest frequency [Hz].")
     count: int = Field(ge=1, description="Number of sines [-].")
     amplitude: Positive = Field(
-        description="Amplitude [N, of a moment N m] of the one sine that has the power of all of them together."
+        description="Amplitude [N, of a moment N m, of a pressure Pa] of the one sine that has the power of all of them together."
     )
     seed: Seed = Field(0, description="Seed of the phases [-].")
 
@@ -55,7 +55,7 @@ class Recorded(Section):
         description="Name of the column with the time [s, or the unit behind the name: `t [ms]`]."
     )
     value_column: Text = Field(
-        description="Name of the column with the load [N, for a moment N m, or the unit behind the name: `F [kN]`]."
+        description="Name of the column with the load [N, N m or Pa, or the unit behind the name: `F [kN]`]."
     )
 
 
@@ -85,15 +85,15 @@ class InputNoise(Section):
     )
     amplitude: Positive | None = Field(
         None,
-        description="Typical amplitude of the load [N, of a moment N m]; initial_std is relative to it; null: that of its "
-        "signal.",
+        description="Typical amplitude of the load [N, of a moment N m, of a pressure Pa]; initial_std is relative to it; null: "
+        "that of its signal.",
     )
     smoothness: Literal["1/2", "3/2", "5/2"] = Field("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
     damping: Positive = Field(0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency.")
 
 
 class Load(Section):
-    """A force at a node or spread over a set, or a moment."""
+    """A force at a node or spread over a set or face, a moment, or what presses on a face."""
 
     node: int | None = Field(
         None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
@@ -105,12 +105,22 @@ class Load(Section):
     )
     direction: Vector | None = Field(
         None,
-        description="Direction in global coordinates [-]; its length does not matter. Left out only with deck_load or moment.",
+        description="Direction in global coordinates [-]; its length does not matter. On a face the force is spread evenly "
+        "over its area. Left out only with deck_load, moment, bearing or pressure.",
     )
     moment: Vector | None = Field(
         None,
         description="Axis of a moment [-] instead of a direction: the load is in N m then. It acts on the rotations of an "
         "RBE2/RBE3 reference node, else as a couple of forces on the nodes of the set, or on those around the node.",
+    )
+    bearing: Vector | None = Field(
+        None,
+        description="Vector [-] along which a pin presses on the bore that `set` names, a face of `mesh.faces`, from the pin "
+        "into the material, instead of a direction: the pressure goes with the cosine to it, on the half turned against it.",
+    )
+    pressure: Literal[True] | None = Field(
+        None,
+        description="true: a pressure on the face that `set` names instead of a direction; the load is in Pa then.",
     )
     known: bool = Field(description="true: measured by other means; false: to be estimated.")
     signal: LoadSignal = Field(description="What the load looks like in training and validation.")
@@ -119,7 +129,12 @@ class Load(Section):
     @property
     def unit(self) -> str:
         """Of its signal and of all that is estimated of it."""
-        return "N" if self.moment is None else "N m"
+        return unit_of(self.moment, self.pressure)
+
+
+def unit_of(moment: object, pressure: object) -> str:
+    """Of a load with these keys."""
+    return "N m" if moment is not None else "Pa" if pressure else "N"
 
 
 def signal_problems(key: str, signal: LoadSignal) -> Iterator[Problem]:

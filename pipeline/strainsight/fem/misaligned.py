@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from strainsight.fem.couple import couple
-from strainsight.fem.model import FiniteElementModel, PointLoad, moment_forces, nodal_forces
+from strainsight.fem.loads import PointLoad, moment_forces, nodal_forces
+from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.model import NodalForces
 from strainsight.ordering import first_of_largest
 
@@ -29,14 +30,18 @@ def misaligned_shape(model: FiniteElementModel, load: PointLoad, turn: np.ndarra
         S = Tᵀ(e(R f) + c(δ × Σ R f)),     R = exp([θ₁a₁ + θ₂a₂]×),   δ = δ₁a₁ + δ₂a₂
 
     f the forces on its nodes, e puts forces and c a `couple` on them, in proportion to f. A moment turns, and is the same
-    wherever it acts; what its nodes cannot exert of the turned one is left out. turn θ (2,) [rad] about and shift δ (2,) [m]
-    along the `axes_across`.
+    wherever it acts; what its nodes cannot exert of the turned one is left out. A pressure has no direction and no point.
+    turn θ (2,) [rad] about and shift δ (2,) [m] along the `axes_across`.
     """
     if load.moment is not None:
         axis = np.asarray(load.moment, dtype=float) / np.linalg.norm(load.moment)
         turned = Rotation.from_rotvec(np.asarray(turn) @ axes_across(axis)).apply(axis)
         return np.asarray(model.constraint.transform.T @ moment_forces(model, load, turned, whole=False))
     own = nodal_forces(model.mesh, load)
+    if load.pressure:
+        e = np.zeros(model.constraint.transform.shape[0])
+        e[: 3 * len(model.mesh.position)].reshape(-1, 3)[own.nodes] = own.force
+        return np.asarray(model.constraint.transform.T @ e)
     axes = _axes_of(own.force)
     force = Rotation.from_rotvec(np.asarray(turn) @ axes).apply(own.force)
     e = _couple(model, own, np.cross(np.asarray(shift) @ axes, force.sum(axis=0)))
@@ -47,7 +52,8 @@ def misaligned_shape(model: FiniteElementModel, load: PointLoad, turn: np.ndarra
 def misalignment_shapes(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.ndarray:
     """∂S/∂(θ₁, θ₂, δ₁, δ₂) of `misaligned_shape` at zero (n_free, n_u, MISALIGNMENTS) [1/rad, 1/m]:
 
-    Tᵀ e(a × f) of a turn about a, Tᵀ c(a × Σ f) of a shift along a; of a moment Tᵀ c(a × M), and nothing of a shift.
+    Tᵀ e(a × f) of a turn about a, Tᵀ c(a × Σ f) of a shift along a; of a moment Tᵀ c(a × M), and nothing
+    of a shift; nothing of a pressure.
     """
     columns = []
     for load in loads:
@@ -56,6 +62,9 @@ def misalignment_shapes(model: FiniteElementModel, loads: Sequence[PointLoad]) -
             turned = [np.cross(across, axis) for across in axes_across(axis)]
             columns += [moment_forces(model, load, moment, whole=False) for moment in turned]
             columns += [np.zeros(model.constraint.transform.shape[0])] * 2
+            continue
+        if load.pressure:
+            columns += [np.zeros(model.constraint.transform.shape[0])] * MISALIGNMENTS
             continue
         own = nodal_forces(model.mesh, load)
         axes, whole = _axes_of(own.force), own.force.sum(axis=0)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
-from strainsight.errors import DeckError, UserError
+from strainsight.errors import DeckError
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
-from strainsight.fem.couple import couple, exerted
 from strainsight.fem.point_masses import point_mass_matrix, turning_masses
 from strainsight.fem.support import require_support
 from strainsight.mesh.kinds import FAMILIES
-from strainsight.mesh.model import Mesh, NodalForces
+from strainsight.mesh.model import Mesh
 
 
 @dataclass(frozen=True)
@@ -33,20 +31,6 @@ class FiniteElementModel:
     def size(self) -> int:
         """n_free."""
         return int(self.constraint.transform.shape[1])
-
-
-@dataclass(frozen=True)
-class PointLoad:
-    """A force of unit resultant: in a direction (3,), not all zero, on a node or shared equally by the nodes of a set, or
-    as a load of the deck distributes it (without a direction of its own). Or a unit moment about an axis (3,), not all zero, on
-    a node or on the nodes of a set as a `couple`."""
-
-    name: str
-    direction: tuple[float, float, float] | None = None
-    node_id: int | None = None
-    node_set: str | None = None
-    deck_load: str | None = None
-    moment: tuple[float, float, float] | None = None
 
 
 def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True) -> FiniteElementModel:
@@ -87,146 +71,6 @@ def congruence(X: sparse.csr_array, T: sparse.csr_array) -> sparse.csr_array:
     return reduced
 
 
-def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.ndarray:
-    """S = Tᵀe (n_free, n_u) [-]: e puts a unit force on the node, or 1/k of it on each of the k nodes of a set; a load f of the
-    deck is e = f / |Σ f|; of a moment e is the `couple` of 1 N m.
-
-    Raises the errors of `nodal_forces` and `moment_forces`, and UserError for a node that is clamped in the direction.
-    """
-    mesh, T = model.mesh, model.constraint.transform
-    e = np.zeros((T.shape[0], len(loads)))
-    for column, load in enumerate(loads):
-        if load.moment is not None:
-            e[:, column] = moment_forces(model, load, np.asarray(load.moment) / np.linalg.norm(load.moment))
-            continue
-        own = nodal_forces(mesh, load)
-        if load.deck_load is not None:
-            _check_acts(mesh, T, load, own)
-        else:
-            _check_all_act(mesh, T, load, own)
-        np.add.at(e[: 3 * len(mesh.position), column].reshape(-1, 3), own.nodes, own.force)
-    return T.T @ e
-
-
-def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray, *, whole: bool = True) -> np.ndarray:
-    """Forces and moments on the rows of z (3n + 3r,) that exert a moment (3,) [N m] where a load with a moment acts; whole: all
-    of it, otherwise what its nodes can exert.
-
-    Raises UserError for a node or set that is not there, and where the nodes cannot exert the whole: they lie on a line or at a
-    point, or cannot move.
-    """
-    mesh, constraint = model.mesh, model.constraint
-    nodes = np.array(_loaded_nodes(mesh, load), dtype=np.int64)
-    e = couple(mesh, constraint, nodes, np.ones(len(nodes)), moment)
-    if not whole:
-        return e
-    missed = np.linalg.norm(exerted(mesh, constraint, e) - moment) / np.linalg.norm(moment)
-    if missed > 1e-6 or not np.any(constraint.transform.T @ e):
-        where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
-        raise UserError(
-            f"load {load.name}: {where} cannot exert its moment, {100 * missed:.3g} % of it is missed",
-            remedy="take the reference node of an RBE2 or RBE3, or a set of nodes that move and do not lie on a line",
-        )
-    return e
-
-
-def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
-    """The forces (k, 3) [N] of a load of unit resultant, on nodes (k,) (indices).
-
-    Raises UserError for a node, set or load that is not there, a direction of no length, and a load of the deck without
-    resultant.
-    """
-    if sum(given is not None for given in (load.node_id, load.node_set, load.deck_load)) != 1:
-        raise UserError(
-            f"load {load.name} needs a node or a node set, or a load of the deck", remedy="give one of them"
-        )
-    if load.deck_load is not None:
-        return _deck_load(mesh, load)
-    direction = np.asarray(() if load.direction is None else load.direction, dtype=float)
-    length = np.linalg.norm(direction)
-    if direction.shape != (3,) or not (length > 0 and np.isfinite(length)):
-        raise UserError(
-            f"load {load.name} has the direction {load.direction}", remedy="give three numbers, not all zero"
-        )
-    nodes = _loaded_nodes(mesh, load)
-    return NodalForces(np.array(nodes, dtype=np.int64), np.tile(direction / length / len(nodes), (len(nodes), 1)))
-
-
-def _check_all_act(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
-    """Raise UserError where one of the forces acts on a node that cannot move in its direction."""
-    for node, force in zip(own.nodes.tolist(), own.force, strict=True):
-        if not np.any(T[3 * node : 3 * node + 3].T @ force):
-            raise UserError(
-                f"load {load.name} acts on node {mesh.node_ids[node]}, which cannot move in its direction",
-                remedy="it is clamped or in no element: load another node or direction",
-            )
-
-
-def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
-    """Raise UserError where none of a deck's forces acts on a free motion, warn where some do not."""
-    loaded = np.flatnonzero(own.force.any(axis=1))
-    idle = [i for i in loaded.tolist() if not np.any(T[3 * own.nodes[i] : 3 * own.nodes[i] + 3].T @ own.force[i])]
-    if len(idle) == len(loaded):
-        raise UserError(
-            f"load {load.name} ({load.deck_load}) acts on nodes which cannot move in its direction",
-            remedy="they are clamped or in no element: take another load",
-        )
-    if idle:
-        share = np.linalg.norm(own.force[idle].sum(axis=0))
-        warnings.warn(
-            f"load {load.name} ({load.deck_load}): {len(idle)} of its {len(loaded)} nodes cannot move in its direction "
-            f"(node {mesh.node_ids[own.nodes[idle[0]]]}, …); {100 * share:.3g} % of its resultant moves nothing",
-            stacklevel=2,
-        )
-
-
 def nodal(model: FiniteElementModel, free_vectors: np.ndarray) -> np.ndarray:
     """Displacements of all nodes z = T z_free without the rotations: (n_free, r) → (3n, r), row 3·node + component."""
     return model.constraint.transform[: 3 * len(model.mesh.position)] @ free_vectors
-
-
-def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
-    """f / |Σ f|, a force a node."""
-    if load.deck_load is None or load.deck_load not in mesh.loads:
-        known = ", ".join(sorted(mesh.loads)) or "none"
-        raise UserError(
-            f"load {load.name} refers to load {load.deck_load!r} of the deck, which is not there",
-            remedy=f"loads of the deck: {known}",
-        )
-    if load.direction is not None:
-        raise UserError(
-            f"load {load.name} has a direction, and {load.deck_load} one of its own", remedy="leave the direction out"
-        )
-    forces = mesh.loads[load.deck_load]
-    total = np.linalg.norm(forces.force.sum(axis=0))
-    if not total > 1e-9 * np.abs(forces.force).sum():
-        raise UserError(
-            f"load {load.name}: the forces of {load.deck_load} add up to nothing",
-            remedy="a load has a unit resultant: take one whose forces do not balance, or load nodes one by one",
-        )
-    nodes, place = np.unique(forces.nodes, return_inverse=True)
-    f = np.zeros((len(nodes), 3))
-    np.add.at(f, place, forces.force / total)
-    return NodalForces(nodes, f)
-
-
-def _loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
-    if load.node_id is not None:
-        ids = [load.node_id]
-    elif load.node_set is not None and load.node_set in mesh.node_sets:
-        ids = [int(i) for i in np.unique(mesh.node_sets[load.node_set])]
-    else:
-        known = ", ".join(sorted(mesh.node_sets)) or "none"
-        raise UserError(
-            f"load {load.name} refers to node set {load.node_set!r}, which is not there", remedy=f"node sets: {known}"
-        )
-    index = {int(node): i for i, node in enumerate(mesh.node_ids)}
-    missing = [node for node in ids if node not in index]
-    if missing or not ids:
-        raise UserError(
-            f"load {load.name} refers to node {missing[0]}, which is not there"
-            if missing
-            else f"load {load.name} refers to an empty node set",
-            remedy="node numbers are the ids of the mesh file",
-        )
-    return [index[node] for node in ids]

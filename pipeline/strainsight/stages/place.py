@@ -27,6 +27,8 @@ PLACE = Stage(
         "loads.*.set",
         "loads.*.deck_load",
         "loads.*.moment",
+        "loads.*.bearing",
+        "loads.*.pressure",
         "loads.*.signal",
         "loads.*.process_noise",
         "parameters.*.process_noise_scale",

@@ -57,6 +57,8 @@ ROM = Stage(
         "loads.*.deck_load",
         "loads.*.direction",
         "loads.*.moment",
+        "loads.*.bearing",
+        "loads.*.pressure",
         "damping",
         "rom",
         *READS,

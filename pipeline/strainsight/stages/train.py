@@ -98,6 +98,8 @@ TRAIN = Stage(
     reads=(
         "loads.*.signal",
         "loads.*.moment",
+        "loads.*.bearing",
+        "loads.*.pressure",
         "train",
         "place.load_cases",
         "gauges.surface",

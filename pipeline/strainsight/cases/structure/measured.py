@@ -17,6 +17,7 @@ from strainsight.errors import ConfigError
 from strainsight.estimation.settled import Settled
 from strainsight.measurements.assemble import Signals
 from strainsight.measurements.bridges import SUM
+from strainsight.measurements.units import SI
 from strainsight.rom.oscillator import HOLD
 from strainsight.signals.histories import tones_of
 
@@ -176,7 +177,8 @@ def _check_quantities(
     wanted: Mapping[str, Channel], signals: Signals, problem: Problem, channels: np.ndarray, units: Mapping[str, str]
 ) -> None:
     expected = [QUANTITY[int(problem.channels.quantity[c])] for c in channels]
-    expected += ["moment" if units[name] == "N m" else "force" for name in problem.known]
+    quantity = {unit: own for own, unit in SI.items()}
+    expected += [quantity[units[name]] for name in problem.known]
     for (key, entry), found, should in zip(wanted.items(), signals.quantities, expected, strict=True):
         if found != should:
             raise ConfigError(

@@ -129,11 +129,14 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
         ("load_angle", own.load_angle, change[..., :2]),
         ("load_position", own.load_position, change[..., 2:]),
     ):
-        # a moment is the same wherever it acts
+        # a moment is the same wherever it acts, and a pressure has neither direction nor point
         rigid = [
             name
             for i, name in enumerate(reduced.model.inputs)
-            if std > 0 and not of[:, i].any() and (key == "load_angle" or config.loads[name].moment is None)
+            if std > 0
+            and not of[:, i].any()
+            and not config.loads[name].pressure
+            and (key == "load_angle" or config.loads[name].moment is None)
         ]
         if rigid:
             found.append(

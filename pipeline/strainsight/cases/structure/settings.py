@@ -17,7 +17,8 @@ from strainsight.config.mesh import Matrices
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, blame
 from strainsight.fem.affine import Parameter
-from strainsight.fem.model import FiniteElementModel, PointLoad, input_shape
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
@@ -104,7 +105,7 @@ def unknown_units(config: PlacementConfig) -> dict[str, str]:
 
 
 def load_units(loads: Mapping[str, Load]) -> str:
-    """The unit of an array over these loads: N, N m, or both."""
+    """The unit of an array over these loads: N, N m, Pa, or several."""
     return " or ".join(sorted({load.unit for load in loads.values()}))
 
 
@@ -120,7 +121,16 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.nda
 def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:
     """The loads of the config, in its order."""
     return {
-        name: PointLoad(name, entry.direction, entry.node, entry.set, entry.deck_load, entry.moment)
+        name: PointLoad(
+            name,
+            entry.direction,
+            entry.node,
+            entry.set,
+            entry.deck_load,
+            entry.moment,
+            entry.bearing,
+            bool(entry.pressure),
+        )
         for name, entry in config.items()
     }
 

@@ -28,8 +28,9 @@ from strainsight.cases.structure.start import Loading, motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
+from strainsight.fem.loads import PointLoad
 from strainsight.fem.misaligned import misaligned_shape, misalignment_shapes
-from strainsight.fem.model import FiniteElementModel, PointLoad, nodal
+from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.gauges.candidates import ACCELERATION, Candidates
 from strainsight.gauges.installation import Installation, installed_rows
 from strainsight.gauges.rows import channel_matrix, channel_rows

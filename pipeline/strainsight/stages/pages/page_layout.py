@@ -11,6 +11,7 @@ import numpy as np
 
 from strainsight.cases.layout.gauge_list import GaugeList
 from strainsight.cases.structure.channels import listed_gauges as gauges_of
+from strainsight.fem.traction import pressure
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.placed import HotSpots, Placed
@@ -126,8 +127,9 @@ def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
 
 
 def loads_of_page(mesh: Mesh, loads: Mapping[str, Any]) -> tuple[Load, ...]:
-    """The loads of a config as arrows."""
-    return tuple(Load(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items())
+    """The loads of a config as arrows, where they have a direction."""
+    every = ((name, _point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items())
+    return tuple(Load(name, *drawn, known) for name, drawn, known in every if drawn[1].any())
 
 
 def loose_nodes(mesh: Mesh) -> np.ndarray:
@@ -139,13 +141,18 @@ def loose_nodes(mesh: Mesh) -> np.ndarray:
 
 
 def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Where a load is drawn and along what, a moment along its axis: one of the deck at the mean of its nodes, weighted by their
-    forces."""
+    """Where a load is drawn and along what, a moment along its axis, a pressure that balances itself along nothing: one of the
+    deck at the mean of its nodes, weighted by their forces."""
     if entry.deck_load is not None:
         forces = mesh.loads[entry.deck_load]
         size = np.linalg.norm(forces.force, axis=1)
         return size @ mesh.position[forces.nodes] / size.sum(), forces.force.sum(axis=0)
-    direction = np.array(entry.direction if entry.moment is None else entry.moment, float)
+    if entry.pressure:
+        own = pressure(mesh, entry.set)
+        total = own.force.sum(axis=0)
+        balanced = np.linalg.norm(total) < 1e-6 * np.abs(own.force).sum()
+        return mesh.position[own.nodes].mean(axis=0), np.zeros(3) if balanced else total
+    direction = np.array(entry.direction or entry.moment or entry.bearing, float)
     if entry.node is not None:
         return mesh.position[mesh.node_index(int(entry.node))], direction
     members = mesh.node_sets[entry.set]

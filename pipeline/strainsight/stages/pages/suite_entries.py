@@ -7,11 +7,12 @@ from typing import Any
 
 from strainsight.cases.structure.settings import PARAMETER_UNITS
 from strainsight.config.load import LoadedConfig
+from strainsight.config.loads import unit_of
 from strainsight.config.suite import SuiteConfig
 from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong
 from strainsight.config.suite_studies import Claim, as_texts
 
-DRAWN = ("node", "set", "direction", "moment", "deck_load", "known")
+DRAWN = ("node", "set", "direction", "moment", "bearing", "pressure", "deck_load", "known")
 """What the picture shows of a load."""
 OF_A_BENCH = ("simulate", "estimate", "place", "report")
 """Stages of a bench whose artefacts the page is made of; of a placement all."""
@@ -56,7 +57,7 @@ def _of_placement(data: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "loads": {name: {key: load[key] for key in DRAWN} for name, load in loads.items()},
         "unknowns": {
-            name: {"kind": "input", "unit": "N" if loads[name]["moment"] is None else "N m"}
+            name: {"kind": "input", "unit": unit_of(loads[name]["moment"], loads[name]["pressure"])}
             if name in loads
             else {"kind": "parameter", "unit": PARAMETER_UNITS[parameters[name]["property"]]}
             for name in data["place"]["estimate"]
