@@ -8,7 +8,7 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -107,10 +107,35 @@ def init(
     deck: Annotated[Path, typer.Argument(metavar="DECK", help="Finite-element deck.")],
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config to write.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    interactive: Annotated[
+        bool, typer.Option("-i", "--interactive", help="Ask in the terminal for what only you know.")
+    ] = False,
+    find: Annotated[
+        Literal["modulus", "load"] | None,
+        typer.Option("--find", help="The modulus from a measured load (default), or the load."),
+    ] = None,
+    material: Annotated[
+        str | None,
+        typer.Option("--material", help="For a deck without: steel, aluminium, titanium, or 'E, ν, ρ' in SI."),
+    ] = None,
+    held: Annotated[
+        str | None,
+        typer.Option("--held", help="For a deck without supports: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."),
+    ] = None,
+    load: Annotated[
+        str | None, typer.Option("--load", help="Where the load acts: as --held, or 'deck_load NAME'.")
+    ] = None,
+    direction: Annotated[str | None, typer.Option("--direction", help="Of the load, 'x, y, z'.")] = None,
+    amplitude: Annotated[str | None, typer.Option("--amplitude", help="Of the load [N].")] = None,
+    frequency: Annotated[str | None, typer.Option("--frequency", help="Of the load [Hz].")] = None,
+    axis: Annotated[
+        str | None, typer.Option("--axis", help="Along which gauges point, 'x, y, z'; default: what strains most.")
+    ] = None,
+    keep: Annotated[int, typer.Option("--keep", min=1, help="Gauges to bond.")] = 4,
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        from strainsight.config.template import template
+        from strainsight.config.template import Answers, template
         from strainsight.errors import UserError
 
         if not deck.is_file():
@@ -124,13 +149,35 @@ def init(
         target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
         if target.exists() and not force:
             raise UserError("the file exists", where=str(target), remedy="give another one with -o FILE, or --force")
+        from strainsight.config.load import load_config
+        from strainsight.errors import ConfigError
         from strainsight.stages.suggestion import suggestion
+        from strainsight_cli import asking
 
         relative = Path(os.path.relpath(deck.resolve(), target.resolve().parent)).as_posix()
-        text = template(relative, suggestion(deck))
+        found = suggestion(deck)
+        answers = Answers(
+            material=asking.material("--material", material) if material else None,
+            held=asking.place("--held", held, found) if held else None,
+            load=asking.place("--load", load, found) if load else None,
+            direction=asking.vector("--direction", direction) if direction else None,
+            amplitude=asking.positive("--amplitude", amplitude) if amplitude else None,
+            frequency=asking.positive("--frequency", frequency) if frequency else None,
+            find=find or "modulus",
+            axis=asking.vector("--axis", axis) if axis else None,
+            keep=keep,
+        )
+        if interactive:
+            answers = asking.asked(found, answers, find=find is not None)
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(text, encoding="utf-8")
-        print(f"wrote {target}: fill in the lines marked ←, then: strainsight run {shlex.quote(str(target))}")
+        target.write_text(template(relative, found, answers), encoding="utf-8")
+        try:
+            load_config(target)
+        except ConfigError:
+            first = "fill in what is blank and check the other lines marked ←"
+        else:
+            first = "check the lines marked ←"
+        print(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 
 @app.command(help="Check this machine: packages, solver, rendering, memory.")

@@ -96,7 +96,8 @@ def test_init_writes_a_config_that_status_accepts_and_does_not_overwrite(tmp_pat
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my deck.bdf").write_bytes((ROOT / "meshes" / "cantilever.bdf").read_bytes())
     runner = CliRunner()
-    assert runner.invoke(app, ["init", "my deck.bdf", "-o", "own.yaml"]).exit_code == 0
+    load = ["--load", "node 2", "--direction", "0 0 1", "--amplitude", "1e4", "--frequency", "20"]
+    assert runner.invoke(app, ["init", "my deck.bdf", "-o", "own.yaml", *load]).exit_code == 0
     assert runner.invoke(app, ["status", "own.yaml"]).exit_code == 0
     again = runner.invoke(app, ["init", "my deck.bdf", "-o", "own.yaml"])
     assert again.exit_code == 2

@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.config.load import load_config
 from strainsight.config.schema import schema_text
-from strainsight.config.template import template
+from strainsight.config.template import Answers, Place, template
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,5 +36,6 @@ def test_every_field_of_the_schema_is_described():
 @pytest.mark.parametrize("deck", ["my deck.bdf", "../parts/hub-7.nas", "ünïcode.bdf", "it's: #1.bdf", "0815.dat"])
 def test_the_template_is_valid_for_any_deck_name(tmp_path, deck):
     path = tmp_path / "own.yaml"
-    path.write_text(template(deck), encoding="utf-8")
+    told = Answers(load=Place("node", "2", "a node"), direction="[0, 0, 1]", amplitude=1e4, frequency=20.0)
+    path.write_text(template(deck, answers=told), encoding="utf-8")
     assert load_config(path).data["mesh"]["file"] == deck

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
+
+import numpy as np
 import pytest
 
-from strainsight.config.load import load_config
-from strainsight.config.template import template
 from strainsight.stages.suggestion import suggestion
 
 DECK = """\
@@ -46,52 +47,57 @@ def test_units_are_those_in_which_the_material_makes_sense(tmp_path, L, E, rho, 
     assert found.youngs_modulus == pytest.approx(2.1e11, rel=1e-3)
 
 
+def places(path, kind):
+    return [(own.name, own.held) for own in suggestion(path).places if own.kind == kind]
+
+
 @pytest.mark.parametrize(
-    ("more", "node"),
+    ("more", "nodes"),
     [
-        ("SPC1,1,123,1,2,3", 9),
-        ("SPC1,1,123,1,2,3\nFORCE,1,4,,1.,0.,0.,1.", 4),
-        ("SPC1,1,123,1,2,3\nFORCE,1,4,,1.,0.,0.,1.\nGRID,50,,2.,2.,2.\nRBE2,60,50,123,9", 50),
-        ("SPC1,1,123456,50\nGRID,50,,2.,2.,2.\nRBE2,60,50,123,9", 1),
+        ("SPC1,1,123,1,2,3", []),
+        ("SPC1,1,123,1,2,3\nGRID,50,,2.,2.,2.\nRBE2,60,50,123,9", [("50", False)]),
+        ("SPC1,1,123456,50\nGRID,50,,2.,2.,2.\nRBE2,60,50,123,9", [("50", True)]),
     ],
 )
-def test_the_loaded_node_can_move(tmp_path, more, node):
-    assert suggestion(deck(tmp_path / "a.bdf", more=more)).node == node
+def test_a_tie_offers_its_reference_and_no_node_of_a_solid_is_made_up(tmp_path, more, nodes):
+    assert places(deck(tmp_path / "a.bdf", more=more), "node") == nodes
 
 
 def test_the_largest_region_is_the_free_one_and_the_rest_is_as_the_deck_states_it(tmp_path):
     found = suggestion(deck(tmp_path / "a.bdf", more=""))
-    assert (found.region, found.materials, found.supports, found.node_set) == (7, True, False, "SET1-5")
-
-
-@pytest.mark.parametrize("more", ["", "SPC1,1,123,1,2,3"])
-def test_the_config_made_of_it_is_valid(tmp_path, more):
-    path = tmp_path / "own.yaml"
-    path.write_text(template("a.bdf", suggestion(deck(tmp_path / "a.bdf", more=more))), encoding="utf-8")
-    data = load_config(path).data
-    assert bool(data["mesh"]["supports"]) == (not more)
-    assert data["parameters"]["E"]["guess"] == pytest.approx(2.1e11, rel=1e-3)
+    assert (found.region, found.materials, found.supports) == (7, True, False)
+    assert places(tmp_path / "a.bdf", "set") == [("SET1-5", False)]
 
 
 FORCES = "FORCE,7,4,,4.,0.,0.,1.\nFORCE,7,9,,3.,0.,1.,0."
 
 
 @pytest.mark.parametrize(
-    ("forces", "name", "force"),
+    ("forces", "loads"),
     [
-        (FORCES, "FORCE-7", 5.0),
-        (f"FORCE,5,1,,1.,0.,0.,1.\n{FORCES}", "FORCE-7", 5.0),  # 1 is held
-        (f"FORCE,5,4,,1.,0.,0.,1.\nFORCE,5,9,,1.,0.,0.,-1.\n{FORCES}", "FORCE-7", 5.0),  # 5 is in balance
-        ("FORCE,5,1,,1.,0.,0.,1.", None, 1e4),
+        (FORCES, [("FORCE-7", False)]),
+        (f"FORCE,5,1,,1.,0.,0.,1.\n{FORCES}", [("FORCE-5", True), ("FORCE-7", False)]),  # 1 is held
+        # 5 is in balance
+        (f"FORCE,5,4,,1.,0.,0.,1.\nFORCE,5,9,,1.,0.,0.,-1.\n{FORCES}", [("FORCE-7", False)]),
     ],
 )
-def test_the_load_is_that_of_the_deck_where_it_has_one_that_acts(tmp_path, forces, name, force):
+def test_loads_of_the_deck_are_offered_where_they_have_a_resultant(tmp_path, forces, loads):
     path = deck(tmp_path / "a.bdf", "1000.", "2.1+5", "7.85-9", f"SPC1,1,123,1,2,3\n{forces}")
+    assert places(path, "deck_load") == loads
+    assert next(own.force for own in suggestion(path).places if own.name == "FORCE-7") == pytest.approx(5.0)
+
+
+def test_faces_are_offered_in_metres_whatever_the_unit_of_the_deck(tmp_path):
+    found = suggestion(deck(tmp_path / "a.bdf", "1000.", "2.1+5", "7.85-9"))
+    faces = [own for own in found.places if own.kind == "face"]
+    points = np.array([json.loads(own.name) for own in faces])
+    assert np.all(np.abs(points) <= 1)
+    assert faces[0].what.startswith("0.866 m², flat")
+
+
+def test_a_deck_without_a_material_has_no_modulus(tmp_path):
+    path = tmp_path / "a.bdf"
+    text = DECK.format(L="1.", E="2.1+11", rho="7850.", more="", small=3)
+    path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("MAT1")) + "\n")
     found = suggestion(path)
-    assert (found.deck_load, found.force) == (name, pytest.approx(force))
-    own = tmp_path / "own.yaml"
-    own.write_text(template("a.bdf", found), encoding="utf-8")
-    tip = load_config(own).model.loads["tip"]
-    assert tip.deck_load == name
-    assert (tip.node, tip.direction) == ((None, None) if name else (found.node, (0, 0, 1)))
-    assert tip.signal.amplitude == pytest.approx(force)
+    assert (found.materials, found.youngs_modulus) == (False, None)

@@ -87,6 +87,8 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
             alone = isinstance(given, dict) and len(given) == 1 and not {*given} <= {*known}
             meant = did_you_mean(str(*given), known) if alone else ""
             return Problem(key, first["msg"], meant or _description(model, path, data))
+    if first["input"] is None and first["type"] != "missing":
+        return Problem(key, "left blank", _description(model, path, data), at_key=True)
     problem = _wrong_value(key, entries)
     return problem if problem.remedy else replace(problem, remedy=_description(model, path, data))
 

@@ -1,37 +1,74 @@
-"""The commented config that `strainsight init` writes for the user's own deck."""
+"""The commented config that `strainsight init` writes for the user's own deck: what the deck says is filled in, what nobody has
+said is left blank."""
 
 from __future__ import annotations
 
 import json
 import re
 from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["deck_load", "node", "set", "face"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a load or a support may be: name of a load or set of the deck, id of a node, or a point of a face, "[x, y, z]" in
+    m; what it is, in words; whether it is held already; force [N] of a load."""
+
+    kind: Kind
+    name: str
+    what: str
+    held: bool = False
+    force: float | None = None
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What a deck itself says about its config.
+    """What a deck says about its config.
 
-    length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa];
-    node: id of one that a load may act on; deck_load: name of a load of the deck that may, and force, its resultant [N];
-    materials, supports: whether the deck states them; node_set: the name of one.
+    length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa], None
+    where the deck has no material; materials, supports: whether the deck states them all; places: where its loads and supports
+    may be, the likely ones first.
     """
 
     length_unit: str = "m"
     mass_unit: str = "kg"
     region: int = 1
-    youngs_modulus: float = 2.0e11
-    node: int = 2
-    deck_load: str | None = None
-    force: float = 1.0e4
+    youngs_modulus: float | None = 2.0e11
     materials: bool = True
     supports: bool = True
-    node_set: str = "root"
+    places: tuple[Place, ...] = ()
 
+
+@dataclass(frozen=True)
+class Answers:
+    """What only the user knows; None is left blank in the config.
+
+    material: E [Pa], ν, ρ [kg/m³], for a deck without; held: where, for a deck without supports; load: where it acts;
+    direction: "[x, y, z]"; amplitude [N]; frequency [Hz]; find: the modulus from a load that is measured, or the load itself;
+    axis: along which gauges point, "[x, y, z]", None: the direction that strains most.
+    """
+
+    material: tuple[float, float, float] | None = None
+    held: Place | None = None
+    load: Place | None = None
+    direction: str | None = None
+    amplitude: float | None = None
+    frequency: float | None = None
+    find: Literal["modulus", "load"] = "modulus"
+    axis: str | None = None
+    keep: int = 4
+
+
+MATERIALS = {"steel": (2.1e11, 0.3, 7850.0), "aluminium": (7.0e10, 0.33, 2700.0), "titanium": (1.14e11, 0.34, 4430.0)}
+"""E [Pa], ν, ρ [kg/m³] by name; typical values, the part's own are in its certificate."""
+NONE = Answers()
 
 TEMPLATE = """\
 # Where to bond strain gauges on {deck}.
-# Lines marked ← are yours to fill in. `strainsight schema` describes every key; values are SI unless a comment says
-# otherwise.
+# Lines marked ← are yours: what is blank has to be filled in, the rest to be checked. `strainsight import` names what is
+# still blank, `strainsight schema` describes every key. Values are SI unless a comment says otherwise.
 kind: placement
 name: {name}    # results go to results/{name}
 seed: 1                 # of everything that is drawn at random
@@ -40,22 +77,13 @@ mesh:
   file: {file}    # from the folder of this file
   length_unit: {length_unit:<8} # ← unit of the deck: m, mm, cm, in, ft
   mass_unit: {mass_unit:<8}   # ← unit of the deck: kg, t, g, lb, slug, lbf*s2/in (a deck in mm and N has t)
-{lacking}
+{mesh}
 # Material properties that are not known exactly. None: parameters: {{}}
-parameters:
-  E:
-    property: youngs_modulus      # or density
-    region: {region:<8}              # ← its id or name, or a list of them
-    guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
-    range: [{low}, {high}]   # ← [Pa] the true value lies in here
-    process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
-
-# Forces. What is known: false has to stand under place.estimate.
+{parameters}
+# Forces, moments, pressures. What is `known: false` has to stand under place.estimate.
 loads:
-  tip:
-{load}    known: true                   # true: measured by a load cell; false: to be estimated
-    signal: {{type: sine, frequency: 20.0, amplitude: {force}}}     # ← [Hz], [N]; other types: sweep, multisine, csv
-
+  load:
+{load}
 damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}
 
 rom:
@@ -68,20 +96,18 @@ train:
   time_step: 5.0e-4               # ← [s] 40 steps a period of the fastest load
 
 gauges:
-  surface: all                    # all exterior facets, or the name of an element or node set
-  direction: {{type: axis, axis: [1, 0, 0], angles: [0]}}   # ← projected on the facet; angles [deg]
+  surface: all                    # ← all exterior facets, or the name of a face, an element or node set
+{direction}
   noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the strongest; or {{value: 1.0e-7}} [strain]
   # clearance: 0.005              # [m] from edges, supports and loads, or none; default: half the diagonal of the carrier
-  exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
-    - normal_cone: {{axis: [1, 0, 0], angle: 10}}           # an axis says nothing on facets that face along it
-
+{exclude}
 screen:
-  keep: 100                       # candidates that enter the elimination, or all
-  minimum_spacing: 0.0            # [m] between them
+  keep: 500                       # candidates that enter the elimination, the strongest first, or all
+  minimum_spacing: 0.009          # [m] between them: the carrier of a 3 mm grid is 8 mm long
 
 place:
-  estimate: [E]                   # ← names from above
-  keep: 4                         # ← gauges you will bond
+  estimate: [{unknown}]{pad}             # ← names from above
+  keep: {keep}                         # ← gauges you will bond
   instants: 20                    # instants of the training run to place for
   aggregate: mean                 # over them, or worst
   certificate: true               # say how far from the best layout this one can be
@@ -89,10 +115,9 @@ place:
 validate:
   truth:
     model: rich                   # reality is simulated with more modes, other damping and misplaced gauges
-    parameters: {{E: {truth}}}      # ← [Pa] an assumed true value to be found again
-  time_step: 5.0e-4               # [s]
+{truth}  time_step: 5.0e-4               # [s]
   duration: 1.0                   # [s]
-  initial_std: {{E: 0.1}}           # ← how wrong the guess may be: 10 %
+  initial_std: {{{unknown}: {initial}}}{pad}        # how wrong the guess may be, as a share of it, of a load of its amplitude
   random_sets: 10                 # random gauge sets to compare with
   noise_factors: [0.1, 5.0]       # other noise levels to try
   repeats: 20                     # seeds and starting values
@@ -100,53 +125,135 @@ validate:
 report: {{format: html}}
 """
 
+PARAMETERS = """\
+parameters:
+  E:
+    property: youngs_modulus      # or density
+    region: {region:<8}              # ← its id or name, or a list of them
+    guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
+    range: {range}   # ← [Pa] the true value lies in here
+    process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
+"""
+MATERIAL = """\
+  materials:            # the file states none ← [Pa], [-], [kg/m³]
+    own: {{regions: all, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
+"""
+CONE = """\
+  exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
+    - normal_cone: {{axis: {axis}, angle: 10}}           # an axis says nothing on facets that face along it
+"""
+TRUTH = "    parameters: {{E: {truth}}}      # ← [Pa] an assumed true value to be found again\n"
+EXCLUDE = """\
+  # exclude:                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
+  #   - near_set: {set: NAME, distance: 0.005}              # a face that something lies on
+"""
+LISTED, FACES = 12, 24
+"""Places for a load, and faces, that a config lists."""
 
-AT_NODE = """\
-    node: {node:<8}                # ← node id (an RBE2 or RBE3 reference node will do), or `set: NAME` of nodes
-    direction: [0, 0, 1]          # ← in global coordinates; its length does not matter
-"""
-OF_DECK = """\
-    deck_load: {name:<18} # ← the deck's, at its nodes and in its direction; amplitude: its {force} N
-                                  # or `node: {node}`, or `set: NAME` of nodes, and `direction: [0, 0, 1]`
-"""
-MATERIALS = """\
-  materials:            # the file states none
-    steel: {regions: all, youngs_modulus: 2.0e11, poisson_ratio: 0.3, density: 7850}   # ← [Pa], [-], [kg/m³]
-"""
-SUPPORTS = """\
-  supports:             # the file states none
-    - {{set: {set}, components: [1, 2, 3]}}   # ← or node: ID; 1-3 translations
-"""
 
-
-def template(deck: str, found: Suggestion | None = None) -> str:
-    """A config for the deck at `deck` (path from the config's folder); it validates as it stands."""
+def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE) -> str:
+    """A config for the deck at `deck` (path from the config's folder); it validates once nothing is blank."""
     found = found or Suggestion()
-    stem = re.split(r"[/\\\\]", deck)[-1].removesuffix(".gz").rsplit(".", 1)[0]
-    name = re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-").lower()[:90]
-    if not name[:1].isalpha() or name in ("null", "true", "false"):  # YAML would not read these as text
-        name = f"run-{name}".rstrip("-")
-    E = found.youngs_modulus
-    lacking = MATERIALS * (not found.materials)
-    if not found.supports:
-        lacking += SUPPORTS.format(set=_quoted(found.node_set))
-    force = _plain(found.force)
-    of_deck = found.deck_load and OF_DECK.format(name=_quoted(found.deck_load), force=force, node=found.node)
+    name = run_name(deck)
+    E = answers.material[0] if answers.material else found.youngs_modulus
+    modulus = answers.find == "modulus"
+    unknown = "E" if modulus else "load"
     return TEMPLATE.format(
         deck=json.dumps(deck, ensure_ascii=False)[1:-1],
         name=name,
         file=_quoted(deck),
         length_unit=found.length_unit,
         mass_unit=found.mass_unit,
-        lacking=lacking,
-        region=found.region,
-        load=AT_NODE.format(node=found.node) if of_deck is None else of_deck,
-        force=force,
-        guess=_number(E),
-        low=_number(0.8 * E),
-        high=_number(1.2 * E),
-        truth=_number(1.05 * E),
+        mesh=_mesh(found, answers),
+        parameters=_parameters(found.region, E) if modulus else "parameters: {}\n",
+        load=_load(found, answers),
+        direction=_direction(answers.axis),
+        exclude=CONE.format(axis=answers.axis) if answers.axis else EXCLUDE,
+        unknown=unknown,
+        pad=" " * (4 - len(unknown)),
+        keep=answers.keep,
+        truth=TRUTH.format(truth=_number(1.05 * E if E else None)) if modulus else "",
+        initial="0.1" if modulus else "1.0",
     )
+
+
+def run_name(deck: str) -> str:
+    """The run's name, of the deck's."""
+    stem = re.split(r"[/\\\\]", deck)[-1].removesuffix(".gz").rsplit(".", 1)[0]
+    name = re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-").lower()[:90]
+    if not name[:1].isalpha() or name in ("null", "true", "false"):  # YAML would not read these as text
+        name = f"run-{name}".rstrip("-")
+    return name
+
+
+def _mesh(found: Suggestion, answers: Answers) -> str:
+    """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
+    named = {
+        role: place.name
+        for role, place in (("held", answers.held), ("loaded", answers.load))
+        if place is not None and place.kind == "face"
+    }
+    blank = not found.supports and answers.held is None
+    lines = []
+    if faces := [place for place in found.places if place.kind == "face"]:
+        lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
+        lines += [f"  #   near: {place.name:<32} # {place.what}" for place in faces[:FACES]]
+        if len(faces) > FACES:
+            lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
+    if named or blank:
+        lines.append("  faces:")
+        lines += [f"    {role}: {{near: {point}}}" for role, point in named.items()]
+        lines += ["    held: {near: }        # ← [x, y, z] of a point of the face that is held"] if blank else []
+    if not found.materials:
+        E, nu, rho = answers.material or (None, None, None)
+        lines.append(MATERIAL.format(E=_number(E), nu=_plain(nu), rho=_plain(rho)).rstrip())
+    if not found.supports:
+        held = "held" if blank or "held" in named else _value(answers.held) if answers.held else ""
+        node = answers.held is not None and answers.held.kind == "node"
+        lines.append("  supports:             # the file states none")
+        lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: [1, 2, 3]}}   # ← 1-3 translations")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _parameters(region: int, E: float | None) -> str:
+    low, high = (_number(0.8 * E), _number(1.2 * E)) if E else ("", "")
+    return PARAMETERS.format(region=region, guess=_number(E), range=f"[{low}, {high}]" if E else "")
+
+
+def _load(found: Suggestion, answers: Answers) -> str:
+    """Where it acts, along what, whether it is known, and its history."""
+    place = answers.load
+    lines = []
+    if place is None:
+        lines.append("    # ← where it acts, one of")
+        likely = [own for own in found.places if own.kind != "face" and not own.held]
+        lines += [f"    #   {own.kind}: {_value(own):<20} # {own.what}" for own in likely[:LISTED]]
+        lines.append("    #   set: NAME                 # a name of mesh.faces: the force is spread over the face")
+        lines.append("    set:")
+    elif place.kind == "face":
+        lines.append("    set: loaded                   # the face above; the force is spread over it")
+    else:
+        lines.append(f"    {place.kind}: {_value(place):<20}       # {place.what}")
+    if place is None or place.kind != "deck_load":
+        lines.append(
+            f"    direction: {answers.direction or '':<18} # ← [x, y, z]; or `moment`, on a face `bearing`, `pressure: true`"
+        )
+    amplitude = answers.amplitude if answers.amplitude is not None or place is None else place.force
+    known = "true: measured by a load cell; false: to be estimated"
+    lines.append(f"    known: {str(answers.find == 'modulus').lower():<22} # ← {known}")
+    signal = f"{{type: sine, frequency: {_plain(answers.frequency)}, amplitude: {_plain(amplitude)}}}"
+    lines.append(f"    signal: {signal}     # ← [Hz], [N]; other types: sweep, multisine, csv")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _direction(axis: str | None) -> str:
+    if axis:
+        return f"  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← projected on the facet; angles [deg]"
+    return "  direction: {type: principal, angles: [0]}   # ← what strains most; or {type: axis, axis: [1, 0, 0], angles: [0]}"
+
+
+def _value(place: Place) -> str:
+    return place.name if place.kind == "node" else _quoted(place.name)
 
 
 def _quoted(text: str) -> str:
@@ -155,10 +262,10 @@ def _quoted(text: str) -> str:
     return text if plain and not text.startswith("-") else json.dumps(text, ensure_ascii=False)
 
 
-def _plain(value: float) -> str:
-    """To four digits, as YAML reads a number: 1250.0, 1e-05."""
-    return repr(float(f"{value:.4g}"))
+def _plain(value: float | None) -> str:
+    """To four digits, as YAML reads a number: 1250.0, 1e-05; blank where there is none."""
+    return "" if value is None else repr(float(f"{value:.4g}"))
 
 
-def _number(value: float) -> str:
-    return f"{value:.3e}".replace("e+", "e")
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.3e}".replace("e+", "e")

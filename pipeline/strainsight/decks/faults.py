@@ -12,6 +12,9 @@ from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 Where = Callable[[str, int], str]
 """("node" or "element", id) → its place in the file."""
 
+OR_CONFIG = ", or state it in the config (mesh.materials)"
+"""What a deck without a material may do instead."""
+
 
 class IdTable:
     """Ids (n,) of a file, each once, to their rows."""

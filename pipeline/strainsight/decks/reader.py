@@ -25,11 +25,13 @@ def read_mesh(
     format: str = "auto",
     region_data: str | None = None,
     solids: bool = True,
+    materials: bool = True,
 ) -> Mesh:
     """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
 
     format: nastran, abaqus, gmsh, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
-    the cell data that holds region ids, for meshio. solids: there has to be one.
+    the cell data that holds region ids, for meshio. solids: there has to be one. materials: a deck has to state those of its
+    solids; otherwise a region may be without, or elements without a region of their own are one.
     Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
     length_factor(length_unit)
@@ -41,7 +43,7 @@ def read_mesh(
             where=str(path),
             remedy="check the name; a relative path counts from the config file",
         )
-    mesh = _read(path, format_of(path) if format == "auto" else format, region_data, solids)
+    mesh = _read(path, format_of(path) if format == "auto" else format, region_data, solids, materials)
     with mesh.located():
         exterior_facets(mesh)  # so that elements that do not fit together show here
     return to_si(mesh, length_unit, mass_unit)
@@ -59,16 +61,16 @@ def format_of(path: Path) -> str:
     return found
 
 
-def _read(path: Path, format: str, region_data: str | None, solids: bool) -> Mesh:
+def _read(path: Path, format: str, region_data: str | None, solids: bool, materials: bool) -> Mesh:
     match format:
         case "nastran":
             from strainsight.decks.nastran.deck import read_nastran
 
-            return read_nastran(path, required=solids)
+            return read_nastran(path, required=solids, stated=materials)
         case "abaqus":
             from strainsight.decks.abaqus.deck import read_abaqus
 
-            return read_abaqus(path, required=solids)
+            return read_abaqus(path, required=solids, stated=materials)
         case "gmsh":
             from strainsight.decks.gmsh.mesh import read_gmsh
 

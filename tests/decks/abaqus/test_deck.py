@@ -11,6 +11,8 @@ import pytest
 
 from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.errors import DeckError
+from strainsight.fem.checks import check_materials
+from strainsight.mesh.additions import with_material
 from strainsight.mesh.kinds import kind_of
 
 from ...solids import SOLIDS, facets_point_outward
@@ -347,3 +349,19 @@ def test_includes_that_multiply_are_refused(read, tmp_path):
         read("*NODE, INPUT=nodes.txt\n" * 101)
     with pytest.raises(DeckError, match="no such file"):
         read(f"*NODE, INPUT={'(' * 300}\n")
+
+
+@pytest.mark.parametrize(
+    ("lacking", "regions"),
+    [("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", ["without section"]), ("NAME=Steel", ["EALL"])],
+)
+def test_materials_may_be_left_to_the_config(tmp_path, lacking, regions):
+    path = tmp_path / "deck.inp"
+    path.write_text(TETRAHEDRON.replace(lacking, "" if "SECTION" in lacking else "NAME=OTHER"))
+    mesh = read_abaqus(path, stated=False)
+    assert [region.name for region in mesh.regions.values()] == regions
+    check_materials(with_material(mesh, None, 2e11, 0.3, 7850.0))
+    with pytest.raises(DeckError, match=r"has no material|is not there"):
+        check_materials(mesh)
+    with pytest.raises(DeckError, match=r"or state it in the config \(mesh.materials\)"):
+        read_abaqus(path)

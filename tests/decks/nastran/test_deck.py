@@ -6,7 +6,10 @@ import meshio
 import numpy as np
 import pytest
 
+from strainsight.decks.nastran.deck import read_nastran
 from strainsight.errors import DeckError
+from strainsight.fem.checks import check_materials
+from strainsight.mesh.additions import with_material
 
 from ...solids import SOLIDS
 
@@ -172,3 +175,16 @@ def test_a_material_system_has_to_be_in_the_deck(read, tetrahedron, cordm, there
     with pytest.raises(DeckError, match="coordinate system 6 is no CORD1 or CORD2") as caught:
         read(text)
     assert caught.value.where.endswith("deck.bdf:6")
+
+
+@pytest.mark.parametrize("lacking", ["MAT1", "PSOLID"])
+def test_materials_may_be_left_to_the_config(tmp_path, tetrahedron, lacking):
+    text = "\n".join(line for line in tetrahedron.splitlines() if not line.startswith(lacking))
+    (tmp_path / "a.bdf").write_text(text)
+    mesh = read_nastran(tmp_path / "a.bdf", stated=False)
+    assert [region.material in mesh.materials for region in mesh.regions.values()] == [False]
+    check_materials(with_material(mesh, None, 2e11, 0.3, 7850.0))
+    with pytest.raises(DeckError, match=r"has no material|is not there"):
+        check_materials(mesh)
+    with pytest.raises(DeckError, match=r"or state it in the config \(mesh.materials\)"):
+        read_nastran(tmp_path / "a.bdf")

@@ -41,6 +41,7 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
             format=config.format,
             region_data=config.region_data,
             solids=config.matrices is None,
+            materials=not config.materials,
         )
     return with_additions(mesh, config, key)
 

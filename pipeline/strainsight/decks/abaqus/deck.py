@@ -43,14 +43,15 @@ REFUSED = {
 }
 
 
-def read_abaqus(path: Path, *, required: bool = True) -> Mesh:
+def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
     Imported: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI), *NSET, *ELSET,
     *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), *SOLID SECTION, *BOUNDARY, *CLOAD,
     *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM), *INCLUDE. What else changes the
     structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there are several instances.
-    required: there have to be solids. Raises DeckError with file:line for what cannot be imported as it stands.
+    required: there have to be solids; stated: section and material of all of them. Raises DeckError with file:line for what
+    cannot be imported as it stands.
     """
     path = Path(path)
     keywords, included = read_keywords(path)
@@ -61,7 +62,7 @@ def read_abaqus(path: Path, *, required: bool = True) -> Mesh:
     _check_elements(assembly, path, required)
     ignored = _ignored(keywords, assembly)
     node_sets, element_sets, set_names = _sets(assembly)
-    region, regions, materials = regions_and_materials(assembly, keywords, set_names, ignored)
+    region, regions, materials = regions_and_materials(assembly, keywords, set_names, ignored, stated)
     blocks = cell_blocks(assembly, region)
     _check_connectivity(assembly, blocks)
     origin = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword
-from strainsight.decks.faults import elastic_fault
+from strainsight.decks.faults import OR_CONFIG, elastic_fault
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray, Material, Region
 
@@ -23,11 +23,16 @@ class Definition:
 
 
 def regions_and_materials(
-    assembly: Assembly, keywords: list[Keyword], set_name: dict[tuple[str, str], str], ignored: Counter[str]
+    assembly: Assembly,
+    keywords: list[Keyword],
+    set_name: dict[tuple[str, str], str],
+    ignored: Counter[str],
+    stated: bool,
 ) -> tuple[IntArray, dict[int, Region], dict[int, Material]]:
     """Region of each element (m,), 0 for those that are no solids; the regions, one a *SOLID SECTION; their materials.
 
-    set_name: (instance, SET) → its name in the mesh. Raises DeckError for an element without section or with two, for a
+    set_name: (instance, SET) → its name in the mesh; stated: every solid has to have a section and its material; otherwise a
+    region may have none, and elements without section are one. Raises DeckError for an element without section or with two, for a
     section without material or set, and for a material of a section that is not linear, isotropic and elastic.
     """
     definitions = _definitions(keywords)
@@ -43,12 +48,12 @@ def regions_and_materials(
         if "COMPOSITE" in keyword.parameters:
             raise keyword.error("composite solids are not supported", "give the section one isotropic material")
         name = keyword.needs("MATERIAL").upper()
-        if name not in definitions:
+        if name not in definitions and stated:
             raise keyword.error(
                 f"material {keyword.parameters['MATERIAL']!r} is not in the deck",
-                "add the *MATERIAL, or correct the name",
+                f"add the *MATERIAL, or correct the name{OR_CONFIG}",
             )
-        if name not in numbers:
+        if name in definitions and name not in numbers:
             numbers[name] = len(numbers) + 1
             materials[numbers[name]] = _material(definitions[name], numbers[name], assembly.notes)
         if (taken := solid[region[solid] > 0]).size:
@@ -58,16 +63,20 @@ def regions_and_materials(
                 "let every element belong to one section",
             )
         number = len(regions) + 1
-        regions[number] = Region(number, _region_name(assembly, keyword, scope, set_name), numbers[name])
+        regions[number] = Region(number, _region_name(assembly, keyword, scope, set_name), numbers.get(name, 0))
         region[solid] = number
     without = np.flatnonzero((assembly.kind >= 0) & (region == 0))
-    if without.size:
+    if without.size and not stated:
+        number = len(regions) + 1
+        regions[number] = Region(number, "without section", 0)
+        region[without] = number
+    elif without.size:
         row = int(without[0])
         file, line = assembly.element_where[row]
         raise DeckError(
             f"{assembly.type[row]} {assembly.element_ids[row]} has no section ({without.size} elements)",
             where=f"{file}:{line}",
-            remedy="add a *SOLID SECTION with its element set and a material",
+            remedy=f"add a *SOLID SECTION with its element set and a material{OR_CONFIG}",
         )
     if unused := len(definitions) - len(numbers):
         ignored["*MATERIAL that no solid section refers to"] += unused

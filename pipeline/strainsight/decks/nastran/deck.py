@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.effects import effects
-from strainsight.decks.faults import elastic_fault
+from strainsight.decks.faults import OR_CONFIG, elastic_fault
 from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS, CoordinateSystem
 from strainsight.decks.nastran.grids import read_grids, resolved_system
@@ -36,14 +36,15 @@ CONTROL = re.compile(
 )
 
 
-def read_nastran(path: Path, *, required: bool = True) -> Mesh:
+def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> Mesh:
     """A Nastran deck in its own units, with its own ids.
 
     Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
     SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, FORCE, SET1, SET3, case-control SPC and SET, PARAM WTMASS, INCLUDE. Every other
     card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk data "SET1-5"; FORCE
     cards of set 5 are the load "FORCE-5". Without a selection in the case control the only set of supports counts.
-    required: there have to be solids. Raises DeckError with file:line for what cannot be imported as it stands.
+    required: there have to be solids; stated: PSOLID and MAT1 of all of them. Raises DeckError with file:line for what cannot be
+    imported as it stands.
     """
     path = Path(path)
     deck = read_deck(path)
@@ -55,7 +56,7 @@ def read_nastran(path: Path, *, required: bool = True) -> Mesh:
     grids = read_grids(cards, notes, path)
     nodes = grids.nodes
     blocks, elements = read_solids(cards, nodes, path, required)
-    regions, materials = _properties(cards, blocks, grids.systems, ignored, notes)
+    regions, materials = _properties(cards, blocks, grids.systems, ignored, notes, stated)
     scale = _mass_scale(cards)
     ties = [card for name in ("RBE2", "RBE3") for card in cards.get(name, [])]
     tie_ids = unique_ids(ties, "rigid element")
@@ -95,8 +96,9 @@ def _properties(
     systems: dict[int, CoordinateSystem],
     ignored: Counter[str],
     notes: list[str],
+    stated: bool,
 ) -> tuple[dict[int, Region], dict[int, Material]]:
-    """PSOLID → regions, and the MAT1 that they refer to."""
+    """PSOLID → regions, and the MAT1 that they refer to; without either a region has no material, unless it has to be stated."""
     solids, isotropic = cards.get("PSOLID", []), cards.get("MAT1", [])
     unique_ids(solids, "property")
     material_cards = dict(zip(unique_ids(isotropic, "material").tolist(), isotropic, strict=True))
@@ -110,16 +112,17 @@ def _properties(
             other = [
                 name for name in cards if name.startswith("MAT") and any(c.text(0) == str(mid) for c in cards[name])
             ]
-            raise card.error(
-                f"material {mid} is {'a ' + other[0] if other else 'not in the deck'}",
-                "give the region an isotropic MAT1" if other else f"add a MAT1 card with id {mid}",
-            )
+            if other or stated:
+                raise card.error(
+                    f"material {mid} is {'a ' + other[0] if other else 'not in the deck'}",
+                    "give the region an isotropic MAT1" if other else f"add a MAT1 card with id {mid}{OR_CONFIG}",
+                )
         if card.text(2) != "-1":
             resolved_system(card, 2, systems)
         if card.text(3) or card.text(5):
             schemes.append(f"{pid} (IN {card.text(3) or 'blank'}, ISOP {card.text(5) or 'blank'})")
         regions[pid] = Region(pid, f"PSOLID {pid}", mid)
-        if mid not in materials:
+        if mid in material_cards and mid not in materials:
             materials[mid] = _material(material_cards[mid])
             if material_cards[mid].real(7, "the structural damping GE", 0.0) != 0:
                 damped.append(f"{mid} (GE {material_cards[mid].text(7)})")
@@ -134,12 +137,14 @@ def _properties(
         ignored["MAT1 that no PSOLID refers to"] += unused
     for block in blocks:
         missing = ~np.isin(block.region, list(regions))
-        if missing.any():
+        if missing.any() and not stated:
+            regions |= {int(pid): Region(int(pid), f"PSOLID {pid}", 0) for pid in np.unique(block.region[missing])}
+        elif missing.any():
             i = int(np.argmax(missing))
             card = next(c for name in SOLIDS for c in cards.get(name, []) if int(c.fields[0]) == block.ids[i])
             raise card.error(
                 f"property {block.region[i]} is no PSOLID of the deck ({int(missing.sum())} {block.kind} elements)",
-                f"add a PSOLID card with id {block.region[i]}",
+                f"add a PSOLID card with id {block.region[i]}{OR_CONFIG}",
             )
     return regions, materials
 

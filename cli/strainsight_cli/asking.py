@@ -1,0 +1,140 @@
+"""What `strainsight init` asks: options, and with --interactive questions in the terminal for what they leave open."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import typer
+
+from strainsight.config.template import MATERIALS, Answers, Place, Suggestion
+from strainsight.errors import UserError, did_you_mean
+
+Value = TypeVar("Value")
+SHOWN = 30
+"""Places that a question lists."""
+
+
+def vector(option: str, text: str) -> str:
+    """ "0 0 1", "0, 0, 1" or "[0, 0, 1]" as "[0, 0, 1]". Raises UserError for what is not three numbers."""
+    words = re.split(r"[\s,;]+", text.strip().strip("[]()").strip())
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3:
+        raise UserError(f"'{text}' is not three numbers", where=option, remedy="give x, y, z as in '0, 0, 1'")
+    return "[" + ", ".join(f"{number:g}" for number in numbers) + "]"
+
+
+def place(option: str, text: str, found: Suggestion) -> Place:
+    """ "node 2", "set NAME", "deck_load NAME" or a point of a face, "x, y, z" [m]. Raises UserError for anything else."""
+    kind, _, name = text.strip().partition(" ")
+    if kind in ("node", "set", "deck_load"):
+        name = name.strip()
+        known = [own for own in found.places if own.kind == kind]
+        same = [own for own in known if own.name == name]
+        if not same and kind != "node":
+            names = [own.name for own in known]
+            remedy = did_you_mean(name, names, f"it has {', '.join(names) or 'none'}")
+            raise UserError(f"the deck has no {kind} '{name}'", where=option, remedy=remedy)
+        if kind == "node" and not name.isdigit():
+            raise UserError(f"'{name}' is not the id of a node", where=option, remedy="give a number, as in 'node 2'")
+        return same[0] if same else Place("node", name, "a node")
+    try:
+        return Place("face", vector(option, text), "a face")
+    except UserError:
+        remedy = "give 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' in m of a face"
+        raise UserError(f"'{text}' says of no place where it is", where=option, remedy=remedy) from None
+
+
+def material(option: str, text: str) -> tuple[float, float, float]:
+    """The name of a material, or "E, ν, ρ" in Pa and kg/m³. Raises UserError for anything else."""
+    if text.strip().lower() in MATERIALS:
+        return MATERIALS[text.strip().lower()]
+    try:
+        E, nu, rho = (float(word) for word in re.split(r"[\s,;]+", text.strip()))
+    except ValueError:
+        what = f"{', '.join(MATERIALS)}, or E, ν and ρ as in '2.1e11, 0.3, 7850' [Pa, -, kg/m³]"
+        raise UserError(f"'{text}' is no material that is known", where=option, remedy=f"give {what}") from None
+    if not (E > 0 and -1 < nu < 0.5 and rho >= 0):
+        raise UserError(
+            f"'{text}' is of no material", where=option, remedy="E above 0, ν between -1 and 0.5, ρ not negative"
+        )
+    return E, nu, rho
+
+
+def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
+    """The answers with those of the terminal for what was not given; find: whether the user has said what is sought."""
+    print("Enter leaves a line blank; it can be filled in later.")
+    answers = given
+    if not found.materials and answers.material is None:
+        known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
+        answers = replace(
+            answers, material=_ask(f"the deck has no material: {known}", lambda t: material("material", t))
+        )
+    places = _listed(found.places)
+    if not found.supports and answers.held is None:
+        answers = replace(
+            answers, held=_ask("where is it held (number above, node ID or x, y, z in m)", _chosen(places, found))
+        )
+    if answers.load is None:
+        answers = replace(answers, load=_ask("where does the load act (as above)", _chosen(places, found)))
+    deck = answers.load is not None and answers.load.kind == "deck_load"
+    if answers.direction is None and not deck:
+        answers = replace(answers, direction=_ask("along what (x, y, z)", lambda t: vector("direction", t)))
+    if answers.amplitude is None and not deck:
+        answers = replace(answers, amplitude=_ask("how large, its amplitude [N]", lambda t: positive("amplitude", t)))
+    if answers.frequency is None:
+        answers = replace(answers, frequency=_ask("how fast, its frequency [Hz]", lambda t: positive("frequency", t)))
+    if not find and typer.confirm(
+        "is the load itself to be found (otherwise the modulus, from a load that is measured)"
+    ):
+        answers = replace(answers, find="load")
+    return answers
+
+
+def positive(option: str, text: str) -> float:
+    """A number above zero. Raises UserError for anything else."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not number > 0:
+        raise UserError(
+            f"'{text}' is not a number above zero", where=option, remedy="give one without its unit, as in 250"
+        )
+    return number
+
+
+def _listed(places: Sequence[Place]) -> Sequence[Place]:
+    """The places with their numbers, for people."""
+    for number, own in enumerate(places[:SHOWN], start=1):
+        name = f"near {own.name}" if own.kind == "face" else f"{own.kind} {own.name}"
+        print(f"{number:4}  {name:<38} {own.what}{', held' if own.held else ''}")
+    if len(places) > SHOWN:
+        print(f"      {len(places) - SHOWN} more")
+    return places
+
+
+def _chosen(places: Sequence[Place], found: Suggestion) -> Callable[[str], Place]:
+    def read(text: str) -> Place:
+        if text.strip().isdigit() and 1 <= int(text) <= len(places):
+            return places[int(text) - 1]
+        return place("place", text, found)
+
+    return read
+
+
+def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
+    """The answer, asked again until it can be read; None where the line is left blank."""
+    while True:
+        text = typer.prompt(question, default="", show_default=False)
+        if not text.strip():
+            return None
+        try:
+            return read(text)
+        except UserError as error:
+            print(error)

@@ -1,0 +1,130 @@
+"""`init` fills in what the deck says and what it is told, leaves the rest blank, and invents nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.config.load import load_config
+from strainsight.errors import ConfigError
+from strainsight_cli.main import app
+
+from ..edges.beam import bricks
+
+LOAD = ("--direction", "0 0 1", "--amplitude", "1e3", "--frequency", "20")
+
+
+@pytest.fixture
+def init(tmp_path, monkeypatch):
+    """init(*options, deck): exit code and output of `strainsight init beam.bdf`, whose config is own.yaml."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*options, text=None, answers=None):
+        Path("beam.bdf").write_text(text or bricks((4, 2, 2)))
+        done = CliRunner().invoke(app, ["init", "beam.bdf", "-o", "own.yaml", "--force", *options], input=answers)
+        return done.exit_code, done.output + (done.stderr if done.exit_code else "")
+
+    return call
+
+
+def solids() -> str:
+    """No material, no supports, no tie."""
+    lines, skip = [], False
+    for line in bricks((4, 2, 2), tip=False).replace("SPC = 1\n", "").splitlines():
+        skip = line.startswith("SPC1") or (skip and line.startswith(","))
+        lines += [] if skip or line.startswith("MAT1") else [line]
+    return "\n".join([*lines, ""])
+
+
+def blanks() -> list[str]:
+    """Keys that the config is refused for."""
+    with pytest.raises(ConfigError) as caught:
+        load_config("own.yaml")
+    return [problem.key for problem in (caught.value, *caught.value.others)]
+
+
+def test_what_nobody_has_said_is_blank_and_named(init):
+    code, said = init()
+    assert code == 0
+    assert "fill in what is blank" in said
+    assert blanks() == ["loads.load.signal.frequency", "loads.load.signal.amplitude"]
+    assert init("--amplitude", "10", "--frequency", "5")[0] == 0
+    assert blanks() == ["loads.load", "loads.load.direction"]
+
+
+def test_with_a_load_that_was_told_the_config_is_whole(init):
+    code, said = init("--load", "node 900001", *LOAD)
+    assert (code, "check the lines marked" in said) == (0, True)
+    config = load_config("own.yaml").model
+    load = config.loads["load"]
+    assert (load.node, load.direction, load.signal.amplitude, load.signal.frequency) == (900001, (0, 0, 1), 1e3, 20)
+    assert config.place.estimate == ("E",)
+    assert config.parameters["E"].guess == pytest.approx(2.1e11)
+
+
+def test_a_load_can_be_what_is_sought(init):
+    assert init("--find", "load", "--load", "node 900001", *LOAD)[0] == 0
+    config = load_config("own.yaml").model
+    assert (config.place.estimate, dict(config.parameters), config.loads["load"].known) == (("load",), {}, False)
+
+
+def test_faces_and_a_material_make_a_deck_of_solids_alone_whole(init):
+    options = ("--material", "steel", "--held", "0, 0.05, 0.04", "--load", "[1, 0.05, 0.04]", *LOAD)
+    assert init(*options, text=solids())[0] == 0
+    config = load_config("own.yaml").model
+    assert {name: face.near for name, face in config.mesh.faces.items()} == {"held": (0, 0.05, 0.04), "loaded": (1, 0.05, 0.04)}
+    assert (config.mesh.supports[0].set, config.loads["load"].set) == ("held", "loaded")
+    assert config.mesh.materials["own"].youngs_modulus == config.parameters["E"].guess == 2.1e11
+    done = CliRunner().invoke(app, ["import", "own.yaml"])
+    assert done.exit_code == 0, done.output
+
+
+def test_a_deck_of_solids_alone_leaves_material_and_support_blank(init):
+    assert init(*LOAD, text=solids())[0] == 0
+    assert blanks() == [
+        "mesh.materials.own.youngs_modulus",
+        "mesh.materials.own.poisson_ratio",
+        "mesh.materials.own.density",
+        "parameters.E.guess",
+        "parameters.E.range",
+        "validate.truth.parameters.E",
+    ]
+
+
+def test_questions_fill_in_what_options_leave_open(init):
+    """The tie is the first place of the list; a wrong answer is asked for again, an empty one stays blank."""
+    code, said = init("-i", answers="1\n0 0\n0 0 -1\n1e3\nfast\n20\nn\n")
+    assert code == 0, said
+    assert "'0 0' is not three numbers" in said
+    assert "'fast' is not a number above zero" in said
+    load = load_config("own.yaml").model.loads["load"]
+    assert (load.node, load.direction, load.signal.frequency) == (900001, (0, 0, -1), 20)
+    assert init("-i", answers="\n\n\n\nn\n")[0] == 0
+    assert blanks() == ["loads.load.signal.frequency", "loads.load.signal.amplitude"]
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (("--load", "set tipp"), "the deck has no set 'tipp'"),
+        (("--load", "somewhere"), "--load  'somewhere' says of no place where it is"),
+        (("--load", "node tip"), "'tip' is not the id of a node"),
+        (("--direction", "up"), "--direction  'up' is not three numbers"),
+        (("--amplitude", "10 kN"), "--amplitude  '10 kN' is not a number above zero"),
+        (("--material", "cheese"), "--material  'cheese' is no material that is known"),
+        (("--material", "2e11, 0.5, 7850"), "is of no material"),
+    ],
+)
+def test_an_answer_that_cannot_be_read_is_refused_with_its_option(init, options, what):
+    code, said = init(*options)
+    assert (code, what in said) == (2, True), said
+
+
+def test_gauges_follow_the_largest_strain_or_an_axis(init):
+    init("--load", "node 900001", *LOAD)
+    assert load_config("own.yaml").model.gauges.direction.type == "principal"
+    init("--load", "node 900001", *LOAD, "--axis", "1 0 0", "--keep", "6")
+    config = load_config("own.yaml").model
+    assert (config.gauges.direction.axis, len(config.gauges.exclude), config.place.keep) == ((1, 0, 0), 1, 6)
