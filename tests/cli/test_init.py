@@ -1,4 +1,4 @@
-"""`init` fills in what the deck says and what it is told, leaves the rest blank, and invents nothing."""
+"""`init` fills in what the deck says and what it is given, leaves the rest blank, and invents nothing."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_what_nobody_has_said_is_blank_and_named(init):
     assert blanks() == ["loads.load", "loads.load.direction"]
 
 
-def test_with_a_load_that_was_told_the_config_is_whole(init):
+def test_with_a_load_that_was_given_the_config_is_whole(init):
     code, said = init("--load", "node 900001", *LOAD)
     assert (code, "check the lines marked" in said) == (0, True)
     config = load_config("own.yaml").model
