@@ -68,7 +68,7 @@ def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray
         if whole:
             _check_acts(mesh, constraint.transform, load, own)
         return e
-    nodes = np.array(_loaded_nodes(mesh, load), dtype=np.int64)
+    nodes = np.array(loaded_nodes(mesh, load), dtype=np.int64)
     e = couple(mesh, constraint, nodes, np.ones(len(nodes)), moment)
     if not whole:
         return e
@@ -113,7 +113,7 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
     direction = _unit(load.name, load.direction)
     if face is not None:
         return evenly(mesh, face, direction)
-    nodes = _loaded_nodes(mesh, load)
+    nodes = loaded_nodes(mesh, load)
     return NodalForces(np.array(nodes, dtype=np.int64), np.tile(direction / len(nodes), (len(nodes), 1)))
 
 
@@ -179,7 +179,8 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
     return NodalForces(nodes, f)
 
 
-def _loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
+def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
+    """Indices of the node or of the nodes of the set. Raises UserError where it is not there."""
     if load.node_id is not None:
         ids = [load.node_id]
     elif load.node_set is not None and load.node_set in mesh.node_sets:

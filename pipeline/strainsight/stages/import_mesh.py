@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from strainsight.cases.structure.mesh import checked, mesh_of
+from strainsight.cases.structure.references import READS, check_references, on_one_node
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.faces import faces_of
@@ -29,6 +31,9 @@ def run(context: Context[PlacementConfig]) -> Output:
     config = context.config.mesh
     mesh = mesh_of(config, context.files["mesh.file"])
     weight, quality = checked(mesh, config)
+    check_references(context.config, mesh)
+    for text in on_one_node(context.config.loads, mesh):
+        warnings.warn(f"{text}.", stacklevel=2)
     faces = faces_of(mesh.position, exterior_facets(mesh)) if mesh.blocks else None
     grid, grid_attributes = vtkhdf_datasets(_grid(mesh))
     count = sum(len(block.ids) for block in mesh.blocks)
@@ -70,4 +75,4 @@ def _grid(mesh: Mesh) -> VtkHdf:
     )
 
 
-IMPORT = Stage("import", version=4, reads=("mesh",), upstream=(), files=("mesh.file",), run=run)
+IMPORT = Stage("import", version=4, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run)

@@ -54,10 +54,12 @@ def parameters_of(
         for region in regions:
             deck = float(getattr(mesh.materials[mesh.regions[region].material], entry.property))
             if not 0.1 <= value / deck <= 10:
+                in_mpa = entry.property == "youngs_modulus" and 0.1 <= 1e6 * value / deck <= 10
+                meant = f"{value:g} MPa are {1e6 * value:.4g} Pa: give that, if it is meant"
                 raise ConfigError(
                     f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in region {region} (SI units)",
                     key=f"parameters.{name}.guess",
-                    remedy="check mesh.length_unit and mesh.mass_unit, or the guess",
+                    remedy=meant if in_mpa else "check mesh.length_unit and mesh.mass_unit, or the guess",
                 )
         found.append(Parameter(name, entry.property, regions, value))
     return tuple(found)

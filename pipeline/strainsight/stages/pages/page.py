@@ -10,6 +10,8 @@ from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.posterior import posterior_doubts
+from strainsight.cases.structure.references import on_one_node
+from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.gauges.candidates import STRAIN
@@ -80,7 +82,7 @@ def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
         truth_description=str(validate.summary["description"]),
         filters=filters_of(read(Validated, validate)),
         consistency=consistency_of(validate),
-        warnings=warnings_of(up, names, mesh),
+        warnings=warnings_of(up, names, mesh, config.loads),
         not_tested=_not_tested(up["train"], config, place),
         test=up["estimate"].message if "estimate" in up else "",
         facts=_facts(up),
@@ -92,10 +94,11 @@ def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
     )
 
 
-def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh) -> tuple[str, ...]:
+def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads: Mapping[str, Load]) -> tuple[str, ...]:
     """What a reader has to know: of the model, and once they were validated, of the estimates."""
     ready = read(Reduced, up["rom"]).matrices if "rom" in up else None
     notes = [f"{text}." for text in (sanity_warnings(mesh) if ready is None else ready.notes)]
+    notes += [f"{text}." for text in on_one_node(loads, mesh)]
     cards = [card for card in mesh.ignored if mesh.effect.get(card) != "none"]
     if cards:
         but = ": what they add must be in the matrices" * (ready is not None)

@@ -88,7 +88,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()) if "rom" in up else (),
         truth_description=str(validate.summary["description"]) if validate else "",
         pairs=nearest(layout) if layout else (),
-        warnings=warnings_of(up, names, mesh),
+        warnings=warnings_of(up, names, mesh, entry.loads),
     )
 
 

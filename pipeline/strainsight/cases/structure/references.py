@@ -1,0 +1,79 @@
+"""What a config refers to is in its mesh: asked at `import`, before anything that takes time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from strainsight.cases.layout.zones import zone_of
+from strainsight.cases.structure.settings import parameters_of, point_loads
+from strainsight.config.loads import Load
+from strainsight.config.placement import GuessFrom, PlacementConfig
+from strainsight.errors import blame
+from strainsight.fem.loads import loaded_nodes, nodal_forces
+from strainsight.gauges.admissible import admissible
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+
+READS = (
+    "parameters.*.property",
+    "parameters.*.region",
+    "parameters.*.guess",
+    "parameters.*.range",
+    "loads.*.node",
+    "loads.*.set",
+    "loads.*.deck_load",
+    "loads.*.direction",
+    "loads.*.moment",
+    "loads.*.bearing",
+    "loads.*.pressure",
+    "gauges.surface",
+    "gauges.include",
+    "gauges.exclude",
+    "gauges.given",
+    "motion_sensors.*.surface",
+    "motion_sensors.*.include",
+    "motion_sensors.*.exclude",
+)
+
+
+def check_references(config: PlacementConfig, mesh: Mesh) -> None:
+    """Nodes, sets, faces and loads of the deck that loads act on; regions of parameters, and guesses far from the deck's value;
+    surfaces and zones of sensors.
+
+    Raises UserError with the key of what is not there, InfeasibleError where no facet is left for a sensor.
+    """
+    if config.mesh.matrices is None:
+        known = {name: own for name, own in config.parameters.items() if not isinstance(own.guess, GuessFrom)}
+        parameters_of(known, mesh, {})
+    for name, load in point_loads(config.loads).items():
+        with blame(f"loads.{name}"):
+            if load.moment is None:
+                nodal_forces(mesh, load)
+            else:
+                loaded_nodes(mesh, load)
+    if not mesh.blocks or config.gauges.given is not None:
+        return
+    facets = exterior_facets(mesh)
+    sites = {"gauges": config.gauges} | {f"motion_sensors.{name}": own for name, own in config.motion_sensors.items()}
+    for key, own in sites.items():
+        include, exclude = ([zone_of(entry) for entry in zones] for zones in (own.include, own.exclude))
+        admissible(mesh, facets, surface=own.surface, include=include, exclude=exclude, key=key)
+
+
+def on_one_node(loads: Mapping[str, Load], mesh: Mesh) -> tuple[str, ...]:
+    """A sentence for every force on one node of a solid: the strain beside it is that of a point, which gets larger with every
+    finer mesh, and no gauge should be placed by it."""
+    solid = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(block.nodes.ravel() for block in mesh.blocks)]))
+    tied = {tie.reference for tie in mesh.rigid} | {tie.reference for tie in mesh.averaging}
+    found = []
+    for name, load in loads.items():
+        if load.node is not None and load.moment is None:
+            node = mesh.node_index(load.node)
+            if node not in tied and np.isin(node, solid):
+                found.append(
+                    f"loads.{name} acts on node {load.node} of a solid alone: strain beside it grows with a finer mesh. Spread "
+                    f"the force over a face (mesh.faces, loads.{name}.set), or tie its nodes to a reference node (mesh.ties)"
+                )
+    return tuple(found)
