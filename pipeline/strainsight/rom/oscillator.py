@@ -11,6 +11,10 @@ from strainsight.rom.model import Damping
 
 HOLD = 3
 """Coefficients of the force within a step: g(τ) = g₀ + g₁(τ/h) + g₂(τ/h)²."""
+TERMS = 19
+"""Of the series of a φ function."""
+INVERSE = np.array([1 / math.factorial(i) for i in range(TERMS + HOLD + 1)])
+"""1/i!, i below TERMS + HOLD + 1, the highest φ function that a step takes."""
 
 
 def oscillator_step(lam: np.ndarray, damping: Damping, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -61,15 +65,15 @@ def oscillator_acceleration(lam: np.ndarray, damping: Damping) -> tuple[np.ndarr
 
 
 def phi_functions(z: np.ndarray, order: int) -> list[np.ndarray]:
-    """φ₀ = eᶻ,  φₖ₊₁(z) = (φₖ(z) − 1/k!)/z, by their series where |z| < 1; z (...) complex. Returns order + 1 arrays."""
+    """φ₀ = eᶻ,  φₖ₊₁(z) = (φₖ(z) − 1/k!)/z, by their series where |z| < 1; z (...) complex.
+
+    order: the highest k, HOLD + 1 at most. Returns order + 1 arrays (...).
+    """
     small = np.abs(z) < 1
     near, far = np.where(small, z, 0), np.where(small, 1, z)
-    series = []
-    for k in range(order + 1):
-        total = np.zeros_like(near)
-        for i in range(18, -1, -1):
-            total = total * near + 1 / math.factorial(i + k)
-        series.append(total)
+    series = np.zeros((order + 1, *z.shape), near.dtype)
+    for i in range(TERMS - 1, -1, -1):
+        series = series * near + INVERSE[i : i + order + 1].reshape(-1, *(1,) * z.ndim)
     recursion = [np.exp(far)]
     for k in range(order):
         recursion.append((recursion[-1] - 1 / math.factorial(k)) / far)
