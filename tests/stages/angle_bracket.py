@@ -158,7 +158,7 @@ def estimate(
     columns |= {"shaker": histories["shaker"]} if kind == "shaken" else {}
     file = folder / "angle.csv"
     np.savetxt(file, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
-    said = invoked("estimate", path, "--results", folder / "results", "--measurements", file)
+    said = invoked("estimate", path, "--results", folder / "results", "--measurements", file, "--no-page")
     own = Artefact(folder / "results" / f"angle-{kind}" / "estimate.h5")
     late = slice(1, None)
     E, E_std = (float(own[f"/{name}/E"][-1]) / TRUE_E if also else np.nan for name in ("estimate", "std"))

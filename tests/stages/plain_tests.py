@@ -157,6 +157,7 @@ def estimated(own: Path, form: str) -> tuple[Artefact, str]:
         folder / "results",
         "--measurements",
         own / FORMATS[form],
+        "--no-page",
     )
     return Artefact(folder / "results" / name / "estimate.h5"), said
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import shutil
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -90,7 +91,8 @@ def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
     }
     config = tmp_path / "test.yaml"
     config.write_text(f"{text}\nestimate: {json.dumps(stated)}\n")
-    options = [f"--set={words}" for words in SHORT]
+    shutil.copytree(results, tmp_path / "results")
+    options = ["--no-page", *(f"--set={words}" for words in SHORT)]
     done = CliRunner().invoke(app, ["estimate", str(config), "--results", str(tmp_path / "results"), *options])
     assert done.exit_code == 0, done.output
     run = api.open_run(tmp_path / "results" / "cantilever-youngs-modulus")
