@@ -18,7 +18,14 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("plain")
 
 
-@pytest.fixture(scope="module", params=CASES)
+LONG = ("parameters",)
+"""Cases of more than ten seconds: a bank over two parameters."""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in CASES],
+)
 def case(request, folder):
     return request.param, recorded(folder, request.param)
 
