@@ -38,8 +38,17 @@ SHORT = (
     "validate.truth.modes=20",
 )
 """A placement, shortened where length does not matter."""
+UNSTUDIED = (
+    "filter.compare=false",
+    "validate.random_sets=0",
+    "validate.repeats=1",
+    "validate.noise_factors=[]",
+)
+"""A validation of the layout and the filter alone, without those beside them."""
 PLACED_EXACTLY = tuple(f"tolerances.{name}=0" for name in ("position", "angle", "transverse"))
 """For comparisons with gauges of given rows, which know of no strain beside their place."""
+BENCHES = "benches"
+"""Runs of benches, which take each other's reduced hub over (`made`)."""
 _held: list[object] = []
 
 

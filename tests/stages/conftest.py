@@ -11,10 +11,8 @@ from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
 
-from ..shared import ROOT, SHORT, job_of, made  # noqa: F401  for the tests beside
+from ..shared import BENCHES, ROOT, SHORT, UNSTUDIED, job_of, made  # noqa: F401  for the tests beside
 
-BENCHES = "benches"
-"""Runs of benches, which take each other's reduced hub over (`made`)."""
 LOADS = ROOT / "configs" / "bench" / "loads.yaml"
 DIAMETER = ROOT / "configs" / "bench" / "diameter.yaml"
 MODULUS = ROOT / "configs" / "bench" / "modulus.yaml"

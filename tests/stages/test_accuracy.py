@@ -8,9 +8,8 @@ import pytest
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.artefact import Artefact
 
-from .conftest import ROOT, finished, job_of
+from .conftest import ROOT, UNSTUDIED, finished, job_of
 
-ALONE = ("validate.random_sets=0", "validate.noise_factors=[]", "validate.repeats=1", "place.instants=5")
 pytestmark = pytest.mark.slow
 
 
@@ -20,7 +19,8 @@ def run(tmp_path_factory):
     results = tmp_path_factory.mktemp("accuracy")
 
     def place_and_validate(case: str, truth: str):
-        job = job_of(ROOT / "configs" / f"cantilever-{case}.yaml", results, *ALONE, f"validate.truth.model={truth}")
+        settings = (*UNSTUDIED, "place.instants=5", f"validate.truth.model={truth}")
+        job = job_of(ROOT / "configs" / f"cantilever-{case}.yaml", results, *settings)
         done = finished(job, PLACEMENT[:-1])
         return done["place"][2], done["validate"][2]
 

@@ -15,13 +15,13 @@ from strainsight.config.suite_runs import runs_of
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from .conftest import ROOT
+from .conftest import ROOT, UNSTUDIED
 
 pytestmark = pytest.mark.slow
 
 HUB = ROOT / "configs" / "hub"
 CONFIG = HUB / "hub-youngs-modulus.yaml"
-QUICK = ("place.instants=3", "validate.truth.modes=20", "validate.random_sets=2", "validate.repeats=2")
+QUICK = ("place.instants=3", "validate.truth.modes=20", *UNSTUDIED)
 ESTIMATE = """
 estimate:
   as_placed: true
@@ -44,7 +44,7 @@ def folder(tmp_path_factory) -> Path:
     config.write_text(CONFIG.read_text(encoding="utf-8").replace("../../meshes/hub-coarse.bdf.gz", mesh) + ESTIMATE)
     options = ["--results", str(made / "results"), *(word for value in QUICK for word in ("--set", value))]
     results = made / "results" / "hub-youngs-modulus"
-    for command in (["validate"], ["estimate", "--measurements", str(results / "measured.csv")]):
+    for command in (["validate"], ["estimate", "--no-page", "--measurements", str(results / "measured.csv")]):
         done = CliRunner().invoke(app, [command[0], str(config), *command[1:], *options])
         assert done.exit_code == 0, done.output
     return results

@@ -10,18 +10,12 @@ import pytest
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.artefact import Artefact
 
-from ..shared import ROOT, job_of
+from ..shared import ROOT, UNSTUDIED, job_of
 from .conftest import finished
 
 pytestmark = pytest.mark.slow
 
-EXACT = (
-    "tolerances=none",
-    "validate.truth.model=modes",
-    "validate.random_sets=0",
-    "validate.noise_factors=[]",
-    "validate.repeats=1",
-)
+EXACT = ("tolerances=none", "validate.truth.model=modes", *UNSTUDIED)
 
 
 @pytest.fixture(scope="module")
