@@ -1,4 +1,4 @@
-"""Runs that the pages are of, by the command line as a user has it."""
+"""Runs that the pages are of."""
 
 from __future__ import annotations
 
@@ -8,22 +8,21 @@ from typer.testing import CliRunner
 
 from strainsight_cli.main import app
 
-ROOT = Path(__file__).parents[2]
-SHORT = (
-    "train.duration=0.2",
-    "place.instants=3",
-    "validate.duration=0.2",
-    "validate.random_sets=2",
-    "validate.repeats=2",
-    "validate.truth.modes=20",
-)
-"""A placement, shortened where length does not matter to its page."""
+from ..shared import made
 
 
 def page_of(config: Path, results: Path, *overrides: str, name: str = "*") -> Path:
-    """Run every stage of a config; the page that comes of it. name: of the run, where there are several in `results`."""
+    """Run every stage of a config by the command line as a user has it; the page that comes of it.
+
+    name: of the run, where there are several in `results`.
+    """
     words = ["run", str(config), "--results", str(results)]
     done = CliRunner().invoke(app, [*words, *(word for value in overrides for word in ("--set", value))])
     assert done.exit_code == 0, done.output
     (page,) = results.glob(f"{name}/report.html")
     return page
+
+
+def shared_page(config: Path, *overrides: str, beside: str = "") -> Path:
+    """The page of a run that other tests look at as well (`made`)."""
+    return made(config, *overrides, beside=beside)["report"].path.parent / "report.html"

@@ -7,6 +7,7 @@ import re
 import h5py
 import pytest
 
+from ..shared import BENCHES, ROOT
 from . import answers, space, tables
 from .every import (  # noqa: F401  every page has to pass these
     test_every_picture_has_words,
@@ -17,15 +18,16 @@ from .every import (  # noqa: F401  every page has to pass these
     test_there_is_no_barrier_in_light_or_in_dark,
 )
 from .numbers import in_words, rounded
-from .runs import ROOT, page_of
+from .runs import shared_page
 
 pytestmark = pytest.mark.slow
 SHORT = ("simulate.duration=2.0", "estimate.time_step=0.1", "field.instants=5")
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    return page_of(ROOT / "configs" / "bench" / "gauges.yaml", tmp_path_factory.mktemp("bench"), *SHORT)
+def report():
+    """Of a run that takes the reduced hub of other benches over."""
+    return shared_page(ROOT / "configs" / "bench" / "gauges.yaml", *SHORT, "name=bench-gauges", beside=BENCHES)
 
 
 def test_its_answer_has_the_numbers_of_the_estimate(look, report):

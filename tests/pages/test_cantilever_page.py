@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
+from ..shared import ROOT, SHORT
 from . import answers, space, tables
 from .every import (  # noqa: F401  every page has to pass these
     test_every_picture_has_words,
@@ -15,14 +16,14 @@ from .every import (  # noqa: F401  every page has to pass these
     test_its_markup_and_styles_are_valid,
     test_there_is_no_barrier_in_light_or_in_dark,
 )
-from .runs import ROOT, SHORT, page_of
+from .runs import shared_page
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    return page_of(ROOT / "configs" / "cantilever-youngs-modulus.yaml", tmp_path_factory.mktemp("results"), *SHORT)
+def report():
+    return shared_page(ROOT / "configs" / "cantilever-youngs-modulus.yaml", *SHORT)
 
 
 @pytest.fixture(scope="module")

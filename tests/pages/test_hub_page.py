@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from ..shared import ROOT
 from . import answers, space, tables
 from .every import (  # noqa: F401  every page has to pass these
     test_every_picture_has_words,
@@ -13,7 +14,7 @@ from .every import (  # noqa: F401  every page has to pass these
     test_its_markup_and_styles_are_valid,
     test_there_is_no_barrier_in_light_or_in_dark,
 )
-from .runs import ROOT, page_of
+from .runs import shared_page
 
 pytestmark = pytest.mark.slow
 SHORT = ("place.instants=3", "rom.modes=6", "train.duration=0.2", "validate.duration=0.2", "validate.truth.model=rom")
@@ -21,8 +22,8 @@ SHORT += ("validate.random_sets=2", "validate.repeats=2")
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    return page_of(ROOT / "configs" / "hub" / "hub-youngs-modulus.yaml", tmp_path_factory.mktemp("hub"), *SHORT)
+def report():
+    return shared_page(ROOT / "configs" / "hub" / "hub-youngs-modulus.yaml", *SHORT)
 
 
 def test_its_numbers_are_those_of_the_artefacts(look, report):
