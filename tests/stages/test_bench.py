@@ -107,7 +107,7 @@ def test_a_pendulum_swings_with_the_period_of_its_length(tmp_path):
     """T = 2π √(L/g) at small angles: a quarter of it after the start the bob is at the bottom (implicit Euler: first order)."""
     angle = 0.05
     path = pendulum(tmp_path, angle)
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / "r")])
     assert done.exit_code == 0, done.output
     simulate = Artefact(tmp_path / "r" / "pendulum" / "simulate.h5")
     # the first three coordinates are the bob's place
@@ -288,7 +288,7 @@ def test_a_body_that_turns_fast_for_its_step_is_warned_of(tmp_path):
     text += "frames:\n  f: {body: r}\nsimulate: {duration: 1.0, time_step: 5.0e-4, start: as_given}\n"
     path = tmp_path / "rotor.yaml"
     path.write_text(text, encoding="utf-8")
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
+    done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / "r")])
     assert done.exit_code == 0, done.output
     simulate = Artefact(tmp_path / "r" / "rotor" / "simulate.h5")
     spin = np.linalg.norm(simulate["/v"][:, 3:12], axis=1) / np.sqrt(2)

@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.errors import ConfigError
 
-from .conftest import ROOT, SMALL
+from .conftest import LOADS, ROOT, SMALL
 
 
 @pytest.mark.slow
@@ -59,7 +59,10 @@ def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_
 )
 def test_another_bench_that_cannot_be_imported_is_refused(estimate, bench, change, what):
     with pytest.raises(ConfigError, match=re.escape(what)) as refused:
-        estimate(SMALL, f"estimate.measured.from={bench['simulate'].path}", "estimate.duration=1.0", change)
+        estimate(
+            LOADS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=1.0",
+            f"estimate.measured.from={bench['simulate'].path}", change,
+        )  # fmt: skip
     assert refused.value.key.startswith("estimate.measured")
 
 

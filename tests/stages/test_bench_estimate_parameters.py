@@ -118,6 +118,7 @@ def test_zeroed_gauges_are_expected_to_read_what_they_read_whatever_the_modulus(
     assert np.sqrt(np.mean(off**2)) < 2e-7
 
 
+@pytest.mark.slow
 def test_an_unknown_under_a_load_that_begins_at_zero_is_felt_all_the_same(estimate):
     """Nothing loads the hub at the start but what its unknown loads may be."""
     found = estimate(MODULUS, "forces.weight.acceleration=[0.0, 0.0, 0.0]", "estimate.duration=1.0")

@@ -25,7 +25,7 @@ SWEEP = {"type": "sweep", "start_frequency": 5.0, "end_frequency": 30.0, "durati
 def run(folder, until, changes=()):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "ramp.csv").write_text("t,F\n-0.05,0\n1,1000\n", encoding="utf-8")
-    return finished(folder, until, bricks(COUNTS), dict(changes))
+    return finished(folder, until, bricks(COUNTS), {"filter.compare": False, **dict(changes)})
 
 
 def apart(one, other):
