@@ -206,3 +206,25 @@ def test_no_rounding_orders_equal_signals():
     strength, x = np.repeat(rng.uniform(0.1, 1.0, 20_000), 2), np.repeat(np.arange(20_000.0), 2)
     shaken = strength * (1 + 1e-13 * rng.standard_normal(len(strength)))
     np.testing.assert_array_equal(screen(shaken, 1.0, on_a_line(x), None, 0.5).kept, 2 * np.arange(20_000))
+
+
+def test_each_load_case_takes_in_turn_the_strongest_that_is_free():
+    """Readings of the second case are a hundredth of those of the first, whose three strongest sit in a cluster."""
+    rms = np.array([[9.0, 8.0, 7.0, 4.0, 3.0, 0.1, 0.2, 0.0], [0.01, 0.0, 0.0, 0.0, 0.01, 0.04, 0.03, 0.09]])
+    position = on_a_line([0.0, 0.1, 0.2, 1.0, 2.0, 3.0, 4.0, 5.0])
+    result = screen(rms, 0.5, position, 4, 0.25)
+    np.testing.assert_array_equal(result.kept, [0, 3, 5, 7])
+    np.testing.assert_array_equal(result.reason, ["", "spacing", "spacing", "", "snr", "", "snr", ""])
+    np.testing.assert_allclose(result.snr, [18.0, 16.0, 14.0, 8.0, 6.0, 0.2, 0.4, 0.18])
+    np.testing.assert_array_equal(screen(rms * [[1.0], [1e6]], 0.5, position, 4, 0.25).kept, result.kept)
+    # what one case has no more of goes to the other
+    assert len(screen(rms, 0.5, position, None, 0.25).kept) == 6
+
+
+@pytest.mark.parametrize("spacing", [0.0, 0.1])
+def test_cases_that_are_alike_keep_what_one_keeps(spacing):
+    rng = np.random.default_rng(1)
+    rms, position = rng.uniform(0, 1, 200), rng.uniform(0, 1, (200, 3))
+    one = screen(rms, 1e-3, position, 60, spacing)
+    for cases in (rms[None], np.array([rms, rms]), np.array([rms, 1e-3 * rms, 5 * rms])):
+        np.testing.assert_array_equal(screen(cases, 1e-3, position, 60, spacing).kept, one.kept)

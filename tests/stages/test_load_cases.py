@@ -270,6 +270,18 @@ def test_screening_takes_the_strongest_and_the_largest_over_the_cases(beam):
     np.testing.assert_allclose(screened.noise_std, 5 * before.noise_std, rtol=1e-9)
 
 
+def test_screening_leaves_a_quiet_case_its_share_of_the_gauges(tmp_path):
+    """What is kept depends on no case's amplitude, and holds the strongest candidate of each."""
+    beam, kept = Beam(tmp_path, TWO | {"screen.keep": 4}), {}
+    for force in (400.0, 0.4):
+        quiet = {"loads": {"down": "none", "aside": {"signal": sine(30.0, force)}}}
+        training, screened = beam.trained(beam.case({"down": DOWN, "quiet": quiet}))
+        kept[force] = screened.kept
+        for own in training.cases.values():
+            assert own.rms[screened.kept].max() == pytest.approx(own.rms.max(), rel=1e-6)
+    np.testing.assert_array_equal(kept[400.0], kept[0.4])
+
+
 def test_a_case_takes_a_recorded_load(beam):
     time = np.linspace(0, 0.2, 201)
     lines = ["t,F", *(f"{t:.6f},{3000 * t / 0.2:.6f}" for t in time)]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -44,23 +46,26 @@ def screen(
 
         snr² = Σ (rms / σ)² over the channels of a gauge
 
-    Of every channel (m,): rms of the training response and noise_std σ in its unit (σ may be one number for all);
-    position (m, 3) [m]; gauge number of its gauge, ascending without holes (None: each channel its own); bonded, whether it is
-    already in place: kept whatever it reads; largest, the peak of the training response, and limit, what it can measure at
-    most (inf: anything): a gauge with a channel beyond is dropped. also_at: further places (a, 3) [m], and the gauges (a,) that
-    sit there too, as arms of bridges do.
+    Of several load cases each takes in turn the best in it that is still free: one of quiet readings has its share of those that
+    are kept. snr is that of the case where it is largest.
+    Of every channel (m,): rms of the training response, of several load cases (cases, m), and noise_std σ in its unit (σ may be
+    one number for all); position (m, 3) [m]; gauge number of its gauge, ascending without holes (None: each channel its own);
+    bonded, whether it is already in place: kept whatever it reads; largest, the peak of the training response, and limit, what
+    it can measure at most (inf: anything): a gauge with a channel beyond is dropped. also_at: further places (a, 3) [m], and the
+    gauges (a,) that sit there too, as arms of bridges do.
     keep: the number of gauges wanted, bonded ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
     gauges of one facet have no distance). Of ties the lower number wins.
     Raises InfeasibleError where fewer than `keep` are left or more are bonded, for noise that is not positive and responses
     that are not finite.
     """
-    rms, position = np.asarray(rms, dtype=float), np.asarray(position, dtype=float)
-    std = np.broadcast_to(np.asarray(noise_std, dtype=float), rms.shape)
-    number = np.arange(len(rms)) if gauge is None else np.asarray(gauge)
+    rms, position = np.atleast_2d(np.asarray(rms, dtype=float)), np.asarray(position, dtype=float)
+    std = np.broadcast_to(np.asarray(noise_std, dtype=float), rms.shape[1])
+    number = np.arange(len(std)) if gauge is None else np.asarray(gauge)
     _check(rms, std)
     first = np.flatnonzero(np.diff(number, prepend=-1) != 0)
     count, place = len(first), position[first]
-    snr = _root_of_squares(rms / std, first)
+    in_case = np.array([_root_of_squares(own / std, first) for own in rms])
+    snr = in_case.max(axis=0)
     fixed = np.zeros(count, dtype=bool) if bonded is None else np.asarray(bonded, dtype=bool)[first]
     reason = np.full(count, WEAK, dtype="<U7")
     if largest is not None and limit is not None:
@@ -74,22 +79,22 @@ def screen(
             f"{wanted} of {count} candidates to keep" + (f", {there} are already bonded" if there else ""),
             remedy=f"keep at least {max(1, there)}",
         )
-    falling = strongest_first(snr)
     owner = np.arange(count)
     if also_at is not None:
         place, owner = np.concatenate([place, also_at[0]]), np.append(owner, also_at[1])
     places = np.split(np.argsort(owner, kind="stable"), np.cumsum(np.bincount(owner, minlength=count))[:-1])
     neighbours = cKDTree(place) if minimum_spacing > 0 else None
     kept: list[int] = []
-    for index in np.concatenate([falling[fixed[falling]], falling[~fixed[falling]]]):
-        if not fixed[index] and reason[index] != WEAK:
-            continue
+    free = (reason == WEAK) & ~fixed
+    for index in chain(np.flatnonzero(fixed).tolist(), _in_turn([strongest_first(own) for own in in_case], free)):
         if len(kept) == wanted:
             break
+        free[index] = False
         if neighbours is not None:
             found = neighbours.query_ball_point(place[places[index]], minimum_spacing * (1 - 1e-9))
             near = owner[np.concatenate([np.asarray(own, dtype=np.int64) for own in found])]
             reason[near[reason[near] == WEAK]] = NEAR
+            free[near] = False
         kept.append(index)
     # What the best have crowded out stays so marked; what is weaker than the last one kept was never weighed.
     reason[kept] = KEPT
@@ -104,6 +109,18 @@ def screen(
     return Screening(np.sort(np.array(kept, dtype=np.int64)), snr, reason)
 
 
+def _in_turn(falling: Sequence[np.ndarray], free: np.ndarray) -> Iterator[int]:
+    """Of every order of places in turn the first that is still free, until none is; free (n,) may change meanwhile."""
+    rest = [iter(own.tolist()) for own in falling]
+    while rest:
+        for own in tuple(rest):
+            index = next((i for i in own if free[i]), None)
+            if index is None:
+                rest.remove(own)
+            else:
+                yield index
+
+
 def strongest_first(snr: np.ndarray) -> np.ndarray:
     """Places of the signals (m,), the strongest first, ties in the order of their places."""
     return tied_order(-snr, least=TIE * float(snr.max(initial=0.0)), share=0.0)
@@ -115,7 +132,7 @@ def _check(rms: np.ndarray, std: np.ndarray) -> None:
         raise InfeasibleError(f"the gauge noise is {std[bad][0]:g}", remedy="give a positive standard deviation")
     if not np.isfinite(rms).all():
         raise InfeasibleError(
-            f"{np.count_nonzero(~np.isfinite(rms))} candidates have no finite response",
+            f"{np.count_nonzero(~np.isfinite(rms).all(axis=0))} candidates have no finite response",
             remedy="check the training signal",
         )
 

@@ -63,11 +63,16 @@ class Training:
         return tuple(self.cases[name] for name in sorted(self.cases)) or (self,)
 
     @property
+    def rms_in_cases(self) -> np.ndarray:
+        """RMS reading of every channel (cases, m) in every load case by name, or (1, m) under the loads as stated."""
+        if self.cases:
+            return np.array([self.cases[name].rms for name in sorted(self.cases)])
+        return np.sqrt(np.mean(self.reading**2, axis=0))[None]
+
+    @property
     def rms(self) -> np.ndarray:
         """RMS reading of every channel (m,), in the load case where it is largest."""
-        if self.cases:
-            return np.max([own.rms for own in self.cases.values()], axis=0)
-        return np.sqrt(np.mean(self.reading**2, axis=0))
+        return np.asarray(self.rms_in_cases.max(axis=0))
 
     @property
     def peak(self) -> np.ndarray:

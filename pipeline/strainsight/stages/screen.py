@@ -41,7 +41,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 SCREEN = Stage(
     "screen",
-    version=6,
+    version=7,
     reads=(
         "screen",
         "loads.*.node",

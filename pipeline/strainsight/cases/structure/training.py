@@ -153,9 +153,10 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
 
 
 def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Screened:
-    """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the weak and the
-    overloaded, thin the clusters."""
-    pool, rms, peak = training.candidates, training.rms, training.peak
+    """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the overloaded and what
+    is weak in every load case, thin the clusters."""
+    pool, in_cases, peak = training.candidates, training.rms_in_cases, training.peak
+    rms = in_cases.max(axis=0)
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
     clearance, near = clearance_of(config, mesh, training)
     clear = ~near[pool.gauge]
@@ -171,7 +172,7 @@ def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Scre
             limit[own] = family.range
     refuse_noise(best)
     with blame("screen.keep"):
-        result = _screened(config.screen, pool, near, rms, peak, noise_std, limit, clearance)
+        result = _screened(config.screen, pool, near, in_cases, peak, noise_std, limit, clearance)
     return Screened(
         kept=result.kept,
         snr=result.snr,
@@ -193,14 +194,14 @@ def _screened(
     limit: np.ndarray,
     clearance: Clearance | None,
 ) -> Screening:
-    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. near (gauges,): too near to
-    something for the clearance."""
+    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. rms (cases, m); near
+    (gauges,): too near to something for the clearance."""
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
     # A number that was asked for is kept or refused, unless a clearance that nobody stated has taken places.
     exact = len(np.unique(kinds)) == 1 and (clearance is None or clearance.rule == STATED or not near.any())
     kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
-    snr = np.sqrt(np.bincount(pool.gauge, (rms / noise_std) ** 2, pool.gauges))
+    snr = np.max([np.sqrt(np.bincount(pool.gauge, (own / noise_std) ** 2, pool.gauges)) for own in rms], axis=0)
     for kind in np.unique(kinds):
         gauges = np.flatnonzero((kinds == kind) & ~near)
         own = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
@@ -215,7 +216,7 @@ def _screened(
             further: tuple[np.ndarray, np.ndarray] | None = further,
         ) -> Screening:
             return screen(
-                rms[own],
+                rms[:, own],
                 noise_std[own],
                 pool.position[own],
                 most,
