@@ -63,7 +63,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=21,
+    version=22,
     reads=(
         "seed",
         "loads",

@@ -49,6 +49,9 @@ def judgement_of(
     label, entries, section = test.labels, own.settings.channels, own.section
     if diagnosis is None:
         return Judgement(True, "", "", _checked(found.check, False))
+    if not found.contradicts:
+        # what explains it a little better than no fault is chance, and no explanation
+        return Judgement(True, "", "", _checked(found.check, True))
     named = "" if diagnosis.named is None else fault_in_words(diagnosis.named, label, entries, suspect, section)
     candidates = tuple(fault_in_words(one, label, entries, suspect, section) for one in diagnosis.candidates)
     best = [diagnosis.best_of(j) for j in range(len(label))]
@@ -59,8 +62,6 @@ def judgement_of(
         np.array([0.0 if one is None else _finite(one.evidence - as_it_is.evidence) for one in best]),
         candidates,
     )
-    if not found.contradicts:
-        return Judgement(True, "", "", checked)
     if named:
         words = f"the record contradicts the model: {named}, {ACCEPT}"
     elif candidates:
