@@ -10,6 +10,7 @@ from strainsight.errors import UserError
 from strainsight.measurements.assemble import assemble
 from strainsight.measurements.bridges import Bridge
 from strainsight.measurements.calibration import ChannelSettings
+from strainsight.measurements.delay import Delay
 from strainsight.measurements.reader import read_recording
 from strainsight.measurements.records import Recording
 
@@ -176,3 +177,52 @@ def test_a_stretch_of_missing_samples_is_named_with_its_time(count, said):
     ).notes
     assert f"a: {count + 3} of 500 samples are missing" in notes
     assert any(note.startswith("a: 20 of them in a row, from 0.1 to 0.119 s") for note in notes) == said
+
+
+LATE = 7
+
+
+def late_record(gap=()):
+    """Two channels of one sine, "b" written LATE samples late."""
+    row = np.setdiff1d(np.arange(100), gap)
+    time = 2.0 + STEP * row
+    channels = {"a": np.sin(30 * time), "b": np.sin(30 * (time - LATE * STEP))}
+    return Recording(time, channels, {"a": "m/m", "b": "m/m"}, "rig.csv")
+
+
+@pytest.mark.parametrize("delay", [Delay(samples=LATE), Delay(seconds=LATE * STEP), Delay(seconds=LATE * STEP * 1.0005)])
+def test_a_channel_that_is_written_late_is_put_at_its_own_time(delay):
+    found = assemble(late_record(), {"a": ChannelSettings("m/m"), "b": ChannelSettings("m/m", delay=delay)})
+    np.testing.assert_allclose(found.values[:-LATE, 1], found.values[:-LATE, 0], atol=1e-12)
+    assert np.isnan(found.values[-LATE:, 1]).all()
+    assert any("b: 7 samples late" in note for note in found.notes)
+
+
+def test_one_that_is_early_lacks_samples_at_the_beginning():
+    early = {"a": ChannelSettings("m/m", delay=Delay(samples=-LATE)), "b": ChannelSettings("m/m")}
+    found = assemble(late_record(), early)
+    np.testing.assert_allclose(found.values[LATE:, 0], found.values[LATE:, 1], atol=1e-12)
+    assert np.isnan(found.values[:LATE, 0]).all()
+
+
+@pytest.mark.parametrize("step", [2 * STEP, STEP / 2])
+def test_a_delay_is_in_samples_of_the_file_whatever_the_step_of_the_filter(step):
+    settings = {"a": ChannelSettings("m/m"), "b": ChannelSettings("m/m", delay=Delay(samples=LATE))}
+    found = assemble(late_record(gap=[40, 41]), settings, step)
+    there = np.isfinite(found.values).all(axis=1)
+    assert there.sum() > 35
+    np.testing.assert_allclose(found.values[there, 1], found.values[there, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("delay", "what"),
+    [
+        (Delay(seconds=2.4 * STEP), r"a delay of 0\.0024 s is 2\.4 samples of 0\.001 s, and nothing is interpolated"),
+        (Delay(samples=100), "a delay of 100 samples, the record has 100"),
+        (Delay(seconds=-1.0), "a delay of -1000 samples, the record has 100"),
+    ],
+)
+def test_a_delay_that_does_not_fit_the_record_is_refused(delay, what):
+    with pytest.raises(UserError, match=what) as caught:
+        assemble(late_record(), {"b": ChannelSettings("m/m", delay=delay)})
+    assert caught.value.key == "b"

@@ -6,12 +6,15 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from strainsight.cases.structure.diagnosed import judgement_of
+from strainsight.cases.structure.measured import _where_known
 from strainsight.cases.structure.records_of_test import records_of
 from strainsight.config.estimate import Estimate
 from strainsight.estimation import fault_search
 from strainsight.estimation.draws import draw_truth
+from strainsight.measurements.assemble import Signals
 
 from ..estimation.chain import forces, loaded_chain, start
 from ..estimation.test_fault_search import suspect
@@ -19,9 +22,13 @@ from ..estimation.test_fault_search import suspect
 STEPS = 80
 ROWS = np.array([[1.0, 0.0], [-1.0, 1.0], [0.3, 1.0], [1.0, 0.002]])
 NAMES = ("G1", "G2", "G3", "G4")
-SETTINGS = Estimate.model_validate(
-    {"file": "test.csv", "channels": tuple({"gauge": name, "channel": name, "unit": "m/m"} for name in NAMES)}
-)
+
+
+def settings(**second):
+    """Of four channels, the second with more keys."""
+    entries = [{"gauge": name, "channel": name, "unit": "m/m"} for name in NAMES]
+    entries[1] |= second
+    return Estimate.model_validate({"file": "test.csv", "channels": tuple(entries)})
 
 
 def records(which):
@@ -32,8 +39,8 @@ def records(which):
     return [suspect(model, P, forces(STEPS), y[:, i]) for i in range(len(which))]
 
 
-def judged(record):
-    (own,) = records_of(SETTINGS)
+def judged(record, **second):
+    (own,) = records_of(settings(**second))
     return judgement_of(own, SimpleNamespace(labels=NAMES), None, record, 0.0, lambda share: None)
 
 
@@ -51,3 +58,31 @@ def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch)
         swapped = fault_search.explained(record, fault_search.Fault("swapped", 0, 3))[0]
         chance += swapped.evidence > fault_search.explained(record, None)[0].evidence
     assert chance
+
+
+@pytest.mark.parametrize(
+    ("second", "key"),
+    [
+        ({}, "{samples: 4}"),
+        ({"delay": {"samples": -1}}, "{samples: 3}"),
+        ({"delay": {"seconds": 0.02}}, "{seconds: 0.1}"),
+    ],
+)
+def test_a_late_channel_is_named_with_the_delay_that_puts_it_right(second, key):
+    """A sample every 0.02 s; the delay that the config has already is counted in."""
+    (record,) = records([0])
+    samples = record.samples.copy()
+    samples[4:, 1], samples[:4, 1] = record.samples[:-4, 1], np.nan
+    found = judged(replace(record, samples=samples), **second)
+    assert not found.trusted
+    assert found.named == f"G2 is 4 samples (0.08 s) late: set estimate.channels.1.delay: {key}"
+
+
+def test_the_record_is_cut_where_a_known_load_that_was_moved_has_no_sample():
+    values = np.array([[1.0, np.nan], [2.0, np.nan], [np.nan, 3.0], [4.0, 5.0], [6.0, 7.0]])
+    given = Signals(0.1 * np.arange(5), values, ("g", "F"), ("strain", "force"), ())
+    found = _where_known(given, [1])
+    np.testing.assert_array_equal(found.values, values[2:])
+    np.testing.assert_array_equal(found.time, given.time[2:])
+    assert found.notes == ("2 samples were cut off, where a known load that was moved in time has none",)
+    assert _where_known(given, []) is given

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from strainsight.config.estimate import Channel, RecordedFile
+from strainsight.config.estimate import Channel, DelayInSamples, DelayInSeconds, RecordedFile
 from strainsight.errors import ConfigError, UserError, blame
 from strainsight.measurements.assemble import Signals, assemble
 from strainsight.measurements.bridges import Bridge
 from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.csv_layout import TextFormat
+from strainsight.measurements.delay import NO_DELAY, Delay
 from strainsight.measurements.reader import read_recording
 
 
@@ -65,4 +66,17 @@ def _calibration(entry: Channel) -> ChannelSettings:
         scale=entry.scale,
         sign=entry.sign,
         override=entry.override,
+        delay=_delay(entry.delay),
     )
+
+
+def _delay(stated: DelayInSamples | DelayInSeconds | None) -> Delay:
+    if stated is None:
+        return NO_DELAY
+    return Delay(samples=stated.samples) if isinstance(stated, DelayInSamples) else Delay(seconds=stated.seconds)
+
+
+def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float) -> float:
+    """Of a channel that has a sample every `step` [s]; negative: early."""
+    own = _delay(stated)
+    return own.samples * step + own.seconds

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, Tag
 
 from strainsight.config.base import Name, Positive, RunName, Section, Text, with_defaults
 from strainsight.config.damage import DamageSettings
 from strainsight.config.gauges import NamedGauge
+from strainsight.config.zones import key_of
 
 BridgeKind = Literal[
     "quarter", "half", "half-opposite", "half-poisson", "full", "full-bending-poisson", "full-poisson", "sum"
@@ -23,6 +24,25 @@ class Bridge(Section):
     )
     gauge_factor: Positive = Field(description="Gauge factor [-].")
     poisson_ratio: float | None = Field(None, gt=-1, lt=0.5, description="Of the part, where gauges lie across [-].")
+
+
+class DelayInSamples(Section):
+    """A delay in samples of the file."""
+
+    samples: int = Field(description="Whole samples that the channel is late by; negative: early [-].")
+
+
+class DelayInSeconds(Section):
+    """A delay in seconds."""
+
+    seconds: float = Field(
+        description="What the channel is late by, a whole number of sampling intervals; negative: early [s]."
+    )
+
+
+Delay = Annotated[
+    Annotated[DelayInSamples, Tag("samples")] | Annotated[DelayInSeconds, Tag("seconds")], key_of("samples", "seconds")
+]
 
 
 class Channel(Section):
@@ -43,6 +63,10 @@ class Channel(Section):
     drift: float = Field(0.0, description="Subtracted from the readings, times the time since the start [unit/s].")
     zero: tuple[float, float] | None = Field(
         None, description="[from, to] [s]: the mean of the readings there is subtracted."
+    )
+    delay: Delay | None = Field(
+        None,
+        description="What the channel is written late by, {samples: n} or {seconds: s}: it is put at its own time. null: none.",
     )
 
 

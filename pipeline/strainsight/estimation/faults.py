@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from strainsight.estimation.verdict import SLACK
+from strainsight.measurements.delay import shifted
 
 Kind = Literal["sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped"]
 
@@ -68,16 +69,6 @@ def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
     elif fault.kind == "clipped":
         own[at_limit(samples[:, j]), j] = np.nan
     return own, 0.0
-
-
-def shifted(values: np.ndarray, n: int) -> np.ndarray:
-    """What was written n samples late (T,), at its own time: v(t + n), NaN where the record ends."""
-    own = np.full(len(values), np.nan)
-    if n >= 0:
-        own[: len(values) - n] = values[n:]
-    else:
-        own[-n:] = values[:n]
-    return own
 
 
 def at_limit(values: np.ndarray) -> np.ndarray:

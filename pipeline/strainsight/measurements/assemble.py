@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.errors import UserError, blame, did_you_mean
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import to_step, uniform_clock
+from strainsight.measurements.delay import shifted
 from strainsight.measurements.records import Recording
 
 STRETCH = 20
@@ -37,7 +38,7 @@ def assemble(
     Raises UserError where a channel is not in the recording, its unit is another one,
     or the clock is not uniform; `key` is the name of the channel where the fault is in its settings or values.
     """
-    clock = uniform_clock(recording)
+    clock = written = uniform_clock(recording)
     notes = list(clock.notes)
     taken = np.arange(len(clock.row))
     if step is not None:
@@ -58,7 +59,17 @@ def assemble(
             notes.append(f"{name}: {np.count_nonzero(missing)} of {len(calibrated)} samples are missing")
             notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
-        values[:, column] = clock.spread(calibrated[taken])
+        with blame(name):
+            late = stated.delay.steps(written.step, written.count)
+        if late:
+            on_clock = shifted(written.spread(calibrated), late)
+            notes.append(
+                f"{name}: {abs(late)} samples {'late' if late > 0 else 'early'}, put at its own time: it has none for the "
+                f"{'last' if late > 0 else 'first'} {abs(late) * written.step:.6g} s"
+            )
+            values[:, column] = on_clock if step is None else clock.spread(on_clock[written.row[taken]])
+        else:
+            values[:, column] = clock.spread(calibrated[taken])
     names = tuple(settings)
     return Signals(clock.time, values, names, tuple(settings[name].quantity for name in names), tuple(notes))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.measurements.bridges import Bridge, strain_of
+from strainsight.measurements.delay import NO_DELAY, Delay
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import SI, known_unit, required_unit, spelling
 
@@ -30,6 +31,7 @@ class ChannelSettings:
     scale > 0  times the calibrated signal: lead wires, another gauge factor in the instrument, [unit] per volt
     sign       1 or −1, before the bridge formula: a bridge wired the other way round gives −r
     override   the unit in the file is wrong: take `unit`
+    delay      that it is written late by
     """
 
     unit: str
@@ -40,6 +42,7 @@ class ChannelSettings:
     scale: float = 1.0
     sign: int = 1
     override: bool = False
+    delay: Delay = NO_DELAY
 
     def __post_init__(self) -> None:
         quantity = required_unit(self.unit).quantity
@@ -61,6 +64,8 @@ class ChannelSettings:
             raise UserError(
                 f"an offset of {self.offset:g}, a drift of {self.drift:g} a second", remedy="give finite numbers"
             )
+        if not np.isfinite(self.delay.seconds):
+            raise UserError(f"a delay of {self.delay.seconds:g} s", remedy="give a finite number of seconds")
         if self.zero is not None and not (np.isfinite(self.zero).all() and self.zero[0] < self.zero[1]):
             raise UserError(
                 f"a zeroing window from {self.zero[0]:g} to {self.zero[1]:g} s", remedy="give its start and its end"

@@ -175,6 +175,7 @@ class Source:
     zero: np.ndarray = dataset(
         "/zero", "s", "/channel × 2", "from, to: the mean there is subtracted; NaN where none is"
     )
+    delay: np.ndarray = dataset("/delay", "s", "/channel", "that it was late by in the file; negative: early")
 
 
 @record

@@ -157,7 +157,8 @@ def campaign_of(
     )
     single, said = len(records) == 1, {}
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
-        source = source_of(own.settings, using.files[own.file], given.test.labels, problem.known)
+        test = given.test
+        source = source_of(own.settings, using.files[own.file], test.labels, problem.known, test.h * test.every)
         judged = replace(judgements[i], trusted=False, words=apart) if apart else judgements[i]
         said[own.name] = estimation_of_record(
             config,

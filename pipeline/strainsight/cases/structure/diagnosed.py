@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.records_of_test import RecordSettings
-from strainsight.config.estimate import GaugeChannel
+from strainsight.config.estimate import DelayInSeconds, GaugeChannel
 from strainsight.estimation.fault_search import Suspect, examined
 from strainsight.estimation.faults import ChannelCheck, Explained, at_limit
 from strainsight.gauges.candidates import STRAIN, UNITS
@@ -115,7 +115,7 @@ def fault_in_words(
         n = int(fault.amount)
         seconds = abs(n) * suspect.model.h * suspect.model.every
         late = "late" if n > 0 else "early"
-        return f"{name} fits {abs(n)} samples ({seconds:.3g} s) {late}: shift {key}.channel in the file"
+        return f"{name} is {abs(n)} samples ({seconds:.3g} s) {late}: set {key}.delay: {_delay_in_words(entry, n, seconds)}"
     if fault.kind == "angle":
         turn = f"{abs(fault.amount):g}°"
         return f"{name} fits turned by {turn}: check its direction, and {key}.gauge and {key}.grid"
@@ -123,6 +123,13 @@ def fault_in_words(
         return f"{name} reads noise alone, it is dead: leave {key} out"
     count = int(at_limit(suspect.samples[:, j]).sum())
     return f"{name} is clipped, in {count} samples at least: mark them as missing, or leave {key} out"
+
+
+def _delay_in_words(entry: GaugeChannel, n: int, seconds: float) -> str:
+    """A delay by n samples more than the config has, in the unit that it has."""
+    if isinstance(entry.delay, DelayInSeconds):
+        return f"{{seconds: {entry.delay.seconds + np.sign(n) * seconds:.9g}}}"
+    return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
 
 
 def _size(found: Explained, suspect: Suspect) -> str:

@@ -90,6 +90,8 @@ def measured_of(
     wanted |= {f"{own.inputs}.{name}": settings.inputs[name] for name in problem.known}
     signals = signals_of(settings, own.file.removesuffix(".file"), path, wanted)
     _check_quantities(wanted, signals, problem, channels, units)
+    delayed = [i for i, entry in enumerate(wanted.values()) if i >= len(channels) and entry.delay is not None]
+    signals = _where_known(signals, delayed)
     dt = float(signals.time[1] - signals.time[0])
     every = 1 if settings.time_step is None else round(dt / settings.time_step)
     if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
@@ -186,6 +188,20 @@ def _check_quantities(
                 key=f"{key}.unit",
                 remedy="check the unit, and which gauge or load the channel is",
             )
+
+
+def _where_known(signals: Signals, delayed: Sequence[int]) -> Signals:
+    """The record from the first to the last instant at which all known loads that were moved in time have a sample."""
+    if not delayed:
+        return signals
+    there = np.flatnonzero(np.isfinite(signals.values[:, delayed]).all(axis=1))
+    if len(there) < 2:
+        return signals
+    part, lost = slice(there[0], there[-1] + 1), len(signals.time) - int(there[-1] + 1 - there[0])
+    if not lost:
+        return signals
+    note = f"{lost} samples were cut off, where a known load that was moved in time has none"
+    return replace(signals, time=signals.time[part], values=signals.values[part], notes=(*signals.notes, note))
 
 
 def _without_gaps(signals: Signals, known: Sequence[str], first: int, key: str) -> tuple[np.ndarray, list[str]]:

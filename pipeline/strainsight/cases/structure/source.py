@@ -6,14 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.cases.recorded_channels import delay_in_seconds
 from strainsight.config.estimate import Channel, Estimate
 from strainsight.measurements.reader import format_of
 from strainsight.records.estimated import Source
 from strainsight.workflow.artefact import sha256_of
 
 
-def source_of(settings: Estimate, path: Path, labels: tuple[str, ...], known: tuple[str, ...]) -> Source:
-    """labels: what the channels of `settings` measure; known: loads whose channels were used, behind them."""
+def source_of(settings: Estimate, path: Path, labels: tuple[str, ...], known: tuple[str, ...], step: float) -> Source:
+    """labels: what the channels of `settings` measure; known: loads whose channels were used, behind them; step [s] of the
+    file."""
     entries: list[Channel] = [*settings.channels, *(settings.inputs[name] for name in known)]
     bridges = [entry.bridge for entry in entries]
     nothing = (np.nan, np.nan)
@@ -33,5 +35,6 @@ def source_of(settings: Estimate, path: Path, labels: tuple[str, ...], known: tu
         scale=np.array([entry.scale for entry in entries]),
         offset=np.array([entry.offset for entry in entries]),
         drift=np.array([entry.drift for entry in entries]),
+        delay=np.array([delay_in_seconds(entry.delay, step) for entry in entries]),
         zero=np.array([nothing if entry.zero is None else entry.zero for entry in entries], dtype=float).reshape(-1, 2),
     )

@@ -369,4 +369,6 @@ def calibration_in_words(source: Source, i: int) -> str:
         parts.append(f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}")
     if source.scale[i] != 1:
         parts.append(f"times {source.scale[i]:g}")
+    if source.delay[i]:
+        parts.append(f"moved by {abs(source.delay[i]):g} s, {'late' if source.delay[i] > 0 else 'early'} in the file")
     return "; ".join(parts) or NOTHING
