@@ -182,3 +182,28 @@ def test_a_run_with_bridges_goes_through_to_its_page_with_every_arm(tmp_path):
     assert "+ − + −" in page
     assert "The arms of a bridge stand below one another" in page
     assert '"arm 2, \\u2212"' in page
+
+
+def test_a_range_limits_the_strain_of_every_arm_and_not_the_output_of_the_bridge(beam):
+    """Two and four arms of a beam in bending read twice and four times the strain of one, or nothing: the same places are beyond
+    the range as of single gauges."""
+    mesh, _, of = beam
+    plain = of({})[1]
+    limit = 0.7 * plain.peak.max()
+
+    def beyond(pattern):
+        case, training = of({"gauges.bridge": pattern, "gauges.range": float(limit)})
+        found = api.screen(case, mesh, training)
+        place = training.candidates.position[training.candidates.first]
+        return training, {tuple(np.round(x[:2], 6)) for x in place[found.reason == "range"]}
+
+    _, single = beyond(None)
+    assert single
+    for pattern, times in (("half-bending", 2.0), ("full-bending", 4.0)):
+        training, found = beyond(pattern)
+        assert found == single
+        np.testing.assert_allclose(training.peak.max() / plain.peak.max(), times, rtol=1e-6)
+        np.testing.assert_allclose(training.strained.max(), plain.peak.max(), rtol=1e-9)
+    axial = of({"gauges.bridge": "half-axial"})[1]
+    assert axial.peak.max() < 1e-6 * plain.peak.max()
+    np.testing.assert_allclose(axial.strained.max(), plain.peak.max(), rtol=1e-9)

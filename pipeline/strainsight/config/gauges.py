@@ -162,7 +162,8 @@ class Gauges(GaugeSites):
     noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
     range: Positive | None = Field(
         None,
-        description="Largest strain that a gauge can measure [strain]; candidates that see more in training are dropped.",
+        description="Largest strain that a gauge can measure, of a bridge an arm [strain]; candidates that see more in training "
+        "are dropped.",
     )
 
 

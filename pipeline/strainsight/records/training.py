@@ -52,6 +52,13 @@ class Training:
     velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
     reading: np.ndarray = dataset("/strain", "unit of the channel", "/time × channel", "reading of every channel")
     cases: dict[str, CaseMotion] = group("/load_cases/<name>")
+    arm_peak: np.ndarray | None = dataset(
+        "/arm_peak",
+        "unit of the channel",
+        "channel",
+        "largest reading of any grid of every channel, of a bridge of its arms, in any load case; where there are bridges",
+        default=None,
+    )
 
     def motion_in(self, case: str) -> Training | CaseMotion:
         """The run of a load case; "": that under the loads as stated."""
@@ -80,6 +87,11 @@ class Training:
         if self.cases:
             return np.max([own.peak for own in self.cases.values()], axis=0)
         return np.abs(self.reading).max(axis=0)
+
+    @property
+    def strained(self) -> np.ndarray:
+        """Largest reading of any grid of every channel (m,), in any load case: what a range limits."""
+        return self.peak if self.arm_peak is None else self.arm_peak
 
     @property
     def moment(self) -> np.ndarray:

@@ -20,7 +20,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=18,
+    version=19,
     reads=(
         "seed",
         "loads.*.node",

@@ -41,7 +41,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 SCREEN = Stage(
     "screen",
-    version=7,
+    version=8,
     reads=(
         "screen",
         "loads.*.node",

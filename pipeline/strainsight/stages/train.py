@@ -94,7 +94,7 @@ def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> T
 
 TRAIN = Stage(
     "train",
-    version=9,
+    version=10,
     reads=(
         "loads.*.signal",
         "loads.*.moment",

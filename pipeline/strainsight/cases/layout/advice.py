@@ -49,7 +49,7 @@ def advice(
         ),
         *_failures(labels, loss, expected.std, expected.without),
         *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(listed.bonded)),
-        *_loads(labels, listed.peak / listed.range),
+        *_loads(labels, listed.most / listed.range),
         *([f"The layout costs {price[0]:g} of {price[1]:g}."] if price else []),
         *([f"{alone} gauges have no mirror image that is free, and were left out."] if alone else []),
         *(

@@ -31,7 +31,8 @@ class GaugeList:
     labels as of `layout_labels`; kind: in words; unit of its readings; element, facet ids, of given gauges their number and
     0; position, normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of
     its grid; bonded (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks:
-    that of each channel; range (k,): what it can measure, NaN where not stated; arms of each that is a bridge, else None.
+    that of each channel; most (k,): that of any grid, of a bridge of any arm; range (k,): what a grid can measure, NaN where not
+    stated; arms of each that is a bridge, else None.
     """
 
     labels: tuple[str, ...]
@@ -48,6 +49,7 @@ class GaugeList:
     family: tuple[str, ...]
     peak: np.ndarray
     peaks: tuple[np.ndarray, ...]
+    most: np.ndarray
     range: np.ndarray
     arms: tuple[BridgeArms | None, ...]
 
@@ -59,11 +61,13 @@ def gauge_list(
     families: Sequence[str],
     peak: np.ndarray,
     limit: np.ndarray,
+    most: np.ndarray | None = None,
 ) -> GaugeList:
     """Gauges (k,) by their numbers, as a layout lists them.
 
     names: of every candidate gauge, empty where it has none; families: names of the arrays of the candidates; peak (m,): largest
-    reading of every channel; limit (m,): what it can measure, infinite where that is not stated.
+    reading of every channel; limit (m,): what it can measure, infinite where that is not stated; most (m,): largest reading of
+    any of its grids, None: `peak`.
     """
     own = [candidates.channels(gauges[i : i + 1]) for i in range(len(gauges))]
     first = candidates.first[gauges]
@@ -83,6 +87,7 @@ def gauge_list(
         family=tuple(families[int(candidates.array[c])] for c in first),
         peak=np.array([peak[c].max() for c in own]),
         peaks=tuple(peak[c] for c in own),
+        most=np.array([(peak if most is None else most)[c].max() for c in own]),
         range=np.where(np.isfinite(stated), stated, np.nan),
         arms=tuple(_arms(candidates.take(c)) for c in own),
     )

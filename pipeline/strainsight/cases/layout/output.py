@@ -53,7 +53,7 @@ def layout_record(found: Placed) -> PlacedLayout:
         ),
         residual=result.residual,
         greedy=_selection(found, greedy),
-        final=_selection(found, found.gauges, found.listed.peak / found.listed.range),
+        final=_selection(found, found.gauges, found.listed.most / found.listed.range),
         loss=found.loss,
         certificate=None
         if certificate is None

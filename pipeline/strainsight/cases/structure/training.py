@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -33,6 +34,8 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import STATED, CaseMotion, Clearance, Screened, Training
 from strainsight.signals.histories import instant_values
 
+AT_A_TIME = 1000
+"""Arms of bridges whose readings in time are held in memory."""
 FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
 
 
@@ -96,6 +99,8 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         reading=reading,
         cases=found,
     )
+    if pool.arms is not None:
+        training = replace(training, arm_peak=_arm_peak(mesh, training, cases or [stated], reduced.basis))
     return Trained(training, surface)
 
 
@@ -123,6 +128,19 @@ def _read(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> 
         require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
     found = readings(model, model.reference, rows, pool.quantity, own.x, own.u)
     refuse_readings(found)
+    return found
+
+
+def _arm_peak(mesh: Mesh, training: Training, runs: Sequence[_Moved], basis: np.ndarray) -> np.ndarray:
+    """The largest reading of any grid of every channel (m,); of arms of bridges by rows of their own."""
+    pool, n = training.candidates, basis.shape[1]
+    found, grids, channel = training.peak.copy(), pool.grids, pool.channel_of_grid
+    found[pool.bridged] = 0.0
+    facets = exterior_facets(mesh)
+    for part in np.array_split(np.flatnonzero(pool.bridged[channel]), len(grids) // AT_A_TIME + 1):
+        rows = channel_rows(mesh.position, grids.take(part), basis, facets=facets)
+        for own in runs:
+            np.maximum.at(found, channel[part], np.abs(own.x[:, :n] @ rows.T).max(axis=0, initial=0.0))
     return found
 
 
@@ -155,7 +173,7 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
 def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Screened:
     """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the overloaded and what
     is weak in every load case, thin the clusters."""
-    pool, in_cases, peak = training.candidates, training.rms_in_cases, training.peak
+    pool, in_cases, strained = training.candidates, training.rms_in_cases, training.strained
     rms = in_cases.max(axis=0)
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
     clearance, near = clearance_of(config, mesh, training)
@@ -172,7 +190,7 @@ def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Scre
             limit[own] = family.range
     refuse_noise(best)
     with blame("screen.keep"):
-        result = _screened(config.screen, pool, near, in_cases, peak, noise_std, limit, clearance)
+        result = _screened(config.screen, pool, near, in_cases, strained, noise_std, limit, clearance)
     return Screened(
         kept=result.kept,
         snr=result.snr,
@@ -189,13 +207,13 @@ def _screened(
     pool: Candidates,
     near: np.ndarray,
     rms: np.ndarray,
-    peak: np.ndarray,
+    strained: np.ndarray,
     noise_std: np.ndarray,
     limit: np.ndarray,
     clearance: Clearance | None,
 ) -> Screening:
     """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. rms (cases, m); near
-    (gauges,): too near to something for the clearance."""
+    (gauges,): too near to something for the clearance; strained (m,): largest reading of any grid of a channel."""
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
     # A number that was asked for is kept or refused, unless a clearance that nobody stated has taken places.
@@ -223,7 +241,7 @@ def _screened(
                 settings.minimum_spacing,
                 gauge=np.searchsorted(gauges, pool.gauge[own]),
                 bonded=pool.bonded[own],
-                largest=peak[own],
+                largest=strained[own],
                 limit=limit[own],
                 also_at=further,
             )

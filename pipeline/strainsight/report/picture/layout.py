@@ -31,8 +31,9 @@ class Gauge:
     angle [deg] from the projected axis; nodes: ids of the facet's nodes;
     without: unknown's name → relative standard deviation expected when this gauge is left out (inf: not observable);
     kind ("strain gauge", "rosette", "bridge", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the
-    first is `direction`; bonded: it was there already; peak: largest training reading of its channels [unit]; range: what it
-    can measure [unit], None where not stated; unit of its readings;
+    first is `direction`; bonded: it was there already; peak: largest training reading of its channels [unit]; most: of
+    a bridge that of any arm, None of others; range: what it, or an arm, can measure [unit], None where not stated; unit of its
+    readings;
     mirror: label of its mirror image, where the two were placed as one; refined, spread: change of its strain over its RMS
     when the mesh around it is refined, when forces on nodes there are spread, None where not tested; hot: beyond its share;
     arms: of a bridge all of them, the first of which is where the rest of this says; none of others.
@@ -51,6 +52,7 @@ class Gauge:
     directions: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     bonded: bool = False
     peak: float | None = None
+    most: float | None = None
     range: float | None = None
     unit: str = "strain"
     mirror: str = ""

@@ -124,19 +124,24 @@ def _angles(gauge: Gauge) -> list[float]:
 
 
 def _reading(gauge: Gauge) -> str:
-    """The training peak against the range, in the unit of the larger; a mark where it goes beyond."""
+    """The training peak against the range, in the unit of the larger; a mark where it goes beyond. Of a bridge its output,
+    and the largest strain of an arm against the range of one."""
     if gauge.peak is None:
         return "–"
-    finite = [size for size in (gauge.peak, gauge.range or 0.0) if math.isfinite(size)]
+    finite = [size for size in (gauge.peak, gauge.most or 0.0, gauge.range or 0.0) if math.isfinite(size)]
     factor, unit = reading_unit(max(finite, default=0.0), gauge.unit)
     shown = number(gauge.peak / factor, 3)
     if gauge.range is None:
         return data(gauge.peak, f"{shown} {unit}", gauge.unit)
     most = data(gauge.range, f"{number(gauge.range / factor, 3)} {unit}", gauge.unit)
     text = f"{data(gauge.peak, shown, gauge.unit)} of {most}"
-    if gauge.peak > gauge.range:
+    peak = gauge.peak
+    if gauge.most is not None:
+        peak = gauge.most
+        text = f"{data(gauge.peak, shown, gauge.unit)}<br>an arm {data(peak, number(peak / factor, 3), gauge.unit)} of {most}"
+    if peak > gauge.range:
         return f'{text}<br><strong class="mark bad">✕ beyond its range</strong>'
-    used = gauge.peak / gauge.range if gauge.range > 0 else math.nan
+    used = peak / gauge.range if gauge.range > 0 else math.nan
     return f"{text}<br>{data(used, percent(used))}" if math.isfinite(used) else text
 
 

@@ -38,6 +38,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
             without={name: float(values[i]) for name, values in without.items()},
             nodes=tuple(int(mesh.node_ids[n]) for n in nodes[i] if n >= 0),
             peak=float(listed.peak[i]),
+            most=float(listed.most[i]) if listed.arms[i] is not None else None,
             range=None if np.isnan(listed.range[i]) else float(listed.range[i]),
             mirror=mirror[i],
             **_tested(own.hot_spots, i),
