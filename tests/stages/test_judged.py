@@ -8,7 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from strainsight.cases.structure import filtered_test
 from strainsight.cases.structure.diagnosed import judgement_of
+from strainsight.cases.structure.filtered_test import Filtering, filtered_by_verdict
 from strainsight.cases.structure.measured import _where_known
 from strainsight.cases.structure.records_of_test import records_of
 from strainsight.config.estimate import Estimate
@@ -86,3 +88,29 @@ def test_the_record_is_cut_where_a_known_load_that_was_moved_has_no_sample():
     np.testing.assert_array_equal(found.time, given.time[2:])
     assert found.notes == ("2 samples were cut off, where a known load that was moved in time has none",)
     assert _where_known(given, []) is given
+
+
+@pytest.mark.parametrize(
+    ("agrees", "parts"),
+    [
+        ([True] * 4, [((0, 1, 2, 3), (2, 0, 3, 1))]),
+        ([True, False, True, False], [((0, 2), (0, 1)), ((1,), (0,)), ((3,), (0,))]),
+        ([False] * 4, [((0,), (0,)), ((1,), (0,)), ((2,), (0,)), ((3,), (0,))]),
+    ],
+)
+def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monkeypatch, agrees, parts):
+    """Records, marked by their start, with their places in the order of their names; what is found is in their order."""
+    each = [Filtering(None, None, None, None, i, None, place, 4) for i, place in enumerate((2, 0, 3, 1))]
+    seen, shares = [], []
+
+    def together(own, wanted, progress):
+        assert {given.records for given in own} == {len(own)}
+        seen.append((tuple(given.start for given in own), tuple(given.record for given in own)))
+        progress(1.0)
+        return tuple(f"of {given.start}" for given in own)
+
+    monkeypatch.setattr(filtered_test, "filtered_together", together)
+    assert filtered_by_verdict(each, agrees, None, shares.append) == ("of 0", "of 1", "of 2", "of 3")
+    assert seen == parts
+    assert shares[-1] == 1.0
+    assert shares == sorted(shares)

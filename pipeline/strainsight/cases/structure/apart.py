@@ -15,11 +15,12 @@ from strainsight.estimation.peak import peak_of_records
 
 @dataclass(frozen=True)
 class Together:
-    """alone: parameter → its most likely value [SI] by each record alone (R,); gain: ln of how much more likely all records are
-    with one set of parameters and bonded gauges than each with its own; words: that they contradict each other, empty where
-    they do not."""
+    """alone: parameter → its most likely value [SI] by each record alone (R,); shared: by all records; gain: ln of how much more
+    likely all records are with one set of parameters and bonded gauges than each with its own; words: that they contradict each
+    other, empty where they do not."""
 
     alone: dict[str, np.ndarray]
+    shared: dict[str, float]
     gain: float
     words: str
 
@@ -56,4 +57,5 @@ def together_of(each: Sequence[Filtering], suspects: Sequence[Suspect], names: S
             for name, own in values.items()
         ]
         words = f"the records contradict each other: each alone says {'; '.join(said) or 'other errors of the gauges'}"
-    return Together(values, float(gain), words)
+    shared = {name: float(unknowns.guess[name] * np.exp(of_all.point[i])) for i, name in enumerate(unknowns.parameters)}
+    return Together(values, shared, float(gain), words)

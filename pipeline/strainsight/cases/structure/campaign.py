@@ -20,7 +20,7 @@ from strainsight.cases.structure.filtered_test import (
     Progress,
     Wants,
     filtered,
-    filtered_together,
+    filtered_by_verdict,
     model_of,
 )
 from strainsight.cases.structure.forecast import forecast_in_words
@@ -226,7 +226,8 @@ def _found(
     contradicted = _contradicted(records, judgements)
     try:
         if len(each) > 1:
-            return filtered_together(each, wanted, progress)
+            accept = records[0].settings.accept
+            return filtered_by_verdict(each, [accept or own.trusted for own in judgements], wanted, progress)
         settings = records[0].settings
         compare = not each[0].long if config.filter.compare is None else config.filter.compare
         withheld = untold or (bool(contradicted) and not settings.accept)

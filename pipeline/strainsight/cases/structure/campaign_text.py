@@ -64,7 +64,7 @@ def campaign_numbers(found: Campaign) -> dict[str, Scalar]:
         if not found.withheld:
             numbers[f"std.{name}"] = rms(np.concatenate(stds))
     for name in first.unknowns.parameters:
-        numbers[f"estimate.{name}"] = float(np.mean(first.estimated.smoothed[name]))
+        numbers[f"estimate.{name}"] = _shared(found, name)
         if not found.withheld:
             numbers[f"std.{name}"] = rms(first.estimated.smoothed_std[name])
         numbers |= {
@@ -167,13 +167,15 @@ def _parameter_table(found: Campaign) -> Table:
     first, together, rows = _first(found), found.together, []
     assert together is not None
     for name in first.unknowns.parameters:
-        value, std = float(first.estimated.smoothed[name][-1]), float(first.estimated.smoothed_std[name][-1])
+        value, std = _shared(found, name), float(first.estimated.smoothed_std[name][-1])
         trusted = all(own.judgement.trusted for own in found.records.values())
         sigma = f"± {std:.3g} ({100 * std / value:.2g} %)"
         none = "withheld" if trusted else "not to be trusted"
         each = (f"{alone:.5g}" for alone in together.alone[name])
         rows.append((name, f"{value:.5g} {first.units[name]}", none if found.withheld else sigma, *each))
-    columns = ("parameter", "by all records", "claimed σ", *(f"{of} alone" for of in found.records))
+    some = 0 < len(_agreeing(found)) < len(found.records)
+    by = "by those that agree" if some else "by all records"
+    columns = ("parameter", by, "claimed σ", *(f"{of} alone" for of in found.records))
     return Table("parameters that all records share", columns, tuple(rows))
 
 
@@ -190,6 +192,20 @@ def _once(notes: list[tuple[str, ...]], records: int) -> list[tuple[str, ...]]:
         if row not in found:
             found.append(row)
     return found
+
+
+def _agreeing(found: Campaign) -> list[Estimation]:
+    """The records whose parameters were estimated together."""
+    records = found.records.values()
+    return [own for own in records if found.accepted or own.judgement.trusted]
+
+
+def _shared(found: Campaign, parameter: str) -> float:
+    """A parameter by the records that agree with the model; where none does the most likely one of all."""
+    assert found.together is not None
+    for own in _agreeing(found):
+        return float(np.mean(own.estimated.smoothed[parameter]))
+    return found.together.shared[parameter]
 
 
 def _first(found: Campaign) -> Estimation:

@@ -164,6 +164,24 @@ def filtered_together(
     return tuple(found)
 
 
+def filtered_by_verdict(
+    each: Sequence[Filtering], agrees: Sequence[bool], wanted: Wants | None, progress: Progress
+) -> tuple[Filtered, ...]:
+    """Those records that agree with the model together, each of the others by itself: one that contradicts it tells the others
+    nothing of their parameters, and the lattice of all would follow it to wherever no parameters explain it."""
+    parts = [[i for i, own in enumerate(agrees) if own], *([i] for i, own in enumerate(agrees) if not own)]
+    found: dict[int, Filtered] = {}
+    for part in filter(None, parts):
+
+        def going(share: float, done: int = len(found), part: Sequence[int] = part) -> None:
+            progress((done + share * len(part)) / len(each))
+
+        places = np.argsort(np.argsort([each[i].record for i in part]))
+        own = [replace(each[i], record=int(k), records=len(part)) for i, k in zip(part, places, strict=True)]
+        found |= dict(zip(part, filtered_together(own, wanted, going), strict=True))
+    return tuple(found[i] for i in range(len(each)))
+
+
 def _require_memory(each: Sequence[Filtering], some: bool) -> None:
     """Of what filter and smoother take at most; some: whether a bank's smoother keeps some covariances alone."""
     given, steps = each[0], sum(len(own.test.known) for own in each)

@@ -134,9 +134,9 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
         rows.append([escape(own.name), measure(own.estimate, own.unit), _std(own.std, own.unit), *each])
     text = table(
         "parameters",
-        ("parameter", "by all records", "± claimed σ", *(f"{escape(name)} alone" for name in names)),
+        ("parameter", "together", "± claimed σ", *(f"{escape(name)} alone" for name in names)),
         rows,
-        caption="The most likely value by each record alone stands beside that by all of them.",
+        caption="The most likely value by each record alone stands beside that by all of them that agree with the model.",
         numeric=range(1, 3 + len(names)),
     )
     doubts = [doubt for own in report.parameters for doubt in own.doubts]
