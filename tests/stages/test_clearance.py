@@ -144,3 +144,22 @@ def test_loads_at_a_node_on_a_set_and_of_the_deck_have_their_nodes_and_weight_ha
     np.testing.assert_array_equal(nodes(node=int(top[1])), outside[1:2])
     np.testing.assert_array_equal(nodes(deck_load="patch"), outside[5:6])
     assert len(nodes(deck_load="weight")) == 0
+
+
+def test_a_moment_on_a_plain_node_has_the_nodes_of_its_elements(beam):
+    """In bricks, those of the surface within one brick of the node; a force there has that node alone."""
+    mesh, case = beam.mesh, beam.case()
+    facets = exterior_facets(mesh)
+    outside = np.unique(facets.nodes[facets.nodes >= 0])
+    middle = outside[np.argmin(np.abs(mesh.position[outside] - mesh.position[outside].mean(axis=0)).sum(axis=1))]
+    name, load = next(iter(case.config.loads.items()))
+
+    def nodes(**update):
+        own = load.model_copy(update={"node": int(mesh.node_ids[middle]), "set": None, "deck_load": None} | update)
+        return loaded_nodes(case.config.model_copy(update={"loads": {name: own}}), mesh, facets)
+
+    apart = np.abs(mesh.position[outside] - mesh.position[middle]) / (np.array(SIZE) / CELLS)
+    near = outside[np.all(apart < 1.5, axis=1)]
+    assert 8 < len(near) < 20
+    np.testing.assert_array_equal(nodes(direction=None, moment=(0.0, 0.0, 1.0)), near)
+    np.testing.assert_array_equal(nodes(), [middle])

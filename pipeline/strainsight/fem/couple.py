@@ -26,7 +26,7 @@ def couple(mesh: Mesh, constraint: Constraint, nodes: np.ndarray, weight: np.nda
         if row is not None and T[row : row + 3].nnz:
             e[row : row + 3] = moment
             return e
-        nodes = _nodes_at(mesh, int(nodes[0]))
+        nodes = nodes_at(mesh, int(nodes[0]))
         weight = np.ones(len(nodes))
     moves = np.diff(T.indptr[: 3 * len(x) + 1]).reshape(-1, 3)[nodes].sum(axis=1) > 0
     nodes, weight = nodes[moves], weight[moves]
@@ -48,8 +48,8 @@ def exerted(mesh: Mesh, constraint: Constraint, e: np.ndarray) -> np.ndarray:
     return np.cross(mesh.position, forces).sum(axis=0) + np.sum([np.zeros(3), *turned], axis=0)
 
 
-def _nodes_at(mesh: Mesh, node: int) -> np.ndarray:
-    """Nodes of the elements at a node, and of the ties that it leads."""
+def nodes_at(mesh: Mesh, node: int) -> np.ndarray:
+    """Nodes (indices) of the elements at a node, and of the ties that it leads: where the couple of a moment on it acts."""
     found = [block.nodes[(block.nodes == node).any(axis=1)].ravel() for block in mesh.blocks]
     found += [e.nodes for e in mesh.rigid if e.reference == node]
     found += [e.nodes for e in mesh.averaging if e.reference == node]

@@ -20,7 +20,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=19,
+    version=20,
     reads=(
         "seed",
         "loads.*.node",

@@ -41,10 +41,11 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 SCREEN = Stage(
     "screen",
-    version=8,
+    version=9,
     reads=(
         "screen",
         "loads.*.node",
+        "loads.*.moment",
         "loads.*.set",
         "loads.*.deck_load",
         "gauges.clearance",

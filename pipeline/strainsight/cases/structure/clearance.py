@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import InfeasibleError
+from strainsight.fem.couple import nodes_at
 from strainsight.gauges.candidates import STRAIN
 from strainsight.gauges.clearance import carrier_clearance, crowded, obstacles, room_for
 from strainsight.mesh.facets import Facets, exterior_facets
@@ -71,8 +72,8 @@ def _counts(near: Mapping[str, np.ndarray]) -> dict[str, int]:
 
 
 def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:
-    """Nodes (l,) (indices) of the surface on which loads of the config act. A load that acts inside the body too, as weight does,
-    has no place to stay clear of."""
+    """Nodes (l,) (indices) of the surface on which loads of the config act, of a moment on a node those that exert its couple. A
+    load that acts inside the body too, as weight does, has no place to stay clear of."""
     outside, solid = (np.zeros(len(mesh.position), dtype=bool) for _ in range(2))
     outside[facets.nodes[facets.nodes >= 0]] = True
     for block in mesh.blocks:
@@ -87,9 +88,12 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
             own[np.isin(mesh.node_ids, mesh.node_sets[load.set])] = True
         elif load.node is not None:
             own[mesh.node_ids == load.node] = True
+            if load.moment is not None:
+                # on a node of solids it is a couple of forces on those of its elements, some of which may be inside
+                found[nodes_at(mesh, int(np.flatnonzero(own)[0]))] |= bool(np.any(own & solid))
         if not np.any(own & solid & ~outside):
             found |= own & outside
-    return np.flatnonzero(found)
+    return np.flatnonzero(found & outside)
 
 
 def clearance_in_words(found: Clearance, taken: int) -> str:
