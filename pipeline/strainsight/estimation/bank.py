@@ -22,8 +22,8 @@ from strainsight.estimation.bank_filters import (
     bank_record,
     entered,
     filtered_at,
-    joined,
     on,
+    one_standing,
     passed,
     refuse_lost,
 )
@@ -150,7 +150,7 @@ def filter_records(
     problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, threads, keep, progress)
     if len(problem.model.unknowns.parameters) <= FEW:
         at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-        bank = Bank[LinearStanding[Lattice]](problem.prior, spacing, depth, at, joined, refuse)
+        bank = Bank[LinearStanding[Lattice]](problem.prior, spacing, depth, at, one_standing, refuse)
         return _filtered(problem, first_lattice(bank), partial(next_lattice, bank))
     return _filtered(problem, first_columns(problem), partial(next_columns, problem), at_end=True)
 

@@ -163,7 +163,7 @@ def on(now: LinearStanding[C], passage: Passage, steps: int) -> LinearStanding[C
     return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
 
 
-def joined(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding[C]:
+def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding[C]:
     """Parts of one cover, in the order of its points."""
 
     def all_of(of: Sequence[np.ndarray]) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, joined, refuse_lost
+from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, one_standing, refuse_lost
 from strainsight.estimation.lattice import LEFT, NARROW
 
 FINE = 0.1
@@ -251,7 +251,7 @@ def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: 
                     "standard deviation",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
-    found = joined(cover, parts)
+    found = one_standing(cover, parts)
     return replace(found, cover=cover.as_they_are(found.log_weight))
 
 

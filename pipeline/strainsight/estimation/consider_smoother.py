@@ -15,7 +15,7 @@ from strainsight.estimation.parallel_filters import (
     advance,
     agree,
     filters_of,
-    joined,
+    one_passage,
 )
 from strainsight.estimation.update import covariance_factor, symmetric, transposed
 
@@ -48,7 +48,7 @@ def consider_smoothed(
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
     pieces = [own for _, own in smoothed_pieces(models, start, known, known_end, measurement, noise)]
-    return joined(pieces[::-1])
+    return one_passage(pieces[::-1])
 
 
 def smoothed_pieces(
@@ -112,7 +112,7 @@ def _smoothed(
         """From where the filters stand, through the steps of a span; kept: what they are at its beginning, too."""
         data = known[span], known_end[span], measurement[span], noise[span]
         first = [filters.copy().states] if keep else []
-        return joined([*first, advance(models, filters, *data, more, keep).states])
+        return one_passage([*first, advance(models, filters, *data, more, keep).states])
 
     def update_at(t: int, own: States, i: int) -> _Update:
         """At the end of step t, from where the filters stand at its beginning."""

@@ -118,7 +118,7 @@ class States:
         return States(*(own[:, :count] for own in (self.x, self.P, self.V, self.nu, self.left)))
 
 
-def joined(parts: Sequence[States]) -> States:
+def one_passage(parts: Sequence[States]) -> States:
     """Parts of one record, one behind the other."""
     return States(*(np.concatenate([getattr(own, entry.name) for own in parts], axis=1) for entry in fields(States)))
 
