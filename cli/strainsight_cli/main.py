@@ -232,7 +232,10 @@ def estimate(
     measurements: Annotated[
         Path | None,
         typer.Option(
-            "--measurements", metavar="FILE", help="CSV, HDF5 or UFF58 file; default: estimate.file or records."
+            "--measurements",
+            metavar="FILE",
+            help="File of a test in one record (CSV, HDF5, UFF58, MDF4, TDMS, MAT), in place of estimate.file; the files of "
+            "estimate.records stand in the config.",
         ),
     ] = None,
     allow_unobservable: Annotated[

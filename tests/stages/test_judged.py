@@ -13,7 +13,7 @@ from strainsight.cases.structure.diagnosed import judgement_of
 from strainsight.cases.structure.filtered_test import Filtering, filtered_by_verdict
 from strainsight.cases.structure.measured import _where_known
 from strainsight.cases.structure.records_of_test import records_of
-from strainsight.config.estimate import Estimate
+from strainsight.config.estimate import Estimate, RecordOfTest
 from strainsight.estimation import fault_search
 from strainsight.estimation.draws import draw_truth
 from strainsight.measurements.assemble import Signals
@@ -41,8 +41,8 @@ def records(which):
     return [suspect(model, P, forces(STEPS), y[:, i]) for i in range(len(which))]
 
 
-def judged(record, **second):
-    (own,) = records_of(settings(**second))
+def judged(record, own=None, **second):
+    own = own or records_of(settings(**second))[0]
     return judgement_of(own, SimpleNamespace(labels=NAMES), None, record, 0.0, lambda share: None)
 
 
@@ -114,3 +114,20 @@ def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monk
     assert seen == parts
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
+
+
+def test_a_record_without_channels_of_its_own_has_to_copy_them():
+    """The key that puts one record right is not there yet; that of one with channels of its own is."""
+    (record,) = records([0])
+    record = replace(record, samples=record.samples * [1, -1, 1, 1])
+    shared = settings()
+    pair = tuple(RecordOfTest(name=name, file=f"{name}.csv") for name in ("low", "mid"))
+    several = shared.model_copy(update={"file": None, "records": pair})
+    own = several.model_copy(
+        update={"records": (pair[0], pair[1].model_copy(update={"channels": shared.channels}))}
+    )
+    key = "G2 fits with sign −1: check the wiring, or set estimate.records.1.channels.1.sign: -1"
+    copy = " (state estimate.records.1.channels, a copy of estimate.channels, for what this record alone needs)"
+    assert judged(record, records_of(several)[1]).named == key + copy
+    assert judged(record, records_of(own)[1]).named == key
+    assert "copy" not in judged(record).named

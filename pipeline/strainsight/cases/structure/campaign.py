@@ -159,7 +159,7 @@ def campaign_of(
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
         test = given.test
         source = source_of(own.settings, using.files[own.file], test.labels, problem.known, test.h * test.every)
-        judged = replace(judgements[i], trusted=False, words=apart) if apart else judgements[i]
+        judged = replace(judgements[i], trusted=False, words=apart, apart=True) if apart else judgements[i]
         said[own.name] = estimation_of_record(
             config,
             mesh,

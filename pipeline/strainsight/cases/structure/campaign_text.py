@@ -154,7 +154,7 @@ def records_table(found: Campaign) -> Table:
 def verdict_in_words(own: Estimation) -> str:
     """On one record of several."""
     if not own.judgement.trusted:
-        return CONTRADICTS if own.judgement.words.startswith("the record ") else APART
+        return APART if own.judgement.apart else CONTRADICTS
     return FITS if own.verdict.consistent else DOES_NOT
 
 
@@ -214,8 +214,8 @@ def _first(found: Campaign) -> Estimation:
 
 def _apart(found: Campaign) -> str:
     """That records that agree with the model one by one contradict each other, where that is accepted; else empty."""
-    words = "" if found.together is None else found.together.words
-    return words if all(own.judgement.words == words for own in found.records.values()) else ""
+    together = found.together
+    return together.words if together and all(own.judgement.apart for own in found.records.values()) else ""
 
 
 def _verdict(found: Campaign) -> Verdict:

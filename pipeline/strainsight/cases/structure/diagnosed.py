@@ -27,12 +27,14 @@ ACCEPT = "or accept it with --accept (estimate.accept: true)"
 @dataclass(frozen=True)
 class Judgement:
     """trusted: whether the record agrees with the model; named: the fault that explains it, in words with the key that undoes
-    it, empty where none or several do; words: all that there is to say, empty of a record that agrees; check: by channel."""
+    it, empty where none or several do; words: all that there is to say, empty of a record that agrees; check: by channel; apart:
+    it is not the model but other records that it contradicts."""
 
     trusted: bool
     named: str
     words: str
     check: ChannelsChecked
+    apart: bool = False
 
 
 def judgement_of(
@@ -62,12 +64,16 @@ def judgement_of(
         np.array([0.0 if one is None else _finite(one.evidence - as_it_is.evidence) for one in best]),
         candidates,
     )
+    own_list = ""
+    if section != "estimate" and not own.channels.startswith(section):
+        own_list = f" (state {section}.channels, a copy of {own.channels}, for what this record alone needs)"
     if named:
+        named += own_list
         words = f"the record contradicts the model: {named}, {ACCEPT}"
     elif candidates:
         words = (
             "the record contradicts the model, and which of these explains it stays open: "
-            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; {ACCEPT}"
+            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}{own_list}; {ACCEPT}"
         )
     else:
         size = f"{as_it_is.ratio:.3g} times as large as claimed" if np.isfinite(as_it_is.ratio) else "beyond all bounds"
