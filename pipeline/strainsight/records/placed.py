@@ -99,7 +99,11 @@ class Placed(PlacedLayout):
         "σ of <name> that is expected along the training run, tolerances included; in its worst load case",
     )
     without: dict[str, np.ndarray] = dataset(
-        "/without/<name>", "1", "gauge", "relative σ of <name> expected without each gauge of the final set"
+        "/without/<name>",
+        "1",
+        "gauge",
+        "relative σ of <name> expected without each gauge of the final set; the largest of any load case, each relative to the "
+        "amplitude in it",
     )
     budget: Budget | None = group("/budget", default=None)
     observability: PbhNumbers = group("/observability")
