@@ -167,6 +167,42 @@ def test_a_fault_of_one_channel_is_named(four, kind):
     assert found.diagnosis.named.fault == fault
 
 
+STRAIN = np.array([[1.0, 0.0], [-0.3, 0.2], [0.4, 1.1]])
+"""ε_x, ε_y and γ_xy at the first gauge, by both masses."""
+
+
+def mohr(degrees):
+    """ε = ε_x cos²α + ε_y sin²α + γ_xy sin α cos α."""
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([c * c, s * s, s * c]) @ STRAIN
+
+
+@pytest.mark.parametrize(("degrees", "named"), [(15.0, 15.0), (62.0, 60.0)])
+def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four, degrees, named):
+    """One that is turned by an angle beside those that are tried is by the nearest, here without a tolerance of the angle."""
+    model, P, _ = four
+
+    def read(angle):
+        H = model.H.copy()
+        H[0, :2] = mohr(angle)
+        return replace(model, H=H)
+
+    samples = draw_truth(read(degrees), np.zeros(5), P, forces(LONG), [3])[1][:, 0]
+    straight, rows = read(0.0), np.full((4, len(ANGLES), model.size), np.nan)
+    rows[0] = [read(angle).H[0] for angle in ANGLES]
+
+    def turned(channel, angle):
+        return read(angle), no_nuisances(model)
+
+    mean = np.zeros(model.size)
+    given = Suspect(straight, mean, P, forces(LONG), samples, no_nuisances(model), NO_OFFSETS, None, rows, turned)
+    found = examined(given)
+    assert found.contradicts
+    assert found.diagnosis.named.fault == Fault("angle", 0, named)
+    sound = draw_truth(straight, np.zeros(5), P, forces(LONG), [3])[1][:, 0]
+    assert not examined(replace(given, samples=sound)).contradicts
+
+
 def test_a_sound_record_is_not_accused(four):
     model, P, y = four
     for one in range(y.shape[1]):

@@ -36,6 +36,8 @@ BELIEVABLE = 1.5
 MARGIN, APART = 20.0, 10.0
 """Of ln evidence, by which a fault has to beat the record as it is, odds of 5·10⁸, and the one that is named any other, of
 2·10⁴: far beyond the number of faults that are tried."""
+TURNS = 3
+"""Angles of a channel, the best by what the others foresee, that are ranked among its faults."""
 CLOSELY, EACH = 6, 2
 """Faults that are looked at with all tolerances: the best of all, and of every channel that may be the wrong one."""
 PAIRS = 5
@@ -319,11 +321,16 @@ def _ranked(suspect: Suspect, own: LeftOut, j: int) -> list[tuple[float, Fault]]
     for fault in faults:
         alone = replace(fault, channel=0)
         found.append((own.evidence + roughly(alone, y, own.predicted, own.std, noise), fault))
-    for k, angle in enumerate(ANGLES):
-        if np.isfinite(own.turned[:, k]).all():
-            fit = roughly(Fault("angle", 0, angle), y, own.turned[:, k], own.std, noise)
-            found.append((own.evidence + fit, Fault("angle", j, angle)))
-    return found
+    turns = [
+        (
+            own.evidence + roughly(Fault("angle", 0, angle), y, own.turned[:, k], own.std, noise),
+            Fault("angle", j, angle),
+        )
+        for k, angle in enumerate(ANGLES)
+        # noise alone is a dead channel: some angle at which there is no strain would explain it as well
+        if np.isfinite(own.turned[:, k]).all() and np.nanstd(y) > QUIET * noise
+    ]
+    return found + sorted(turns, key=lambda one: -one[0])[:TURNS]
 
 
 def _alike(suspect: Suspect, i: int, j: int) -> bool:

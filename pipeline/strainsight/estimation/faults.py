@@ -15,8 +15,10 @@ Kind = Literal["sign", "scale", "swapped", "offset", "drift", "late", "angle", "
 
 SCALES = (0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6)
 """Factors on a channel: half a bridge, two arms for one, units of a thousand and of a million."""
-ANGLES = (45.0, -45.0, 90.0)
-"""Degrees by which a gauge, or the grid of a rosette, may be turned."""
+TURN = 15.0
+"""Degrees between two angles by which a gauge is tried as turned: what lies between is near enough for the tolerance of one."""
+ANGLES = (*(sense * TURN * k for k in range(1, 6) for sense in (1, -1)), 90.0)
+"""Degrees by which a gauge, or the grid of a rosette, may be turned; a half turn reads the same."""
 MOST_LATE = 20
 """Samples that a channel may be early or late by."""
 FORESEEN = -0.5 * (1 + np.log(2 * np.pi))
@@ -37,9 +39,8 @@ class Fault:
 
     @property
     def family(self) -> tuple[str, int, float]:
-        """The same for faults that are one and the same to whoever has to correct it: delays of one channel, either sense of a
-        turn."""
-        return self.kind, self.channel, 0.0 if self.kind == "late" else abs(self.amount)
+        """The same for faults that are one and the same to whoever has to correct it: delays of one channel, turns of one."""
+        return self.kind, self.channel, 0.0 if self.kind in ("late", "angle") else abs(self.amount)
 
     @property
     def channels(self) -> tuple[int, ...]:
