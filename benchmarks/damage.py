@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
@@ -24,7 +24,8 @@ from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, toler
 from strainsight.cases.structure.problem import Problem, filter_model, problem_of, sample_std
 from strainsight.cases.structure.settings import parameters_of
 from strainsight.cases.structure.start import loading_of
-from strainsight.cases.structure.surface import skin_of
+from strainsight.cases.structure.surface import Displaced, skin_of
+from strainsight.cases.structure.tolerated_loads import field_beyond
 from strainsight.cases.structure.trial import sample_noise, trial_of
 from strainsight.cases.structure.truth import ModalMotion, truth_of
 from strainsight.config.damage import DamageSettings, SNCurve
@@ -109,10 +110,21 @@ def filtering(
     truth = truth_of(case.config, mesh, None, reduced, training, problem, case)
     allowed = tolerated(case.config, mesh, reduced, training, channels)
     trial = trial_of(case.config, problem, truth, allowed, gauges)
-    every = asked_places(skin_of(mesh, reduced.basis, parameters), (), case.config.gauges).surface
+    field = field_beyond(allowed.loads, filter_model(problem, channels, trial.h), reduced)
+    whole = Displaced(np.hstack([reduced.basis, field]), reduced.basis.shape[1])
+    every = asked_places(skin_of(mesh, whole, parameters), (), case.config.gauges).surface
+    assert every is not None
     which = spread(every, problem)
     shared = Filtering(
-        problem, allowed, channels, trial.covariance, trial.known, trial.settled, trial.h, every.take(which), draws
+        problem,
+        allowed,
+        channels,
+        trial.covariance,
+        trial.known,
+        trial.settled,
+        trial.h,
+        every.take(which),
+        draws,
     )
     if own:
         return shared, [own_record(shared, number) for number in range(1, records + 1)]
@@ -121,7 +133,10 @@ def filtering(
     assert again is not None
     field = again(1, gauges).field
     assert field is not None
-    at = asked_places(skin_of(mesh, field(), parameters), (), case.config.gauges).surface.take(which)
+    shapes = field()
+    real = asked_places(skin_of(mesh, Displaced(shapes, shapes.shape[1]), parameters), (), case.config.gauges).surface
+    assert real is not None
+    at = real.take(which)
     return shared, [
         rich_record(again(number, gauges).motion(loading), at, truth.theta, len(channels), number)
         for number in range(1, records + 1)
@@ -131,9 +146,14 @@ def filtering(
 def spread(places: Places, problem: Problem) -> np.ndarray:
     """The most damaged place of the training run, and others down to a tenth of its equivalent range."""
     q, theta = problem.x[:, : problem.model.size], problem.model.reference
-    level = damage_at(places, q, theta, settings(5.0))[1] ** (1 / 5.0)
+    level = damage_at(coordinates_of(places, q), q, theta, settings(5.0))[1] ** (1 / 5.0)
     wanted = level.max() * np.linspace(1.0, 0.1, PLACES)
     return np.array([int(np.argmin(np.abs(level - own))) for own in wanted])
+
+
+def coordinates_of(places: Places, q: np.ndarray) -> Places:
+    """By the coordinates q (T + 1, n) alone."""
+    return replace(places, rows=places.rows[..., : q.shape[1]])
 
 
 def true_damage(places: Places, q: np.ndarray, theta: dict[str, float]) -> np.ndarray:
@@ -151,7 +171,8 @@ def own_record(shared: Filtering, number: int) -> Record:
     x, _ = draw_truth(model, np.zeros(model.size), shared.covariance, shared.known, [number])
     theta = theta_at(model, x[-1, 0, model.parameter_states])
     reading = x[1:, 0] @ model.H.T
-    return Record(reading, true_damage(shared.places, x[:, 0, : model.model.size], theta), number)
+    q = x[:, 0, : model.model.size]
+    return Record(reading, true_damage(coordinates_of(shared.places, q), q, theta), number)
 
 
 def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -160,11 +181,12 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
     model = filter_model(problem, channels, shared.h)
     noise = sample_noise(1, record.number, *record.reading.shape) * sample_std(problem, channels, shared.h)
     y, start, P = record.reading + noise, np.zeros(model.size), shared.covariance
-    nuisances, q = nuisances_of(shared.tolerances, model, channels), slice(0, model.model.size)
+    nuisances, q = nuisances_of(shared.tolerances, model, channels, beyond=True), slice(0, model.model.size)
     bank = filter_bank(model, start, P, shared.known, y, nuisances, settled=shared.settled)
     args = (model, start, P, shared.known, y, nuisances, bank)
     later = smooth_bank(*args, settled=shared.settled).mean[:, 0]
-    mean = true_damage(shared.places, later[:, q], theta_at(model, later[-1, model.parameter_states]))
+    states = Displaced(shared.places.rows[0], model.model.size).states(later)
+    mean = true_damage(shared.places, later[:, states], theta_at(model, later[-1, model.parameter_states]))
     drawn = [
         true_damage(shared.places, own, theta_at(model, p))
         for part in bank_paths(*args, shared.draws, 1_000_000 + record.number, settled=shared.settled, states=q)

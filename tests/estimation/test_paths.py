@@ -109,6 +109,42 @@ def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(para
     assert np.abs(found - expected).max() < 1.5 * SAMPLING
 
 
+@pytest.mark.parametrize("parameters", [(), ("k1",)])
+@pytest.mark.parametrize("learned", [False, True])
+def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_claims(parameters, learned):
+    """z = ν u of a known and of an unknown load, behind the states: mean and covariance with all other states, as claimed; of the
+    known load z is its history times one normal number."""
+    model, known = chain(parameters), both_forces()[:, :, :1]
+    both = constants(model)
+    changes = np.array([[[0.05, 0.0], [0.0, 0.0]], [[0.0, 0.02], [0.0, 0.03]]])
+    rows = [np.concatenate([np.zeros((2, *own.shape[1:])), own]) for own in (both.D, both.E, both.offset)]
+    own = replace(
+        both, source=("load", "load", *both.source), D=rows[0], E=rows[1], offset=rows[2], shape=changes,
+        load=np.array([0, 1]), learned=learned,
+    )  # fmt: skip
+    first, mean = start(model.size), believed(model)
+    y = measured(model, known, first, mean)
+    bank = filter_bank(model, mean, first, known, y, own)
+    claimed = smooth_bank(model, mean, first, known, y, own, bank)
+    parts = list(bank_paths(model, mean, first, known, y, own, bank, COUNT, 1))
+    x = np.concatenate([part.state for part in parts])
+    n = model.parameter_states.start
+    at = np.concatenate([np.arange(n), [-2, -1]])
+    std = np.where(claimed.std[:, 0, at] > 0, claimed.std[:, 0, at], 1.0)
+    off = (x - claimed.mean[:, 0, at]) / std
+    assert np.abs(off.mean(axis=0)).max() < SAMPLING
+    assert claimed.covariance is not None
+    expected = claimed.covariance[:, 0][:, at[:, None], at] / (std[:, :, None] * std[:, None, :])
+    found = np.einsum("nta,ntc->tac", off, off, optimize=True) / COUNT
+    assert np.abs(found - expected).max() < 1.5 * SAMPLING
+    force = np.concatenate([known[:, 0, 0], known[-1:, :, 0].sum(axis=1)])
+    which = n + model.model.inputs.index(model.known_inputs[0])
+    nu = x[:, -1, which] / force[-1]
+    np.testing.assert_allclose(x[:, :, which], np.outer(nu, force), atol=1e-9 * np.abs(x[:, :, which]).max())
+    # what samples say of ν is not used where it is not learned: σ is that of the tolerance
+    assert nu.std() == pytest.approx(1.0, abs=4 * SAMPLING) if not learned else nu.std() < 1.0
+
+
 def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
     """By differences over its two points, at a parameter two standard deviations off, against smoothing there: within a twentieth
     of σ."""

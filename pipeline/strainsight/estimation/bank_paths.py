@@ -24,7 +24,8 @@ AT_ONCE = 20_000_000
 
 @dataclass(frozen=True)
 class Paths:
-    """N draws: parameter (N, k) p = ln(θ/guess), which is constant; state (N, T + 1, n) of what was asked for."""
+    """N draws: parameter (N, k) p = ln(θ/guess), which is constant; state (N, T + 1, n + f) of what was asked for, behind it z of
+    `Beyond`."""
 
     parameter: np.ndarray
     state: np.ndarray
@@ -63,11 +64,13 @@ def bank_paths(
     rng = np.random.default_rng(seed)
     p, nu = _constants(found, bank, count, rng)
     rng = np.random.default_rng((seed, record)) if record else rng
-    steps, sizes = len(known), found.models.A.shape[1]
+    beyond = found.beyond
+    steps, sizes = len(known), found.models.A.shape[1] + len(beyond.own)
     points, k = len(found.points), len(found.centre)
     part = max(points, AT_ONCE // ((steps + 1) * sizes) // points * points)
     z = np.linalg.solve(np.linalg.cholesky(found.spread), (p - found.centre).T).T
     middle, slope, bend = _carried(x, k)
+    load, nu_of_loads = beyond.load(x[:points].mean(axis=0)), (nu + found.corrected)[:, beyond.own]
     for start in range(0, count, part):
         own = slice(start, min(start + part, count))
         each = -(-(own.stop - own.start) // points)
@@ -77,7 +80,7 @@ def bank_paths(
             here = z[own, i, None, None]
             error += here * slope[i, :, states] + 0.5 * (here**2 - 1) * bend[i, :, states]
         error -= np.einsum("nd,tda->nta", nu[own], V[:, :, states], optimize=True)
-        yield Paths(p[own], error)
+        yield Paths(p[own], np.concatenate([error, nu_of_loads[own, None] * load], axis=2))
 
 
 def _constants(found: AtPoints, bank: BankRun, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

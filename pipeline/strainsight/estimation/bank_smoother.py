@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.estimation.bank import BankRun
+from strainsight.estimation.beyond import Beyond, beyond_of
 from strainsight.estimation.biased import Biased
 from strainsight.estimation.conditional import (
     Nuisances,
@@ -51,18 +52,21 @@ def smooth_bank(
     with the 2k points θⱼ of the cubature rule of degree three on the posterior of k parameters, which a motion that is smooth
     in them needs no more of; `bank_paths` draws histories of this mean and covariance. Where ν is learned, v is what the
     smoother, linear in its samples, makes of those that one of a nuisance causes, less the motion that it causes; otherwise that
-    of gains that consider ν (`consider_smoothed`).
+    of gains that consider ν (`consider_smoothed`). Behind x* and the offsets stands z of `Beyond`.
     wanted: covariances to keep, None: all of every instant, for which memory holds no long record; progress: called with the
     share of the record that is done.
     Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
     """
     found = points_of(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
-    states, instants, n = conditional_states(model, 0 if biased is None else len(biased)), len(known) + 1, len(mean)
-    order = np.concatenate([states, np.arange(n)[model.parameter_states]])
+    offsets, instants, beyond = len(mean) - model.size, len(known) + 1, found.beyond
+    n = len(mean) + len(beyond.own)
+    behind = np.arange(len(mean), n)
+    order = np.concatenate([conditional_states(model, offsets), behind, np.arange(n)[model.parameter_states]])
     whole, std, kept = np.zeros((instants, n)), np.zeros((instants, n)), Keeping(wanted, instants, n)
     for at, x, P, V in _pieces(found, mean, covariance, known, nuisances, biased, settled):
         own, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
-        own[:, order], spread[:, order[:, None], order] = _mixed(found, bank, x, P, V)
+        wider = beyond.behind(at, x, P, V, found.corrected)
+        own[:, order], spread[:, order[:, None], order] = _mixed(found, bank, *wider)
         whole[at], std[at] = own, standard_deviation(spread)
         kept.take(at, spread)
         if progress is not None:
@@ -100,7 +104,7 @@ class AtPoints:
     centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. nu (d,) and left
     (d, d): mean and covariance of ν that σ holds. model: with the discrepancy in its noise; models: linear at the points and
     behind them at the centre, with start (x₀, P₀, V₀); known (T, p), known_end (T, p₁) and samples (T, m) of every step;
-    considered: by gains that consider ν.
+    considered: by gains that consider ν; beyond: what stands behind the states.
     """
 
     points: np.ndarray
@@ -115,6 +119,12 @@ class AtPoints:
     known_end: np.ndarray
     samples: np.ndarray
     considered: bool
+    beyond: Beyond
+
+    @property
+    def corrected(self) -> np.ndarray:
+        """The mean of ν (d,) that is in the motion."""
+        return 0 * self.nu if self.considered else self.nu
 
     @property
     def record(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -153,7 +163,8 @@ def points_of(
     models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, offsets)
     start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
     held = known.reshape(steps, -1), known_ends(known, nuisances)
-    return AtPoints(points, centre, spread, nu, left, model, models, start, *held, samples, considered)
+    beyond = beyond_of(model, known, nuisances, len(offsets))
+    return AtPoints(points, centre, spread, nu, left, model, models, start, *held, samples, considered, beyond)
 
 
 def _pieces(

@@ -29,7 +29,8 @@ class Nuisances:
     something drifts, with t/T behind the loads in w₁ (`known_ends`). Of the motion: damping, σ of
     ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
     of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
-    are in D and E (`on_loads`).
+    are in D and E (`on_loads`). load (f,): the input that each changes, for a smoother that has z = ν u behind its states,
+    to which is in proportion what they displace beyond the coordinates; empty for one that has not.
     The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
     corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it; where not, gains of unknown
     loads consider ν (`considers`). discrepancy: σ of what else
@@ -47,6 +48,7 @@ class Nuisances:
     learned: bool = False
     discrepancy: float = 0.0
     shape: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    load: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """What every ν stands for, those of the motion first."""
@@ -83,6 +85,11 @@ def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> 
         D, E, offset = (stacked(rows) for rows in (nuisances.D, nuisances.E, nuisances.offset))
         found.append(replace(nuisances, source=tuple(sources), D=D, E=E, offset=offset))
     return tuple(found)
+
+
+def known_instants(known: np.ndarray) -> np.ndarray:
+    """Loads [N] at the instants (T + 1, n), at the ends of the steps through which they are held (T, HOLD, n)."""
+    return np.concatenate([known[:, 0], known[-1:].sum(axis=1)])
 
 
 def known_ends(known: np.ndarray, nuisances: Nuisances) -> np.ndarray:

@@ -63,7 +63,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=25,
+    version=26,
     reads=(
         "seed",
         "loads",

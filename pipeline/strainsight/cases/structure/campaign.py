@@ -33,7 +33,7 @@ from strainsight.cases.structure.problem import initial_covariance, problem_of, 
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
 from strainsight.cases.structure.source import source_of
 from strainsight.cases.structure.surface import Skin, damage_on_surface, virtual_strain
-from strainsight.cases.structure.surface_in_test import skin_in_test, wanted_of
+from strainsight.cases.structure.surface_in_test import displaced, skin_in_test, wanted_of
 from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
@@ -100,7 +100,6 @@ def campaign_of(
             tests.append(measured_of(own, using.files[own.file], problem, named, units))
     channels = tests[0].channels
     hidden = undetectable(problem, channels, config.place.instants, config.seed, settings.allow_unobservable)
-    skin, bare = skin_in_test(config, settings, mesh, reduced.basis, using.files)
     using.progress("model", 0.2)
     stated = {**config.validation.initial_std, **settings.initial_std}
     start = initial_covariance(problem, stated, moving=settings.start != "rest")
@@ -113,8 +112,10 @@ def campaign_of(
             settled = settled_in(problem, test) if settings.start == "settled" else None
             model, tuning = model_of(problem, test, own.settings, start)
         each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
+    field = displaced(reduced, tolerances, each[0])
+    skin, bare = skin_in_test(config, settings, mesh, field, using.files)
     with blame("estimate.virtual"):
-        virtual = virtual_strain(mesh, reduced.basis, settings.virtual, config.gauges, len(each[0].covariance))
+        virtual = virtual_strain(mesh, field, settings.virtual, config.gauges, len(each[0].covariance))
     turning, judgements, suspects = turning_of(mesh, reduced, training, channels), [], []
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
 
@@ -279,7 +280,12 @@ def _damage(
         using.progress("damage", 0.7 + 0.3 * share)
 
     records = [
-        Recorded(given.model, one.smoothed, None if withheld else histories(given, one, own.draws, config.seed))
+        Recorded(
+            given.model,
+            one.smoothed,
+            skin.field.states(one.smoothed.mean),
+            None if withheld else histories(given, one, own.draws, config.seed),
+        )
         for given, one in zip(each, found, strict=True)
     ]
     return damage_in_test(own, asked_places(skin, settings.virtual, config.gauges), records, counting)

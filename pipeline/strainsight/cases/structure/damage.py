@@ -46,16 +46,18 @@ def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> A
     pool = virtual_pool(mesh, facets, entries, gauges)
     number = {own: i for i, own in enumerate(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True))}
     below = np.array([number[own] for own in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
-    rows = channel_rows(mesh.position, pool, skin.basis, facets=facets)
+    rows = channel_rows(mesh.position, pool, skin.field.basis, facets=facets)
     return Asked(every, Places(pool.position, pool.element, rows[:, None], every.take(below).modulus))
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A record: model, smoothed; draws of q (N, T + 1, n) and p, None where σ is withheld."""
+    """A record: model, smoothed; states (n + f,): where q and z stand in it; draws of them (N, T + 1, n + f) with p, None where
+    σ is withheld."""
 
     model: FilterModel
     smoothed: Smoothed
+    states: np.ndarray
     draws: Iterable[Paths] | None
 
 
@@ -98,7 +100,7 @@ def _of_mean(places: Places, records: Sequence[Recorded], own: DamageSettings) -
     for record in records:
         mean, model = record.smoothed.mean[:, 0], record.model
         theta = theta_at(model, mean[:, model.parameter_states].mean(axis=0))
-        each.append(damage_at(places, mean[:, : model.model.size], theta, own))
+        each.append(damage_at(places, mean[:, record.states], theta, own))
     miner, moment = np.sum(each, axis=0)
     return miner, moment
 

@@ -25,6 +25,7 @@ from strainsight.cases.structure.settings import unknown_units
 from strainsight.cases.structure.surface import Skin, Virtual, virtual_labels
 from strainsight.cases.structure.surface_in_test import grid_of, moment_of
 from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.conditional import known_instants
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.model import physical
 from strainsight.estimation.tuning import Tuning
@@ -147,7 +148,8 @@ def _estimated(
     model, test, run, smoothed = given.model, given.test, found.run, found.smoothed
     estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
     sampled = slice(test.every - 1, None, test.every)
-    mean, std = (values[-1, 0, model.size :] for values in (smoothed.mean, smoothed.std))
+    offsets = slice(model.size, model.size + len(given.biased))
+    mean, std = (values[-1, 0, offsets] for values in (smoothed.mean, smoothed.std))
     return Estimated(
         time=test.time[0] + run.time,
         estimate={name: own[0] for name, own in estimate.items()},
@@ -166,18 +168,13 @@ def _estimated(
         whitened=run.whitened[sampled, 0],
         bias=Offsets(channel=given.biased, mean=mean, std=std) if len(given.biased) else None,
         resultant={str(i): own for i, own in enumerate(resultants.values())},
-        known=dict(zip(model.known_inputs, _at_instants(test.known).T, strict=True)),
+        known=dict(zip(model.known_inputs, known_instants(test.known).T, strict=True)),
         source=source,
         notes=notes,
         posterior={},
         trusted=judgement.trusted,
         check=judgement.check,
     )
-
-
-def _at_instants(held: np.ndarray) -> np.ndarray:
-    """Loads (T + 1, n) at the ends of the steps through which they are held (T, HOLD, n)."""
-    return np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
 
 
 def _words(

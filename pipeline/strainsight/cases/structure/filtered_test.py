@@ -64,8 +64,13 @@ class Filtering:
     @property
     def nuisances(self) -> Nuisances:
         """Of all records; what is zeroed anew acts in this one alone."""
-        own = nuisances_of(self.tolerances, self.model, self.test.channels)
+        own = nuisances_of(self.tolerances, self.model, self.test.channels, beyond=True)
         return each_its_own(own, self.records, RENEWED)[self.record]
+
+    @property
+    def smoothed_states(self) -> int:
+        """How many states the smoother has: x*, offsets, and z where it is a bank's."""
+        return len(self.covariance) + (len(self.nuisances.load) if self.problem.method == "bank" else 0)
 
     @property
     def long(self) -> bool:
@@ -188,13 +193,14 @@ def _require_memory(each: Sequence[Filtering], some: bool) -> None:
     model, m, n, k = given.model, len(given.test.labels), len(given.covariance), len(given.model.unknowns.parameters)
     # mean and σ of filter and smoother with copies of them, and what channels read, innovate and are expected to
     numbers = 8 * n + 12 * m
+    beyond = len(given.nuisances.load)
     if given.problem.method != "bank":
         numbers += (3 if k else 2) * n**2
     elif given.nuisances.learned:
         d, points = len(given.nuisances.sources(model.model.size)), max(1, 2 * k)
-        numbers += (2 * points + 2) * n**2 + d * (4 * n + 5 * m)
+        numbers += (2 * points + 2) * (n + beyond) ** 2 + d * (4 * n + 5 * m)
     elif not some:
-        numbers += n**2
+        numbers += (n + beyond) ** 2
     require_memory(8.0 * numbers * steps, f"{steps} steps of {n} states", SHORTER)
 
 

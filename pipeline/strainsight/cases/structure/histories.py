@@ -13,7 +13,7 @@ from strainsight.estimation.error_paths import smoother_errors
 
 
 def histories(given: Filtering, found: Filtered, count: int, seed: int) -> Iterator[Paths]:
-    """`count` draws of q (N, T + 1, n) with the parameters of each, in parts; by the bank where there is one.
+    """`count` draws of q (N, T + 1, n) with the parameters of each, in parts; by the bank where there is one, with z behind it.
 
     A parameter that a filter lets drift is its mean over the record.
     """

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.structure.drawn import installation_std, modulus_estimated
-from strainsight.cases.structure.tolerated_loads import ToleratedLoads, of_loads, stacked, tolerated_loads
+from strainsight.cases.structure.tolerated_loads import ToleratedLoads, acting, of_loads, stacked, tolerated_loads
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.estimation.conditional import (
@@ -156,9 +156,10 @@ def _slopes(
     return {name: getattr(found, name) for name in (*COMMON, *OWN)}
 
 
-def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nuisances:
+def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, beyond: bool = False) -> Nuisances:
     """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
-    turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part."""
+    turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. beyond: with
+    what misaligned loads displace beyond the coordinates behind the states of the smoother (`field_beyond`)."""
     at = np.searchsorted(own.channels, channels)
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
@@ -207,6 +208,7 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray) -> Nu
         own.learned,
         own.discrepancy,
         stacked(shape, model.model.input_shape.shape),
+        own.loads.load[acting(own.loads, model)] if beyond else np.zeros(0, dtype=int),
     )
 
 

@@ -35,24 +35,27 @@ def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
 
 
 def virtual_strain(
-    mesh: Mesh, basis: np.ndarray, entries: Sequence[NamedGauge], gauges: Gauges, states: int
+    mesh: Mesh, field: Displaced, entries: Sequence[NamedGauge], gauges: Gauges, states: int
 ) -> Virtual | None:
     """Gauges that are not there, each at the nearest point of the surface; None without one.
 
-    basis (3 nodes, n); entries of `estimate.virtual`; gauges of the config: grid length and snapping tolerance; states: how many
-    the filter has. Raises UserError for one off the surface.
+    entries of `estimate.virtual`; gauges of the config: grid length and snapping tolerance; states: how many the filter has, with
+    offsets. Raises UserError for one off the surface.
     """
     if not entries:
         return None
     facets = exterior_facets(mesh)
     pool = virtual_pool(mesh, facets, entries, gauges)
-    rows = channel_rows(mesh.position, pool, basis, facets=facets)
-    return Virtual(pool, np.pad(rows, [(0, 0), (0, states - rows.shape[1])]))
+    own = channel_rows(mesh.position, pool, field.basis, facets=facets)
+    n = field.coordinates
+    rows = np.zeros((len(own), states + own.shape[1] - n))
+    rows[:, :n], rows[:, states:] = own[:, :n], own[:, n:]
+    return Virtual(pool, rows)
 
 
 @dataclass(frozen=True)
 class Virtual:
-    """Grids of gauges that are not there; rows (g, n*) of their strain on the states of the filter."""
+    """Grids of gauges that are not there; rows (g, n* + f) of their strain on the states of the smoother."""
 
     pool: Candidates
     rows: np.ndarray
@@ -82,32 +85,46 @@ FRAMES = 100
 
 
 @dataclass(frozen=True)
+class Displaced:
+    """Displacement basis (3 nodes, n + f) of n coordinates and, behind them, of the z of the smoother: what misaligned loads
+    displace beyond the coordinates."""
+
+    basis: np.ndarray
+    coordinates: int
+
+    def states(self, mean: np.ndarray) -> np.ndarray:
+        """Where coordinates and z (n + f,) stand among the states (..., n* + f) of a smoother."""
+        f = self.basis.shape[1] - self.coordinates
+        return np.concatenate([np.arange(self.coordinates), np.arange(mean.shape[-1] - f, mean.shape[-1])])
+
+
+@dataclass(frozen=True)
 class Skin:
-    """The surface of a reduced model: mesh, basis (3 nodes, n), exterior facets, and strain and stress at their middles."""
+    """The surface of a reduced model: mesh, field of displacement, exterior facets, and strain and stress at their middles."""
 
     mesh: Mesh
-    basis: np.ndarray
+    field: Displaced
     facets: Facets
     model: SurfaceModel
 
 
-def skin_of(mesh: Mesh, basis: np.ndarray, parameters: Sequence[Parameter]) -> Skin:
-    """basis (3 nodes, n). Raises DeckError where a region of the surface has no material."""
+def skin_of(mesh: Mesh, field: Displaced, parameters: Sequence[Parameter]) -> Skin:
+    """Raises DeckError where a region of the surface has no material."""
     facets = exterior_facets(mesh)
     with mesh.located():
-        return Skin(mesh, basis, facets, surface_model(mesh, facet_strain(mesh, facets), basis, parameters))
+        return Skin(mesh, field, facets, surface_model(mesh, facet_strain(mesh, facets), field.basis, parameters))
 
 
 def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> SurfaceState:
     """Strain and stress of every exterior facet at instant k, with claimed σ where it is given."""
-    n, free = model.model.size, model.unknowns.parameters
-    at = np.concatenate([np.arange(n), np.arange(model.parameter_states.start, model.size)])
-    x = smoothed.mean[k, 0]
+    free, x = model.unknowns.parameters, smoothed.mean[k, 0]
+    own = skin.field.states(x)
+    at = np.concatenate([own, np.arange(model.parameter_states.start, model.size)])
     theta = {name: float(value) for name, value in theta_of(model, x[: model.size]).items()}
     # θ = guess exp(p): to first order its covariance is that of p times θ.
-    scale = np.concatenate([np.ones(n), [theta[name] for name in free]])
+    scale = np.concatenate([np.ones(len(own)), [theta[name] for name in free]])
     P = smoothed.covariance_at(k)[np.ix_(at, at)] * np.outer(scale, scale)
-    return surface_state(skin.model, theta, x[:n], P if np.isfinite(P).all() else None, free)
+    return surface_state(skin.model, theta, x[own], P if np.isfinite(P).all() else None, free)
 
 
 def surface_in_time(
@@ -118,7 +135,7 @@ def surface_in_time(
     stated: the time between pictures, a hundred of them where it says none; damage: of the facets, which all pictures show.
     Stress and its σ to first order in the coordinates and the estimated moduli.
     """
-    mesh, n = skin.mesh, model.model.size
+    mesh, own = skin.mesh, skin.field.states(smoothed.mean)
     used, blocks, order = facet_cells(skin.facets)
     frames = frames_of(stated, smoothed.time)
     data: dict[str, list[np.ndarray]] = {}
@@ -127,8 +144,8 @@ def surface_in_time(
         for name in SHOWN:
             if (shown := getattr(state, name)) is not None:
                 data.setdefault(name, []).append(shown[order].astype(np.float32))
-    shapes = skin.basis.reshape(len(mesh.position), 3, -1)[used]
-    displacement = np.stack([(shapes @ smoothed.mean[k, 0, :n]).astype(np.float32) for k in frames])
+    shapes = skin.field.basis.reshape(len(mesh.position), 3, -1)[used]
+    displacement = np.stack([(shapes @ smoothed.mean[k, 0, own]).astype(np.float32) for k in frames])
     return unstructured_grid(
         mesh.position[used],
         blocks,
@@ -168,12 +185,12 @@ def _damage_shown(damage: DamageAt | None, order: np.ndarray) -> dict[str, np.nd
 
 def surface_then(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int, time: float, label: str) -> Moment:
     """The surface at instant k of the smoother: `time` [s] on the clock of the file, when channel `label` reads most."""
-    state, n = _state(skin, model, smoothed, k), model.model.size
-    shapes = skin.basis.reshape(len(skin.mesh.position), 3, -1)
+    state, own = _state(skin, model, smoothed, k), skin.field.states(smoothed.mean)
+    shapes = skin.field.basis.reshape(len(skin.mesh.position), 3, -1)
     return Moment(
         time=time,
         label=label,
-        displacement=(shapes @ smoothed.mean[k, 0, :n]).astype(np.float32),
+        displacement=(shapes @ smoothed.mean[k, 0, own]).astype(np.float32),
         strain=state.strain.astype(np.float32),
         principal_strain=largest_principal(state.strain).astype(np.float32),
         von_mises=state.von_mises.astype(np.float32),

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.structure.filtered_test import Filtering
+from strainsight.cases.structure.nuisances import Tolerated
 from strainsight.cases.structure.resultants import places_of
 from strainsight.cases.structure.settings import parameters_of
 from strainsight.cases.structure.surface import (
+    Displaced,
     Skin,
     Virtual,
     damage_on_surface,
@@ -20,6 +22,7 @@ from strainsight.cases.structure.surface import (
     surface_in_time,
     surface_then,
 )
+from strainsight.cases.structure.tolerated_loads import field_beyond
 from strainsight.config.estimate import Estimate
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
@@ -31,14 +34,23 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.damage import DamageAt
 from strainsight.records.estimated import Moment
+from strainsight.records.reduced import Reduced
+
+
+def displaced(reduced: Reduced, tolerances: Tolerated, given: Filtering) -> Displaced:
+    """By the coordinates of a filter, and by what misaligned loads add where it is a bank, which has z behind its states."""
+    basis, n = reduced.basis, reduced.basis.shape[1]
+    if given.problem.method == "bank":
+        basis = np.hstack([basis, field_beyond(tolerances.loads, given.model, reduced)])
+    return Displaced(basis, n)
 
 
 def skin_in_test(
-    config: PlacementConfig, settings: Estimate, mesh: Mesh, basis: np.ndarray, files: Mapping[str, Path]
+    config: PlacementConfig, settings: Estimate, mesh: Mesh, field: Displaced, files: Mapping[str, Path]
 ) -> tuple[Skin | None, tuple[str, ...]]:
     """The surface, or None where nothing is solid or no stress known, with the reason.
 
-    basis (3 nodes, n). Raises ConfigError where something of the surface is asked for and the mesh has no solids, DeckError
+    Raises ConfigError where something of the surface is asked for and the mesh has no solids, DeckError
     where they have no material.
     """
     keys = {"estimate.field": settings.field, "estimate.damage": settings.damage}
@@ -48,7 +60,7 @@ def skin_in_test(
             raise ConfigError("the mesh has no solids, and so no surface", key=asked[0], remedy="remove the key")
         return None, ()
     try:
-        return skin_of(mesh, basis, parameters_of(config.parameters, mesh, files, config.mesh.matrices)), ()
+        return skin_of(mesh, field, parameters_of(config.parameters, mesh, files, config.mesh.matrices)), ()
     except DeckError as error:
         # A model that came as matrices needs no materials, but for this.
         if asked:
@@ -92,12 +104,11 @@ def wanted_of(
 ) -> Wanted:
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures. run: what the filter found."""
-    size = len(given.covariance)
     field = np.zeros(0) if settings.field is None else frames_of(settings.field, run.time)
     most = (largest(given, run.mean[-1, 0])[0] + 1) * given.test.every
     together = [at for _, at in places_of(loads, given.problem.unknowns.inputs)]
     return Wanted(
-        np.zeros((0, size)) if virtual is None else virtual.rows,
+        np.zeros((0, given.smoothed_states)) if virtual is None else virtual.rows,
         given.model.position[np.unique(np.concatenate([np.zeros(0, int), *together]))],
         np.unique([*field, most]).astype(int),
     )

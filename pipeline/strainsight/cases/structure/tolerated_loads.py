@@ -20,10 +20,13 @@ MISALIGNMENT = ("load direction", "load direction", "load point", "load point")
 @dataclass(frozen=True)
 class ToleratedLoads:
     """σ times the derivatives with respect to how the loads of a model act: source (f,); load (f,) its column; shape (f, n) of
-    the input shape [1/√kg]; missed (f, k) static readings of k channels per N, beyond what the coordinates hold."""
+    the input shape [1/√kg]; missed (f, k) static readings of k channels per N, beyond what the coordinates hold; std (f,) σ [rad]
+    or [m] and way (f,) the misalignment of the load, of a gain 0 and 0."""
 
     source: tuple[str, ...]
     load: np.ndarray
+    std: np.ndarray
+    way: np.ndarray
     shape: np.ndarray
     missed: np.ndarray
 
@@ -32,22 +35,44 @@ def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quant
     """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
     model, off = reduced.model, reduced.misaligned.shape
     std = np.repeat([np.deg2rad(own.load_angle), own.load_position], 2)
-    source, load, shape, read = [], [], [], []
+    source, load, ways, shape, read = [], [], [], [], []
     for i in range(len(model.inputs)):
-        for name, sigma, change, static in zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True):
+        each = zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True)
+        for way, (name, sigma, change, static) in enumerate(each):
             if sigma > 0 and (change.any() or static.any()):
                 source.append(name)
                 load.append(i)
+                ways.append((sigma, way))
                 shape.append(sigma * change)
                 read.append(sigma * np.where(quantity == ACCELERATION, 0.0, static))
         if own.load_gain > 0:
             source.append(LOAD_GAIN)
             load.append(i)
+            ways.append((0.0, 0))
             shape.append(own.load_gain * model.input_shape[:, i])
             read.append(np.zeros(len(missed)))
     return ToleratedLoads(
-        tuple(source), np.array(load, dtype=int), stacked(shape, (model.size,)), stacked(read, (len(missed),))
+        tuple(source),
+        np.array(load, dtype=int),
+        np.array([sigma for sigma, _ in ways], dtype=float),
+        np.array([way for _, way in ways], dtype=int),
+        stacked(shape, (model.size,)),
+        stacked(read, (len(missed),)),
     )
+
+
+def acting(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
+    """Which of them (f′,) a filter has: only a known load has a gain."""
+    named, known = model.model.inputs, set(model.known_inputs)
+    used = known | set(model.unknowns.inputs)
+    pairs = zip(own.source, own.load.tolist(), strict=True)
+    return np.flatnonzero([named[i] in (known if source == LOAD_GAIN else used) for source, i in pairs])
+
+
+def field_beyond(own: ToleratedLoads, model: FilterModel, reduced: Reduced) -> np.ndarray:
+    """σ times the static displacement of all nodes (3 nodes, f′) per N beyond the coordinates, of those that a filter has."""
+    which = acting(own, model)
+    return np.asarray(own.std[which] * reduced.misaligned.missed[:, own.load[which], own.way[which]])
 
 
 def of_loads(
@@ -61,19 +86,16 @@ def of_loads(
     D: list[np.ndarray] = []
     E: list[np.ndarray] = []
     shape: list[np.ndarray] = []
-    known = set(model.known_inputs)
-    used = known | set(model.unknowns.inputs)
-    for source, i, column, missed in zip(own.source, own.load.tolist(), own.shape, own.missed, strict=True):
-        if named[i] not in (known if source == LOAD_GAIN else used):
-            continue
+    for each in acting(own, model).tolist():
+        i = int(own.load[each])
         change = np.zeros(model.model.input_shape.shape)
-        change[:, i] = column
+        change[:, i] = own.shape[each]
         direct = np.zeros((len(at), len(named)))
-        direct[:, i] = missed[at]
+        direct[:, i] = own.missed[each][at]
         if moving.any():
             direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
         on_states, on_known = on_loads(model, direct)
-        sources.append(source)
+        sources.append(own.source[each])
         D.append(on_states)
         E.append(on_known)
         shape.append(change)
