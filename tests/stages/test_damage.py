@@ -72,15 +72,15 @@ def test_numbers_have_names(blind):
     assert found["/damage/hours"][()] == pytest.approx(TIMES * 0.299 / 3600, rel=0.01)
 
 
-def test_a_place_of_little_stress_has_no_interval(blind):
-    """Below half of the largest equivalent range, where it was measured to be too narrow: damage of the smoothed history."""
+def test_a_place_of_next_to_no_stress_has_no_interval(blind):
+    """Below a tenth of the largest equivalent range, where it was not looked at: damage of the smoothed history."""
     found, said, _ = blind
     largest = found["/damage/surface/range_of_mean"].max()
-    assert found["/damage/virtual/range_of_mean"][0] < 0.5 * largest
+    assert found["/damage/virtual/range_of_mean"][0] < 0.1 * largest
     assert np.isnan(found["/damage/virtual/low"][0])
     assert "damage.low.V1" not in found.summary
     assert found.summary["life.V1"] == pytest.approx(found["/damage/hours"][()] / found.summary["damage.of_mean.V1"])
-    assert found["/damage/surface/range_of_mean"][np.isfinite(found["/damage/surface/low"])].min() >= 0.5 * largest
+    assert "below 0.1 of the largest" in " ".join(said.split())
     assert "withheld" in said
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.apart import Together, together_of
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
-from strainsight.cases.structure.damage import Recorded, asked_places, damage_in_test
+from strainsight.cases.structure.damage_drawn import drawn_damage
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.diagnosed import ACCEPT, Judgement, judgement_of
 from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record
@@ -24,15 +24,14 @@ from strainsight.cases.structure.filtered_test import (
     model_of,
 )
 from strainsight.cases.structure.forecast import forecast_in_words
-from strainsight.cases.structure.histories import histories
 from strainsight.cases.structure.hold_out import held_out
-from strainsight.cases.structure.measured import measured_of, settled_in
-from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
+from strainsight.cases.structure.measured import Measured, measured_of, settled_in
+from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, tolerated
 from strainsight.cases.structure.posterior import posteriors_of
-from strainsight.cases.structure.problem import initial_covariance, problem_of, withheld_in_words
+from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
 from strainsight.cases.structure.source import source_of
-from strainsight.cases.structure.surface import Skin, damage_on_surface, virtual_strain
+from strainsight.cases.structure.surface import damage_on_surface, virtual_strain
 from strainsight.cases.structure.surface_in_test import displaced, skin_in_test, wanted_of
 from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.config.estimate import Estimate
@@ -40,6 +39,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Wanted
+from strainsight.estimation.tuning import Tuning
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.damage import Damaged
@@ -101,17 +101,8 @@ def campaign_of(
     channels = tests[0].channels
     hidden = undetectable(problem, channels, config.place.instants, config.seed, settings.allow_unobservable)
     using.progress("model", 0.2)
-    stated = {**config.validation.initial_std, **settings.initial_std}
-    start = initial_covariance(problem, stated, moving=settings.start != "rest")
     tolerances = tolerated(config, mesh, reduced, training, channels)
-    # in the order of their names: what is found does not depend on that of the config
-    place = np.argsort(np.argsort([own.name for own in records]))
-    each, tuning = [], None
-    for i, (own, test) in enumerate(zip(records, tests, strict=True)):
-        with in_record(own.name if len(records) > 1 else ""):
-            settled = settled_in(problem, test) if settings.start == "settled" else None
-            model, tuning = model_of(problem, test, own.settings, start)
-        each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
+    each, tuning = _filterings(config, settings, problem, tolerances, records, tests)
     field = displaced(reduced, tolerances, each[0])
     skin, bare = skin_in_test(config, settings, mesh, field, using.files)
     with blame("estimate.virtual"):
@@ -144,6 +135,8 @@ def campaign_of(
         using.progress("filter and smoother", 0.6 + 0.1 * share)
 
     passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))
+    # damage asks for the other walk of every unknown load, too
+    passes += len(problem.unknowns.inputs) if settings.damage is not None else 0
     if forecast := forecast_in_words(each, passes, wanted):
         using.notice(forecast)
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
@@ -152,10 +145,14 @@ def campaign_of(
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, each, untold, using)
     using.progress("field", 0.95 if settings.hold_out else 0.7)
-    damage = _damage(config, settings, skin, each, found, withheld, using)
-    common = Common(
-        withheld, settings.accept, hidden, bare, tuning, not_held_in_words(config, reduced, training), virtual
-    )
+
+    def otherwise(changed: PlacementConfig) -> list[Filtering]:
+        walked = problem_of(changed, using.files, reduced, training, screened)
+        return _filterings(changed, settings, walked, tolerances, records, tests)[0]
+
+    damage, damage_words = drawn_damage(config, settings, skin, each, found, withheld, otherwise, using)
+    not_held = not_held_in_words(config, reduced, training)
+    common = Common(withheld, settings.accept, hidden, bare, tuning, not_held, virtual, damage_words)
     single, said = len(records) == 1, {}
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
         test = given.test
@@ -175,7 +172,7 @@ def campaign_of(
             damage if single else None,
             common,
         )
-    posterior = {} if withheld else posteriors_of(problem, start, found[0].bank)
+    posterior = {} if withheld else posteriors_of(problem, each[0].start, found[0].bank)
     surface = None
     if single:
         surface = said[records[0].name].surface
@@ -200,6 +197,28 @@ def estimation_of(
             "several records", key="estimate.records", remedy="take `campaign`, which has each by its name"
         )
     return found
+
+
+def _filterings(
+    config: PlacementConfig,
+    settings: Estimate,
+    problem: Problem,
+    tolerances: Tolerated,
+    records: Sequence[RecordSettings],
+    tests: Sequence[Measured],
+) -> tuple[list[Filtering], Tuning | None]:
+    """What the filter of every record is given, and how noises were tuned in the last."""
+    stated = {**config.validation.initial_std, **settings.initial_std}
+    start = initial_covariance(problem, stated, moving=settings.start != "rest")
+    # in the order of their names: what is found does not depend on that of the config
+    place = np.argsort(np.argsort([own.name for own in records]))
+    each, tuning = [], None
+    for i, (own, test) in enumerate(zip(records, tests, strict=True)):
+        with in_record(own.name if len(records) > 1 else ""):
+            settled = settled_in(problem, test) if settings.start == "settled" else None
+            model, tuning = model_of(problem, test, own.settings, start)
+        each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
+    return each, tuning
 
 
 def _named(what: str, records: Sequence[RecordSettings], i: int) -> str:
@@ -260,32 +279,3 @@ def _without_each(
         return undetectable(each[0].problem, channels, config.place.instants, config.seed, True)
 
     return held_out(each, hidden, bool(untold), using.progress)
-
-
-def _damage(
-    config: PlacementConfig,
-    settings: Estimate,
-    skin: Skin | None,
-    each: Sequence[Filtering],
-    found: Sequence[Filtered],
-    withheld: str,
-    using: Resources,
-) -> Damaged | None:
-    """Damage of all records where it is asked for, without its interval where σ is withheld."""
-    own = settings.damage
-    if own is None or skin is None:
-        return None
-
-    def counting(share: float) -> None:
-        using.progress("damage", 0.7 + 0.3 * share)
-
-    records = [
-        Recorded(
-            given.model,
-            one.smoothed,
-            skin.field.states(one.smoothed.mean),
-            None if withheld else histories(given, one, own.draws, config.seed),
-        )
-        for given, one in zip(each, found, strict=True)
-    ]
-    return damage_in_test(own, asked_places(skin, settings.virtual, config.gauges), records, counting)

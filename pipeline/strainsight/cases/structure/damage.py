@@ -22,9 +22,10 @@ from strainsight.records.damage import DamageAt, Damaged
 
 APART = 0.05
 """Of the surface's largest extent: no two hot spots that are listed are nearer than this."""
-SHOWN = 0.5
-"""Of the largest equivalent range of the surface, from which a place is given an interval: below it the truth was outside too
-often (docs/measured.md, Damage)."""
+SHOWN, SHOWN_DECIDED = 0.5, 0.1
+"""Of the largest equivalent range of the surface, from which a place is given an interval: where the samples do not tell how the
+unknown loads walk, and where they do. Below the first the truth was outside too often, below the second it was not looked at
+(docs/measured.md, Damage)."""
 ALIKE = 1e-6
 """Relative: damages that differ by less are one, and the earlier place comes first."""
 
@@ -62,9 +63,13 @@ class Recorded:
 
 
 def damage_in_test(
-    own: DamageSettings, asked: Asked, records: Sequence[Recorded], progress: Callable[[float], None]
+    own: DamageSettings,
+    asked: Asked,
+    records: Sequence[Recorded],
+    progress: Callable[[float], None],
+    shown: float = SHOWN,
 ) -> Damaged:
-    """Damage of the smoothed histories, and its interval over draws where the equivalent range is SHOWN of the largest or more.
+    """Damage of the smoothed histories, and its interval over draws where the equivalent range is `shown` of the largest or more.
 
         D = Σᵣ Dᵣ,     over records, of one draw of the constants each (Palmgren and Miner)
 
@@ -72,7 +77,7 @@ def damage_in_test(
     """
     of_mean = {name: _of_mean(places, records, own) for name, places in _named(asked)}
     # of ranges to the power of the slope
-    least = SHOWN**own.curve.slope * max(moment.max(initial=0.0) for _, moment in of_mean.values()) * (1 - ALIKE)
+    least = shown**own.curve.slope * max(moment.max(initial=0.0) for _, moment in of_mean.values()) * (1 - ALIKE)
     which = {name: np.flatnonzero(moment >= least) for name, (_, moment) in of_mean.items()}
     if own.points is not None and asked.surface is not None:
         most = _ordered(of_mean["surface"][1])[: own.points]
@@ -189,8 +194,8 @@ def _rows(found: Interval) -> np.ndarray:
     return np.stack([found.median, found.low, found.high])
 
 
-def damage_notes(own: DamageSettings, withheld: str) -> tuple[str, ...]:
-    """What a reader of damage has to know, in sentences."""
+def damage_notes(own: DamageSettings, withheld: str, shown: float, by: str) -> tuple[str, ...]:
+    """What a reader of damage has to know, in sentences; by: how loads walk in the draws, empty where as stated."""
     if withheld:
         return (
             "σ is withheld, and the interval of damage with it: what is given is damage of the smoothed history, which is "
@@ -201,8 +206,13 @@ def damage_notes(own: DamageSettings, withheld: str) -> tuple[str, ...]:
         if own.points is None
         else f", of the surface at the {own.points} points most damaged by the smoothed history"
     )
+    why = (
+        "because below that it was not looked at"
+        if shown == SHOWN_DECIDED
+        else "because it was measured not to hold the truth"
+    )
     return (
+        *((by,) if by else ()),
         f"damage is the median of {own.draws} draws with the interval of 95 %{few}; where the equivalent range is below "
-        f"{SHOWN:g} of the largest the interval is withheld, because it was measured to be too narrow, and damage is that of the "
-        "smoothed history",
+        f"{shown:g} of the largest the interval is withheld, {why}, and damage is that of the smoothed history",
     )

@@ -9,7 +9,6 @@ import numpy as np
 
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.structure.channels import units_in_words
-from strainsight.cases.structure.damage import damage_notes
 from strainsight.cases.structure.diagnosed import ACCEPT, Judgement, clock_in_words
 from strainsight.cases.structure.filtered_test import (
     LONGEST_COMPARED,
@@ -68,7 +67,7 @@ class Estimation:
 class Common:
     """What records of a test have in common: withheld, accepted, undetectable as of `Estimation`; bare: why there are no strain
     and stress of the surface, tuning of one record, not_held: tolerances that σ does not hold; virtual: gauges that are not
-    there."""
+    there; damage: what its reader has to know."""
 
     withheld: str
     accepted: bool
@@ -77,6 +76,7 @@ class Common:
     tuning: Tuning | None
     not_held: tuple[str, ...]
     virtual: Virtual | None
+    damage: tuple[str, ...]
 
 
 def estimation_of_record(
@@ -107,8 +107,7 @@ def estimation_of_record(
         *common.bare,
         *_doubts(common.undetectable, common.tuning),
     )
-    if settings.damage is not None:
-        notes += damage_notes(settings.damage, withheld)
+    notes += common.damage
     kinds = problem.channels.quantity[test.channels]
     units = load_units | unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(

@@ -149,16 +149,12 @@ def filtered_together(
     _require_memory(each, some=wanted is not None)
     covariance, at, all_nuisances = each[0].covariance, each[0].biased, [given.nuisances for given in each]
     rest = np.zeros(len(covariance))
-    records = [
-        bank_record(own.model, own.test.known, own.test.values, nuisances, own.settled)
-        for own, nuisances in zip(each, all_nuisances, strict=True)
-    ]
 
     def going(begin: float, length: float) -> Progress:
         return lambda share: progress(begin + length * share)
 
     found: list[Filtered] = []
-    banks = filter_records(records, rest, covariance, biased=at, keep="mean", progress=going(0.0, FILTER))
+    banks = banks_of(each, going(0.0, FILTER))
     for own, nuisances, bank in zip(each, all_nuisances, banks, strict=True):
         samples = own.test.known, own.test.values
         which = None if wanted is None else wanted(own, bank.run)
@@ -185,6 +181,17 @@ def filtered_by_verdict(
         own = [replace(each[i], record=int(k), records=len(part)) for i, k in zip(part, places, strict=True)]
         found |= dict(zip(part, filtered_together(own, wanted, going), strict=True))
     return tuple(found[i] for i in range(len(each)))
+
+
+def banks_of(each: Sequence[Filtering], progress: Progress = lambda share: None) -> tuple[BankRun, ...]:
+    """The bank over the records, in the order of their places; progress: called with the share of the way."""
+    records = [
+        bank_record(own.model, own.test.known, own.test.values, own.nuisances, own.settled)
+        for own in sorted(each, key=lambda own: own.record)
+    ]
+    covariance, at = each[0].covariance, each[0].biased
+    found = filter_records(records, np.zeros(len(covariance)), covariance, biased=at, keep="mean", progress=progress)
+    return tuple(found[own.record] for own in each)
 
 
 def _require_memory(each: Sequence[Filtering], some: bool) -> None:
