@@ -13,7 +13,7 @@ for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 HERE = Path(__file__).parent
-START = "start-up"
+START, END = "start-up", "end of session"
 _spent = 0.0
 """[s] processor time of this process when the last phase of a test ended."""
 
@@ -35,13 +35,21 @@ def pytest_collection_finish(session):
         session.config.workeroutput[START] = _spent
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_teardown(item, nextitem):
+    item.stash[_last] = nextitem is None
+
+
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item):
-    """What a phase of a test took goes into its report: children that have ended are counted with the phase they ended in."""
+def pytest_runtest_makereport(item, call):
+    """What a phase of a test took goes into its report: children that have ended are counted with the phase they ended in.
+
+    Those of fixtures of the session end after the last test of a worker, which has nothing to do with them."""
     global _spent
     report = yield
     now = _processor()
     report.processor, _spent = now - _spent, now
+    report.ends = call.when == "teardown" and item.stash.get(_last, False)
     return report
 
 
@@ -51,6 +59,7 @@ def pytest_testnodedown(node):
 
 
 _starts = pytest.StashKey[list]()
+_last = pytest.StashKey[bool]()
 
 
 def pytest_terminal_summary(terminalreporter, config):
@@ -59,7 +68,7 @@ def pytest_terminal_summary(terminalreporter, config):
     spent, slow = defaultdict(float), set()
     for report in (report for reports in terminalreporter.stats.values() for report in reports):
         if hasattr(report, "processor"):
-            spent[report.nodeid] += report.processor
+            spent[f"/{END}" if report.ends else report.nodeid] += report.processor
             slow |= {report.nodeid} if "slow" in report.keywords else set()
     rooms = defaultdict(lambda: [0, 0.0, 0, 0.0])
     for name, seconds in spent.items():

@@ -21,7 +21,7 @@ SUITE = """\
 kind: suite
 name: all
 title: One beam by every criterion
-set: {train.duration: 0.2, screen.keep: 24, place.instants: 2, validate.duration: 0.2, validate.random_sets: 2,
+set: {train.duration: 0.1, screen.keep: 24, place.instants: 2, validate.duration: 0.02, validate.random_sets: 1,
       validate.repeats: 2, validate.noise_factors: [], validate.truth.modes: 20, rom.parameter_samples: 1}
 runs:
   - {config: CONFIG, name: trace-E, label: trace-E, set: {place.metric_over: [E]}}

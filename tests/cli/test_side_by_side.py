@@ -10,27 +10,26 @@ from typer.testing import CliRunner
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..robustness import small
+
 pytestmark = pytest.mark.slow
 
-CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
-QUICK = """{train.duration: 0.2, validate.duration: 0.2, place.instants: 2, validate.random_sets: 0, validate.repeats: 2,
-      validate.noise_factors: [], validate.truth.modes: 20, rom.parameter_samples: 1}"""
-SUITE = f"""
+SUITE = """
 kind: suite
 name: three
 title: Three runs
 jobs: 2
-set: {QUICK}
 runs:
-  - {{config: {CONFIG}, label: "E", name: first, until: validate}}
-  - {{config: {CONFIG}, label: "two gauges", name: second, until: place, set: {{place.keep: 2}}}}
-  - {{config: {CONFIG}, label: "again", name: third, until: validate, set: {{parameters.E.guess: {{from: first}}}}}}
+  - {config: beam.yaml, label: "E", name: first, until: validate}
+  - {config: beam.yaml, label: "two gauges", name: second, until: place, set: {place.keep: 2}}
+  - {config: beam.yaml, label: "again", name: third, until: validate, set: {parameters.E.guess: {from: first}}}
 """
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("jobs")
+    small.write_project(folder)
     (folder / "three.yaml").write_text(SUITE, encoding="utf-8")
     return folder
 

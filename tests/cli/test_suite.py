@@ -16,18 +16,19 @@ from strainsight_cli.main import app
 from strainsight_cli.suites import works_of
 from strainsight_cli.work import makers
 
+from ..robustness import small
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 CONFIG = CONFIGS / "cantilever-youngs-modulus.yaml"
 SUITE = """\
 kind: suite
 name: two
 title: A beam & its <modulus>
-set: {train.duration: 0.2, place.instants: 3, validate.duration: 0.2, validate.random_sets: 2, validate.repeats: 2,
-      validate.noise_factors: [], validate.truth.modes: 20}
+set: {rom.parameter_samples: 1}
 runs:
-  - {config: CONFIG, label: "E", set: {rom.parameter_samples: 1}}
-  - {config: CONFIG, label: placed only, name: placed, until: place, set: {rom.parameter_samples: 1, place.keep: 2}}
-  - {config: CONFIG, label: watched, name: watched, until: observe, note: "A note.", set: {rom.parameter_samples: 1}}
+  - {config: beam.yaml, label: "E", set: {place.keep: 4}}
+  - {config: beam.yaml, label: placed only, name: placed, until: place, set: {place.keep: 2}}
+  - {config: beam.yaml, label: watched, name: watched, until: observe, note: "A note.", set: {place.keep: 4}}
 """
 
 
@@ -38,8 +39,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def suite(folder):
+    small.write_project(folder)
     path = folder / "two.yaml"
-    path.write_text(SUITE.replace("CONFIG", str(CONFIGS / "cantilever-youngs-modulus.yaml")), encoding="utf-8")
+    path.write_text(SUITE, encoding="utf-8")
     return str(path)
 
 
@@ -66,7 +68,7 @@ def first(suite, call):
 def test_every_run_has_its_stages_and_the_suite_its_page(first, folder):
     results = folder / "results"
     assert {path.name for path in results.iterdir() if path.is_dir()} == {
-        "cantilever-youngs-modulus",
+        "beam",
         "placed",
         "watched",
         "two",
@@ -77,12 +79,12 @@ def test_every_run_has_its_stages_and_the_suite_its_page(first, folder):
     page = (results / "two" / "report.html").read_text(encoding="utf-8")
     assert "<modulus>" not in page
     assert "A note." in page
-    assert 'href="../cantilever-youngs-modulus/report.html"' in page
+    assert 'href="../beam/report.html"' in page
     assert 'href="../placed/report.html"' not in page
 
 
 def test_it_says_which_run_is_at_work_what_came_out_and_where_the_time_went(first):
-    for heading in ("run 1 of 3 cantilever-youngs-modulus", "run 2 of 3 placed", "run 3 of 3 watched", "suite two"):
+    for heading in ("run 1 of 3 beam", "run 2 of 3 placed", "run 3 of 3 watched", "suite two"):
         assert heading in first.splitlines()
     table = first.split("where the time goes")[1].splitlines()
     head, own, placed, watched, page, total = (line.split() for line in table[1:7])
@@ -111,7 +113,7 @@ def test_json_names_the_run_of_every_stage(first, suite, call):
     events = [json.loads(line) for line in call("run", suite, "--json").output.splitlines()]
     assert {event["status"] for event in events} == {"up to date"}
     assert list(dict.fromkeys(event["run"] for event in events)) == [
-        "cantilever-youngs-modulus",
+        "beam",
         "placed",
         "watched",
         "two",
@@ -149,7 +151,7 @@ def test_missing_inputs_of_any_run_are_found_before_the_first_one_starts(suite, 
     done = CliRunner().invoke(app, ["run", str(path), "--results", str(results)])
     assert done.exit_code == 2
     assert "run 2 of 3 placed failed:" in done.stderr
-    assert "missing.yaml:8:" in done.stderr
+    assert "missing.yaml:7:" in done.stderr
     assert not results.exists()
 
 
@@ -222,12 +224,12 @@ def test_a_name_that_is_taken_in_the_results_is_refused(guessing, tmp_path):
 
 def test_its_artefact_holds_the_table(first, folder):
     suite = Artefact(folder / "results" / "two" / "suite.h5")
-    assert suite["/run/name"].tolist() == ["cantilever-youngs-modulus", "placed", "watched"]
+    assert suite["/run/name"].tolist() == ["beam", "placed", "watched"]
     assert suite["/run/gauges"][:2].tolist() == [4, 2]
     assert suite["/unknown/run"].tolist() == [0, 1, 2]
     place = Artefact(folder / "results" / "placed" / "place.h5")
     assert suite["/run/metric_final"][1] == place.summary["trace_final"]
-    validate = Artefact(folder / "results" / "cantilever-youngs-modulus" / "validate.h5")
+    validate = Artefact(folder / "results" / "beam" / "validate.h5")
     assert suite["/unknown/error"][0] == validate.summary["error.E"]
     assert suite["/unknown/verdict"].tolist()[1:] == ["", ""]
     assert len(suite["/case/condition"]) == 9

@@ -48,6 +48,7 @@ def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
     np.testing.assert_allclose(found.std, np.sqrt(plain.std**2 + np.sum(moved**2, axis=0)), rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_sigma_holds_where_gauges_read_too_much():
     """Over draws of gain errors of both gauges: σ of the parameters holds them integrated out, and does not hold without."""
     model, P, gain, draws = chain(noise=5e-5), start(), 0.02, 60
@@ -99,6 +100,7 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
     np.testing.assert_allclose((found**2 - plain**2) / added.max(axis=0), added / added.max(axis=0), atol=2e-4)
 
 
+@pytest.mark.slow
 def test_constants_that_are_learned_are_states_of_the_filter():
     """Offsets of both channels, learned as nuisances or estimated as states: the same posterior, evidence and innovations."""
     model, P, std = chain(noise=2e-4), start(), np.array([2e-3, 5e-3])
@@ -186,6 +188,7 @@ def acting_otherwise(model, load, column):
 SLOW = {"gain of a known load"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", [pytest.param(own, marks=pytest.mark.slow) if own in SLOW else own for own in LOADS])
 def test_sigma_holds_where_a_load_acts_otherwise(what):
     """Over draws of chains whose load acts otherwise by a constant: σ of the parameters, and of an unknown load by all samples,

@@ -176,6 +176,7 @@ def drawn(seed, k=SPRINGS) -> tuple[np.ndarray, BankRun]:
     return truth[-1, 0, -k:], filter_bank(model, np.zeros(model.size), P, known, y[:, 0])
 
 
+@pytest.mark.slow
 def test_sigma_of_five_parameters_holds():
     """Drawn from their prior, and seen by half of the springs."""
     found = [drawn(seed) for seed in range(16)]

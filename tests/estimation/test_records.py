@@ -290,6 +290,7 @@ def test_errors_of_gauges_that_all_records_share_do_not_average_away():
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_sigma_of_a_campaign_holds():
     """120 campaigns of three records, gains drawn once for each: 90 to 98 % within 2σ, error over σ 0.85 to 1.15."""
     model, P = driven(1e-4)
