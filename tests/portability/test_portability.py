@@ -41,6 +41,7 @@ SMALL = {
     "both": (
         *FORCE,
         "parameters.E.guess={from: beam}",
+        "loads.tip.signal.frequency=50.0",
         "place.estimate=[tip, E]",
         "validate.initial_std={tip: 0.1, E: 0.1}",
     ),
