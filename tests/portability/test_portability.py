@@ -27,7 +27,7 @@ CONFIGS = (
     "cantilever-input",
     "cantilever-input-youngs-modulus",
 )
-LESS = (*SHORT, "place.instants=2", "screen.keep=50", "validate.duration=0.05")
+LESS = (*SHORT, "validate.duration=0.05")
 FORCE = ("estimate=null", "loads.tip.known=false")
 SMALL = {
     "beam": (),
