@@ -8,14 +8,11 @@ from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.frames import Frame
 
 
-def extrapolated(values, counts=None):
-    """The limit for h → 0 of values at h = 1/counts, or at h, h/2, h/4, …, their error a power series in h."""
+def extrapolated(values):
+    """The limit for h → 0 of values at h, h/2, h/4, …, their error a power series in h."""
     table = list(values)
-    n = [2**k for k in range(len(table))] if counts is None else counts
     for k in range(1, len(table)):
-        table = [
-            (n[i + k] * fine - n[i] * coarse) / (n[i + k] - n[i]) for i, (coarse, fine) in enumerate(pairwise(table))
-        ]
+        table = [(2**k * fine - coarse) / (2**k - 1) for coarse, fine in pairwise(table)]
     return table[0]
 
 
