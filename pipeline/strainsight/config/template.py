@@ -64,6 +64,8 @@ class Answers:
 MATERIALS = {"steel": (2.1e11, 0.3, 7850.0), "aluminium": (7.0e10, 0.33, 2700.0), "titanium": (1.14e11, 0.34, 4430.0)}
 """E [Pa], ν, ρ [kg/m³] by name; typical values, the part's own are in its certificate."""
 NONE = Answers()
+POOL = {"modulus": 100, "load": 300}
+"""Candidates that enter the elimination: a load is not known best where the strain is largest."""
 
 TEMPLATE = """\
 # Where to bond strain gauges on {deck}.
@@ -102,7 +104,7 @@ gauges:
   # clearance: 0.005              # [m] from edges, supports and loads, or none; default: half the diagonal of the carrier
 {exclude}
 screen:
-  keep: 500                       # candidates that enter the elimination, the strongest first, or all
+  keep: {pool}                       # candidates that enter the elimination, the strongest first, or all
   minimum_spacing: 0.009          # [m] between them: the carrier of a 3 mm grid is 8 mm long
 
 place:
@@ -172,6 +174,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         unknown=unknown,
         pad=" " * (4 - len(unknown)),
         keep=answers.keep,
+        pool=POOL[answers.find],
         truth=TRUTH.format(truth=_number(1.05 * E if E else None)) if modulus else "",
         initial="0.1" if modulus else "1.0",
     )
