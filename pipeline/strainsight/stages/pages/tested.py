@@ -15,10 +15,9 @@ from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.cases.structure.surface import virtual_labels
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import verdict
-from strainsight.gauges.candidates import UNITS
 from strainsight.records import estimated as recorded
 from strainsight.records.damage import Damaged
-from strainsight.records.estimated import CampaignRecord, Estimated, Source, campaign_in, estimated_in
+from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training
@@ -27,29 +26,24 @@ from strainsight.report.page.listing import Listing
 from strainsight.report.placement.page import TEST_PAGE
 from strainsight.report.tested.campaign import CampaignFindings, RecordRow
 from strainsight.report.tested.data import (
-    File,
-    FileChannel,
     Findings,
-    HoldOut,
     Map,
     Moment,
     Posterior,
-    Reading,
-    Spectrum,
     Unknown,
     peak_of,
 )
 from strainsight.report.tested.first import title_of
 from strainsight.report.text import capital
 from strainsight.report.view.viewed import exaggerated
-from strainsight.signals.spectra import density, noise_density
 from strainsight.stages.pages.page_layout import layout_of_test
 from strainsight.stages.pages.page_numbers import filters_of
+from strainsight.stages.pages.tested_file import file_of
+from strainsight.stages.pages.tested_readings import held_out_of, load_spectrum, readings_of, residual_spectrum
 from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
-NOTHING = "nothing was done"
 CONTRADICTS = "the record contradicts the model"
 APART = "the record contradicts other records"
 
@@ -89,7 +83,7 @@ def _findings_of(
     mesh = mesh_from(up["import"])
     layout, marks = layout_of_test(mesh, up, config.loads, own.gauge.label, own.gauge.channel)
     withheld = str(summary.get("withheld", ""))
-    readings = _readings(own, marks, read(Training, up["train"]))
+    readings = readings_of(own, marks, read(Training, up["train"]))
     shared = own.posterior if campaign is None else campaign.posterior
     doubts = posterior_doubts(shared, units)
     judged = verdict(own.whitened) if record else None
@@ -119,12 +113,12 @@ def _findings_of(
         notes=own.notes,
         layout=layout,
         histories=tuple(_history(name, units[name], name in loads, own) for name in names),
-        file=_file(own),
+        file=file_of(own),
         readings=readings,
-        hold_out=_held_out(own, readings),
+        hold_out=held_out_of(own, readings),
         checked=_listing((channel_table(own, [reading.unit for reading in readings]),), numeric=range(1, 5)),
         damage=_damage(own.damage, config),
-        residuals=tuple(found for reading in readings if (found := _residual(reading)) is not None),
+        residuals=tuple(found for reading in readings if (found := residual_spectrum(reading)) is not None),
         resultants=tuple(
             History(there.place, "N", own.time, None, there.magnitude, there.std) for there in own.resultant.values()
         ),
@@ -132,7 +126,7 @@ def _findings_of(
             History(name, unit_of(own, "known", name), own.time, None, values, np.full(len(values), np.nan))
             for name, values in own.known.items()
         ),
-        load_spectra=tuple(found for name in loads if (found := _load(name, units[name], own)) is not None),
+        load_spectra=tuple(found for name in loads if (found := load_spectrum(name, units[name], own)) is not None),
         posteriors=_posteriors(own.posterior, units),
         filters=filters_of(own),
         budget={} if own.budget is None else own.budget.shares,
@@ -255,68 +249,6 @@ def _history(name: str, unit: str, load: bool, own: Estimated) -> History:
     )
 
 
-def _readings(own: Estimated, marks: tuple[int, ...], training: Training) -> tuple[Reading, ...]:
-    gauge, offsets = own.gauge, {}
-    if own.bias is not None:
-        offsets = {
-            int(c): (float(m), float(s)) for c, m, s in zip(own.bias.channel, own.bias.mean, own.bias.std, strict=True)
-        }
-    found = []
-    for i, label in enumerate(gauge.label):
-        offset = offsets.get(i)
-        shift = 0.0 if offset is None else offset[0]
-        found.append(
-            Reading(
-                label=label,
-                gauge=marks[i],
-                unit=UNITS[int(training.candidates.quantity[gauge.channel[i]])],
-                time=gauge.time,
-                measured=gauge.measured[:, i] - shift,
-                estimated=gauge.estimated[:, i] - shift,
-                std=gauge.std[:, i],
-                noise_std=float(gauge.noise_std[i]),
-                offset=offset,
-            )
-        )
-    return tuple(found)
-
-
-def _held_out(own: Estimated, readings: tuple[Reading, ...]) -> tuple[HoldOut, ...]:
-    """Of every channel that was left out, as the others predict it."""
-    if own.hold_out is None:
-        return ()
-    return tuple(
-        HoldOut(
-            label=reading.label,
-            gauge=reading.gauge,
-            unit=reading.unit,
-            time=own.gauge.time,
-            measured=own.gauge.measured[:, i],
-            predicted=own.hold_out.predicted[:, i],
-            std=own.hold_out.std[:, i],
-        )
-        for i, reading in enumerate(readings)
-        if not own.hold_out.left_in[i]
-    )
-
-
-def _residual(reading: Reading) -> Spectrum | None:
-    step = _step(reading.time)
-    frequency, found = density(reading.residual, step)
-    if not len(frequency):
-        return None
-    return Spectrum(reading.label, reading.unit, frequency, found, noise_density(reading.noise_std, step))
-
-
-def _load(name: str, unit: str, own: Estimated) -> Spectrum | None:
-    frequency, found = density(own.smoothed[name], _step(own.time))
-    return Spectrum(name, unit, frequency, found) if len(frequency) else None
-
-
-def _step(time: np.ndarray) -> float:
-    return float(time[-1] - time[0]) / (len(time) - 1) if len(time) > 1 else 1.0
-
-
 def _moment(own: Estimated, points: np.ndarray) -> Moment | None:
     then = own.moment
     if then is None:
@@ -331,44 +263,3 @@ def _moment(own: Estimated, points: np.ndarray) -> Moment | None:
     )
     strain = Map("principal strain of largest size", "µm/m", then.principal_strain.astype(float) * MICRO)
     return Moment(then.time, then.label, factor * shift, factor, (strain, mises))
-
-
-def _file(own: Estimated) -> File:
-    source, time = own.source, own.time
-    step = _step(own.gauge.time) if len(own.gauge.time) > 1 else float(time[-1] - time[0])
-    return File(
-        name=source.file,
-        sha256=source.sha256,
-        bytes=source.bytes,
-        format=source.format,
-        date=source.date,
-        rate=1 / step,
-        start=float(time[0]),
-        duration=float(time[-1] - time[0]),
-        samples=len(own.gauge.time),
-        channels=tuple(
-            FileChannel(name, source.measures[i], source.unit[i], calibration_in_words(source, i))
-            for i, name in enumerate(source.channel)
-        ),
-    )
-
-
-def calibration_in_words(source: Source, i: int) -> str:
-    """What was done to channel i of the file, in the order in which it was done."""
-    unit, parts = source.unit[i], []
-    if source.offset[i]:
-        parts.append(f"less {source.offset[i]:g} {unit}")
-    if source.drift[i]:
-        parts.append(f"less {source.drift[i]:g} {unit} a second")
-    if np.isfinite(source.zero[i]).all():
-        parts.append("less its mean from {:g} to {:g} s".format(*source.zero[i]))
-    if source.sign[i] < 0:
-        parts.append("sign turned")
-    if source.bridge[i]:
-        ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
-        parts.append(f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}")
-    if source.scale[i] != 1:
-        parts.append(f"times {source.scale[i]:g}")
-    if source.delay[i]:
-        parts.append(f"moved by {abs(source.delay[i]):g} s, {'late' if source.delay[i] > 0 else 'early'} in the file")
-    return "; ".join(parts) or NOTHING
