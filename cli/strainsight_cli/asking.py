@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,9 +26,37 @@ def vector(option: str, text: str) -> str:
         numbers = [float(word) for word in words]
     except ValueError:
         numbers = []
-    if len(numbers) != 3:
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
         raise UserError(f"'{text}' is not three numbers", where=option, remedy="give x, y, z as in '0, 0, 1'")
-    return "[" + ", ".join(f"{number:g}" for number in numbers) + "]"
+    return "[" + ", ".join(f"{number:.12g}" for number in numbers) + "]"
+
+
+def direction(option: str, text: str) -> str:
+    """A `vector` of some length. Raises UserError for one of none."""
+    if not any(json.loads(found := vector(option, text))):
+        raise UserError(f"'{text}' has no length", where=option, remedy="give a vector such as '0, 0, 1'")
+    return found
+
+
+def support(option: str, text: str, found: Suggestion) -> Place:
+    """A `place` that can be held. Raises UserError for a load of the deck."""
+    own = place(option, text, found)
+    if own.kind == "deck_load":
+        raise UserError(
+            f"'{text}' is a load", where=option, remedy="give 'node ID', 'set NAME', or 'x, y, z' of a face"
+        )
+    return own
+
+
+def checked(found: Suggestion, given: Answers) -> Answers:
+    """The answers. Raises UserError for one that the deck has given already."""
+    if given.material is not None and not found.lacking:
+        remedy = "leave it out; mesh.materials in the config replaces what the deck states"
+        raise UserError("the deck states its materials", where="--material", remedy=remedy)
+    if given.held is not None and found.supports:
+        remedy = "leave it out; mesh.supports in the config adds to those of the deck"
+        raise UserError("the deck has supports", where="--held", remedy=remedy)
+    return given
 
 
 def place(option: str, text: str, found: Suggestion) -> Place:
@@ -40,7 +70,7 @@ def place(option: str, text: str, found: Suggestion) -> Place:
             names = [own.name for own in known]
             remedy = did_you_mean(name, names, f"it has {', '.join(names) or 'none'}")
             raise UserError(f"the deck has no {kind} '{name}'", where=option, remedy=remedy)
-        if kind == "node" and not name.isdigit():
+        if kind == "node" and not name.isdecimal():
             raise UserError(f"'{name}' is not the id of a node", where=option, remedy="give a number, as in 'node 2'")
         return same[0] if same else Place("node", name, "a node")
     try:
@@ -70,21 +100,22 @@ def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
     """The answers with those of the terminal for what was not given; find: whether the user has said what is sought."""
     print("Enter leaves a line blank; it can be filled in later.")
     answers = given
-    if not found.materials and answers.material is None:
+    if found.lacking and answers.material is None:
         known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
         answers = replace(
-            answers, material=_ask(f"the deck has no material: {known}", lambda t: material("material", t))
+            answers, material=_ask(f"the deck lacks a material: {known}", lambda t: material("material", t))
         )
     places = _listed(found.places)
     if not found.supports and answers.held is None:
         answers = replace(
-            answers, held=_ask("where is it held (number above, node ID or x, y, z in m)", _chosen(places, found))
+            answers,
+            held=_ask("where is it held (number above, node ID or x, y, z in m)", _chosen(places, found, support)),
         )
     if answers.load is None:
-        answers = replace(answers, load=_ask("where does the load act (as above)", _chosen(places, found)))
+        answers = replace(answers, load=_ask("where does the load act (as above)", _chosen(places, found, place)))
     deck = answers.load is not None and answers.load.kind == "deck_load"
     if answers.direction is None and not deck:
-        answers = replace(answers, direction=_ask("along what (x, y, z)", lambda t: vector("direction", t)))
+        answers = replace(answers, direction=_ask("along what (x, y, z)", lambda t: direction("direction", t)))
     if answers.amplitude is None and not deck:
         answers = replace(answers, amplitude=_ask("how large, its amplitude [N]", lambda t: positive("amplitude", t)))
     if answers.frequency is None:
@@ -102,7 +133,7 @@ def positive(option: str, text: str) -> float:
         number = float(text)
     except ValueError:
         number = -1.0
-    if not number > 0:
+    if not 0 < number < math.inf:
         raise UserError(
             f"'{text}' is not a number above zero", where=option, remedy="give one without its unit, as in 250"
         )
@@ -119,22 +150,34 @@ def _listed(places: Sequence[Place]) -> Sequence[Place]:
     return places
 
 
-def _chosen(places: Sequence[Place], found: Suggestion) -> Callable[[str], Place]:
-    def read(text: str) -> Place:
-        if text.strip().isdigit() and 1 <= int(text) <= len(places):
-            return places[int(text) - 1]
-        return place("place", text, found)
+def _chosen(
+    places: Sequence[Place], found: Suggestion, read: Callable[[str, str, Suggestion], Place]
+) -> Callable[[str], Place]:
+    def numbered(text: str) -> Place:
+        if not (text.strip().isdecimal() and 1 <= int(text) <= len(places)):
+            return read("place", text, found)
+        own = places[int(text) - 1]
+        return own if own.kind == "face" else read("place", f"{own.kind} {own.name}", found)
 
-    return read
+    return numbered
 
 
 def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
     """The answer, asked again until it can be read; None where the line is left blank."""
     while True:
-        text = typer.prompt(question, default="", show_default=False)
+        text = _answer(lambda: typer.prompt(question, default="", show_default=False))
         if not text.strip():
             return None
         try:
             return read(text)
         except UserError as error:
             print(error)
+
+
+def _answer(ask: Callable[[], Value]) -> Value:
+    try:
+        return ask()
+    except typer.Abort:
+        print()
+        remedy = "answer in a terminal, or give options (strainsight init --help)"
+        raise UserError("the answers have ended before the questions; nothing is written", remedy=remedy) from None

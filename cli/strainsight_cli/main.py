@@ -158,15 +158,16 @@ def init(
         found = suggestion(deck)
         answers = Answers(
             material=asking.material("--material", material) if material else None,
-            held=asking.place("--held", held, found) if held else None,
+            held=asking.support("--held", held, found) if held else None,
             load=asking.place("--load", load, found) if load else None,
-            direction=asking.vector("--direction", direction) if direction else None,
+            direction=asking.direction("--direction", direction) if direction else None,
             amplitude=asking.positive("--amplitude", amplitude) if amplitude else None,
             frequency=asking.positive("--frequency", frequency) if frequency else None,
             find=find or "modulus",
-            axis=asking.vector("--axis", axis) if axis else None,
+            axis=asking.direction("--axis", axis) if axis else None,
             keep=keep,
         )
+        asking.checked(found, answers)
         if interactive:
             answers = asking.asked(found, answers, find=find is not None)
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -177,6 +178,8 @@ def init(
             first = "fill in what is blank and check the other lines marked ←"
         else:
             first = "check the lines marked ←"
+        if not found.solids:
+            first = f"the deck has no solids, so that matrices have to be stated (mesh.matrices); {first}"
         print(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 

@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
+from strainsight.config.template import Answers, Place, Suggestion, template
 from strainsight.errors import ConfigError
 from strainsight_cli.main import app
 
@@ -113,6 +114,12 @@ def test_questions_fill_in_what_options_leave_open(init):
         (("--load", "node tip"), "'tip' is not the id of a node"),
         (("--direction", "up"), "--direction  'up' is not three numbers"),
         (("--amplitude", "10 kN"), "--amplitude  '10 kN' is not a number above zero"),
+        (("--direction", "0 0 0"), "--direction  '0 0 0' has no length"),
+        (("--direction", "nan 0 1"), "'nan 0 1' is not three numbers"),
+        (("--amplitude", "inf"), "'inf' is not a number above zero"),
+        (("--material", "steel"), "--material  the deck states its materials"),
+        (("--held", "0 0 0"), "--held  the deck has supports"),
+        (("--load", "node ²"), "'²' is not the id of a node"),
         (("--material", "cheese"), "--material  'cheese' is no material that is known"),
         (("--material", "2e11, 0.5, 7850"), "is of no material"),
     ],
@@ -128,3 +135,36 @@ def test_gauges_follow_the_largest_strain_or_an_axis(init):
     init("--load", "node 900001", *LOAD, "--axis", "1 0 0", "--keep", "6")
     config = load_config("own.yaml").model
     assert (config.gauges.direction.axis, len(config.gauges.exclude), config.place.keep) == ((1, 0, 0), 1, 6)
+
+
+def test_answers_that_end_before_the_questions_write_nothing(init, tmp_path):
+    code, said = init("-i", answers="1\n")
+    assert (code, "the answers have ended" in said) == (2, True), said
+    assert not (tmp_path / "own.yaml").exists()
+
+
+def test_a_load_of_the_deck_holds_nothing(init):
+    text = solids().replace("ENDDATA", "FORCE,7,45,,1.,0.,0.,1.\nMAT1,1,2.1+11,,.3,7850.\nENDDATA")
+    code, said = init("--held", "deck_load FORCE-7", text=text)
+    assert (code, "'deck_load FORCE-7' is a load" in said) == (2, True), said
+
+
+@pytest.mark.parametrize("name", ["1_1", "1e5", "0x1F", "NULL", "On", "a b", "ü", "it's", "2"])
+def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    written = template("a.bdf", Suggestion(), Answers(load=Place("set", name, "a set"), direction="[0, 0, 1]"))
+    Path("own.yaml").write_text(written.replace("frequency: , amplitude: ", "frequency: 1.0, amplitude: 1.0"), encoding="utf-8")
+    assert load_config("own.yaml").model.loads["load"].set == name
+
+
+def test_a_face_gets_a_name_that_no_set_of_the_deck_has():
+    told = Answers(held=Place("face", "[0, 0, 0]", "a face"))
+    written = template("a.bdf", Suggestion(supports=False, taken=("held", "held-face")), told)
+    assert "    held-face-face: {near: [0, 0, 0]}" in written
+    assert "{set: held-face-face," in written
+
+
+def test_a_material_is_written_for_the_regions_that_lack_one():
+    told = Answers(material=(7e10, 0.33, 2700.0))
+    assert "{regions: [9], youngs_modulus: 7.000e10" in template("a.bdf", Suggestion(lacking=(9,)), told)
+    assert "guess: 2.000e11" in template("a.bdf", Suggestion(lacking=(9,)), told)

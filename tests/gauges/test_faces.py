@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -130,3 +131,15 @@ def test_the_lug_has_its_bores():
     assert sorted(np.round(faces.radius[faces.hollow], 6)) == [0.009] * 4 + [0.015]
     np.testing.assert_allclose(faces.area[np.isclose(faces.radius, 0.009)], 2 * np.pi * 0.009 * 0.012, rtol=0.01)
     assert np.round(faces.radius[(faces.radius > 0) & ~faces.hollow], 6).tolist() == [0.03]
+
+
+def test_every_listed_point_means_its_face_on_a_thin_part_far_from_the_origin():
+    """0.6 mm thick, 12 m away: with four digits its rims and its underside would be named by points of its top."""
+    mesh = body("hex8", (4, 4, 1), lambda u, v, w: (12.3456 + u / 4, v / 4, 2.3456 + 6e-4 * w))
+    facets = exterior_facets(mesh)
+    faces = faces_of(mesh.position, facets)
+    assert len(faces.area) == 6
+    for face in range(6):
+        point = tuple(json.loads(faces.near(face)))
+        chosen = picked(Pick(near=(point,)), faces, mesh.position, facets)
+        np.testing.assert_array_equal(chosen, np.flatnonzero(faces.of == face))

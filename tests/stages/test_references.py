@@ -18,6 +18,7 @@ MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range"
     [
         ({"loads.tip.node": 99999}, "loads.tip", "node 99999, which is not there"),
         ({"loads.tip.node": None, "loads.tip.set": "tipp"}, "loads.tip", "node set 'tipp', which is not there"),
+        ({"parameters.E.guess": {"from": "other"}, "parameters.E.region": 7}, "parameters.E.region", "no region 7"),
         ({"parameters.E.region": 7}, "parameters.E.region", "no region 7"),
         ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "210000 MPa are 2.1e"),
         ({"gauges": GAUGES | {"surface": "lid"}}, "gauges.surface", "the set 'lid' is not in the mesh"),

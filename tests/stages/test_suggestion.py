@@ -65,7 +65,7 @@ def test_a_tie_offers_its_reference_and_no_node_of_a_solid_is_made_up(tmp_path, 
 
 def test_the_largest_region_is_the_free_one_and_the_rest_is_as_the_deck_states_it(tmp_path):
     found = suggestion(deck(tmp_path / "a.bdf", more=""))
-    assert (found.region, found.materials, found.supports) == (7, True, False)
+    assert (found.region, found.lacking, found.supports) == (7, (), False)
     assert places(tmp_path / "a.bdf", "set") == [("SET1-5", False)]
 
 
@@ -100,4 +100,4 @@ def test_a_deck_without_a_material_has_no_modulus(tmp_path):
     text = DECK.format(L="1.", E="2.1+11", rho="7850.", more="", small=3)
     path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("MAT1")) + "\n")
     found = suggestion(path)
-    assert (found.materials, found.youngs_modulus) == (False, None)
+    assert (found.lacking, found.youngs_modulus) == ((3, 7), None)

@@ -28,17 +28,25 @@ class Suggestion:
     """What a deck says about its config.
 
     length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa], None
-    where the deck has no material; materials, supports: whether the deck states them all; places: where its loads and supports
-    may be, the likely ones first.
+    where the deck has no material; lacking: regions without one; supports, solids: whether the deck has any; places: where its
+    loads and supports may be, the likely ones first; taken: names of its sets.
     """
 
     length_unit: str = "m"
     mass_unit: str = "kg"
     region: int = 1
     youngs_modulus: float | None = 2.0e11
-    materials: bool = True
+    lacking: tuple[int, ...] = ()
     supports: bool = True
+    solids: bool = True
     places: tuple[Place, ...] = ()
+    taken: tuple[str, ...] = ()
+
+    def free(self, name: str) -> str:
+        """The name, or one like it that no set of the deck has."""
+        while name in self.taken:
+            name += "-face"
+        return name
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,8 @@ class Answers:
 
 MATERIALS = {"steel": (2.1e11, 0.3, 7850.0), "aluminium": (7.0e10, 0.33, 2700.0), "titanium": (1.14e11, 0.34, 4430.0)}
 """E [Pa], ν, ρ [kg/m³] by name; typical values, the part's own are in its certificate."""
+WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
+"""Which YAML does not read as text."""
 NONE = Answers()
 POOL = {"modulus": 100, "load": 300}
 """Candidates that enter the elimination: a load is not known best where the strain is largest."""
@@ -137,8 +147,8 @@ parameters:
     process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
 """
 MATERIAL = """\
-  materials:            # the file states none ← [Pa], [-], [kg/m³]
-    own: {{regions: all, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
+  materials:            # that the file lacks ← [Pa], [-], [kg/m³]
+    own: {{regions: {regions}, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
 """
 CONE = """\
   exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
@@ -157,7 +167,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
     """A config for the deck at `deck` (path from the config's folder); it validates once nothing is blank."""
     found = found or Suggestion()
     name = run_name(deck)
-    E = answers.material[0] if answers.material else found.youngs_modulus
+    E = found.youngs_modulus or (answers.material[0] if answers.material else None)
     modulus = answers.find == "modulus"
     unknown = "E" if modulus else "load"
     return TEMPLATE.format(
@@ -184,7 +194,7 @@ def run_name(deck: str) -> str:
     """The run's name, of the deck's."""
     stem = re.split(r"[/\\\\]", deck)[-1].removesuffix(".gz").rsplit(".", 1)[0]
     name = re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-").lower()[:90]
-    if not name[:1].isalpha() or name in ("null", "true", "false"):  # YAML would not read these as text
+    if not name[:1].isalpha() or name in WORDS:
         name = f"run-{name}".rstrip("-")
     return name
 
@@ -192,7 +202,7 @@ def run_name(deck: str) -> str:
 def _mesh(found: Suggestion, answers: Answers) -> str:
     """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
     named = {
-        role: place.name
+        found.free(role): place.name
         for role, place in (("held", answers.held), ("loaded", answers.load))
         if place is not None and place.kind == "face"
     }
@@ -206,12 +216,18 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
     if named or blank:
         lines.append("  faces:")
         lines += [f"    {role}: {{near: {point}}}" for role, point in named.items()]
-        lines += ["    held: {near: }        # ← [x, y, z] of a point of the face that is held"] if blank else []
-    if not found.materials:
+        if blank:
+            lines.append(
+                f"    {found.free('held')}: {{near: }}        # ← [x, y, z] of a point of the face that is held"
+            )
+    if found.lacking:
         E, nu, rho = answers.material or (None, None, None)
-        lines.append(MATERIAL.format(E=_number(E), nu=_plain(nu), rho=_plain(rho)).rstrip())
+        lines.append(
+            MATERIAL.format(regions=list(found.lacking), E=_number(E), nu=_plain(nu), rho=_plain(rho)).rstrip()
+        )
     if not found.supports:
-        held = "held" if blank or "held" in named else _value(answers.held) if answers.held else ""
+        on_face = blank or (answers.held is not None and answers.held.kind == "face")
+        held = found.free("held") if on_face else _value(answers.held) if answers.held else ""
         node = answers.held is not None and answers.held.kind == "node"
         lines.append("  supports:             # the file states none")
         lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: [1, 2, 3]}}   # ← 1-3 translations")
@@ -234,7 +250,7 @@ def _load(found: Suggestion, answers: Answers) -> str:
         lines.append("    #   set: NAME                 # a name of mesh.faces: the force is spread over the face")
         lines.append("    set:")
     elif place.kind == "face":
-        lines.append("    set: loaded                   # the face above; the force is spread over it")
+        lines.append(f"    set: {found.free('loaded'):<24} # the face above; the force is spread over it")
     else:
         lines.append(f"    {place.kind}: {_value(place):<20}       # {place.what}")
     if place is None or place.kind != "deck_load":
@@ -260,9 +276,10 @@ def _value(place: Place) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Text as YAML: a JSON string is a YAML string, whatever is in it."""
-    plain = re.fullmatch(r"[A-Za-z0-9_./-]*[A-Za-z_/][A-Za-z0-9_./-]*", text)
-    return text if plain and not text.startswith("-") else json.dumps(text, ensure_ascii=False)
+    """Text as YAML: a JSON string is a YAML string, whatever is in it; without quotes what starts with a letter and is no word of
+    YAML's, or is a path."""
+    plain = re.fullmatch(r"(\.{0,2}/)?[A-Za-z][A-Za-z0-9_./-]*|(\.\./)+[A-Za-z0-9_./-]+", text)
+    return text if plain and text.lower() not in WORDS else json.dumps(text, ensure_ascii=False)
 
 
 def _plain(value: float | None) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from strainsight.mesh.facets import all_facets
+from strainsight.mesh.facets import all_facets, facet_key
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh, NodalForces
 
@@ -17,7 +17,7 @@ Traction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def traction_forces(mesh: Mesh, face: str, traction: Traction) -> NodalForces:
     """f_a = ∫ N_a t dA over a face of the mesh, on all its nodes; the rule is that of the facets' N Nᵀ."""
     facets, own = all_facets(mesh), mesh.faces[face]
-    chosen = np.isin(facets.element_id * 8 + facets.facet, own[:, 0] * 8 + own[:, 1])
+    chosen = np.isin(facets.key, facet_key(*own.T))
     force, on_it = np.zeros_like(mesh.position), np.zeros(len(mesh.position), dtype=bool)
     for number in np.unique(facets.kind[chosen]):
         kind = FACETS[number]

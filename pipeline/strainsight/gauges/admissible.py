@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, UserError, blame
 from strainsight.gauges.surface import facet_centres
 from strainsight.gauges.zones import Zone, inside
-from strainsight.mesh.facets import Facets
+from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 
 
@@ -66,8 +66,7 @@ def _on_surface(mesh: Mesh, facets: Facets, surface: str) -> np.ndarray:
     if surface == "all":
         return np.ones(len(facets.element_id), dtype=bool)
     if surface in mesh.faces:
-        own = mesh.faces[surface]
-        return np.isin(facets.element_id * 8 + facets.facet, own[:, 0] * 8 + own[:, 1])
+        return np.isin(facets.key, facet_key(*mesh.faces[surface].T))
     elements, nodes = surface in mesh.element_sets, surface in mesh.node_sets
     if elements and nodes:
         raise UserError(

@@ -50,7 +50,8 @@ class Faces:
 
     of (f,) the face of each facet; area (n,) [m²]; centre (n, 3) [m], weighted by area; normal (n, 3) unit, of a flat face
     outward, zero where it is bent; radius (n,) [m] and axis (n, 3) of a cylinder, zero of other faces; hollow (n,) whether a
-    cylinder is seen from inside, as a bore is; point (n, 3) [m] a point of each, the centre of the facet nearest to its centre.
+    cylinder is seen from inside, as a bore is; point (n, 3) [m] a point of each, the centre of the facet nearest to its centre,
+    rounded to a millionth of that facet's size.
     """
 
     of: np.ndarray
@@ -61,6 +62,10 @@ class Faces:
     axis: np.ndarray
     hollow: np.ndarray
     point: np.ndarray
+
+    def near(self, face: int) -> str:
+        """Its point, as a config names it by: "[x, y, z]"."""
+        return "[" + ", ".join(f"{x:.12g}" for x in self.point[face] + 0.0) + "]"
 
     def in_words(self, face: int) -> str:
         """What kind of face it is."""
@@ -117,9 +122,9 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
             known = f"cylinders here have {', '.join(radii[:8])} m" if radii else "this surface has no cylinders"
             raise UserError(f"no face has a radius of {pick.radius:g} m", remedy=known)
     if not found.any():
-        raise UserError(
-            "no facet of the surface is meant", remedy="`strainsight import` lists the faces; lengths are in m"
-        )
+        given = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
+        where = f"{' and '.join(given)} hold together nowhere" if len(given) > 1 else "lengths are in m"
+        raise UserError("no facet of the surface is meant", remedy=f"{where}; `strainsight import` lists the faces")
     return np.flatnonzero(found)
 
 
@@ -217,7 +222,8 @@ def _described(group: np.ndarray, position: np.ndarray, facets: Facets, vector: 
     point = np.zeros((count, 3))
     corner = np.where(np.arange(4) < CORNERS[facets.kind][:, None], facets.nodes[:, :4], -1)
     for face, own in enumerate(np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1])):
-        point[face] = middle[own[first_of_largest(-np.linalg.norm(middle[own] - centre[face], axis=1))]]
+        first = own[first_of_largest(-np.linalg.norm(middle[own] - centre[face], axis=1))]
+        point[face] = middle[first].round(int(np.ceil(6 - 0.5 * np.log10(max(size[first], 1e-24)))))
         if bent[face]:
             nodes = np.unique(corner[own])
             on_it = position[nodes[nodes >= 0]]

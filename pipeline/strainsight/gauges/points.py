@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.surface import by_kind, carried, facet_points, normals
 from strainsight.gauges.walk import Skin, Trail, local_at, skin_of, walk
-from strainsight.mesh.facets import Facets
+from strainsight.mesh.facets import Facets, facet_key
 
 GAUSS = 0.5 + np.sqrt(1 / 12) * np.array([-1.0, 1.0])
 WEIGHT = np.array([0.5, 0.5])
@@ -40,7 +40,7 @@ def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Sk
         return facets
     if facets is None:
         candidates = candidates.grids
-        _, first = np.unique(candidates.element * 8 + candidates.facet, return_index=True)
+        _, first = np.unique(facet_key(candidates.element, candidates.facet), return_index=True)
         facets = Facets(
             candidates.element[first],
             candidates.facet[first],

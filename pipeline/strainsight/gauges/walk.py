@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.gauges.edges import edges_of
 from strainsight.gauges.surface import by_kind, facet_centres, facet_points
-from strainsight.mesh.facets import Facets
+from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.kinds.kind import Kind
 
 TURNS = 60.0
@@ -36,7 +36,7 @@ class Skin:
 
     def index_of(self, element: np.ndarray, facet: np.ndarray) -> np.ndarray:
         """Indices of the facets with these element ids and local numbers (m,). Raises UserError for one that is not there."""
-        known, wanted = self.facets.element_id * 8 + self.facets.facet, element * 8 + facet
+        known, wanted = self.facets.key, facet_key(element, facet)
         order = np.argsort(known, kind="stable")
         index = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
         if np.any(known[index] != wanted):

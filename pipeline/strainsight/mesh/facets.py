@@ -25,6 +25,16 @@ class Facets:
     nodes: IntArray
     region: IntArray
 
+    @property
+    def key(self) -> IntArray:
+        """(f,): one number for element and local number."""
+        return facet_key(self.element_id, self.facet)
+
+
+def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
+    """One number for an element id and the local number of a facet, 1 to 6."""
+    return element_id * 8 + facet
+
 
 def all_facets(mesh: Mesh) -> Facets:
     """Every facet of every cell."""

@@ -30,9 +30,11 @@ def suggestion(path: Path) -> Suggestion:
         *(units or ("m", "kg")),
         region=region,
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
-        materials=all(mesh.regions[number].material in mesh.materials for number in mesh.regions),
+        lacking=tuple(number for number, own in mesh.regions.items() if own.material not in mesh.materials),
         supports=len(mesh.fixed) > 0,
+        solids=bool(mesh.blocks),
         places=tuple(_places(converted)),
+        taken=(*mesh.node_sets, *mesh.element_sets),
     )
 
 
@@ -62,7 +64,6 @@ def _places(mesh: Mesh) -> Iterator[Place]:
         facets = exterior_facets(mesh)
         faces = faces_of(mesh.position, facets)
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
-        for face, point in enumerate(faces.point):
-            near = ", ".join(f"{x:.4g}" for x in point.round(9) + 0.0)
+        for face in range(len(faces.area)):
             on_support = bool(supported[faces.of == face].all())
-            yield Place("face", f"[{near}]", f"{faces.area[face]:.3g} m², {faces.in_words(face)}", on_support)
+            yield Place("face", faces.near(face), f"{faces.area[face]:.3g} m², {faces.in_words(face)}", on_support)

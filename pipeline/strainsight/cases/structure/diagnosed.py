@@ -79,7 +79,7 @@ def judgement_of(
         size = f"{as_it_is.ratio:.3g} times as large as claimed" if np.isfinite(as_it_is.ratio) else "beyond all bounds"
         words = (
             f"the record contradicts the model: innovations are {size}, and no single fault of a channel explains it: check "
-            f"{section}.channels, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
+            f"{own.channels}, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
         )
     return Judgement(False, named, words, checked)
 

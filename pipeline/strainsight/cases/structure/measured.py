@@ -91,7 +91,14 @@ def measured_of(
     signals = signals_of(settings, own.file.removesuffix(".file"), path, wanted)
     _check_quantities(wanted, signals, problem, channels, units)
     delayed = [i for i, entry in enumerate(wanted.values()) if i >= len(channels) and entry.delay is not None]
-    signals = _where_known(signals, delayed)
+    whole, signals = signals, _where_known(signals, delayed)
+    if settings.start == "rest" and signals.time[0] > whole.time[0]:
+        raise ConfigError(
+            f"the first {signals.time[0] - whole.time[0]:g} s are cut off, where a known load that was moved has no sample, and "
+            "what is left does not begin at rest",
+            key="estimate.start",
+            remedy="take moving",
+        )
     dt = float(signals.time[1] - signals.time[0])
     every = 1 if settings.time_step is None else round(dt / settings.time_step)
     if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):

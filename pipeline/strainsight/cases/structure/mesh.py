@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.config.mesh import Face, MeshFile
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
-from strainsight.errors import DeckError, blame
+from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.assembly import mass_properties
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
@@ -68,6 +68,10 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
             regions = None if material.regions == "all" else material.regions
             E, nu, rho = material.youngs_modulus, material.poisson_ratio, material.density
             mesh = with_material(mesh, regions, E, nu, rho, f"{key}.materials.{name}")
+    if config.faces and not mesh.blocks:
+        raise UserError(
+            "the mesh has no solids, and so no faces", key=f"{key}.faces", remedy="name sets of nodes instead"
+        )
     if config.faces:
         facets = exterior_facets(mesh)
         faces = faces_of(mesh.position, facets)

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from strainsight.cases.layout.zones import zone_of
+from strainsight.cases.material import named_regions
 from strainsight.cases.structure.settings import parameters_of, point_loads
 from strainsight.config.loads import Load
 from strainsight.config.placement import GuessFrom, PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.loads import loaded_nodes, nodal_forces
 from strainsight.gauges.admissible import admissible
+from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 
@@ -47,6 +49,9 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     if config.mesh.matrices is None:
         known = {name: own for name, own in config.parameters.items() if not isinstance(own.guess, GuessFrom)}
         parameters_of(known, mesh, {})
+        for name, parameter in config.parameters.items():
+            with blame(f"parameters.{name}.region"):
+                region_ids(mesh, named_regions(parameter.region))
     for name, load in point_loads(config.loads).items():
         with blame(f"loads.{name}"):
             if load.moment is None:

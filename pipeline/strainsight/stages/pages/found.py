@@ -44,8 +44,7 @@ def faces_table(faces: Faces) -> Table:
     count = len(faces.area)
     rows = []
     for face in range(min(count, FACES)):
-        point = ", ".join(f"{x:.4g}" for x in faces.point[face].round(9) + 0.0)
-        rows.append((f"{faces.area[face]:.3g} m²", faces.in_words(face), f"near: [{point}]"))
+        rows.append((f"{faces.area[face]:.3g} m²", faces.in_words(face), f"near: {faces.near(face)}"))
     title = "faces of the surface"
     if count > FACES:
         title += f", the {FACES} largest of {count}: the others are in import.h5"
