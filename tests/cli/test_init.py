@@ -50,16 +50,16 @@ def test_what_nobody_has_said_is_blank_and_named(init):
     code, said = init()
     assert code == 0
     assert "fill in what is blank" in said
-    assert blanks() == ["loads.load.signal.frequency", "loads.load.signal.amplitude"]
+    assert blanks() == ["loads.force.signal.frequency", "loads.force.signal.amplitude"]
     assert init("--amplitude", "10", "--frequency", "5")[0] == 0
-    assert blanks() == ["loads.load", "loads.load.direction"]
+    assert blanks() == ["loads.force", "loads.force.direction"]
 
 
 def test_with_a_load_that_was_given_the_config_is_whole(init):
     code, said = init("--load", "node 900001", *LOAD)
     assert (code, "check the lines marked" in said) == (0, True)
     config = load_config("own.yaml").model
-    load = config.loads["load"]
+    load = config.loads["force"]
     assert (load.node, load.direction, load.signal.amplitude, load.signal.frequency) == (900001, (0, 0, 1), 1e3, 20)
     assert config.place.estimate == ("E",)
     assert config.parameters["E"].guess == pytest.approx(2.1e11)
@@ -68,7 +68,7 @@ def test_with_a_load_that_was_given_the_config_is_whole(init):
 def test_a_load_can_be_what_is_sought(init):
     assert init("--find", "load", "--load", "node 900001", *LOAD)[0] == 0
     config = load_config("own.yaml").model
-    assert (config.place.estimate, dict(config.parameters), config.loads["load"].known) == (("load",), {}, False)
+    assert (config.place.estimate, dict(config.parameters), config.loads["force"].known) == (("force",), {}, False)
 
 
 def test_faces_and_a_material_make_a_deck_of_solids_alone_whole(init):
@@ -76,7 +76,7 @@ def test_faces_and_a_material_make_a_deck_of_solids_alone_whole(init):
     assert init(*options, text=solids())[0] == 0
     config = load_config("own.yaml").model
     assert {name: face.near for name, face in config.mesh.faces.items()} == {"held": (0, 0.05, 0.04), "loaded": (1, 0.05, 0.04)}
-    assert (config.mesh.supports[0].set, config.loads["load"].set) == ("held", "loaded")
+    assert (config.mesh.supports[0].set, config.loads["force"].set) == ("held", "loaded")
     assert config.mesh.materials["own"].youngs_modulus == config.parameters["E"].guess == 2.1e11
     done = CliRunner().invoke(app, ["import", "own.yaml"])
     assert done.exit_code == 0, done.output
@@ -100,10 +100,10 @@ def test_questions_fill_in_what_options_leave_open(init):
     assert code == 0, said
     assert "'0 0' is not three numbers" in said
     assert "'fast' is not a number above zero" in said
-    load = load_config("own.yaml").model.loads["load"]
+    load = load_config("own.yaml").model.loads["force"]
     assert (load.node, load.direction, load.signal.frequency) == (900001, (0, 0, -1), 20)
     assert init("-i", answers="\n\n\n\nn\n")[0] == 0
-    assert blanks() == ["loads.load.signal.frequency", "loads.load.signal.amplitude"]
+    assert blanks() == ["loads.force.signal.frequency", "loads.force.signal.amplitude"]
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     written = template("a.bdf", Suggestion(), Answers(load=Place("set", name, "a set"), direction="[0, 0, 1]"))
     Path("own.yaml").write_text(written.replace("frequency: , amplitude: ", "frequency: 1.0, amplitude: 1.0"), encoding="utf-8")
-    assert load_config("own.yaml").model.loads["load"].set == name
+    assert load_config("own.yaml").model.loads["force"].set == name
 
 
 def test_a_face_gets_a_name_that_no_set_of_the_deck_has():

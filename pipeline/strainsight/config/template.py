@@ -94,7 +94,7 @@ mesh:
 {parameters}
 # Forces, moments, pressures. What is `known: false` has to stand under place.estimate.
 loads:
-  load:
+  force:
 {load}
 damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}
 
@@ -169,7 +169,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
     name = run_name(deck)
     E = found.youngs_modulus or (answers.material[0] if answers.material else None)
     modulus = answers.find == "modulus"
-    unknown = "E" if modulus else "load"
+    unknown = "E" if modulus else "force"
     return TEMPLATE.format(
         deck=json.dumps(deck, ensure_ascii=False)[1:-1],
         name=name,
@@ -182,7 +182,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         direction=_direction(answers.axis),
         exclude=CONE.format(axis=answers.axis) if answers.axis else EXCLUDE,
         unknown=unknown,
-        pad=" " * (4 - len(unknown)),
+        pad=" " * (5 - len(unknown)),
         keep=answers.keep,
         pool=POOL[answers.find],
         truth=TRUTH.format(truth=_number(1.05 * E if E else None)) if modulus else "",
