@@ -124,6 +124,23 @@ def test_a_very_finely_meshed_bend_is_not_flat():
     np.testing.assert_allclose(np.sort(faces.radius[faces.radius > 0]), [1.0, 1.1], rtol=1e-6)
 
 
+def test_a_coarse_cylinder_meshed_without_order_is_one_all_the_same():
+    """Sixteen chords a turn, nodes shifted along the axis at random: normals of the triangles are tilted."""
+    rng = np.random.default_rng(3)
+    shift = {}
+
+    def chart(u, v, w):
+        z = w + shift.setdefault((u, w), 0.3 * rng.uniform(-1, 1) if 0 < w < 4 else 0.0)
+        return TURNED @ [(1 + v) * np.cos(np.pi / 8 * u), (1 + v) * np.sin(np.pi / 8 * u), -z] + SHIFT
+
+    mesh = body("tet4", (12, 1, 4), chart)
+    faces = faces_of(mesh.position, exterior_facets(mesh))
+    round_ = faces.radius > 0
+    np.testing.assert_allclose(np.sort(faces.radius[round_]), [1, 2], rtol=1e-9)
+    np.testing.assert_allclose(np.abs(faces.axis[round_] @ TURNED[:, 2]), 1, atol=1e-12)
+    assert faces.hollow[round_].tolist() == (faces.radius[round_] < 1.5).tolist()
+
+
 def test_the_lug_has_its_bores():
     """meshes/make_lug.py: a bore of 30 mm, four holes of 18 mm through 12 mm, a rounded ear of 30 mm."""
     mesh = read_mesh(MESHES / "lug.bdf.gz", "mm", "t")
