@@ -210,7 +210,7 @@ def test_a_finer_step_of_the_filter_changes_little(project, plain):
 
 def test_validate_ranks_the_layout_and_sweeps_the_filter(project):
     validate = Artefact(project / "results" / "test" / "validate.h5")
-    assert 1 <= validate.summary["rank_claimed.side"] <= 5
+    assert 1 <= validate.summary["rank_claimed.side"] <= 13
     assert -1 <= validate.summary["rank_correlation.side"] <= 1
     assert validate["/sweep/key"].tolist() == ["time_step", "process_noise"]
     # More process noise: more noise in the estimate, and said so.
@@ -272,7 +272,7 @@ def test_the_whole_model_in_time_may_be_the_truth(project, tmp_path):
 def test_a_biased_time_step_says_what_it_does(project, plain):
     """The trapezoidal rule lengthens the period by (ωh)²/12: E comes out about twice that too large, and the notes say so."""
     file = project / "results" / "test" / "measured.csv"
-    code, said = estimated(project, file, "filter.scheme=trapezoidal", compared=True)
+    code, said = estimated(project, file, "filter.scheme=trapezoidal")
     assert code == 0, said
     lam = (2 * np.pi * Artefact(project / "results" / "test" / "rom.h5")["/frequency"][0]) ** 2
     longer = 100 * lam * 5e-4**2 / 12

@@ -23,7 +23,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .conftest import ROOT, job_of
-from .tested_beam import CONFIG, UNCOMPARED, estimated
+from .tested_beam import CONFIG, estimated
 
 NOISE = 0.5e-6
 DATED = "estimate.date=2025-03-14 10:20"
@@ -69,7 +69,7 @@ def project(tmp_path_factory):
     strain = np.abs(readings / 1e6 - [9e-6, 12e-6, 0])
     field = f"estimate.field={{every: {time[strain.max(axis=1).argmax()]:.6g}}}"
     damage = "estimate.damage={curve: {slope: 5, stress: 3.0e+7}, draws: 40, points: 10}"
-    (folder / "options.json").write_text(json.dumps([DATED, field, damage, UNCOMPARED]))
+    (folder / "options.json").write_text(json.dumps([DATED, field, damage]))
     code, said = estimated(folder, folder / "shaken.csv", *options_of(folder), "--page")
     assert code == 0, said
     return folder
@@ -197,7 +197,7 @@ def test_the_field_is_that_of_the_test_and_says_so(project, found):
 
 def test_without_a_surface_in_time_the_field_is_that_of_the_moment(project):
     """And the page holds one channel, which tells but one of the unknowns."""
-    options = ("name=short", UNCOMPARED, "estimate.channels=[{channel: G3, gauge: G3, unit: um/m}]")
+    options = ("name=short", "estimate.channels=[{channel: G3, gauge: G3, unit: um/m}]")
     code, said = estimated(project, project / "shaken.csv", *options, "--allow-unobservable", "--page")
     assert code == 0, said
     job = job_of(project / "test.yaml", project / "results", *options)
