@@ -27,7 +27,7 @@ damping: {type: modal, ratio: 0.01}
 rom: {modes: 2, parameter_samples: 3, tolerance: 1.0e-8}
 train: {duration: 0.01, time_step: 1.0e-3}
 parameters:
-  E: {property: youngs_modulus, region: 1, guess: 1.89e+11, range: [1.6e+11, 2.4e+11], process_noise_scale: 0.05}
+  E: {property: youngs_modulus, region: 12, guess: 1.89e+11, range: [1.6e+11, 2.4e+11], process_noise_scale: 0.05}
 gauges:
   surface: all
   direction: {type: axis, axis: [1, 0, 0], angles: [0]}

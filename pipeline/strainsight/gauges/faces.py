@@ -129,7 +129,9 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     if not found.any():
         given = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
         where = f"{' and '.join(given)} hold together nowhere" if len(given) > 1 else "lengths are in m"
-        raise UserError("no facet of the surface is meant", remedy=f"{where}; `strainsight import` lists the faces")
+        raise UserError(
+            "no facet of the surface is meant", remedy=f"{where}; `strainsight init` lists the faces of a deck"
+        )
     return np.flatnonzero(found)
 
 
