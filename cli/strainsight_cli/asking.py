@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import typer
 
-from strainsight.config.template import MATERIALS, Answers, Place, Suggestion
+from strainsight.config.answers import MATERIALS, Answers, Place, Suggestion
 from strainsight.errors import UserError, did_you_mean
 
 Value = TypeVar("Value")

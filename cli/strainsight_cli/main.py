@@ -135,7 +135,8 @@ def init(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        from strainsight.config.template import Answers, template
+        from strainsight.config.answers import Answers
+        from strainsight.config.template import template
         from strainsight.errors import UserError
 
         if not deck.is_file():

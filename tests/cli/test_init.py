@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.config.answers import Answers, Place, Suggestion
 from strainsight.config.load import load_config
-from strainsight.config.template import Answers, Place, Suggestion, template
+from strainsight.config.template import template
 from strainsight.errors import ConfigError
 from strainsight_cli.main import app
 

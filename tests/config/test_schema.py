@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from strainsight.config.answers import Answers, Place
 from strainsight.config.load import load_config
 from strainsight.config.schema import schema_text
-from strainsight.config.template import Answers, Place, template
+from strainsight.config.template import template
 
 ROOT = Path(__file__).parents[2]
 

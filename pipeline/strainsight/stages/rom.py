@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import reduced_of
 from strainsight.cases.structure.scales import hertz
+from strainsight.cases.structure.settings import WHERE_LOADS_ACT
 from strainsight.config.placement import PlacementConfig
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
@@ -52,13 +53,7 @@ ROM = Stage(
         "parameters.*.region",
         "parameters.*.guess",
         "parameters.*.range",
-        "loads.*.node",
-        "loads.*.set",
-        "loads.*.deck_load",
-        "loads.*.direction",
-        "loads.*.moment",
-        "loads.*.bearing",
-        "loads.*.pressure",
+        *WHERE_LOADS_ACT,
         "damping",
         "rom",
         *READS,

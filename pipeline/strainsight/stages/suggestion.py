@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.template import Place, Suggestion
+from strainsight.config.answers import Place, Suggestion
 from strainsight.decks.reader import read_mesh
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets

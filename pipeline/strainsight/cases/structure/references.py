@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.material import named_regions
-from strainsight.cases.structure.settings import parameters_of, point_loads
+from strainsight.cases.structure.settings import WHERE_LOADS_ACT, parameters_of, point_loads
 from strainsight.config.loads import Load
 from strainsight.config.placement import GuessFrom, PlacementConfig
 from strainsight.errors import InfeasibleError, blame
@@ -24,13 +24,7 @@ READS = (
     "parameters.*.region",
     "parameters.*.guess",
     "parameters.*.range",
-    "loads.*.node",
-    "loads.*.set",
-    "loads.*.deck_load",
-    "loads.*.direction",
-    "loads.*.moment",
-    "loads.*.bearing",
-    "loads.*.pressure",
+    *WHERE_LOADS_ACT,
     "gauges.surface",
     "gauges.include",
     "gauges.exclude",

@@ -24,6 +24,16 @@ from strainsight.mesh.model import Mesh
 from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
+WHERE_LOADS_ACT = (
+    "loads.*.node",
+    "loads.*.set",
+    "loads.*.deck_load",
+    "loads.*.direction",
+    "loads.*.moment",
+    "loads.*.bearing",
+    "loads.*.pressure",
+)
+"""Keys that `point_loads` reads."""
 PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
 
 

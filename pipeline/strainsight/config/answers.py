@@ -1,0 +1,71 @@
+"""What a deck says about its config, and what its user does, for `strainsight init`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["deck_load", "node", "set", "face"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a load or a support may be: name of a load or set of the deck, id of a node, or a point of a face, "[x, y, z]" in
+    m; what it is, in words; whether it is held already; force [N] of a load."""
+
+    kind: Kind
+    name: str
+    what: str
+    held: bool = False
+    force: float | None = None
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What a deck says about its config.
+
+    length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa], None
+    where the deck has no material; lacking: regions without one; supports, solids: whether the deck has any; places: where its
+    loads and supports may be, the likely ones first; taken: names of its sets.
+    """
+
+    length_unit: str = "m"
+    mass_unit: str = "kg"
+    region: int = 1
+    youngs_modulus: float | None = 2.0e11
+    lacking: tuple[int, ...] = ()
+    supports: bool = True
+    solids: bool = True
+    places: tuple[Place, ...] = ()
+    taken: tuple[str, ...] = ()
+
+    def free(self, name: str) -> str:
+        """The name, or one like it that no set of the deck has."""
+        while name in self.taken:
+            name += "-face"
+        return name
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What only the user knows; None is left blank in the config.
+
+    material: E [Pa], ν, ρ [kg/m³], for a deck without; held: where, for a deck without supports; load: where it acts;
+    direction: "[x, y, z]"; amplitude [N]; frequency [Hz]; find: the modulus from a load that is measured, or the load itself;
+    axis: along which gauges point, "[x, y, z]", None: the direction that strains most.
+    """
+
+    material: tuple[float, float, float] | None = None
+    held: Place | None = None
+    load: Place | None = None
+    direction: str | None = None
+    amplitude: float | None = None
+    frequency: float | None = None
+    find: Literal["modulus", "load"] = "modulus"
+    axis: str | None = None
+    keep: int = 4
+
+
+MATERIALS = {"steel": (2.1e11, 0.3, 7850.0), "aluminium": (7.0e10, 0.33, 2700.0), "titanium": (1.14e11, 0.34, 4430.0)}
+"""E [Pa], ν, ρ [kg/m³] by name; typical values, the part's own are in its certificate."""
+NONE = Answers()
