@@ -103,7 +103,8 @@ def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
     if found.lacking and answers.material is None:
         known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
         answers = replace(
-            answers, material=_ask(f"the deck lacks a material: {known}", lambda t: material("material", t))
+            answers,
+            material=_ask(f"the deck lacks a material, or its density: {known}", lambda t: material("material", t)),
         )
     places = _listed(found.places)
     if not found.supports and answers.held is None:

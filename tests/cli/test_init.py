@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.config.answers import Answers, Place, Suggestion
+from strainsight.config.answers import Answers, Lacking, Place, Suggestion
 from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
@@ -167,5 +167,9 @@ def test_a_face_gets_a_name_that_no_set_of_the_deck_has():
 
 def test_a_material_is_written_for_the_regions_that_lack_one():
     told = Answers(material=(7e10, 0.33, 2700.0))
-    assert "{regions: [9], youngs_modulus: 7.000e10" in template("a.bdf", Suggestion(lacking=(9,)), told)
-    assert "guess: 2.000e11" in template("a.bdf", Suggestion(lacking=(9,)), told)
+    lacking = Suggestion(lacking=(Lacking((9,)), Lacking((3, 4), 2.1e11, 0.3)))
+    written = template("a.bdf", lacking, told)
+    assert "    own: {regions: [9], youngs_modulus: 7.000e10, poisson_ratio: 0.33, density: 2700.0}" in written
+    assert "    own-2: {regions: [3, 4], youngs_modulus: 2.100e11, poisson_ratio: 0.3, density: 2700.0}" in written
+    assert "poisson_ratio: 0.3, density: }" in template("a.bdf", lacking)
+    assert "guess: 2.000e11" in written

@@ -56,6 +56,15 @@ def test_facets_on_clamped_and_rigid_nodes_are_left_out(beam):
     assert gauges.position[:, 0].max() == pytest.approx(0.85)
 
 
+def test_rotations_of_solid_nodes_hold_nothing(beam):
+    """MSC decks hold components 4 to 6 of all nodes, which solids do not have."""
+    mesh, facets = beam
+    turned = np.array([(node, component) for node in np.unique(mesh.blocks[0].nodes) for component in (3, 4, 5)])
+    same = replace(mesh, fixed=np.vstack([mesh.fixed, turned]))
+    assert list(same.held) == list(np.unique(mesh.fixed[:, 0]))
+    assert np.array_equal(candidates(same, facets, (1, 0, 0)).position, candidates(mesh, facets, (1, 0, 0)).position)
+
+
 def test_facets_on_averaging_nodes_are_left_out(beam):
     mesh, facets = beam
     node = int(np.flatnonzero(np.all(np.isclose(mesh.position, [0.5, 0.1, 0.2]), axis=1))[0])

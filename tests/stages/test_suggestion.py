@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from strainsight.config.answers import Lacking
 from strainsight.stages.suggestion import suggestion
 
 DECK = """\
@@ -100,4 +101,15 @@ def test_a_deck_without_a_material_has_no_modulus(tmp_path):
     text = DECK.format(L="1.", E="2.1+11", rho="7850.", more="", small=3)
     path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("MAT1")) + "\n")
     found = suggestion(path)
-    assert (found.lacking, found.youngs_modulus) == ((3, 7), None)
+    assert (found.lacking, found.youngs_modulus) == ((Lacking((3, 7)),), None)
+
+
+def test_a_deck_without_mass_lacks_densities_and_keeps_its_moduli(tmp_path):
+    path = tmp_path / "a.bdf"
+    path.write_text(DECK.format(L="1000.", E="2.1+5", rho="", more="", small=3))
+    found = suggestion(path)
+    assert found.length_unit == "mm"
+    assert [own.regions for own in found.lacking] == [(3,), (7,)]
+    assert (found.lacking[0].youngs_modulus, found.lacking[0].poisson_ratio) == (pytest.approx(2.1e11), 0.3)
+    path.write_text(DECK.format(L="1000.", E="2.1+5", rho="", more="CONM2,90,1,,0.5", small=3))
+    assert not suggestion(path).lacking

@@ -21,11 +21,21 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Lacking:
+    """Regions (ids) whose material the deck does not state, or, in a deck without any mass, without a density; youngs_modulus
+    [Pa] and poisson_ratio as it states them."""
+
+    regions: tuple[int, ...]
+    youngs_modulus: float | None = None
+    poisson_ratio: float | None = None
+
+
+@dataclass(frozen=True)
 class Suggestion:
     """What a deck says about its config.
 
     length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa], None
-    where the deck has no material; lacking: regions without one; supports, solids: whether the deck has any; places: where its
+    where the deck has no material; lacking: what materials lack; supports, solids: whether the deck has any; places: where its
     loads and supports may be, the likely ones first; taken: names of its sets.
     """
 
@@ -33,7 +43,7 @@ class Suggestion:
     mass_unit: str = "kg"
     region: int = 1
     youngs_modulus: float | None = 2.0e11
-    lacking: tuple[int, ...] = ()
+    lacking: tuple[Lacking, ...] = ()
     supports: bool = True
     solids: bool = True
     places: tuple[Place, ...] = ()
@@ -50,9 +60,9 @@ class Suggestion:
 class Answers:
     """What only the user knows; None is left blank in the config.
 
-    material: E [Pa], ν, ρ [kg/m³], for a deck without; held: where, for a deck without supports; load: where it acts;
-    direction: "[x, y, z]"; amplitude [N]; frequency [Hz]; find: the modulus from a load that is measured, or the load itself;
-    axis: along which gauges point, "[x, y, z]", None: the direction that strains most.
+    material: E [Pa], ν, ρ [kg/m³], for what the deck does not state; held: where, for a deck without supports; load: where it
+    acts; direction: "[x, y, z]"; amplitude [N]; frequency [Hz]; find: the modulus from a load that is measured, or the load
+    itself; axis: along which gauges point, "[x, y, z]", None: the direction that strains most.
     """
 
     material: tuple[float, float, float] | None = None

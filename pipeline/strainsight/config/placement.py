@@ -95,7 +95,7 @@ class Screen(Section):
     """Which candidates enter the elimination."""
 
     keep: Annotated[int, Field(ge=1)] | KeepAll = Field(
-        "all", description="Candidates to keep of every kind of sensor [-], or 'all'."
+        "all", description="Candidates to keep of every kind of sensor [-] at most, or 'all'."
     )
     minimum_spacing: NotNegative = Field(0.0, description="Least distance between kept candidates [m].")
 

@@ -83,8 +83,7 @@ parameters:
     process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
 """
 MATERIAL = """\
-  materials:            # that the file lacks ← [Pa], [-], [kg/m³]
-    own: {{regions: {regions}, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
+    {name}: {{regions: {regions}, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
 """
 CONE = """\
   exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
@@ -146,7 +145,7 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
     lines = []
     if faces := [place for place in found.places if place.kind == "face"]:
         lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
-        lines += [f"  #   near: {place.name:<32} # {place.what}" for place in faces[:FACES]]
+        lines += [f"  #   near: {place.name:<32} # {place.what}{', held' * place.held}" for place in faces[:FACES]]
         if len(faces) > FACES:
             lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
     if named or blank:
@@ -157,10 +156,12 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
                 f"    {found.free('held')}: {{near: }}        # ← [x, y, z] of a point of the face that is held"
             )
     if found.lacking:
+        lines.append("  materials:            # that the file lacks, in whole or in part ← [Pa], [-], [kg/m³]")
+    for i, own in enumerate(found.lacking):
         E, nu, rho = answers.material or (None, None, None)
-        lines.append(
-            MATERIAL.format(regions=list(found.lacking), E=_number(E), nu=_plain(nu), rho=_plain(rho)).rstrip()
-        )
+        E, nu = (E, nu) if own.youngs_modulus is None else (own.youngs_modulus, own.poisson_ratio)
+        name, regions = f"own-{i + 1}" if i else "own", list(own.regions)
+        lines.append(MATERIAL.format(name=name, regions=regions, E=_number(E), nu=_plain(nu), rho=_plain(rho)).rstrip())
     if not found.supports:
         on_face = blank or (answers.held is not None and answers.held.kind == "face")
         held = found.free("held") if on_face else _value(answers.held) if answers.held else ""

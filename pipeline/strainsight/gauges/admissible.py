@@ -83,7 +83,7 @@ def _on_surface(mesh: Mesh, facets: Facets, surface: str) -> np.ndarray:
 
 def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
     held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.fixed.reshape(-1, 2)[:, 0]] = True
+    held[mesh.held] = True
     for rigid in mesh.rigid:
         held[[rigid.reference, *rigid.nodes]] = True
     for averaging in mesh.averaging:

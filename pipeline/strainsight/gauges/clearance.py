@@ -48,7 +48,7 @@ def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.nd
     facets: exterior ones. What touches a body without being tied to it is not in the mesh.
     """
     held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.fixed.reshape(-1, 2)[:, 0]] = True
+    held[mesh.held] = True
     for tied in (*(own.nodes for own in mesh.rigid), *(own.nodes for own in mesh.averaging)):
         held[tied] = True
     acting = np.zeros(len(mesh.position), dtype=bool)

@@ -42,7 +42,7 @@ def screen(
     limit: np.ndarray | None = None,
     also_at: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Screening:
-    """Bonded gauges, then best first by signal-to-noise, nothing within the spacing of one already kept, until `keep` are found:
+    """Bonded gauges, then best first by signal-to-noise, nothing within the spacing of one already kept, `keep` at most:
 
         snr² = Σ (rms / σ)² over the channels of a gauge
 
@@ -53,10 +53,10 @@ def screen(
     bonded, whether it is already in place: kept whatever it reads; largest, the peak of the training response, and limit, what
     it can measure at most (inf: anything): a gauge with a channel beyond is dropped. also_at: further places (a, 3) [m], and the
     gauges (a,) that sit there too, as arms of bridges do.
-    keep: the number of gauges wanted, bonded ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
+    keep: how many at most, bonded ones included, None for all that are left; minimum_spacing [m] (0: no thinning;
     gauges of one facet have no distance). Of ties the lower number wins.
-    Raises InfeasibleError where fewer than `keep` are left or more are bonded, for noise that is not positive and responses
-    that are not finite.
+    Raises InfeasibleError where none is left or more than `keep` are bonded, for noise that is not positive and responses that
+    are not finite.
     """
     rms, position = np.atleast_2d(np.asarray(rms, dtype=float)), np.asarray(position, dtype=float)
     std = np.broadcast_to(np.asarray(noise_std, dtype=float), rms.shape[1])
@@ -98,13 +98,9 @@ def screen(
         kept.append(index)
     # What the best have crowded out stays so marked; what is weaker than the last one kept was never weighed.
     reason[kept] = KEPT
-    if keep is not None and len(kept) < keep:
-        beyond = np.count_nonzero(reason == BEYOND)
+    if not kept:
         raise InfeasibleError(
-            f"{keep} gauges asked for, {len(kept)} of {count} candidates lie {minimum_spacing:g} m apart"
-            + (f", and {beyond} read more than their range" if beyond else ""),
-            remedy=f"keep at most {len(kept)}, or lower screen.minimum_spacing"
-            + (", or choose gauges of a larger range" if beyond else ""),
+            f"all {count} candidates read more than their range", remedy="choose gauges of a larger range"
         )
     return Screening(np.sort(np.array(kept, dtype=np.int64)), snr, reason)
 

@@ -155,6 +155,15 @@ class Mesh:
     included: tuple[str, ...] = ()
     origin: Mapping[str, Origin] = field(default_factory=dict)
 
+    @property
+    def held(self) -> IntArray:
+        """(k,) rows of the nodes that are held: in a translation, or a rotation, which nodes of solids do not have."""
+        of_solids = np.zeros(len(self.position), dtype=bool)
+        for block in self.blocks:
+            of_solids[block.nodes] = True
+        node, component = self.fixed.reshape(-1, 2).T
+        return np.unique(node[(component < 3) | ~of_solids[node]])
+
     def node_index(self, node_id: int) -> int:
         """Index of the node with this id of the file; KeyError where there is none."""
         hits = np.flatnonzero(self.node_ids == node_id)

@@ -57,7 +57,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -
         words = "nodes belong to nothing and are" if unused.size > 1 else "node belongs to nothing and is"
         found.append(f"{unused.size} {words} left out of the model: {shown}")
     found += [f"{mesh.regions[i]} has no elements" for i in empty_regions(mesh)]
-    if len(mesh.fixed) == 0:
+    if not mesh.held.size:
         found.append("nothing is fixed")
     found += [
         f"{count} × {card} ignored: the stiffness, mass or tie it may add is missing"

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
 
 from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.clearance import clearance_in_words, clearance_warning
 from strainsight.cases.structure.training import screened_of
-from strainsight.config.placement import PlacementConfig
+from strainsight.config.placement import PlacementConfig, Screen
+from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.screening import CLEARANCE
 from strainsight.records.record import written
+from strainsight.records.training import Screened
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
@@ -24,6 +29,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     noise, strain = float(found.noise_std[0]), pool.quantity[0] == 0
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
     said = [f"{pool.gauges} → {len(found.kept)}", f"noise {shown}"]
+    for warning in _fewer_than_asked(context.config.screen, found, pool):
+        warnings.warn(warning, stacklevel=2)
     own, numbers = found.clearance, {}
     if own is not None:
         said.append(clearance_in_words(own, dropped[CLEARANCE]))
@@ -39,9 +46,23 @@ def run(context: Context[PlacementConfig]) -> Output:
     )
 
 
+def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> Iterator[str]:
+    """Of every kind of sensor of which spacing and range leave fewer than `screen.keep`."""
+    kind = pool.array[pool.first]
+    for i in np.unique(kind):
+        clear = int(np.count_nonzero((kind == i) & (found.reason != CLEARANCE)))
+        kept = int(np.count_nonzero(kind[found.kept] == i))
+        if settings.keep != "all" and kept < min(settings.keep, clear):
+            spacing = f"{1e3 * settings.minimum_spacing:g} mm"
+            yield (
+                f"screen.keep asks for {settings.keep} candidates: of {clear} only {kept} are {spacing} apart and within their "
+                "range. Lower screen.minimum_spacing, or choose smaller gauges, for a larger choice."
+            )
+
+
 SCREEN = Stage(
     "screen",
-    version=9,
+    version=10,
     reads=(
         "screen",
         "loads.*.node",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.answers import Place, Suggestion
+from strainsight.config.answers import Lacking, Place, Suggestion
 from strainsight.decks.reader import read_mesh
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets
@@ -30,12 +30,24 @@ def suggestion(path: Path) -> Suggestion:
         *(units or ("m", "kg")),
         region=region,
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
-        lacking=tuple(number for number, own in mesh.regions.items() if own.material not in mesh.materials),
-        supports=len(mesh.fixed) > 0,
+        lacking=tuple(_lacking(converted)),
+        supports=len(mesh.held) > 0,
         solids=bool(mesh.blocks),
         places=tuple(_places(converted)),
         taken=(*mesh.node_sets, *mesh.element_sets),
     )
+
+
+def _lacking(mesh: Mesh) -> Iterator[Lacking]:
+    """Regions without a material, and in a deck without mass those of each material."""
+    of = {number: own.material for number, own in mesh.regions.items()}
+    if without := tuple(number for number, material in of.items() if material not in mesh.materials):
+        yield Lacking(without)
+    massless = not mesh.point_masses and not any(own.density for own in mesh.materials.values())
+    for material in dict.fromkeys(of.values()):
+        if massless and (own := mesh.materials.get(material)):
+            regions = tuple(number for number, its in of.items() if its == material)
+            yield Lacking(regions, own.youngs_modulus, own.poisson_ratio)
 
 
 def _by_size(mesh: Mesh) -> tuple[str, str] | None:
@@ -46,7 +58,7 @@ def _by_size(mesh: Mesh) -> tuple[str, str] | None:
 def _places(mesh: Mesh) -> Iterator[Place]:
     """Loads that have a resultant, reference nodes of ties, sets of nodes, faces."""
     held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.fixed.reshape(-1, 2)[:, 0]] = True
+    held[mesh.held] = True
     for name, load in mesh.loads.items():
         force = float(np.linalg.norm(load.force.sum(axis=0)))
         if force > 1e-9 * np.abs(load.force).sum():

@@ -352,12 +352,17 @@ def test_includes_that_multiply_are_refused(read, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lacking", "regions"),
-    [("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", ["without section"]), ("NAME=Steel", ["EALL"])],
+    ("lacking", "instead", "regions"),
+    [
+        ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", ["without section"]),
+        ("NAME=Steel", "NAME=OTHER", ["EALL"]),
+        ("*ELASTIC\n2.1e11, .3", "*HYPERELASTIC, NEO HOOKE\n4e10, 5e-12", ["EALL"]),
+    ],
 )
-def test_materials_may_be_left_to_the_config(tmp_path, lacking, regions):
+def test_materials_may_be_left_to_the_config(tmp_path, lacking, instead, regions):
     path = tmp_path / "deck.inp"
-    path.write_text(TETRAHEDRON.replace(lacking, "" if "SECTION" in lacking else "NAME=OTHER"))
+    assert lacking in TETRAHEDRON
+    path.write_text(TETRAHEDRON.replace(lacking, instead))
     mesh = read_abaqus(path, stated=False)
     assert [region.name for region in mesh.regions.values()] == regions
     check_materials(with_material(mesh, None, 2e11, 0.3, 7850.0))
@@ -365,3 +370,10 @@ def test_materials_may_be_left_to_the_config(tmp_path, lacking, regions):
         check_materials(mesh)
     with pytest.raises(DeckError, match=r"or state it in the config \(mesh.materials\)"):
         read_abaqus(path)
+
+
+def test_a_surface_without_a_line_is_empty_with_a_note(read):
+    mesh = read(TETRAHEDRON + "*SURFACE, NAME=CONTACT\n** none\n*SURFACE, NAME=SIDE\nEALL, S1\n")
+    assert "CONTACT" not in mesh.node_sets
+    assert len(mesh.node_sets["SIDE"]) == 3
+    assert any("surface CONTACT is empty" in note for note in mesh.notes)

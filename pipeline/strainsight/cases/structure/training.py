@@ -21,7 +21,7 @@ from strainsight.cases.structure.start import motion_of
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.decks.matrices.files import read_numbering
-from strainsight.errors import ConfigError, InfeasibleError, blame
+from strainsight.errors import ConfigError, blame
 from strainsight.fem.memory import require_memory
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
@@ -31,7 +31,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
-from strainsight.records.training import STATED, CaseMotion, Clearance, Screened, Training
+from strainsight.records.training import CaseMotion, Screened, Training
 from strainsight.signals.histories import instant_values
 
 AT_A_TIME = 1000
@@ -190,7 +190,7 @@ def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Scre
             limit[own] = family.range
     refuse_noise(best)
     with blame("screen.keep"):
-        result = _screened(config.screen, pool, near, in_cases, strained, noise_std, limit, clearance)
+        result = _screened(config.screen, pool, near, in_cases, strained, noise_std, limit)
     return Screened(
         kept=result.kept,
         snr=result.snr,
@@ -210,48 +210,30 @@ def _screened(
     strained: np.ndarray,
     noise_std: np.ndarray,
     limit: np.ndarray,
-    clearance: Clearance | None,
 ) -> Screening:
     """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. rms (cases, m); near
     (gauges,): too near to something for the clearance; strained (m,): largest reading of any grid of a channel."""
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
-    # A number that was asked for is kept or refused, unless a clearance that nobody stated has taken places.
-    exact = len(np.unique(kinds)) == 1 and (clearance is None or clearance.rule == STATED or not near.any())
     kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
     snr = np.max([np.sqrt(np.bincount(pool.gauge, (own / noise_std) ** 2, pool.gauges)) for own in rms], axis=0)
     for kind in np.unique(kinds):
         gauges = np.flatnonzero((kinds == kind) & ~near)
         own = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
-
         part = pool.take(own)
         further = None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel])
-
-        def screening(
-            most: int | None,
-            own: np.ndarray = own,
-            gauges: np.ndarray = gauges,
-            further: tuple[np.ndarray, np.ndarray] | None = further,
-        ) -> Screening:
-            return screen(
-                rms[:, own],
-                noise_std[own],
-                pool.position[own],
-                most,
-                settings.minimum_spacing,
-                gauge=np.searchsorted(gauges, pool.gauge[own]),
-                bonded=pool.bonded[own],
-                largest=strained[own],
-                limit=limit[own],
-                also_at=further,
-            )
-
-        try:
-            found = screening(keep if keep is None or exact else min(keep, len(gauges)))
-        except InfeasibleError:
-            if exact or not near.any():
-                raise
-            found = screening(None)  # fewer than asked for lie so far apart: all of them
+        found = screen(
+            rms[:, own],
+            noise_std[own],
+            pool.position[own],
+            keep,
+            settings.minimum_spacing,
+            gauge=np.searchsorted(gauges, pool.gauge[own]),
+            bonded=pool.bonded[own],
+            largest=strained[own],
+            limit=limit[own],
+            also_at=further,
+        )
         kept.append(gauges[found.kept])
         snr[gauges], reason[gauges] = found.snr, found.reason
     return Screening(np.sort(np.concatenate(kept)), snr, reason)

@@ -53,7 +53,8 @@ def regions_and_materials(
                 f"material {keyword.parameters['MATERIAL']!r} is not in the deck",
                 f"add the *MATERIAL, or correct the name{OR_CONFIG}",
             )
-        if name in definitions and name not in numbers:
+        known = name in definitions and (stated or "ELASTIC" in definitions[name].options)
+        if known and name not in numbers:
             numbers[name] = len(numbers) + 1
             materials[numbers[name]] = _material(definitions[name], numbers[name], assembly.notes)
         if (taken := solid[region[solid] > 0]).size:
@@ -118,7 +119,8 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
     elastic, density = definition.options.get("ELASTIC"), definition.options.get("DENSITY")
     if elastic is None:
         raise definition.keyword.error(
-            f"material {name!r} of a solid section has no *ELASTIC", "give its Young's modulus and Poisson's ratio"
+            f"material {name!r} of a solid section has no *ELASTIC",
+            f"give its Young's modulus and Poisson's ratio{OR_CONFIG}",
         )
     if (kind := elastic.parameters.get("TYPE", "ISO").upper()) not in ("ISO", "ISOTROPIC"):
         raise elastic.error(f"TYPE={kind}: only isotropic solids are supported", "give the material TYPE=ISO")

@@ -62,7 +62,9 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> dict[tupl
         key = (scope.name.upper(), keyword.needs("NAME").upper())
         names.setdefault(key, (keyword.parameters["NAME"], scope))
         own = gathered.setdefault(key, [])
-        for row in keyword.rows():
+        if not keyword.texts:
+            assembly.notes.append(f"{keyword.where}: surface {keyword.parameters['NAME']} is empty")
+        for row in keyword.rows(needed=False):
             if kind == "NODE":
                 nodes = assembly.node_rows(row.text(0), scope, row)
                 own.append((nodes, np.full(len(nodes), row.real(1, "the area", 1.0))))

@@ -58,7 +58,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
 def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
     """The structure with its loads and clamped nodes, no gauge."""
     faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
-    fixed = mesh.position[np.unique(mesh.fixed[:, 0])]
+    fixed = mesh.position[mesh.held]
     loose = np.empty((0, 3)) if mesh.blocks else loose_nodes(mesh)
     return Layout(mesh.position, faces, np.empty((0, 3)), (), loads_of_page(mesh, loads), fixed, loose)
 
