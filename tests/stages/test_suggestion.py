@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.config.answers import Lacking
+from strainsight.config.template import template
 from strainsight.stages.suggestion import suggestion
 
 DECK = """\
@@ -46,6 +47,13 @@ def test_units_are_those_in_which_the_material_makes_sense(tmp_path, L, E, rho, 
     found = suggestion(deck(tmp_path / "a.bdf", L, E, rho))
     assert (found.length_unit, found.mass_unit) == units
     assert found.youngs_modulus == pytest.approx(2.1e11, rel=1e-3)
+
+
+def test_units_that_make_no_sense_are_left_blank(tmp_path):
+    """MPa beside kg/mm³, as many decks have it: E is 2.1e5 Pa in m and kg."""
+    found = suggestion(deck(tmp_path / "a.bdf", "1000.", "2.1+5", "7.85-6"))
+    assert (found.length_unit, found.mass_unit, found.youngs_modulus, found.places) == ("", "", None, ())
+    assert "  # E 2.1e+05 and ρ 7.85e-06 fit no usual units" in template("a.bdf", found)
 
 
 def places(path, kind):

@@ -34,13 +34,15 @@ class Lacking:
 class Suggestion:
     """What a deck says about its config.
 
-    length_unit, mass_unit: in which its materials make sense; region: id of the largest one, and its Young's modulus [Pa], None
-    where the deck has no material; lacking: what materials lack; supports, solids: whether the deck has any; places: where its
-    loads and supports may be, the likely ones first; taken: names of its sets.
+    length_unit, mass_unit: in which its materials make sense, empty where they make sense in none, and odd says why; region: id
+    of the largest one, and its Young's modulus [Pa], None where the deck has no material; lacking: what materials lack;
+    supports, solids: whether the deck has any; places: where its loads and supports may be, the likely ones first; taken: names
+    of its sets.
     """
 
     length_unit: str = "m"
     mass_unit: str = "kg"
+    odd: str = ""
     region: int = 1
     youngs_modulus: float | None = 2.0e11
     lacking: tuple[Lacking, ...] = ()

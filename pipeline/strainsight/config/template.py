@@ -142,7 +142,7 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
         if place is not None and place.kind == "face"
     }
     blank = not found.supports and answers.held is None
-    lines = []
+    lines = [f"  # {found.odd}: state mesh.materials too, or correct the deck"] if found.odd else []
     if faces := [place for place in found.places if place.kind == "face"]:
         lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
         lines += [f"  #   near: {place.name:<32} # {place.what}{', held' * place.held}" for place in faces[:FACES]]

@@ -24,16 +24,19 @@ def suggestion(path: Path) -> Suggestion:
     count = {number: sum(int(np.sum(b.region == number)) for b in mesh.blocks) for number in mesh.regions}
     region = max(count, key=lambda number: count[number]) if count else 1
     material = mesh.materials.get(mesh.regions[region].material) if count else None
-    units = usual_units(material.youngs_modulus, material.density) if material else _by_size(mesh)
+    units = usual_units(material.youngs_modulus, material.density) if material else _by_size(mesh) or ("m", "kg")
     converted = read_mesh(path, *units, solids=False, materials=False) if units else mesh
     return Suggestion(
-        *(units or ("m", "kg")),
+        *(units or ("", "")),
+        odd=f"E {material.youngs_modulus:.4g} and ρ {material.density:.4g} fit no usual units"
+        if material and not units
+        else "",
         region=region,
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
         lacking=tuple(_lacking(converted)),
         supports=len(mesh.held) > 0,
         solids=bool(mesh.blocks),
-        places=tuple(_places(converted)),
+        places=tuple(_places(converted)) if units else (),
         taken=(*mesh.node_sets, *mesh.element_sets),
     )
 
