@@ -58,6 +58,17 @@ def test_the_gauge_beside_a_load_on_one_node_is_named_and_the_others_are_not(bea
     np.testing.assert_array_equal(again.refined, test.refined)
 
 
+def test_gauges_at_hot_spots_of_one_kind_share_a_sentence():
+    test = HotSpots(refined=np.array([0.2, 0.2, 0.01, -0.3]), spread=np.zeros(4), share=0.05)
+    said = list(hot_spot_advice(test, ["G1", "G2", "G3", "G4"], [False] * 4))
+    assert said == [
+        "G1, G2 sit at hot spots: their strain changes by +20 % when the mesh around it is refined; "
+        "move them (a larger gauges.clearance, gauges.exclude) or mesh more finely there.",
+        "G4 sits at a hot spot: its strain changes by -30 % when the mesh around it is refined; "
+        "move it (a larger gauges.clearance, gauges.exclude) or mesh more finely there.",
+    ]
+
+
 def test_it_is_in_the_record_the_tables_and_the_summary(beam):
     placed = beam[-1]
     output = placement_output(placed)

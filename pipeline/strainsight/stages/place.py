@@ -20,7 +20,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=20,
+    version=21,
     reads=(
         "seed",
         "loads.*.node",

@@ -66,9 +66,10 @@ def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:
 
 
 def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
-    """A sentence for each gauge at a hot spot, and one where some were not tested."""
+    """A sentence for the gauges at hot spots of one kind, and one where some were not tested."""
     if test is None:
         return
+    alike: dict[tuple[str, str], list[str]] = {}
     for i in np.flatnonzero(test.hot).tolist():
         how = []
         if abs(test.refined[i]) > test.share:
@@ -78,9 +79,12 @@ def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequen
         remedy = (
             "mesh more finely there, with the fillet or the contact as it is"
             if bonded[i]
-            else "move it (a larger gauges.clearance, gauges.exclude) or mesh more finely there"
+            else "move {it} (a larger gauges.clearance, gauges.exclude) or mesh more finely there"
         )
-        yield f"{labels[i]} sits at a hot spot: its strain changes {' and '.join(how)}; {remedy}."
+        alike.setdefault((" and ".join(how), remedy), []).append(labels[i])
+    for (how_much, remedy), own in alike.items():
+        sit, its, it = ("sits at a hot spot", "its", "it") if len(own) == 1 else ("sit at hot spots", "their", "them")
+        yield f"{', '.join(own)} {sit}: {its} strain changes {how_much}; {remedy.format(it=it)}."
     unknown = [label for label, value in zip(labels, test.refined, strict=True) if np.isnan(value)]
     if unknown:
         yield f"Not tested for hot spots: {', '.join(unknown)}."
