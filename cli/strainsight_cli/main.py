@@ -15,6 +15,7 @@ import typer
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
+from strainsight_cli.example import example
 from strainsight_cli.failures import CONTRADICTED, reported
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
@@ -100,6 +101,9 @@ def status(
             suites.show_suite(suites.works_of(loaded, results), False, as_json, verbose)
         else:
             show_plan(pipelines.work_of(loaded, results), (), as_json, verbose)
+
+
+app.command(help="Write an example that runs as it stands into this folder, or list them.")(example)
 
 
 @app.command(help="Write a commented config for your own deck.")

@@ -9,7 +9,7 @@ from strainsight import api
 
 # test.csv has four gauges in µm/m, sampled every millisecond, with noise; test.yaml says which column is which gauge, bonded.csv
 # where they sit. (The test was simulated: more modes, other damping, misplaced gauges, a force that sweeps from 5 to 60 Hz.)
-case = api.load("docs/examples/test.yaml", ["gauges.fixed_file=bonded.csv"])
+case = api.load("docs/examples/test.yaml")
 mesh = api.mesh(case)
 reduced = api.reduce(case, mesh)
 training = api.train(case, mesh, reduced)
