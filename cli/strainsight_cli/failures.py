@@ -25,13 +25,14 @@ SHOW_CURSOR = b"\x1b[?25h\n"
 """What a progress bar hides while it is drawn."""
 KEPT = "interrupted; finished stages are kept"
 ENDED = "ended from outside; finished stages are kept"
-ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What ends the process with exit code 128 + its number: Ctrl-C, a polite kill, a terminal that was closed."""
+ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
+"""What ends the process with exit code 128 + its number: Ctrl-C, a polite kill, a terminal that was closed; on Windows, which has
+no SIGHUP, Ctrl-Break."""
 SHARED = Path("/dev/shm")
 """Where Linux keeps memory files."""
 PATIENCE = 1.0
 """[s] for the last words."""
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = tuple(getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name))
 """What Python says of a full disk without the name of the file."""
 LAST_WORDS: list[Callable[[str], None]] = []
 """What else reports an interrupt, before the process ends; none may wait for anything."""
@@ -56,7 +57,7 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         remedy = "make the path readable and writable, or give another one (for results: --results FOLDER)"
         return Failure(USER, f"{error.filename}  {error.strerror}\n    {remedy}", details)
-    if isinstance(error, OSError) and error.errno in FULL:
+    if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
         return Failure(USER, f"{os.strerror(error.errno)}\n    make room on the disk, or write to another one", details)
     if isinstance(error, MemoryError):
         asked = f": {error}" if str(error) else ""
@@ -110,7 +111,8 @@ def _interruptible() -> Iterator[None]:
         yield
         return
     reading, writing = os.pipe()
-    os.set_blocking(writing, False)
+    if hasattr(os, "set_blocking"):  # not on Windows before Python 3.12, which asks for it on POSIX only
+        os.set_blocking(writing, False)
     waiting = threading.Thread(target=_wait_for_the_end, args=(reading,), daemon=True)
     # nohup's child goes on without its terminal.
     numbers = [number for number in ENDINGS if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN]

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-from strainsight_cli.checks import FAILS, GOOD, Finding
+from strainsight_cli.checks import FAILS, GOOD, WARNING, Finding
 from strainsight_cli.trials import tried
 
 MODULES = {"ruamel.yaml": "ruamel.yaml", "ruamel-yaml": "ruamel.yaml"}
 """Package → module, where they differ."""
+CAN_DO_WITHOUT = ("pypardiso",)
+"""Its row `solver` says what that costs."""
 
 
 def check_packages() -> list[Finding]:
@@ -69,7 +71,8 @@ def compared(python: str, requirements: Sequence[str]) -> list[Finding]:
         try:
             version = metadata.version(asked.name)
         except metadata.PackageNotFoundError:
-            findings.append(Finding(asked.name, FAILS, f"not installed, {wanted} is needed", remedy))
+            verdict, need = (WARNING, "wanted") if asked.name in CAN_DO_WITHOUT else (FAILS, "needed")
+            findings.append(Finding(asked.name, verdict, f"not installed, {wanted} is {need}", remedy))
             continue
         findings.append(
             _finding(asked.name, version, wanted, asked.specifier.contains(version, prereleases=True), remedy)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import platform
 import time
@@ -14,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from strainsight.file_lock import lock_file
 from strainsight.processes import peak_memory
 from strainsight_cli.failures import LAST_WORDS
 from strainsight_cli.placeless import placeless
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 NAME = "run.log"
 MOST, KEPT = 1 << 20, 1 << 19
 """[bytes] A log that has grown beyond the first is cut to the last lines within the second."""
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""A log that is a link to another file is not written; Windows cannot ask for that."""
 
 Log = Callable[[str], None]
 
@@ -73,7 +75,8 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
 
 def peak() -> str:
     """The most memory that this process has held until now, as in "peak 0.38 GiB"."""
-    return f"peak {peak_memory() / 2**30:.2f} GiB"
+    held = peak_memory()
+    return "peak memory not known here" if held is None else f"peak {held / 2**30:.2f} GiB"
 
 
 def append(path: Path, text: str, wait: bool = True) -> None:
@@ -82,14 +85,15 @@ def append(path: Path, text: str, wait: bool = True) -> None:
     wait: for the lock; what ends the process may have interrupted the one who holds it.
     """
     with suppress(OSError):
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
         try:
             # On a disk without locks lines are still whole where the system appends at once, as Linux does.
             with suppress(OSError):
-                fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_file(handle, wait)
             _write(handle, text.encode(errors="replace"))
             if (size := os.fstat(handle).st_size) > MOST:
-                last = os.pread(handle, KEPT, size - KEPT)
+                os.lseek(handle, size - KEPT, os.SEEK_SET)
+                last = os.read(handle, KEPT)
                 os.ftruncate(handle, 0)
                 _write(handle, last.partition(b"\n")[2])
         finally:

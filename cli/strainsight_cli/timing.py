@@ -53,9 +53,12 @@ def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page:
 
 def peak_memory(jobs: int) -> str:
     """The most memory that this process held, and the largest of its children, of which there were `jobs` at a time."""
-    own, child = (processes.peak_memory(children) / 2**30 for children in (False, True))
+    own, child = (processes.peak_memory(children) for children in (False, True))
+    if own is None or child is None:
+        return "\npeak memory: not known here"
     at_once = f", {jobs} of them at a time" if jobs > 1 else ""
-    return f"\npeak memory: {own:.2f} GiB" + (f", largest child process {child:.2f} GiB{at_once}" if child else "")
+    largest = f", largest child process {child / 2**30:.2f} GiB{at_once}" if child else ""
+    return f"\npeak memory: {own / 2**30:.2f} GiB{largest}"
 
 
 def _computed(artefact: Artefact) -> Computed:

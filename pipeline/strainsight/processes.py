@@ -18,6 +18,9 @@ T = TypeVar("T")
 PR_SET_PDEATHSIG = 1
 START_LIMIT = 120.0
 """[s] until a reader is there, on a machine that is busy."""
+PROC = Path("/proc")
+PS_LIMIT = 2.0
+"""[s] for a list of all processes."""
 READY = b"ready\n"
 
 
@@ -94,10 +97,13 @@ def limit_memory(more: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
-def peak_memory(children: bool = False) -> int:
-    """The most memory that this process has held, or the largest of its children that have ended [bytes]."""
-    import resource
-
+def peak_memory(children: bool = False) -> int | None:
+    """The most memory that this process has held, or the largest of its children that have ended [bytes]; None where the system
+    does not say (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return None
     unit = 1 if sys.platform == "darwin" else 1024
     return unit * resource.getrusage(resource.RUSAGE_CHILDREN if children else resource.RUSAGE_SELF).ru_maxrss
 
@@ -128,9 +134,13 @@ def end_children() -> None:
 
 
 def _parents() -> dict[int, int]:
-    """Process → the one that started it, of all processes of this machine."""
+    """Process → the one that started it, of all processes of this machine; none on Windows, where Ctrl-C reaches all processes of
+    the console by itself."""
+    if not (PROC / "self/stat").exists() and os.name == "posix":  # macOS
+        listed = subprocess.run(["ps", "-A", "-o", "pid=,ppid="], capture_output=True, text=True, timeout=PS_LIMIT)
+        return {int(pid): int(parent) for pid, parent in map(str.split, listed.stdout.splitlines())}
     found = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
+    for stat in PROC.glob("[0-9]*/stat"):
         with suppress(OSError, ValueError, IndexError):
             # pid (name) state parent …: a name may hold anything, also brackets.
             found[int(stat.parent.name)] = int(stat.read_bytes().rpartition(b")")[2].split()[1])

@@ -179,6 +179,7 @@ def test_kernels_and_config_stay_out_of_the_workflow():
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert set(json.loads(loaded.replace("'", '"'))) <= {
         "strainsight.errors",
+        "strainsight.file_lock",
         "strainsight.sweep",
         "strainsight.sweep.sweep",
         "strainsight.workflow",

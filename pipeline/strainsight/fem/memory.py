@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 
 from strainsight.errors import UserError
@@ -70,10 +69,10 @@ def _cached(folder: Path, name: str) -> float:
 
 
 def _address_space() -> float:
-    if sys.platform == "win32":
+    try:
+        import resource
+    except ImportError:  # Windows
         return math.inf
-    import resource
-
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     pages = _lines(PROC / "self" / "statm")
     if limit == resource.RLIM_INFINITY or not pages:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import signal
-import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -81,6 +80,5 @@ def cores() -> int:
 
 def _fitting(memory: float) -> int:
     """Processes as large as this one was at its largest that there is memory for [bytes], beside it."""
-    if sys.platform == "win32" or math.isinf(memory):
-        return cores()
-    return int(memory / peak_memory())
+    own = peak_memory()
+    return cores() if own is None or math.isinf(memory) else int(memory / own)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from strainsight.errors import UserError
+from strainsight.file_lock import lock_byte, lock_file
 
 NAME = ".lock"
 COMPUTING = ".computing"
@@ -27,11 +27,14 @@ def locked(folder: Path) -> Iterator[int | None]:
         left_by = _pid(handle)
         with suppress(OSError):  # a full disk: the lock holds without the name of who holds it
             os.ftruncate(handle, 0)
-            os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+            os.lseek(handle, 0, os.SEEK_SET)
+            os.write(handle, f"{os.getpid()}\n".encode())
         yield left_by
     finally:
-        (folder / NAME).unlink(missing_ok=True)
+        removed = _removed(folder / NAME)
         os.close(handle)
+        if not removed:
+            _removed(folder / NAME)
 
 
 @contextmanager
@@ -42,15 +45,15 @@ def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None)
     there is another one to wait for. On a disk without locks nobody waits: at worst the same is computed twice.
     """
     results.mkdir(parents=True, exist_ok=True)
-    handle = os.open(results / COMPUTING, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    handle = os.open(results / COMPUTING, os.O_RDWR | os.O_CREAT, 0o666)
     byte = int(key[:15], 16)
     try:
         with suppress(OSError):
             try:
-                fcntl.lockf(handle, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
-            except (BlockingIOError, PermissionError):  # which of the two is the system's choice
+                lock_byte(handle, byte, wait=False)
+            except BlockingIOError:
                 waits()
-                fcntl.lockf(handle, fcntl.LOCK_EX, 1, byte)
+                lock_byte(handle, byte, wait=True)
         yield
     finally:
         os.close(handle)
@@ -58,9 +61,9 @@ def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None)
 
 def _acquire(path: Path) -> int:
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(handle, wait=False)
         except BlockingIOError:
             pid = _pid(handle)
             os.close(handle)
@@ -78,6 +81,15 @@ def _acquire(path: Path) -> int:
         os.close(handle)
 
 
+def _removed(path: Path) -> bool:
+    """Whether the file is gone: Windows keeps what is open, here or by another run that has just come."""
+    with suppress(PermissionError):
+        path.unlink(missing_ok=True)
+        return True
+    return False
+
+
 def _pid(handle: int) -> int | None:
-    text = os.pread(handle, 32, 0).decode(errors="replace").strip()
+    os.lseek(handle, 0, os.SEEK_SET)
+    text = os.read(handle, 32).decode(errors="replace").strip()
     return int(text) if text.isdigit() else None

@@ -140,9 +140,9 @@ def _temporary(path: Path, write: Callable[[Path], Any]) -> Path:
     try:
         os.close(handle)
         write(part)
-        part.chmod(0o666 & ~_umask())
-        with part.open("rb") as stream:
+        with part.open("r+b") as stream:  # Windows syncs only what may be written
             os.fsync(stream.fileno())
+        part.chmod(0o666 & ~_umask())
     except BaseException:
         part.unlink(missing_ok=True)
         raise
@@ -155,6 +155,8 @@ def _write_bytes(content: bytes, part: Path) -> None:
 
 def _replace(part: Path, path: Path) -> None:
     os.replace(part, path)
+    if os.name == "nt":  # a folder cannot be opened there
+        return
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
