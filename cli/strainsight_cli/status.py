@@ -20,7 +20,9 @@ COLOURS = {"up to date": "green", "will run": "yellow"}
 
 def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool = False) -> None:
     """What would run and why; verbose: every reason, not only the first three."""
-    from strainsight.workflow.plan import plan
+    from strainsight.workflow.artefact import Artefact
+    from strainsight.workflow.plan import WILL_RUN, plan
+    from strainsight_cli.forecast import forecast
 
     refuse_taken(work)
     statuses = plan(work.stages, work.job, forced)
@@ -30,6 +32,12 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
     else:
         print_statuses(statuses, verbose)
         print(f"\n{sum_of(statuses)}")
+        pending = [status.stage for status in statuses if status.status == WILL_RUN]
+        imported = next((status.artefact for status in statuses if status.stage == "import"), None)
+        if imported is not None and (
+            line := forecast(work, pending, None if "import" in pending else Artefact(imported))
+        ):
+            print(line)
 
 
 def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: int = 0, head: bool = True) -> None:

@@ -75,7 +75,7 @@ def bring_up_to_date(
     from strainsight.workflow.runner import run as run_stages
 
     artefacts: list[Artefact] = []
-    at_work, started, following = "", time.time(), None
+    at_work, started, following, said = "", time.time(), None, False
     last = seconds_of(work.stages, work.job)
 
     def move(stage: str, doing: str, share: float) -> None:
@@ -92,6 +92,10 @@ def bring_up_to_date(
             for event in run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice, sweep=sweep):
                 if event.status == RUNNING:
                     at_work, started, following = event.stage, time.time(), after(work.stages, event.stage, last)
+                    if not (as_json or work.run or said) and artefacts:
+                        said = True
+                        if line := _forecast(work, forced, artefacts[0]):
+                            say(line)
                     log(f"{event.stage} starts: {event.reason}")
                     move(event.stage, event.reason, 0.0)
                     continue
@@ -110,6 +114,14 @@ def bring_up_to_date(
             if at_work:
                 move("", "", 1.0)
     return artefacts
+
+
+def _forecast(work: Work, forced: Collection[str], first: Artefact) -> str:
+    from strainsight.workflow.plan import WILL_RUN, plan
+    from strainsight_cli.forecast import forecast
+
+    pending = [status.stage for status in plan(work.stages, work.job, forced) if status.status == WILL_RUN]
+    return forecast(work, pending, first) if first.header.stage == "import" else ""
 
 
 def _spent(event: Event) -> str:

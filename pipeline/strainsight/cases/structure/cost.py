@@ -1,0 +1,97 @@
+"""What the stages that solve the whole model cost, before they run: processor seconds and peak memory (docs/scaling.md).
+
+    seconds = c₀ + c₁ N + c₂ N^1.5 e^1.2        GiB = c₀ + c₁ N + c₂ N^1.1 e^1.2
+
+N unknowns before the supports; e elements through the thickness. The exponents of N are those of nested dissection in the plane
+(George 1973), where e = 1; that of e was fitted to cubes, where e goes up to 6.4. Measured on one machine; within a factor of two
+on all that was measured there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from strainsight.config.placement import PlacementConfig
+
+FLOPS, FILL, THICK = 1.5, 1.1, 1.2
+"""Exponents of N in the work and in the fill of a factor in the plane, and of e in both."""
+OF_A_PROCESS = 1.2
+"""[s] of imports that the measured seconds of every stage have in them."""
+MEASURED_MODES, MORE_MODES = 10, 45.0
+"""Modes of the measured runs; so many more take as long again."""
+BESIDE_SAMPLES = 3
+"""Factors with modes of `rom`, beside its samples, where materials vary apart."""
+BULK_AND_THIN = {
+    "tet4": (1 / 6, 1 / 3),
+    "tet10": (4 / 3, 2.0),
+    "hex8": (1.0, 2.0),
+    "hex20": (4.0, 7.0),
+    "wedge6": (1 / 2, 1.0),
+    "wedge15": (5 / 2, 9 / 2),
+    "pyra5": (1 / 3, 1 / 2),
+}
+"""Nodes per element of a regular mesh, all round and in a wall of one layer; six tetrahedra or pyramids, two wedges to a cell."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """c₀ + c₁ N + c₂ N^p e^1.2."""
+
+    constant: float
+    linear: float
+    factor: float
+    power: float
+
+    def __call__(self, unknowns: float, elements: float) -> float:
+        return self.constant + self.linear * unknowns + self.factor * unknowns**self.power * elements**THICK
+
+
+SECONDS = {"modes": Law(1.8, 4.8e-5, 9.2e-8, FLOPS), "rom": Law(2.1, 5.9e-5, 4.0e-8, FLOPS)}
+MEMORY = {"modes": Law(0.13, 8.4e-6, 3.0e-7, FILL), "rom": Law(0.13, 9.0e-6, 3.0e-7, FILL)}
+SOLVES = ("modes", "rom", "spectrum")
+"""The stages that factorise the whole model; `spectrum` is `modes` with those of the truth."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """unknowns: three a node; elements through the thickness; regions of the mesh."""
+
+    unknowns: int
+    elements: float
+    regions: int = 1
+
+
+@dataclass(frozen=True)
+class Cost:
+    """seconds of one processor; memory [GiB], the peak."""
+
+    seconds: float
+    memory: float
+
+
+def size_of(nodes: int, elements: Mapping[str, int], regions: int = 1) -> Size:
+    """elements: kind → how many. e = (thin − bulk)/(nodes per element − bulk) of regular meshes, at least 1; at most the cube's
+    third, N^⅓/3 nodes a side."""
+    bulk, thin = (sum(BULK_AND_THIN[kind][i] * count for kind, count in elements.items()) for i in (0, 1))
+    most = max(1.0, nodes ** (1 / 3) / 3)
+    through = (thin - bulk) / (nodes - bulk) if nodes > bulk else most
+    return Size(3 * nodes, min(max(through, 1.0), most), regions)
+
+
+def cost_of(stage: str, config: PlacementConfig, size: Size) -> Cost:
+    """What `modes`, `rom` or `spectrum` of this config will take."""
+    law = "rom" if stage == "rom" else "modes"
+    modes = config.validation.truth.modes if stage == "spectrum" else config.rom.modes
+    seconds = SECONDS[law](size.unknowns, size.elements) - OF_A_PROCESS
+    seconds *= max(1.0, 1 + (modes - MEASURED_MODES) / MORE_MODES)
+    if stage == "rom" and _apart(config, size):
+        one = SECONDS["modes"](size.unknowns, size.elements) - OF_A_PROCESS
+        seconds = (config.rom.parameter_samples + BESIDE_SAMPLES) * one
+    return Cost(seconds, MEMORY[law](size.unknowns, size.elements))
+
+
+def _apart(config: PlacementConfig, size: Size) -> bool:
+    """Whether moduli vary that do not scale the whole body."""
+    moduli = [own for own in config.parameters.values() if own.property == "youngs_modulus"]
+    return len(moduli) > 1 or (len(moduli) == 1 and size.regions > 1)

@@ -1,0 +1,39 @@
+"""The line that says beforehand how long it takes: not before the size is known, and not where nothing is left to do."""
+
+from __future__ import annotations
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.fem import memory
+from strainsight_cli.main import app
+
+from ..robustness.small import write_project
+
+
+@pytest.fixture
+def call(tmp_path):
+    write_project(tmp_path)
+    words = (str(tmp_path / "beam.yaml"), "--results", str(tmp_path / "results"))
+    return lambda command, *more: CliRunner().invoke(app, [command, *words, *more])
+
+
+def lines(result) -> list[str]:
+    assert result.exit_code == 0, result.output
+    return [line for line in result.output.splitlines() if line.startswith("forecast")]
+
+
+def test_the_size_is_known_after_the_import_and_what_is_done_has_no_line(call, monkeypatch):
+    assert lines(call("run", "--dry-run")) == [
+        "forecast: the deck has 0.0 MB; time and memory are known once it is imported"
+    ]
+    assert lines(call("import")) == []
+    (line,) = lines(call("run", "--dry-run"))
+    assert line.startswith("forecast: modes 1 s, rom 1 s and spectrum 1 s for 246 unknowns, 0.13 GiB, processor time")
+    monkeypatch.setattr(memory, "available_memory", lambda: 0.1 * 2**30)
+    (line,) = lines(call("run", "--dry-run"))
+    assert line.endswith("; 0.1 GiB are there: take a coarser mesh or a larger machine")
+    monkeypatch.undo()
+    (line,) = lines(call("modes"))
+    assert line.startswith("forecast: modes 1 s for 246 unknowns")
+    assert lines(call("modes")) == lines(call("modes", "--force", "--json")) == []
