@@ -9,13 +9,14 @@ from contextlib import contextmanager
 from typing import Any
 
 from strainsight_cli.clock import Left
+from strainsight_cli.levels import Level, shown
 from strainsight_cli.work import Progress
 
 
 @contextmanager
 def progress_bar(wanted: bool) -> Iterator[Progress]:
     """Bars on a terminal only; yields the callback that moves them: (run, stage, doing, share, left)."""
-    if not (wanted and sys.stderr.isatty()):
+    if not (wanted and shown(Level.INFO) and sys.stderr.isatty()):
         yield lambda run, stage, doing, share, left: None
         return
     from rich.console import Console

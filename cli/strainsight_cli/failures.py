@@ -19,6 +19,7 @@ from pathlib import Path
 import typer
 
 from strainsight.processes import end_children
+from strainsight_cli.levels import Level, level_of, shown, speaking
 
 INTERNAL, USER, CONTRADICTED, INTERRUPTED = 1, 2, 3, 130
 SHOW_CURSOR = b"\x1b[?25h\n"
@@ -88,6 +89,18 @@ def reported(verbose: bool = False) -> Iterator[None]:
             raise tell(Failure(INTERRUPTED, KEPT), verbose) from None
         except Exception as error:
             raise tell(failure_of(error), verbose) from None
+
+
+@contextmanager
+def saying(quiet: bool, verbose: bool, named: str | None, wanted: bool) -> Iterator[bool]:
+    """`reported` with as much on the terminal as -q, -v or --log-level want; yields whether that is all there is.
+
+    wanted: what goes to stdout is what was wanted, as with --json, and is printed in any case.
+    """
+    with reported(verbose or named == "debug"):
+        level = level_of(quiet, verbose, named)
+        with speaking(level, wanted):
+            yield level >= Level.DEBUG
 
 
 def plain_warnings(verbose: bool) -> None:
@@ -170,4 +183,5 @@ def _leave(code: int) -> None:
 
 
 def _warn(message: Warning | str, *_: object, **__: object) -> None:
-    print(f"warning: {message}", file=sys.stderr)
+    if shown(Level.WARNING):
+        print(f"warning: {message}", file=sys.stderr)

@@ -16,7 +16,7 @@ from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.example import example
-from strainsight_cli.failures import CONTRADICTED, reported
+from strainsight_cli.failures import CONTRADICTED, reported, saying
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
     ConfigFile,
@@ -26,6 +26,8 @@ from strainsight_cli.options import (
     Force,
     Jobs,
     Json,
+    LogLevel,
+    Quiet,
     Results,
     Set,
     Verbose,
@@ -67,8 +69,10 @@ def run(
     jobs: Jobs = None,
     dask: Dask = None,
     verbose: Verbose = False,
+    quiet: Quiet = False,
+    log_level: LogLevel = None,
 ) -> None:
-    with reported(verbose):
+    with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
         loaded = pipelines.with_last_test(config, overrides, results)
         if loaded.data["kind"] == "suite":
             from strainsight_cli import suites
@@ -218,8 +222,10 @@ def _add_stage(name: str, what: str) -> None:
         jobs: Jobs = None,
         dask: Dask = None,
         verbose: Verbose = False,
+        quiet: Quiet = False,
+        log_level: LogLevel = None,
     ) -> None:
-        with reported(verbose):
+        with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
             work = replace(pipelines.work_of_one(config, results, overrides, name), where=Where(jobs, dask))
             _one_stage(work, name, force, dry_run, as_json, verbose)
 
@@ -261,8 +267,10 @@ def estimate(
     jobs: Jobs = None,
     dask: Dask = None,
     verbose: Verbose = False,
+    quiet: Quiet = False,
+    log_level: LogLevel = None,
 ) -> None:
-    with reported(verbose):
+    with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
         from strainsight.config.load import kind_of
         from strainsight.config.overrides import Override
         from strainsight.errors import ConfigError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -17,6 +17,11 @@ Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override, as in --set place.keep=6.")
 ]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say why stages run; show the traceback of a failure.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only; run.log has the rest.")]
+LogLevel = Annotated[
+    Literal["error", "warning", "info", "debug"] | None,
+    typer.Option("--log-level", help="How much is printed: -q is error, -v is debug, info the default."),
+]
 Jobs = Annotated[
     int | None,
     typer.Option(

@@ -13,6 +13,7 @@ from multiprocessing import active_children, get_context, resource_tracker
 from typing import TYPE_CHECKING, Any
 
 from strainsight.processes import end_with_parent
+from strainsight_cli import levels
 from strainsight_cli.failures import Failure, failure_of, plain_warnings
 from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, note
 
@@ -64,7 +65,7 @@ def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor,
     context = get_context("spawn")
     _quiet_tracker()
     moves = context.SimpleQueue()
-    with ProcessPoolExecutor(count, context, _start, (moves, verbose)) as pool:
+    with ProcessPoolExecutor(count, context, _start, (moves, verbose, levels.now())) as pool:
         try:
             yield pool, moves
         except BaseException:
@@ -105,12 +106,13 @@ def _killed(works: Sequence[Work]) -> Exception:
 _moves: Any = None
 
 
-def _start(moves: Any, verbose: bool) -> None:
+def _start(moves: Any, verbose: bool, level: levels.Level) -> None:
     """In a new process: end with the parent, and say warnings as it does."""
     global _moves
     _moves = moves
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     end_with_parent()
+    levels.set_level(level)
     plain_warnings(verbose)
 
 

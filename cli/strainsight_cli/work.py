@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from strainsight.sweep.where import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
+from strainsight_cli.levels import Level, shown
 from strainsight_cli.runlog import peak, run_log
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ Progress = Callable[[str, str, str, float, Left], None]
 
 def note(text: str) -> None:
     """Say beside the results what is no result."""
-    print(f"note: {text}", file=sys.stderr)
+    if shown(Level.WARNING):
+        print(f"note: {text}", file=sys.stderr)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,76 @@
+"""-q, -v and --log-level: what goes to the terminal; JSON, a failure and run.log stay whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight_cli.levels import Level, now
+from strainsight_cli.main import app
+
+from ..robustness.small import PLACEMENT, write_project
+
+ON_ONE_NODE = "acts on node 1 of a solid alone"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory) -> Path:
+    """The small beam with a load that is warned of."""
+    folder = tmp_path_factory.mktemp("project")
+    write_project(folder)
+    (folder / "beam.yaml").write_text(PLACEMENT.replace("node: 1000", "node: 1"), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def call(project, tmp_path):
+    words = (str(project / "beam.yaml"), "--results", str(tmp_path / "results"))
+    return lambda *more, stage="import": CliRunner().invoke(app, [stage, *words, *more])
+
+
+@pytest.mark.parametrize("words", [("-q",), ("--quiet",), ("--log-level", "error")])
+def test_quiet_says_nothing_and_the_log_says_all(call, tmp_path, words):
+    done = call(*words)
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
+    log = (tmp_path / "results" / "beam" / "run.log").read_text(encoding="utf-8")
+    assert "import done after" in log
+    assert ON_ONE_NODE in log
+    assert now() is Level.INFO
+
+
+def test_a_failure_is_printed_in_any_case(call):
+    done = call("-q", "--set", "loads.tip.node=77777")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "loads.tip" in done.stderr
+    assert "77777" in done.stderr
+
+
+def test_warning_keeps_warnings_and_no_stages(call):
+    done = call("--log-level", "warning")
+    assert done.stdout == ""
+    assert ON_ONE_NODE in done.stderr
+    plain = call("--log-level", "info", "--force")
+    assert plain.stdout.startswith("import    done")
+    assert ON_ONE_NODE in plain.stderr
+    assert "(--force)" not in plain.stdout
+    assert call("--log-level", "debug", "--force").stdout.splitlines()[0].endswith("(--force)")
+    assert call("-v", "--force").stdout.splitlines()[0].endswith("(--force)")
+
+
+def test_what_was_asked_for_stays(call):
+    done = call("-q", "--json")
+    (event,) = (json.loads(line) for line in done.stdout.splitlines())
+    assert (event["stage"], event["status"], done.stderr) == ("import", "done", "")
+    assert call("-q", "--dry-run").stdout.startswith("stage")
+
+
+def test_two_levels_contradict_each_other(call, tmp_path):
+    for words in (("-q", "-v"), ("-q", "--log-level", "info")):
+        done = call(*words)
+        assert done.exit_code == 2
+        assert done.stderr.endswith("contradict each other\n    give one: -q is --log-level error, -v is --log-level debug\n")
+    assert not (tmp_path / "results").exists()
+    assert call("--log-level", "loud").exit_code == 2
