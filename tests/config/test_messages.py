@@ -64,4 +64,4 @@ def test_a_key_is_described_by_the_member_that_the_config_names():
     errors = refused("cantilever-youngs-modulus.yaml", "loads.tip.signal={type: sweep, end_frequency: 4, duration: 1}")
     said = {error.key: error.remedy for error in errors}
     # a sine's is "Amplitude a …"
-    assert said["loads.tip.signal.amplitude"] == "amplitude: Amplitude [N, of a moment N m, of a pressure Pa]."
+    assert said["loads.tip.signal.amplitude"] == "amplitude: Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²]."

@@ -31,7 +31,7 @@ def test_of_others_nothing_is_known(card):
 
 def test_the_reader_of_a_deck_says_it(tmp_path):
     path = tmp_path / "a.bdf"
-    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD4,70,3,1,2,3,4\nMPC,1\nMOMENT,1\nPARAM,POST,-1\nTOPVAR,1\n")
+    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD4,70,3,1,2,3,4\nMPC,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
     mesh = read_mesh(path)
-    assert mesh.ignored == {"CQUAD4": 1, "MOMENT": 1, "MPC": 1, "PARAM": 1, "TOPVAR": 1}
-    assert mesh.effect == {"CQUAD4": "structure", "MOMENT": "none", "MPC": "structure", "PARAM": "none"}
+    assert mesh.ignored == {"CQUAD4": 1, "MPC": 1, "PARAM": 1, "PLOAD1": 1, "TOPVAR": 1}
+    assert mesh.effect == {"CQUAD4": "structure", "MPC": "structure", "PARAM": "none", "PLOAD1": "none"}

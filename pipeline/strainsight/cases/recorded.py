@@ -15,13 +15,13 @@ from strainsight.measurements.records import Recording
 from strainsight.measurements.units import known_unit
 from strainsight.signals.histories import FromSamples
 
-LOADS = ("force", "moment", "pressure")
+LOADS = ("force", "moment", "pressure", "acceleration", "ratio", "angular velocity squared")
 
 
 def recorded(key: str, config: Recorded, path: Path) -> FromSamples:
     """The history that the text table at `path` holds in the columns that the config names; key: of the signal.
 
-    Time in s, values in N, N m or Pa, or in the unit that stands behind the name of the column, as in "F [kN]".
+    Time in s, values in the SI unit of the load, or in the unit that stands behind the name of the column, as in "F [kN]".
     Raises UserError with file:line for what is no table, a sample that is missing, and a time that does not increase.
     """
     column = config.value_column
@@ -59,12 +59,12 @@ def _read(path: Path, time: str, column: str) -> Recording:
 
 
 def _factor(column: str, found: Recording, path: Path) -> float:
-    """N or N m in one of the unit that the file states, 1 where it states none."""
+    """SI units in one of the unit that the file states, 1 where it states none."""
     if (unit := known_unit(found.units[column])) is None:
         return 1.0
     if unit.quantity not in LOADS:
         raise ConfigError(
-            f"{column!r} is in {found.units[column]}, {path.name} says: no force and no moment",
+            f"{column!r} is in {found.units[column]}, {path.name} says: no unit of a load",
             remedy="name the column of the load",
         )
     return unit.factor

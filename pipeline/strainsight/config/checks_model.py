@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from strainsight.config.loads import Load, Recorded, signal_problems
 from strainsight.config.mesh import MeshFile
@@ -54,7 +54,15 @@ def _parameter(key: str, parameter: MaterialParameter, run: str) -> Iterator[Pro
 
 
 def _load(key: str, load: Load) -> Iterator[Problem]:
-    yield from exactly_one(key, {"node": load.node, "set": load.set, "deck_load": load.deck_load})
+    places = {"node": load.node, "set": load.set, "deck_load": load.deck_load}
+    of_mass = {"gravity": load.gravity, "rotation": load.rotation}
+    if any(of_mass.values()):
+        yield from _on_all_mass(key, load, of_mass, places)
+        yield from _signal(key, load)
+        return
+    yield from exactly_one(key, places)
+    if load.factor and load.deck_load is None:
+        yield Problem(f"{key}.factor", "is of a load of the deck", "remove the key, or name a deck_load", at_key=True)
     kinds = {"moment": load.moment, "bearing": load.bearing, "pressure": load.pressure}
     if given := [name for name, value in kinds.items() if value is not None]:
         yield from _instead(key, load, given, kinds[given[0]])
@@ -64,6 +72,22 @@ def _load(key: str, load: Load) -> Iterator[Problem]:
         yield Problem(f"{key}.direction", "a load of the deck has its own direction", "remove the key", at_key=True)
     elif load.direction is not None and not any(load.direction):
         yield Problem(f"{key}.direction", "a direction of length zero", "give a vector such as [0, 0, 1]")
+    yield from _signal(key, load)
+
+
+def _on_all_mass(key: str, load: Load, of_mass: Mapping[str, object], places: Iterable[str]) -> Iterator[Problem]:
+    """Gravity or a rotation, which acts everywhere."""
+    kind, *others = [name for name, value in of_mass.items() if value is not None]
+    rest = (*places, "direction", "moment", "bearing", "pressure", "factor")
+    for name in (*others, *(name for name in rest if getattr(load, name) is not None)):
+        yield Problem(f"{key}.{name}", f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
+    vector = load.gravity if load.rotation is None else load.rotation.axis
+    if vector is not None and not any(vector):
+        where = f"{key}.gravity" if load.rotation is None else f"{key}.rotation.axis"
+        yield Problem(where, "a vector of length zero", "give a vector such as [0, 0, -1]")
+
+
+def _signal(key: str, load: Load) -> Iterator[Problem]:
     yield from signal_problems(f"{key}.signal", load.signal)
     if not load.known and isinstance(load.signal, Recorded) and load.process_noise.frequency is None:
         yield Problem(
@@ -117,6 +141,10 @@ def _mesh(mesh: MeshFile) -> Iterator[Problem]:
 def _matrices(config: PlacementConfig) -> Iterator[Problem]:
     """Ready matrices carry the parameters that the config names, and no others; without them a parameter has regions."""
     matrices = config.mesh.matrices
+    for name, load in config.loads.items():
+        if matrices is not None and (load.gravity or load.rotation):
+            what = "the mass is that of mesh.matrices, which says of no place where it is"
+            yield Problem(f"loads.{name}", what, "give the load as forces of the deck (deck_load)", at_key=True)
     for name, parameter in config.parameters.items():
         if parameter.region is None and matrices is None:
             yield Problem(f"parameters.{name}.region", "missing", "give a region's id or name, or a list", at_key=True)

@@ -23,7 +23,7 @@ class CaseLoad(Section):
     )
     amplitude: Positive | None = Field(
         None,
-        description="Its typical amplitude there [N, of a moment N m], which its σ counts in; null: as process_noise of the load "
+        description="Its typical amplitude there [unit of the load], which its σ counts in; null: as process_noise of the load "
         "has it, else that of this signal.",
     )
 

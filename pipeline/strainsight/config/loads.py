@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -16,7 +16,7 @@ class Sine(Section):
 
     type: Literal["sine"] = Field(description="Kind of signal.")
     frequency: Positive = Field(description="Frequency f [Hz].")
-    amplitude: Positive = Field(description="Amplitude a [N, of a moment N m, of a pressure Pa].")
+    amplitude: Positive = Field(description="Amplitude a [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
     phase: float = Field(0.0, description="Phase φ [rad].")
 
 
@@ -27,7 +27,7 @@ class Sweep(Section):
     start_frequency: NotNegative = Field(description="Frequency at t = 0 [Hz].")
     end_frequency: Positive = Field(description="Frequency at the end of the sweep [Hz].")
     duration: Positive = Field(description="Length of the sweep [s].")
-    amplitude: Positive = Field(description="Amplitude [N, of a moment N m, of a pressure Pa].")
+    amplitude: Positive = Field(description="Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
 
 
 class MultiSine(Section):
@@ -38,7 +38,7 @@ class MultiSine(Section):
     highest: Positive = Field(description="Highest frequency [Hz].")
     count: int = Field(ge=1, description="Number of sines [-].")
     amplitude: Positive = Field(
-        description="Amplitude [N, of a moment N m, of a pressure Pa] of the one sine that has the power of all of them together."
+        description="Amplitude [unit of the load] of the one sine that has the power of all of them together."
     )
     seed: Seed = Field(0, description="Seed of the phases [-].")
 
@@ -85,15 +85,22 @@ class InputNoise(Section):
     )
     amplitude: Positive | None = Field(
         None,
-        description="Typical amplitude of the load [N, of a moment N m, of a pressure Pa]; initial_std is relative to it; null: "
+        description="Typical amplitude of the load [its unit]; initial_std is relative to it; null: "
         "that of its signal.",
     )
     smoothness: Literal["1/2", "3/2", "5/2"] = Field("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
     damping: Positive = Field(0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency.")
 
 
+class Rotation(Section):
+    """A steady rotation of the structure; stiffening by the forces that it causes is left out."""
+
+    axis: Vector = Field(description="Axis [-]; neither its length nor its sign matters.")
+    point: Vector = Field((0.0, 0.0, 0.0), description="A point on it [m].")
+
+
 class Load(Section):
-    """A force at a node or spread over a set or face, a moment, or what presses on a face."""
+    """A force at a node or spread over a set or face, a moment, what presses on a face, or what pulls at all mass."""
 
     node: int | None = Field(
         None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
@@ -101,12 +108,18 @@ class Load(Section):
     set: Text | None = Field(None, description="Name of a node set or a face instead of a node.")
     deck_load: Text | None = Field(
         None,
-        description="Name of a load of the deck (FORCE-7: the FORCE cards of set 7) instead of a node and direction.",
+        description="Name of a load of the deck instead of a node and direction: FORCE-7 of a set 7 of FORCE cards alone, LOAD-7 "
+        "of any other, CLOAD-1, DLOAD-1, DSLOAD-1 in Abaqus. Its shape is that of the deck, its resultant the signal [N].",
+    )
+    factor: Literal[True] | None = Field(
+        None,
+        description="true: the signal is how often the load of the deck acts [1], and not its resultant: for one that balances, "
+        "for moments, or to keep the numbers of the deck.",
     )
     direction: Vector | None = Field(
         None,
         description="Direction in global coordinates [-]; its length does not matter. On a face the force is spread evenly "
-        "over its area. Left out only with deck_load, moment, bearing or pressure.",
+        "over its area. Left out with deck_load, moment, bearing, pressure, gravity or rotation.",
     )
     moment: Vector | None = Field(
         None,
@@ -122,6 +135,16 @@ class Load(Section):
         None,
         description="true: a pressure on the face that `set` names instead of a direction; the load is in Pa then.",
     )
+    gravity: Vector | None = Field(
+        None,
+        description="Vector [-] along which all mass is pulled, instead of a place and a direction; the load is the acceleration "
+        "[m/s²], as of weight, or of a shaken foundation against its motion. No density may be a parameter beside it.",
+    )
+    rotation: Rotation | None = Field(
+        None,
+        description="The centrifugal forces of a rotation on all mass, instead of a place and a direction; the load is Ω² "
+        "[rad²/s²]. No density may be a parameter beside it.",
+    )
     known: bool = Field(description="true: measured by other means; false: to be estimated.")
     signal: LoadSignal = Field(description="What the load looks like in training and validation.")
     process_noise: InputNoise = with_defaults(InputNoise, "How an unknown load is modelled in the filter.")
@@ -129,12 +152,16 @@ class Load(Section):
     @property
     def unit(self) -> str:
         """Of its signal and of all that is estimated of it."""
-        return unit_of(self.moment, self.pressure)
+        return unit_of({key: getattr(self, key) for key in UNITS})
 
 
-def unit_of(moment: object, pressure: object) -> str:
-    """Of a load with these keys."""
-    return "N m" if moment is not None else "Pa" if pressure else "N"
+UNITS = {"moment": "N m", "pressure": "Pa", "factor": "1", "gravity": "m/s²", "rotation": "rad²/s²"}
+"""Of a load that has the key; of any other N."""
+
+
+def unit_of(load: Mapping[str, object]) -> str:
+    """Of a load by its keys."""
+    return next((unit for key, unit in UNITS.items() if load[key] is not None), "N")
 
 
 def signal_problems(key: str, signal: LoadSignal) -> Iterator[Problem]:

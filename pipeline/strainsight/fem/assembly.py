@@ -70,13 +70,9 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
     Returns ([kg], (3,) [m]). Raises DeckError where the mass is zero.
     """
     check_mesh(mesh)
-    density = {number: mesh.materials[mesh.regions[number].material].density for number in _present(mesh)}
     per_node = np.zeros(len(mesh.position))
-    for part in _chunks(mesh, density):
+    for part, values in element_mass_parts(mesh):
         a, b = np.triu_indices(part.nodes.shape[1])
-        values = element_masses(kind_of(part.kind), mesh.position[part.nodes], part.ids)[:, :, 0] * _factors(
-            part, density
-        )
         other = values * (a != b)
         per_node += np.bincount(part.nodes[:, a].ravel(), values.ravel(), len(per_node))
         per_node += np.bincount(part.nodes[:, b].ravel(), other.ravel(), len(per_node))
@@ -86,12 +82,20 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
         mass += point.mass
         moment = moment + point.mass * (mesh.position[point.node] + point.offset)
     if not mass > 0.0:
-        named = ", ".join(str(mesh.regions[number]) for number in density)
+        named = ", ".join(str(mesh.regions[number]) for number in _present(mesh))
         raise DeckError(
             f"the total mass is {mass:g} kg: the density of {named or 'all regions'} is zero",
             remedy="give their materials a density, in the mesh file or under mesh.materials",
         )
     return mass, moment / mass
+
+
+def element_mass_parts(mesh: Mesh) -> Iterator[tuple[CellBlock, np.ndarray]]:
+    """Elements of the mesh, some at a time, and their ∫ ρ N_a N_b dV [kg] (e, pairs) of the node pairs a ≤ b."""
+    density = {number: mesh.materials[mesh.regions[number].material].density for number in _present(mesh)}
+    for part in _chunks(mesh, density):
+        values = element_masses(kind_of(part.kind), mesh.position[part.nodes], part.ids)[:, :, 0]
+        yield part, values * _factors(part, density)
 
 
 def _targets(mesh: Mesh, parameters: Sequence[Parameter], property: str) -> dict[str, dict[int, float]]:

@@ -10,10 +10,11 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError
+from strainsight.fem.body_forces import body_forces
 from strainsight.fem.couple import couple, exerted
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.traction import bearing, evenly, pressure, turning
-from strainsight.mesh.model import Mesh, NodalForces
+from strainsight.mesh.model import BodyForce, Mesh, NodalForces
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,9 @@ class PointLoad:
     """A force of unit resultant: in a direction (3,), not all zero, on a node, shared equally by the nodes of a set or spread
     evenly over a face, or as a load of the deck distributes it (without a direction of its own). Or a unit moment about an axis
     (3,), not all zero, on a node or on the nodes of a set as a `couple`. Or, on a face, a unit force by which a pin bears on it
-    along a direction (3,), or a unit pressure. A set is a face where the mesh has one of that name."""
+    along a direction (3,), or a unit pressure. Or a load of the deck as it is (factor). Or 1 m/s² of gravity along a vector (3,)
+    on all mass, or what a rotation of Ω² = 1 rad²/s² about an axis (3,) through a point (3,) [m] does to it.
+    A set is a face where the mesh has one of that name."""
 
     name: str
     direction: tuple[float, float, float] | None = None
@@ -31,11 +34,20 @@ class PointLoad:
     moment: tuple[float, float, float] | None = None
     bearing: tuple[float, float, float] | None = None
     pressure: bool = False
+    factor: bool = False
+    gravity: tuple[float, float, float] | None = None
+    rotation: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+
+    @property
+    def of_mass(self) -> bool:
+        """Whether it acts on all mass, and so nowhere in particular."""
+        return self.gravity is not None or self.rotation is not None
 
 
 def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.ndarray:
     """S = Tᵀe (n_free, n_u) [-]: e puts a unit force on the node, or 1/k of it on each of the k nodes of a set, or stands for a
-    traction on a face; a load f of the deck is e = f / |Σ f|; of a moment e is the `couple` of 1 N m, on a face a traction.
+    traction on a face; a load f of the deck is e = f / |Σ f|, or f where it is taken as it is; of a moment e is the `couple` of
+    1 N m, on a face a traction.
 
     Raises the errors of `nodal_forces` and `moment_forces`, and UserError for a node that is clamped in the direction.
     """
@@ -46,12 +58,26 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
             e[:, column] = moment_forces(model, load, np.asarray(load.moment) / np.linalg.norm(load.moment))
             continue
         own = nodal_forces(mesh, load)
-        if load.deck_load is not None or load.node_set in mesh.faces:
+        if load.deck_load is not None or load.of_mass or load.node_set in mesh.faces:
             _check_acts(mesh, T, load, own)
         else:
             _check_all_act(mesh, T, load, own)
-        np.add.at(e[: 3 * len(mesh.position), column].reshape(-1, 3), own.nodes, own.force)
+        e[:, column] = on_rows(model, own)
+        if own.moment is not None and not np.any(T.T @ e[:, column]):
+            raise UserError(
+                f"load {load.name} ({load.deck_load}): its nodes cannot exert its moments", remedy="take another load"
+            )
     return T.T @ e
+
+
+def on_rows(model: FiniteElementModel, own: NodalForces) -> np.ndarray:
+    """Forces and moments of a load on the rows of z (3n + 3r,): a moment at a node as the `couple` there."""
+    e = np.zeros(model.constraint.transform.shape[0])
+    np.add.at(e[: 3 * len(model.mesh.position)].reshape(-1, 3), own.nodes, own.force)
+    if own.moment is not None:
+        for i in np.flatnonzero(own.moment.any(axis=1)):
+            e += couple(model.mesh, model.constraint, own.nodes[i : i + 1], np.ones(1), own.moment[i])
+    return e
 
 
 def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray, *, whole: bool = True) -> np.ndarray:
@@ -88,6 +114,11 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
     Raises UserError for a node, set or load that is not there, a direction of no length, a load of the deck without
     resultant, and for what presses on no face, or on none that is turned against it.
     """
+    if load.gravity is not None:
+        return body_forces(mesh, BodyForce(acceleration=_unit(load.name, load.gravity)))
+    if load.rotation is not None:
+        axis, point = load.rotation
+        return body_forces(mesh, BodyForce(rotation=_unit(load.name, axis), centre=np.asarray(point, dtype=float)))
     if sum(given is not None for given in (load.node_id, load.node_set, load.deck_load)) != 1:
         raise UserError(
             f"load {load.name} needs a node or a node set, or a load of the deck", remedy="give one of them"
@@ -140,13 +171,15 @@ def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForc
     the rim of a face a support takes them."""
     loaded = np.flatnonzero(own.force.any(axis=1))
     idle = [i for i in loaded.tolist() if not np.any(T[3 * own.nodes[i] : 3 * own.nodes[i] + 3].T @ own.force[i])]
-    if len(idle) == len(loaded):
+    if len(idle) == len(loaded) and own.moment is None:
+        what = load.deck_load or load.node_set or "on all mass"
         raise UserError(
-            f"load {load.name} ({load.deck_load or load.node_set}) acts on nodes which cannot move in its direction",
+            f"load {load.name} ({what}) acts on nodes which cannot move in its direction",
             remedy="they are clamped or in no element: take another load",
         )
-    if idle and load.deck_load is not None:
-        share = np.linalg.norm(own.force[idle].sum(axis=0))
+    if idle and load.deck_load is not None and not own.regions:
+        whole = np.linalg.norm(own.force.sum(axis=0)) or 1.0
+        share = np.linalg.norm(own.force[idle].sum(axis=0)) / whole
         warnings.warn(
             f"load {load.name} ({load.deck_load}): {len(idle)} of its {len(loaded)} nodes cannot move in its direction "
             f"(node {mesh.node_ids[own.nodes[idle[0]]]}, …); {100 * share:.3g} % of its resultant moves nothing",
@@ -155,7 +188,7 @@ def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForc
 
 
 def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
-    """f / |Σ f|, a force a node."""
+    """f / |Σ f|, or f of a factor: a force a node, with the moments."""
     if load.deck_load is None or load.deck_load not in mesh.loads:
         known = ", ".join(sorted(mesh.loads)) or "none"
         raise UserError(
@@ -167,16 +200,24 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
             f"load {load.name} has a direction, and {load.deck_load} one of its own", remedy="leave the direction out"
         )
     forces = mesh.loads[load.deck_load]
-    total = np.linalg.norm(forces.force.sum(axis=0))
+    if forces.body:
+        raise UserError(
+            f"load {load.name}: {load.deck_load} acts on the mass of the deck, and the mass is that of ready matrices",
+            remedy="give it as forces of the deck",
+        )
+    total = 1.0 if load.factor else np.linalg.norm(forces.force.sum(axis=0))
     if not total > 1e-9 * np.abs(forces.force).sum():
         raise UserError(
             f"load {load.name}: the forces of {load.deck_load} add up to nothing",
-            remedy="a load has a unit resultant: take one whose forces do not balance, or load nodes one by one",
+            remedy="state `factor: true`: the load is then how often it acts, and not its resultant in N",
         )
     nodes, place = np.unique(forces.nodes, return_inverse=True)
-    f = np.zeros((len(nodes), 3))
+    f, moment = np.zeros((len(nodes), 3)), None
     np.add.at(f, place, forces.force / total)
-    return NodalForces(nodes, f)
+    if forces.moment is not None:
+        moment = np.zeros((len(nodes), 3))
+        np.add.at(moment, place, forces.moment / total)
+    return NodalForces(nodes, f, moment, regions=forces.regions)
 
 
 def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:

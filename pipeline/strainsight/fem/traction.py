@@ -9,6 +9,7 @@ import numpy as np
 from strainsight.mesh.facets import all_facets, facet_key
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh, NodalForces
+from strainsight.mesh.tractions import consistent_forces
 
 Traction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """x (q, 3) [m] and outward unit normal n (q, 3) → t (q, 3) [Pa]."""
@@ -22,15 +23,13 @@ def traction_forces(mesh: Mesh, face: str, traction: Traction) -> NodalForces:
     for number in np.unique(facets.kind[chosen]):
         kind = FACETS[number]
         nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
-        xi, w = kind.mass
-        N, dN = kind.functions(xi)
-        x = np.einsum("qa,fac->fqc", N, mesh.position[nodes])
-        J = np.einsum("qad,fac->fqcd", dN, mesh.position[nodes])
-        area = np.cross(J[..., 0], J[..., 1])
-        dA = np.linalg.norm(area, axis=-1)
-        n = area / np.where(dA > 0, dA, 1.0)[..., None]
-        t = traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape)
-        np.add.at(force, nodes, np.einsum("q,qa,fq,fqc->fac", w, N, dA, t))
+        own_forces = consistent_forces(
+            mesh.position,
+            kind,
+            nodes,
+            lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape),
+        )
+        np.add.at(force, nodes, own_forces)
         on_it[nodes] = True
     found = np.flatnonzero(on_it)
     return NodalForces(found, force[found])

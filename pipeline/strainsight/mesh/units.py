@@ -59,7 +59,7 @@ def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
 def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
     """A mesh in deck units → in m, kg, s.
 
-        x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²]
+        x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²],   moments [M L²/s²],   a [L/s²]
 
     So millimetres go with tonnes where moduli are in MPa. Weights of averaging elements are ratios and stay.
     Raises UserError for an unknown unit.
@@ -73,5 +73,13 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         replace(point, mass=point.mass * M, offset=point.offset * L, inertia=point.inertia * M * L**2)
         for point in mesh.point_masses
     )
-    loads = {name: replace(load, force=load.force * M * L) for name, load in mesh.loads.items()}
+    loads = {
+        name: replace(
+            load,
+            force=load.force * M * L,
+            moment=None if load.moment is None else load.moment * M * L**2,
+            body=tuple(replace(b, acceleration=b.acceleration * L, centre=b.centre * L) for b in load.body),
+        )
+        for name, load in mesh.loads.items()
+    }
     return replace(mesh, position=mesh.position * L, materials=materials, point_masses=masses, loads=loads)

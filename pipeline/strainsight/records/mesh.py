@@ -192,6 +192,9 @@ class Loads:
     nodes_offset: np.ndarray = dataset("/nodes_offset", "1", "load + 1", OFFSET)
     force: np.ndarray = dataset("/force", "N", "loaded node × 3", "forces" + ALL)
     force_offset: np.ndarray = dataset("/force_offset", "1", "load + 1", OFFSET)
+    moment: np.ndarray = dataset("/moment", "N m", "loaded node × 3", "moments, 0 where there are none" + ALL)
+    regions: np.ndarray = dataset("/regions", "1", "region", "ids of regions whose mass makes some of the forces" + ALL)
+    regions_offset: np.ndarray = dataset("/regions_offset", "1", "load + 1", OFFSET)
 
 
 @record
@@ -245,6 +248,9 @@ class MeshColumns:
         loaded, loaded_offset = _joined([load.nodes for load in mesh.loads.values()], int)
         named, named_offset = _joined(list(mesh.faces.values()), int, (2,))
         force, force_offset = _joined([load.force for load in mesh.loads.values()], float, (3,))
+        moments = [np.zeros_like(own.force) if own.moment is None else own.moment for own in mesh.loads.values()]
+        moment, _ = _joined(moments, float, (3,))
+        heavy, heavy_offset = _joined([np.array(load.regions) for load in mesh.loads.values()], int)
         return cls(
             nodes=Nodes(id=mesh.node_ids, position=mesh.position),
             cells={b.kind: Cells(id=b.ids, nodes=b.nodes, region=b.region) for b in mesh.blocks},
@@ -279,6 +285,9 @@ class MeshColumns:
                 nodes_offset=loaded_offset,
                 force=force,
                 force_offset=force_offset,
+                moment=moment,
+                regions=heavy,
+                regions_offset=heavy_offset,
             ),
             node_sets=_sets(mesh.node_sets),
             element_sets=_sets(mesh.element_sets),
@@ -299,7 +308,12 @@ class MeshColumns:
         weights = zip(
             masses.id.tolist(), masses.node.tolist(), masses.mass.tolist(), masses.offset, masses.inertia, strict=True
         )
-        forces = zip(_split(loads.nodes, loads.nodes_offset), _split(loads.force, loads.force_offset), strict=True)
+        columns = (
+            _split(loads.nodes, loads.nodes_offset),
+            _split(loads.force, loads.force_offset),
+            [own if own.any() else None for own in _split(loads.moment, loads.force_offset)],
+            [tuple(own.tolist()) for own in _split(loads.regions, loads.regions_offset)],
+        )
         axes = self.constraints.axes
         return Mesh(
             node_ids=self.nodes.id,
@@ -319,7 +333,10 @@ class MeshColumns:
             node_sets=_members(self.node_sets),
             element_sets=_members(self.element_sets),
             faces=dict(zip(self.faces.name, _split(self.faces.facets, self.faces.facets_offset), strict=True)),
-            loads={name: NodalForces(*row) for name, row in zip(loads.name, forces, strict=True)},
+            loads={
+                name: NodalForces(nodes, force, moment, regions=regions)
+                for name, nodes, force, moment, regions in zip(loads.name, *columns, strict=True)
+            },
             notes=self.notes,
             ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),
             effect={card: e for card, e in zip(self.ignored.card, self.ignored.effect, strict=True) if e},

@@ -81,10 +81,10 @@ def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
 def test_every_card_not_imported_is_counted(read, tetrahedron):
     mesh = read(
         tetrahedron
-        + "MOMENT,1,4,,1.,0.,0.,1.\nLOAD,9,1.,1.,1\nPLOAD4,1,10,1.\nCQUAD4,70,2,1,2,3,4\nCQUAD4,71,2,1,2,3,4\n"
+        + "PLOAD1,1,10,FX,FR,0.,1.\nTEMP,9,1,1.\nCQUAD4,70,2,1,2,3,4\nCQUAD4,71,2,1,2,3,4\n"
         "MAT1,9,1.,,.3\nEIGRL,1\n"
     )
-    expected = {"MOMENT": 1, "LOAD": 1, "PLOAD4": 1, "CQUAD4": 2, "MAT1 that no PSOLID refers to": 1, "EIGRL": 1}
+    expected = {"PLOAD1": 1, "TEMP": 1, "CQUAD4": 2, "MAT1 that no PSOLID refers to": 1, "EIGRL": 1}
     assert mesh.ignored == expected
 
 

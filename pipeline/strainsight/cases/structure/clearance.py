@@ -83,7 +83,8 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
         own = np.zeros(len(mesh.position), dtype=bool)
         if load.deck_load is not None:
             forces = mesh.loads[load.deck_load]
-            own[forces.nodes[forces.force.any(axis=1)]] = True
+            turned = False if forces.moment is None else forces.moment.any(axis=1)
+            own[forces.nodes[forces.force.any(axis=1) | turned]] = True
         elif load.set is not None:
             own[np.isin(mesh.node_ids, mesh.node_sets[load.set])] = True
         elif load.node is not None:

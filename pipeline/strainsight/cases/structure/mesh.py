@@ -13,6 +13,7 @@ from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.assembly import mass_properties
+from strainsight.fem.body_forces import with_body_forces
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.quality import Quality, element_quality
@@ -43,7 +44,9 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
             solids=config.matrices is None,
             materials=not config.materials,
         )
-    return with_additions(mesh, config, key)
+    mesh = with_additions(mesh, config, key)
+    with blame(f"{key}.file"), mesh.located():
+        return with_body_forces(mesh) if config.matrices is None else mesh
 
 
 def checked(

@@ -129,14 +129,14 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
         ("load_angle", own.load_angle, change[..., :2]),
         ("load_position", own.load_position, change[..., 2:]),
     ):
-        # a moment is the same wherever it acts, and a pressure has neither direction nor point
+        # a moment and what pulls at all mass have no point, a pressure and a rotation no direction either
         rigid = [
             name
             for i, name in enumerate(reduced.model.inputs)
             if std > 0
             and not of[:, i].any()
-            and not config.loads[name].pressure
-            and (key == "load_angle" or config.loads[name].moment is None)
+            and not (config.loads[name].pressure or config.loads[name].rotation)
+            and (key == "load_angle" or not (config.loads[name].moment or config.loads[name].gravity))
         ]
         if rigid:
             found.append(

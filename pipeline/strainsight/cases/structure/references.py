@@ -12,12 +12,12 @@ from strainsight.cases.material import named_regions
 from strainsight.cases.structure.settings import WHERE_LOADS_ACT, parameters_of, point_loads
 from strainsight.config.loads import Load
 from strainsight.config.placement import GuessFrom, PlacementConfig
-from strainsight.errors import InfeasibleError, blame
+from strainsight.errors import InfeasibleError, UserError, blame
 from strainsight.fem.loads import loaded_nodes, nodal_forces
 from strainsight.gauges.admissible import admissible
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import Mesh, NodalForces
 
 READS = (
     "parameters.*.property",
@@ -39,7 +39,7 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     """Nodes, sets, faces and loads of the deck that loads act on; regions of parameters, and guesses far from the deck's value;
     surfaces and zones of sensors.
 
-    Raises UserError with the key of what is not there.
+    Raises UserError with the key of what is not there, and of a load that would change with a parameter.
     """
     if config.mesh.matrices is None:
         known = {name: own for name, own in config.parameters.items() if not isinstance(own.guess, GuessFrom)}
@@ -50,7 +50,7 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     for name, load in point_loads(config.loads).items():
         with blame(f"loads.{name}"):
             if load.moment is None:
-                nodal_forces(mesh, load)
+                _check_mass(config, mesh, nodal_forces(mesh, load))
             else:
                 loaded_nodes(mesh, load)
     if not mesh.blocks or config.gauges.given is not None:
@@ -63,6 +63,20 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
             InfeasibleError
         ):  # what leaves no facet is named by `train`: an import is there to look at the faces
             admissible(mesh, facets, surface=own.surface, include=include, exclude=exclude, key=key)
+
+
+def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
+    """Raise UserError where a load is made by mass of a density that is a parameter: its shape would have to change with it."""
+    for name, parameter in config.parameters.items():
+        if (
+            load.regions
+            and parameter.property == "density"
+            and set(region_ids(mesh, named_regions(parameter.region))) & {*load.regions}
+        ):
+            raise UserError(
+                f"it acts on mass, and would change with the density {name}, which is a parameter: that is not supported",
+                remedy="state the density in mesh.materials, or leave the load out where it changes little",
+            )
 
 
 def on_one_node(loads: Mapping[str, Load], mesh: Mesh) -> tuple[str, ...]:

@@ -32,6 +32,9 @@ WHERE_LOADS_ACT = (
     "loads.*.moment",
     "loads.*.bearing",
     "loads.*.pressure",
+    "loads.*.factor",
+    "loads.*.gravity",
+    "loads.*.rotation",
 )
 """Keys that `point_loads` reads."""
 PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
@@ -117,7 +120,7 @@ def unknown_units(config: PlacementConfig) -> dict[str, str]:
 
 
 def load_units(loads: Mapping[str, Load]) -> str:
-    """The unit of an array over these loads: N, N m, Pa, or several."""
+    """The unit of an array over these loads, or several."""
     return " or ".join(sorted({load.unit for load in loads.values()}))
 
 
@@ -142,6 +145,9 @@ def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:
             entry.moment,
             entry.bearing,
             bool(entry.pressure),
+            bool(entry.factor),
+            entry.gravity,
+            None if entry.rotation is None else (entry.rotation.axis, entry.rotation.point),
         )
         for name, entry in config.items()
     }

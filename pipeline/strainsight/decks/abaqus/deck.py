@@ -10,9 +10,10 @@ import numpy as np
 
 from strainsight.decks.abaqus.assembly import assemble
 from strainsight.decks.abaqus.cells import SOLIDS, USUAL
+from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import regions_and_materials
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.supports import concentrated_loads, fixed_components, nodal_axes, point_masses
+from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, point_masses
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords
 from strainsight.decks.abaqus.ties import Ties, ties
@@ -24,7 +25,7 @@ from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
 
 TAKEN = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
-    r"SOLIDSECTION|BOUNDARY|CLOAD|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION"
+    r"SOLIDSECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION"
 )
 HARMLESS = re.compile(
     r"HEADING|PREPRINT|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
@@ -47,9 +48,10 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Me
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
     Imported: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI), *NSET, *ELSET,
-    *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), *SOLID SECTION, *BOUNDARY, *CLOAD,
-    *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM), *INCLUDE. What else changes the
-    structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there are several instances.
+    *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), *SOLID SECTION, *BOUNDARY,
+    *CLOAD, *DLOAD, *DSLOAD, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
+    *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there
+    are several instances.
     required: there have to be solids; stated: section and material of all of them. Raises DeckError with file:line for what
     cannot be imported as it stands.
     """
@@ -78,7 +80,7 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Me
     made: Ties = ties(assembly, found, axes, ignored)
     origin["tie"] = _origin(np.arange(1, len(made.where) + 1), made.where)
     fixed = fixed_components(assembly, made.rotations, ignored)
-    loads = concentrated_loads(assembly, axes, made.rotations, ignored)
+    loads = loads_of(assembly, found, axes, made.rotations, ignored)
     masses = point_masses(assembly, made.rotations)
     return Mesh(
         node_ids=assembly.node_ids,

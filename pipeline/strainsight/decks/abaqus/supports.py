@@ -1,4 +1,4 @@
-"""Supports, nodal axes, concentrated loads and point masses of an Abaqus deck."""
+"""Supports, nodal axes and point masses of an Abaqus deck."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from strainsight.decks.abaqus.parts import normal, orthonormal
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Row
 from strainsight.errors import DeckError
-from strainsight.mesh.model import FloatArray, IntArray, NodalForces, PointMass
+from strainsight.mesh.model import FloatArray, IntArray, PointMass
 
 TYPES = {
     "ENCASTRE": (0, 1, 2, 3, 4, 5),
@@ -121,36 +121,6 @@ def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
     if last > 6:
         ignored[f"*BOUNDARY of degree of freedom {last}"] += 1
     return tuple(c - 1 for c in range(first, min(last, 6) + 1))
-
-
-def concentrated_loads(
-    assembly: Assembly, axes: dict[int, FloatArray], rotations: dict[int, int], ignored: Counter[str]
-) -> dict[str, NodalForces]:
-    """The forces of each *CLOAD with any, as CLOAD-1, CLOAD-2, … in the order of the file; along nodal axes, turned to basic.
-
-    Moments are counted, also those that CalculiX means by a force on a ROT NODE; rotations: see `fixed_components`.
-    Raises DeckError for nodes that are not there and for degrees of freedom that are none.
-    """
-    loads: dict[str, NodalForces] = {}
-    scope = assembly.scopes[""]
-    keywords = [(s, k) for s, k in assembly.keywords("CLOAD")]
-    keywords += [(scope, k) for step in assembly.steps for k in step.keywords if k.name == "CLOAD"]
-    for number, (within, keyword) in enumerate(keywords, start=1):
-        force: dict[int, FloatArray] = {}
-        for row in keyword.rows(needed=False):
-            nodes = assembly.node_rows(row.text(0), within, row)
-            component, value = row.integer(1, "the degree of freedom"), row.real(2, "the force")
-            if not 1 <= component <= 6:
-                raise row.error(f"degree of freedom {component} takes no force", "forces act on 1 to 3")
-            for node in nodes.tolist():
-                if component > 3 or node in rotations:
-                    ignored["*CLOAD moment"] += 1
-                    continue
-                direction = axes[node][:, component - 1] if node in axes else np.eye(3)[component - 1]
-                force[node] = force.get(node, np.zeros(3)) + value * direction
-        if force:
-            loads[f"CLOAD-{number}"] = NodalForces(np.array(list(force)), np.array(list(force.values())))
-    return loads
 
 
 def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[PointMass, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.abaqus.text import Row
 from strainsight.decks.numbers import parse_integer
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
@@ -19,12 +19,14 @@ from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 @dataclass(frozen=True)
 class Surface:
     """name as the file writes it; scope it is defined in; nodes (k,) rows, sorted; weight (k,): share of the area of the
-    facets, or the area the file states for each node, 1 where it states none."""
+    facets, or the area the file states for each node, 1 where it states none; facets: kind and nodes (f, k) rows, normal
+    outward, none of a surface of nodes."""
 
     name: str
     scope: Scope
     nodes: IntArray
     weight: FloatArray
+    facets: tuple[tuple[Kind, IntArray], ...] = ()
 
 
 @dataclass
@@ -53,6 +55,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> dict[tupl
     """
     builder = _Builder(assembly, mesh)
     gathered: dict[tuple[str, str], list[tuple[IntArray, FloatArray]]] = {}
+    facets: dict[tuple[str, str], list[tuple[Kind, IntArray]]] = {}
     names: dict[tuple[str, str], tuple[str, Scope]] = {}
     for scope, keyword in assembly.keywords("SURFACE"):
         kind = keyword.parameters.get("TYPE", "ELEMENT").upper()
@@ -69,39 +72,49 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> dict[tupl
                 nodes = assembly.node_rows(row.text(0), scope, row)
                 own.append((nodes, np.full(len(nodes), row.real(1, "the area", 1.0))))
             else:
-                own += _facets(builder, keyword, row, scope)
+                pairs = _facets(builder, row, scope)
+                own += [_shares(assembly, facet, nodes) for facet, nodes in pairs]
+                facets.setdefault(key, []).extend(pairs)
     found = {}
     for key, parts in gathered.items():
         nodes = np.concatenate([np.zeros(0, dtype=np.int64), *(nodes for nodes, _ in parts)])
         weight = np.concatenate([np.zeros(0), *(weight for _, weight in parts)])
         rows, place = np.unique(nodes, return_inverse=True)
-        found[key] = Surface(*names[key], rows, np.bincount(place, weight, minlength=len(rows)).astype(float))
+        share = np.bincount(place, weight, minlength=len(rows)).astype(float)
+        found[key] = Surface(*names[key], rows, share, tuple(facets.get(key, ())))
     return found
 
 
-def _facets(builder: _Builder, keyword: Keyword, row: Row, scope: Scope) -> list[tuple[IntArray, FloatArray]]:
-    """Nodes and shares of area of the facets that a data line names."""
+def _facets(builder: _Builder, row: Row, scope: Scope) -> list[tuple[Kind, IntArray]]:
+    """The facets of solids that a data line names: their kind and nodes (f, k)."""
     assembly = builder.assembly
     rows = assembly.element_rows(row.text(0), scope, row)
     label = row.text(1).upper()
     rows = rows[assembly.kind[rows] >= 0]
     if not label:
         return _outside(builder, rows)
+    return facets_of(assembly, rows, parse_integer(label[1:]) if label.startswith("S") else None, row, "S")
+
+
+def facets_of(
+    assembly: Assembly, rows: IntArray, number: int | None, row: Row, letter: str
+) -> list[tuple[Kind, IntArray]]:
+    """Facet 1, 2, … of the solids in rows: kind and nodes (f, k); DeckError where they have none of this number."""
     found = []
     for i in np.unique(assembly.kind[rows]):
         facets = ELEMENTS[i].facets
-        number = parse_integer(label[1:]) if label.startswith("S") else None
         if number is None or not 1 <= number <= len(facets):
             raise row.error(
-                f"{row.text(1)!r} is no facet of a {ELEMENTS[i].name}", f"write S1 to S{len(facets)}, or nothing"
+                f"{row.text(1)!r} is no facet of a {ELEMENTS[i].name}",
+                f"write {letter}1 to {letter}{len(facets)}" + ", or nothing" * (letter == "S"),
             )
         kind, local = facets[number - 1]
         own = rows[assembly.kind[rows] == i]
-        found.append(_shares(assembly, kind, assembly.nodes[assembly.first[own][:, None] + np.array(local)]))
+        found.append((kind, assembly.nodes[assembly.first[own][:, None] + np.array(local)]))
     return found
 
 
-def _outside(builder: _Builder, rows: IntArray) -> list[tuple[IntArray, FloatArray]]:
+def _outside(builder: _Builder, rows: IntArray) -> list[tuple[Kind, IntArray]]:
     """Facets of elements that belong to no other element."""
     if builder.exterior is None:
         with builder.mesh.located():
@@ -112,7 +125,7 @@ def _outside(builder: _Builder, rows: IntArray) -> list[tuple[IntArray, FloatArr
     for i, kind in enumerate(FACETS):
         nodes = outside.nodes[chosen & (outside.kind == i)]
         if nodes.size:
-            found.append(_shares(builder.assembly, kind, nodes[:, : len(kind.nodes)]))
+            found.append((kind, nodes[:, : len(kind.nodes)]))
     return found
 
 

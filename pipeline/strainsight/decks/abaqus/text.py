@@ -19,7 +19,21 @@ from strainsight.decks.text import Line, included_file, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
-WITH_INPUT = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "BOUNDARY", "CLOAD", "ELASTIC", "DENSITY", "MASS", "MPC"}
+WITH_INPUT = {
+    "NODE",
+    "ELEMENT",
+    "NSET",
+    "ELSET",
+    "SURFACE",
+    "BOUNDARY",
+    "CLOAD",
+    "DLOAD",
+    "DSLOAD",
+    "ELASTIC",
+    "DENSITY",
+    "MASS",
+    "MPC",
+}
 """Keywords that are imported and whose data may stand in a file of their own."""
 
 _QUOTED = re.compile(r'"[^"]*"')

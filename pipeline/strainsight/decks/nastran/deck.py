@@ -14,7 +14,8 @@ from strainsight.decks.faults import OR_CONFIG, elastic_fault
 from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS, CoordinateSystem
 from strainsight.decks.nastran.grids import read_grids, resolved_system
-from strainsight.decks.nastran.loads import nodal_forces, point_masses
+from strainsight.decks.nastran.loads import LOADS, static_loads
+from strainsight.decks.nastran.masses import point_masses
 from strainsight.decks.nastran.sets import sets
 from strainsight.decks.nastran.solids import SOLIDS, read_solids
 from strainsight.decks.nastran.supports import count_relations, fixed_components
@@ -22,8 +23,9 @@ from strainsight.decks.nastran.ties import averaging_elements, rigid_elements, t
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
 TAKEN = {
-    *("GRID", "GRDSET", "PSOLID", "MAT1", "SPC", "SPC1", "SPCADD", "RBE2", "RBE3", "CONM2", "FORCE", "SET1", "SET3"),
+    *("GRID", "GRDSET", "PSOLID", "MAT1", "SPC", "SPC1", "SPCADD", "RBE2", "RBE3", "CONM2", "SET1", "SET3"),
     *SOLIDS,
+    *LOADS,
     *BY_POINTS,
     *BY_NODES,
 }
@@ -40,9 +42,9 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> M
     """A Nastran deck in its own units, with its own ids.
 
     Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
-    SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, FORCE, SET1, SET3, case-control SPC and SET, PARAM WTMASS, INCLUDE. Every other
-    card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk data "SET1-5"; FORCE
-    cards of set 5 are the load "FORCE-5". Without a selection in the case control the only set of supports counts.
+    SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, the static loads of `static_loads`, SET1, SET3, case-control SPC and SET,
+    PARAM WTMASS, INCLUDE. Every other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5
+    of the bulk data "SET1-5". Without a selection in the case control the only set of supports counts.
     required: there have to be solids; stated: PSOLID and MAT1 of all of them. Raises DeckError with file:line for what cannot be
     imported as it stands.
     """
@@ -64,7 +66,9 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> M
     averaging = averaging_elements(cards, nodes)
     node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), ignored)
     fixed = fixed_components(deck, nodes, grids.permanent, ignored)
-    masses = point_masses(cards, grids, scale, turning_nodes(rigid, averaging), notes)
+    turning = turning_nodes(rigid, averaging)
+    masses = point_masses(cards, grids, scale, turning, notes)
+    loads = static_loads(cards, grids, blocks, turning, notes)
     count_relations(deck, ignored, notes)
     _count_ignored(deck, ignored)
     return Mesh(
@@ -80,7 +84,7 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> M
         axes=grids.axes,
         node_sets=node_sets,
         element_sets=element_sets,
-        loads=nodal_forces(cards, grids),
+        loads=loads,
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL),
         notes=tuple(notes),

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.decks.faults import IdTable
 from strainsight.decks.nastran.cards import Card, unique_ids
-from strainsight.decks.nastran.coordinates import CoordinateSystem, coordinate_systems, local_axes, to_basic
+from strainsight.decks.nastran.coordinates import BASIC, CoordinateSystem, coordinate_systems, local_axes, to_basic
 from strainsight.decks.nastran.sets import expand
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
@@ -116,3 +116,10 @@ def resolved_system(card: Card, field: int, systems: dict[int, CoordinateSystem]
     if cid not in systems:
         raise card.error(f"coordinate system {cid} is no CORD1 or CORD2 of the deck", "add the card of the system")
     return systems[cid]
+
+
+def axes_at(position: FloatArray, system: CoordinateSystem) -> FloatArray:
+    """The directions of a system at one point (3,)."""
+    if system is BASIC:
+        return BASIC.axes
+    return local_axes(position[None, :], system)[0][0]

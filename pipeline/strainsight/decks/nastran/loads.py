@@ -1,83 +1,140 @@
-"""Point masses (CONM2) and nodal forces (FORCE) of a Nastran deck."""
+"""Static loads of a Nastran deck: forces, moments, pressures, weight, rotation, and what a LOAD makes of them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from strainsight.decks.nastran.cards import Card, unique_ids
-from strainsight.decks.nastran.coordinates import BASIC, CoordinateSystem, local_axes
-from strainsight.decks.nastran.grids import Grids, resolved_system
-from strainsight.mesh.model import FloatArray, NodalForces, PointMass
+from strainsight.decks.nastran.cards import Card
+from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
+from strainsight.decks.nastran.pressures import pressure_forces
+from strainsight.mesh.model import BodyForce, CellBlock, FloatArray, NodalForces
 
-INDEFINITE = 1e-6
-"""Least principal moment over the largest, below zero, that the digits of a card do not explain."""
+POINTS = {"": 0, "1": 2, "2": 4}
+"""FORCE, FORCE1, FORCE2: by how many nodes the direction is given."""
+LOADS = (
+    *(f"{kind}{which}" for kind in ("FORCE", "MOMENT") for which in POINTS),
+    *("PLOAD", "PLOAD2", "PLOAD4", "GRAV", "RFORCE", "LOAD"),
+)
 
 
-def point_masses(
-    cards: dict[str, list[Card]], grids: Grids, scale: float, turning: Collection[int], notes: list[str]
-) -> tuple[PointMass, ...]:
-    """CONM2 with offset and inertia along the basic axes; masses and inertia times `scale` (PARAM WTMASS).
+@dataclass
+class LoadSet:
+    """What a set holds: force and moment by row of the node, body forces, and the names of its cards."""
 
-        J = [I11, −I21, −I31; −I21, I22, −I32; −I31, −I32, I33] about the centre, the card holds positive products
+    force: dict[int, FloatArray] = field(default_factory=dict)
+    moment: dict[int, FloatArray] = field(default_factory=dict)
+    body: list[BodyForce] = field(default_factory=list)
+    cards: set[str] = field(default_factory=set)
 
-    turning: rows of the nodes with rotations; at the others only the mass counts, which becomes a note.
-    Raises DeckError for a negative mass, an inertia that is not positive semidefinite, a node or system that is not there.
+    def add(self, other: LoadSet, factor: float) -> None:
+        """What the other set holds, times a factor."""
+        for own, more in ((self.force, other.force), (self.moment, other.moment)):
+            for row, value in more.items():
+                own[row] = own.get(row, np.zeros(3)) + factor * value
+        self.body += [replace(body, factor=factor * body.factor) for body in other.body]
+
+    def made(self) -> NodalForces:
+        """As a load of the mesh."""
+        rows = list(dict.fromkeys([*self.force, *self.moment]))
+        nothing = np.zeros(3)
+        force = np.array([self.force.get(row, nothing) for row in rows]).reshape(-1, 3)
+        moment = np.array([self.moment.get(row, nothing) for row in rows]).reshape(-1, 3) if self.moment else None
+        return NodalForces(np.array(rows, dtype=np.int64), force, moment, tuple(self.body))
+
+
+def static_loads(
+    cards: dict[str, list[Card]],
+    grids: Grids,
+    blocks: Sequence[CellBlock],
+    turning: Collection[int],
+    notes: list[str],
+) -> dict[str, NodalForces]:
+    """The loads of set s: "FORCE-s" where it holds FORCE cards alone, else "LOAD-s"; of a LOAD card "LOAD-s" too.
+
+        FORCE   F N along the directions of its CID at the node,   FORCE1  along G1G2,   FORCE2  along G1G2 × G3G4
+        GRAV    g = A N,     RFORCE  ω = 2π A R through the node G,     LOAD  S Σ S_i L_i
+
+    MOMENTs likewise; turning: rows of nodes with rotations, a MOMENT on any other becomes a note. Loads on one node add up.
+    Raises DeckError for a node, element, system or set that is not there, and for an angular acceleration.
     """
-    found = cards.get("CONM2", [])
-    masses = []
-    for number, card in zip(unique_ids(found, "point mass").tolist(), found, strict=True):
-        row = grids.nodes.row(card.integer(1, "the node id"), card)
-        mass = card.real(3, "the mass", 0.0)
-        if mass < 0:
-            raise card.error(f"the mass is {mass:g}, negative", "give a positive mass")
-        at_position = card.text(2) == "-1"
-        axes = np.eye(3) if at_position else _axes(grids.position[row], resolved_system(card, 2, grids.systems))
-        offset = axes @ [card.real(i, "the offset", 0.0) for i in (4, 5, 6)] - at_position * grids.position[row]
-        inertia = axes @ _inertia(card) @ axes.T
-        if (offset.any() or inertia.any()) and row not in turning:
-            notes.append(
-                f"CONM2 {number}: node {grids.nodes.ids[row]} has no rotations (no RBE2 or RBE3 gives it any), so "
-                "its mass acts at the node itself, its offset and inertia have no effect"
-            )
-        masses.append(PointMass(number, row, scale * mass, offset, scale * inertia))
-    return tuple(masses)
+    sets: dict[int, LoadSet] = {}
 
+    def of(card: Card) -> LoadSet:
+        own = sets.setdefault(card.integer(0, "the set id"), LoadSet())
+        own.cards.add(card.name)
+        return own
 
-def _inertia(card: Card) -> FloatArray:
-    I11, I21, I22, I31, I32, I33 = (card.real(i, "the inertia", 0.0) for i in range(8, 14))
-    J = np.array([[I11, -I21, -I31], [-I21, I22, -I32], [-I31, -I32, I33]])
-    principal = np.linalg.eigvalsh(J)
-    if principal[0] < -INDEFINITE * max(principal[-1], 0.0) or principal[-1] < 0:
-        raise card.error(
-            f"the inertia has the principal moments {principal[0]:.4g}, {principal[1]:.4g}, {principal[2]:.4g}",
-            "none may be negative; I21, I31 and I32 are the products themselves, without a minus sign",
+    for kind in ("FORCE", "MOMENT"):
+        for which, points in POINTS.items():
+            for card in cards.get(kind + which, []):
+                row = grids.nodes.row(card.integer(1, "the node id"), card)
+                values = of(card).force if kind == "FORCE" else of(card).moment
+                values[row] = values.get(row, np.zeros(3)) + _vector(card, row, points, grids)
+    for name in ("PLOAD", "PLOAD2", "PLOAD4"):
+        for card in cards.get(name, []):
+            of(card)
+    for number, rows, force in pressure_forces(cards, grids, blocks):
+        own = sets[number].force
+        for row, value in zip(rows.tolist(), force, strict=True):
+            own[row] = own.get(row, np.zeros(3)) + value
+    for card in cards.get("GRAV", []):
+        of(card).body.append(BodyForce(acceleration=_along(card, 1, 2, grids)))
+    for card in cards.get("RFORCE", []):
+        if card.real(8, "the angular acceleration RACC", 0.0) != 0:
+            raise card.error("RACC states an angular acceleration", "only a steady rotation is supported: leave it out")
+        at = card.integer(1, "the node G", 0)
+        centre = grids.position[grids.nodes.row(at, card)] if at else np.zeros(3)
+        of(card).body.append(BodyForce(rotation=2 * np.pi * _along(card, 2, 3, grids), centre=centre))
+    loose = sorted({int(grids.nodes.ids[row]) for own in sets.values() for row in own.moment if row not in turning})
+    if loose:
+        more = f" and {len(loose) - 1} more" if len(loose) > 1 else ""
+        notes.append(
+            f"MOMENT on node {loose[0]}{more} without rotations: a couple of forces on the nodes of the elements there"
         )
-    return J
-
-
-def nodal_forces(cards: dict[str, list[Card]], grids: Grids) -> dict[str, NodalForces]:
-    """FORCE cards of set s as the load "FORCE-s": F (N1 e₁ + N2 e₂ + N3 e₃), directions of its CID at the node.
-
-    Forces on one node add up. Raises DeckError for a node or system that is not there.
-    """
-    sets: dict[int, dict[int, FloatArray]] = {}
-    for card in cards.get("FORCE", []):
-        number = card.integer(0, "the set id")
-        row = grids.nodes.row(card.integer(1, "the node id"), card)
-        axes = _axes(grids.position[row], resolved_system(card, 2, grids.systems))
-        force = card.real(3, "the force") * axes @ [card.real(i, "the direction", 0.0) for i in (4, 5, 6)]
-        own = sets.setdefault(number, {})
-        own[row] = own.get(row, np.zeros(3)) + force
-    return {
-        f"FORCE-{number}": NodalForces(np.array(list(own), dtype=np.int64), np.array(list(own.values())))
-        for number, own in sorted(sets.items())
+    named = {
+        f"{'FORCE' if own.cards == {'FORCE'} else 'LOAD'}-{number}": own.made() for number, own in sorted(sets.items())
     }
+    return named | _combined(cards.get("LOAD", []), sets)
 
 
-def _axes(position: FloatArray, system: CoordinateSystem) -> FloatArray:
-    """The directions of a system at one point (3,)."""
-    if system is BASIC:
-        return BASIC.axes
-    return local_axes(position[None, :], system)[0][0]
+def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, NodalForces]:
+    found: dict[int, LoadSet] = {}
+    for card in cards:
+        number, whole = card.integer(0, "the set id"), card.real(1, "the factor S")
+        if number in sets or number in found:
+            raise card.error("other loads have its set id", "give the combination an id of its own")
+        own = found[number] = LoadSet()
+        for i in range(2, len(card.fields), 2):
+            if not (card.text(i) or card.text(i + 1)):
+                continue
+            part = card.integer(i + 1, "a set id")
+            if part not in sets:
+                raise card.error(f"set {part} holds no load that is imported", "take it out of the combination")
+            own.add(sets[part], whole * card.real(i, "a factor"))
+    return {f"LOAD-{number}": own.made() for number, own in sorted(found.items())}
+
+
+def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
+    """Force or moment of a card, by the components in its system or by two or four nodes."""
+    if not points:
+        axes = axes_at(grids.position[row], resolved_system(card, 2, grids.systems))
+        size = card.real(3, f"the {card.name.lower()}")
+        return np.asarray(size * axes @ [card.real(i, "the direction", 0.0) for i in (4, 5, 6)])
+    x = [grids.position[grids.nodes.row(card.integer(3 + i, "a node id"), card)] for i in range(points)]
+    direction = x[1] - x[0] if points == 2 else np.cross(x[1] - x[0], x[3] - x[2])
+    if not np.linalg.norm(direction) > 0:
+        raise card.error("its nodes give no direction", "name nodes that do not coincide or lie on one line")
+    size = card.real(2, f"the {card.name.rstrip('12').lower()}")
+    return np.asarray(size * direction / np.linalg.norm(direction))
+
+
+def _along(card: Card, system: int, size: int, grids: Grids) -> FloatArray:
+    """Size times the vector behind it, in a rectangular system."""
+    own = resolved_system(card, system, grids.systems)
+    if own.kind != "rectangular":
+        raise card.error("its system is not rectangular", "give the vector in a rectangular one")
+    vector = [card.real(size + 1 + i, "a component of the vector", 0.0) for i in range(3)]
+    return np.asarray(card.real(size, "the factor A") * own.axes @ vector)

@@ -106,7 +106,10 @@ def _constraints(mesh: Mesh) -> list[Row]:
         (
             f"load {name}",
             _number(len(load.nodes), "node"),
-            "resultant ({:.4g}, {:.4g}, {:.4g}) N".format(*load.force.sum(axis=0)),
+            "resultant ({:.4g}, {:.4g}, {:.4g}) N".format(*load.force.sum(axis=0))
+            + (
+                "" if load.moment is None else ", moments ({:.4g}, {:.4g}, {:.4g}) N m".format(*load.moment.sum(axis=0))
+            ),
         )
         for name, load in mesh.loads.items()
     ]

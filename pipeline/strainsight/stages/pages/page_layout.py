@@ -142,12 +142,16 @@ def loose_nodes(mesh: Mesh) -> np.ndarray:
 
 
 def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Where a load is drawn and along what, a moment along its axis, a pressure that balances itself along nothing: one of the
-    deck at the mean of its nodes, weighted by their forces."""
+    """Where a load is drawn and along what, a moment along its axis, a rotation and what balances itself along nothing: one of
+    the deck at the mean of its nodes, weighted by their forces."""
     if entry.deck_load is not None:
         forces = mesh.loads[entry.deck_load]
-        size = np.linalg.norm(forces.force, axis=1)
-        return size @ mesh.position[forces.nodes] / size.sum(), forces.force.sum(axis=0)
+        size, total = np.linalg.norm(forces.force, axis=1), forces.force.sum(axis=0)
+        if np.linalg.norm(total) <= 1e-9 * size.sum():
+            return mesh.position[forces.nodes].mean(axis=0), np.zeros(3)
+        return size @ mesh.position[forces.nodes] / size.sum(), total
+    if entry.gravity is not None or entry.rotation is not None:
+        return mesh.position.mean(axis=0), np.array(entry.gravity or np.zeros(3), float)
     if entry.pressure:
         own = pressure(mesh, entry.set)
         total = own.force.sum(axis=0)

@@ -12,7 +12,10 @@ from strainsight.config.suite import SuiteConfig
 from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong
 from strainsight.config.suite_studies import Claim, as_texts
 
-DRAWN = ("node", "set", "direction", "moment", "bearing", "pressure", "deck_load", "known")
+DRAWN = (
+    *("node", "set", "direction", "moment", "bearing", "pressure", "deck_load", "factor", "gravity", "rotation"),
+    "known",
+)
 """What the picture shows of a load."""
 OF_A_BENCH = ("simulate", "estimate", "place", "report")
 """Stages of a bench whose artefacts the page is made of; of a placement all."""
@@ -57,7 +60,7 @@ def _of_placement(data: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "loads": {name: {key: load[key] for key in DRAWN} for name, load in loads.items()},
         "unknowns": {
-            name: {"kind": "input", "unit": unit_of(loads[name]["moment"], loads[name]["pressure"])}
+            name: {"kind": "input", "unit": unit_of(loads[name])}
             if name in loads
             else {"kind": "parameter", "unit": PARAMETER_UNITS[parameters[name]["property"]]}
             for name in data["place"]["estimate"]

@@ -1,0 +1,75 @@
+"""Weight and the inertia of a rotation, as forces on nodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.fem.assembly import element_mass_parts
+from strainsight.fem.point_masses import turning_masses
+from strainsight.fem.ties import references
+from strainsight.mesh.model import BodyForce, Mesh, NodalForces
+
+
+def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
+    """f_a = Σ_b m_ab a(x_b) on the nodes of solids, m_ab = ∫ ρ N_a N_b dV, as a(x) is linear in x: the same work as ∫ ρ a dV.
+
+        a = g + (ω × (x − c)) × ω,     of a point mass m a and r × m a − ω × Jω on the rotations of its node
+
+    r offset of the centre of the mass, J its inertia; where the node has no rotations, all of the mass is at the node.
+    Raises UserError where a region has no material, and so no density.
+    """
+    lacking = [region for region in mesh.regions.values() if region.material not in mesh.materials]
+    if lacking:
+        raise UserError(f"{lacking[0]} has no density, and a load acts on its mass", remedy="state mesh.materials")
+    force, moment = np.zeros_like(mesh.position), np.zeros_like(mesh.position)
+    a, regions = body.factor * acceleration(body, mesh.position), set()
+    for part, m in element_mass_parts(mesh):
+        own = np.ones(len(part.ids), bool) if body.elements is None else np.isin(part.ids, body.elements)
+        i, j = np.triu_indices(part.nodes.shape[1])
+        m, nodes = m[own], part.nodes[own]
+        np.add.at(force, nodes[:, i], m[:, :, None] * a[nodes[:, j]])
+        off = i != j
+        np.add.at(force, nodes[:, j[off]], m[:, off, None] * a[nodes[:, i[off]]])
+        regions |= set(np.unique(part.region[own]).tolist())
+    turning = references(mesh) | set(turning_masses(mesh))
+    for point in mesh.point_masses:
+        if body.elements is not None and point.id not in body.elements:
+            continue
+        arm = point.offset if point.node in turning else np.zeros(3)
+        pull = body.factor * point.mass * acceleration(body, mesh.position[point.node] + arm)
+        force[point.node] += pull
+        if point.node in turning:
+            spin = -np.cross(body.rotation, np.asarray(point.inertia) @ body.rotation)
+            moment[point.node] += np.cross(arm, pull) + body.factor * spin
+    nodes = np.flatnonzero(force.any(axis=1) | moment.any(axis=1))
+    return NodalForces(nodes, force[nodes], moment[nodes] if moment.any() else None, regions=tuple(sorted(regions)))
+
+
+def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:
+    """a = g + (ω × (x − c)) × ω at points x (..., 3) [m/s²], without its factor."""
+    return np.asarray(body.acceleration + np.cross(np.cross(body.rotation, x - body.centre), body.rotation))
+
+
+def with_body_forces(mesh: Mesh) -> Mesh:
+    """The mesh with the body forces of its loads among their forces: as its densities are now."""
+    loads = {}
+    for name, load in mesh.loads.items():
+        parts = [replace(load, body=()), *(body_forces(mesh, body) for body in load.body)]
+        loads[name] = _sum(parts) if load.body else load
+    return replace(mesh, loads=loads)
+
+
+def _sum(parts: list[NodalForces]) -> NodalForces:
+    nodes, place = np.unique(np.concatenate([part.nodes for part in parts]), return_inverse=True)
+    force, moment, start = np.zeros((len(nodes), 3)), np.zeros((len(nodes), 3)), 0
+    for part in parts:
+        own = place[start : start + len(part.nodes)]
+        np.add.at(force, own, part.force)
+        if part.moment is not None:
+            np.add.at(moment, own, part.moment)
+        start += len(part.nodes)
+    regions = tuple(sorted({number for part in parts for number in part.regions}))
+    return NodalForces(nodes, force, moment if moment.any() else None, regions=regions)

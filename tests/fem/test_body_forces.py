@@ -1,0 +1,146 @@
+"""Weight and rotation: resultants of rigid bodies, stress of bars, and what an input shape makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.fem.body_forces import body_forces, with_body_forces
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.loads import PointLoad, input_shape, nodal_forces
+from strainsight.fem.misaligned import MISALIGNMENTS, misaligned_shape, misalignment_shapes
+from strainsight.fem.model import build_model, nodal
+from strainsight.mesh.model import BodyForce, NodalForces, PointMass, RigidElement
+
+from ..bodies import RHO, E, body, held
+from ..solids import SOLIDS
+
+G = np.array([1.0, -2.0, 9.81])
+OMEGA, CENTRE = np.array([3.0, -1.0, 2.0]), np.array([0.3, 0.2, -0.4])
+
+
+def distorted(u, v, w):
+    x = np.array([u, v, w])
+    return x + 0.1 * np.prod(np.sin(np.pi * x)) * np.array([1, -1, 0.5])
+
+
+@pytest.mark.parametrize("kind", list(SOLIDS))
+def test_resultant_and_moment_are_those_of_a_rigid_box(kind):
+    """F = m a(x̄) and, about the centre x̄, M = −ω × Jω J = m/12 (b² + c², …) of a box of 2 × 1 × 1 m."""
+    mesh = body(kind, (2, 1, 1), distorted)
+    x = mesh.position
+    own = body_forces(mesh, BodyForce(G, OMEGA, CENTRE, factor=2.0))
+    m, middle, sides = 2 * RHO, np.array([1, 0.5, 0.5]), np.array([2.0, 1, 1])
+    a = G + OMEGA @ OMEGA * (middle - CENTRE) - OMEGA * (OMEGA @ (middle - CENTRE))
+    np.testing.assert_allclose(own.force.sum(axis=0), 2 * m * a, atol=1e-12 * m * np.linalg.norm(a))
+    J = m / 12 * np.diag(sides @ sides - sides**2)
+    turned = np.cross(x[own.nodes] - middle, own.force).sum(axis=0)
+    np.testing.assert_allclose(turned, -2 * np.cross(OMEGA, J @ OMEGA), atol=1e-9 * m * (OMEGA @ OMEGA))
+    assert own.regions == (1,)
+
+
+def test_a_hanging_bar_stretches_by_its_weight():
+    """ν = 0: u(z) = ρg/E (L z − z²/2) below the support, exactly in quadratic elements."""
+    mesh = body("hex20", (1, 1, 4), lambda u, v, w: (0.1 * u, 0.1 * v, w - 4))
+    mesh = held(replace(mesh, materials={1: replace(mesh.materials[1], poisson_ratio=0.0)}), mesh.position[:, 2] == 0)
+    model = build_model(mesh)
+    S = input_shape(model, [PointLoad("g", gravity=(0, 0, -2.0))])
+    u = nodal(model, factorise(model.stiffness.constant).solve(S)).reshape(-1, 3)
+    z = -mesh.position[:, 2]
+    np.testing.assert_allclose(u[:, 2], -RHO / E * (4 * z - z**2 / 2), rtol=1e-9, atol=1e-20)
+
+
+def test_a_rotating_bar_stretches_by_its_own_pull():
+    """ν = 0, about an end: u(x) = ρ/E (L² x/2 − x³/6) for Ω² = 1; cubic, so that quadratic elements have it at their corners."""
+    mesh = body("hex20", (8, 1, 1), lambda u, v, w: (0.25 * u, 0.01 * v, 0.01 * w))
+    mesh = held(replace(mesh, materials={1: replace(mesh.materials[1], poisson_ratio=0.0)}), mesh.position[:, 0] == 0)
+    model = build_model(mesh)
+    S = input_shape(model, [PointLoad("w", rotation=((0, 0, -5.0), (0, 0.005, 9.0)))])
+    u = nodal(model, factorise(model.stiffness.constant).solve(S)).reshape(-1, 3)
+    x = mesh.position[:, 0]
+    corner = np.isclose(x % 0.25, 0) | np.isclose(x % 0.25, 0.25)
+    np.testing.assert_allclose(u[corner, 0], (RHO / E * (2**2 * x / 2 - x**3 / 6))[corner], rtol=1e-6, atol=1e-18)
+
+
+def test_a_point_mass_pulls_where_it_is_and_turns_its_node():
+    """m a at its centre and −ω × Jω, against particles that make up mass and inertia."""
+    mesh = body("hex8", (1, 1, 1), lambda *u: u)
+    rng = np.random.default_rng(2)
+    r, dm = rng.normal(size=(6, 3)), rng.uniform(0.5, 2, 6)
+    m, centre = dm.sum(), dm @ r / dm.sum()
+    J = sum(d * (q @ q * np.eye(3) - np.outer(q, q)) for d, q in zip(dm, r - centre, strict=True))
+    node = 8
+    mesh = replace(
+        mesh,
+        node_ids=np.arange(1, 10),
+        position=np.vstack([mesh.position, [0.5, 0.5, 2.0]]),
+        rigid=(RigidElement(1, node, np.array([4, 5, 6, 7]), (0, 1, 2)),),
+        point_masses=(PointMass(7, node, m, centre, J),),
+    )
+    both = body_forces(mesh, BodyForce(G, OMEGA, CENTRE))
+    alone = body_forces(mesh, BodyForce(G, OMEGA, CENTRE, elements=np.array([7])))
+    assert alone.regions == ()
+    assert alone.nodes.tolist() == [node]
+    each = dm[:, None] * (G + np.cross(np.cross(OMEGA, mesh.position[node] + r - CENTRE), OMEGA))
+    np.testing.assert_allclose(alone.force[0], each.sum(axis=0))
+    np.testing.assert_allclose(alone.moment[0], np.cross(r, each).sum(axis=0))
+    np.testing.assert_allclose(both.force[both.nodes == node][0], alone.force[0])
+
+
+@pytest.fixture(scope="module")
+def clamped():
+    mesh = body("hex8", (3, 1, 1), lambda *u: u)
+    return held(mesh, mesh.position[:, 0] == 0)
+
+
+def test_a_load_of_the_deck_has_its_weight_by_the_density_of_the_mesh(clamped):
+    weight, push = BodyForce(acceleration=G), NodalForces(np.array([3]), np.array([[1.0, 0, 0]]), body=(BodyForce(G),))
+    light = replace(clamped, materials={1: replace(clamped.materials[1], density=10.0)})
+    light = replace(light, loads={"LOAD-1": push, "LOAD-2": NodalForces(np.array([0]), np.zeros((1, 3)))})
+    found = with_body_forces(light).loads
+    np.testing.assert_allclose(found["LOAD-1"].force.sum(axis=0), 30 * G + [1, 0, 0])
+    assert (found["LOAD-1"].regions, found["LOAD-1"].body) == ((1,), ())
+    assert found["LOAD-2"] is light.loads["LOAD-2"]
+    np.testing.assert_allclose(body_forces(light, weight).force.sum(axis=0), 30 * G)
+
+
+def test_a_factor_keeps_the_numbers_of_the_deck_and_the_resultant_does_not(clamped):
+    pair = NodalForces(np.array([5, 6]), np.array([[0, 3.0, 0], [0, 4.0, 0]]))
+    mesh = replace(clamped, loads={"LOAD-1": pair, "LOAD-2": replace(pair, force=np.array([[0, 3.0, 0], [0, -3.0, 0]]))})
+    one, times = (nodal_forces(mesh, PointLoad("F", deck_load="LOAD-1", factor=f)).force for f in (False, True))
+    np.testing.assert_allclose(7 * one, times)
+    with pytest.raises(UserError, match="add up to nothing") as caught:
+        nodal_forces(mesh, PointLoad("F", deck_load="LOAD-2"))
+    assert "factor: true" in caught.value.remedy
+    assert input_shape(build_model(mesh), [PointLoad("F", deck_load="LOAD-2", factor=True)]).any()
+
+
+def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
+    rim = np.flatnonzero(clamped.position[:, 0] == 3)
+    mesh = replace(
+        clamped,
+        node_ids=np.append(clamped.node_ids, 99),
+        position=np.vstack([clamped.position, [3, 0.5, 0.5]]),
+        rigid=(RigidElement(1, 16, rim, (0, 1, 2)),),
+        loads={"LOAD-1": NodalForces(np.array([16]), np.zeros((1, 3)), np.array([[0, 0, 5.0]]))},
+    )
+    model = build_model(mesh)
+    S = input_shape(model, [PointLoad("M", deck_load="LOAD-1", factor=True), PointLoad("T", node_id=99, moment=(0, 0, 1))])
+    assert S[:, 0].any()
+    np.testing.assert_allclose(S[:, 0], 5 * S[:, 1])
+
+
+def test_weight_may_be_turned_and_not_shifted_and_a_rotation_is_neither(clamped):
+    model = build_model(clamped)
+    loads = [PointLoad("g", gravity=(0, 0, -1.0)), PointLoad("w", rotation=((1.0, 0, 0), (0, 5.0, 0)))]
+    shapes = misalignment_shapes(model, loads)
+    assert [bool(shapes[:, 0, i].any()) for i in range(MISALIGNMENTS)] == [True, True, False, False]
+    assert not shapes[:, 1].any()
+    small = 1e-6
+    for i in range(2):
+        turn = small * np.eye(2)[i]
+        apart = [misaligned_shape(model, loads[0], s * turn, np.array([0.3, 0.1])) for s in (1, -1)]
+        np.testing.assert_allclose((apart[0] - apart[1]) / (2 * small), shapes[:, 0, i], atol=1e-6 * np.abs(shapes).max())
