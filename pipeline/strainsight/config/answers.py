@@ -37,7 +37,7 @@ class Suggestion:
     length_unit, mass_unit: in which its materials make sense, empty where they make sense in none, and odd says why; region: id
     of the largest one, and its Young's modulus [Pa], None where the deck has no material; lacking: what materials lack;
     supports, solids: whether the deck has any; places: where its loads and supports may be, the likely ones first; taken: names
-    of its sets.
+    of its sets; gauge_type: that suits its largest face.
     """
 
     length_unit: str = "m"
@@ -50,6 +50,7 @@ class Suggestion:
     solids: bool = True
     places: tuple[Place, ...] = ()
     taken: tuple[str, ...] = ()
+    gauge_type: str | None = "3/350"
 
     def free(self, name: str) -> str:
         """The name, or one like it that no set of the deck has."""

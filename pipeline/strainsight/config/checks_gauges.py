@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from strainsight.config.gauge_types import type_problems
 from strainsight.config.gauges import AxisDirection, BondedBridge, Gauges
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
@@ -18,6 +19,8 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     gauges, place = config.gauges, config.place
     yield from _given(config)
     yield from _directions(gauges)
+    if gauges.direction is not None:
+        yield from type_problems(gauges, len(gauges.direction.angles) if gauges.rosette else 1)
     yield from zone_problems("gauges.include", gauges.include)
     yield from zone_problems("gauges.exclude", gauges.exclude)
     for name, sensors in config.motion_sensors.items():
@@ -60,6 +63,7 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
         ("gauges.direction", gauges.direction is not None),
         ("gauges.rosette", gauges.rosette),
         ("gauges.bridge", gauges.bridge is not None),
+        ("gauges.type", gauges.type is not None),
         ("gauges.grid_length", gauges.grid_length > 0),
         ("gauges.clearance", isinstance(gauges.clearance, float)),
         ("gauges.fixed", bool(gauges.fixed)),

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, Tag
 
 from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector
+from strainsight.config.gauge_types import GaugeType, TypeName
 from strainsight.config.zones import Zone, key_of
 
 Angles = Annotated[tuple[float, ...], Field(min_length=1)]
@@ -127,6 +128,14 @@ class GaugeSites(SensorSites):
 class Gauges(GaugeSites):
     """Where strain gauges may go, along what, and how noisy they are."""
 
+    type: Text | None = Field(
+        None,
+        description="Type of gauge that is to be bonded, as 3/350: 3 mm, 350 Ω (1.5/350, 3/350, 6/350, 1.5/120, 3/120, 6/120, "
+        "10/120, 3/350-rosette, or one of `types`). It gives what is not stated of grid_length, clearance, range, "
+        "screen.minimum_spacing, place.minimum_spacing and tolerances.gain, and takes no place that bends tighter than it may; "
+        "null: none.",
+    )
+    types: dict[TypeName, GaugeType] = Field({}, description="Types of gauges of one's own, by name, for `type`.")
     fixed: tuple[NamedGaugeOrBridge, ...] = Field(
         (),
         description="Gauges and bridges ({arms: […]}) that are already bonded; they count in place.keep, a bridge as one.",
@@ -150,20 +159,23 @@ class Gauges(GaugeSites):
         "gauge.",
     )
     grid_length: NotNegative = Field(
-        0.0, description="Length of a gauge's grid [m], over which it averages; 0: the strain at its centre."
+        0.0,
+        description="Length of a gauge's grid [m], over which it averages; 0: the strain at its centre. With `type`: that of its "
+        "grid.",
     )
     clearance: Positive | Literal["none"] | None = Field(
         None,
         description="How far a gauge's centre stays from sharp edges, from nodes that are held or tied and from nodes that carry "
-        "a load, in a straight line [m], or 'none'; null: half the diagonal of the carrier that is assumed for its grid (3 mm "
-        "where grid_length is 0: 4.6 mm), less where the part leaves no choice of places.",
+        "a load, in a straight line [m], or 'none'; null: half the diagonal of the carrier of `type`, without one of the "
+        "carrier that is assumed for its grid (3 mm where grid_length is 0: 4.6 mm), less where the part leaves no choice of "
+        "places.",
     )
     given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
     range: Positive | None = Field(
         None,
         description="Largest strain that a gauge can measure, of a bridge an arm [strain]; candidates that see more in training "
-        "are dropped.",
+        "are dropped. With `type`: its range.",
     )
 
 

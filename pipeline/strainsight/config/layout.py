@@ -39,7 +39,11 @@ class LayoutSettings(Section):
         description="Unknowns that the criterion covers; empty: all. The others are estimated beside them, however "
         "badly.",
     )
-    minimum_spacing: NotNegative = Field(0.0, description="Least distance between gauges of the layout [m].")
+    minimum_spacing: NotNegative = Field(
+        0.0,
+        description="Least distance between gauges of the layout [m]. With gauges.type of a structure: the longer side of its "
+        "carrier.",
+    )
     at_most: tuple[ZoneLimit, ...] = Field((), description="Most gauges in some zones.")
     budget: Positive | None = Field(
         None, description="What the gauges may cost together, by their `price`; null: no limit."

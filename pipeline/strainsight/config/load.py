@@ -15,6 +15,7 @@ from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
+from strainsight.config.gauge_types import filled
 from strainsight.config.messages import problems_of
 from strainsight.config.overrides import Override, explained, meant_for_runs, parsed, put
 from strainsight.config.placement import PlacementConfig
@@ -98,6 +99,7 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
             Problem("kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"give kind: {known}"))
         ]
     kind_model, contradictions = KINDS[kind]
+    data = dict(filled(data)) if kind == "placement" else data
     try:
         # As JSON, where a list may become a tuple but text never a number.
         model = kind_model.model_validate_json(json.dumps(data))

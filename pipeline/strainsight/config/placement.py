@@ -97,7 +97,9 @@ class Screen(Section):
     keep: Annotated[int, Field(ge=1)] | KeepAll = Field(
         "all", description="Candidates to keep of every kind of sensor [-] at most, or 'all'."
     )
-    minimum_spacing: NotNegative = Field(0.0, description="Least distance between kept candidates [m].")
+    minimum_spacing: NotNegative = Field(
+        0.0, description="Least distance between kept candidates [m]. With gauges.type: the longer side of its carrier."
+    )
 
 
 class ProcessNoise(Section):

@@ -47,12 +47,11 @@ gauges:
   surface: all                    # ← all exterior facets, or the name of a face, an element or node set
 {direction}
   noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the strongest; or {{value: 1.0e-7}} [strain]
-  # clearance: 0.005              # [m] from edges, supports and loads, or none; default: half the diagonal of the carrier
+{type}  # clearance: 0.005              # [m] from edges, supports and loads, or none; default: half the diagonal of the carrier
 {exclude}
 screen:
   keep: {pool}                       # candidates that enter the elimination, the strongest first, or all
-  minimum_spacing: 0.009          # [m] between them: the carrier of a 3 mm grid is 8 mm long
-
+{spacing}
 place:
   estimate: [{unknown}]{pad}             # ← names from above
   keep: {keep}                         # ← gauges you will bond
@@ -90,6 +89,10 @@ CONE = """\
     - normal_cone: {{axis: {axis}, angle: 10}}           # an axis says nothing on facets that face along it
 """
 TRUTH = "    parameters: {{E: {truth}}}      # ← [Pa] an assumed true value to be found again\n"
+TYPE = "  type: {name:<25} # ← grid [mm] / resistance [Ω]: gives grid, clearance, spacing, range; or one of your own, in types\n"
+NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; your own: types\n"
+SPACING = "  # minimum_spacing: 0.011        # [m] between them; default: the longer side of the carrier\n"
+OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between them: the length of the carrier\n"
 EXCLUDE = """\
   # exclude:                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
   #   - near_set: {set: NAME, distance: 0.005}              # a face that something lies on
@@ -115,6 +118,8 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         parameters=_parameters(found.region, E) if modulus else "parameters: {}\n",
         load=_load(found, answers),
         direction=_direction(answers.axis),
+        type=TYPE.format(name=found.gauge_type) if found.gauge_type else NO_TYPE,
+        spacing=SPACING if found.gauge_type else OWN_SPACING.format(spacing=0.009),
         exclude=CONE.format(axis=answers.axis) if answers.axis else EXCLUDE,
         unknown=unknown,
         pad=" " * (5 - len(unknown)),

@@ -24,7 +24,8 @@ class Tolerances(Section):
         0.01,
         ge=0,
         le=0.5,
-        description="σ of the factor on a reading: gauge factor and lead wires, sensitivity of an accelerometer [-].",
+        description="σ of the factor on a reading: gauge factor and lead wires, sensitivity of an accelerometer [-]. With "
+        "gauges.type, and no motion_sensors: √(t² + (1 Ω/R)²) of the tolerance t of its gauge factor and its resistance R.",
     )
     transverse: float = Field(
         0.005, ge=0, le=0.5, description="σ of the transverse sensitivity K_t of a strain gauge [-]."

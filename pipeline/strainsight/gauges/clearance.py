@@ -34,7 +34,11 @@ def carrier(grid: float) -> tuple[float, float]:
 
 def carrier_clearance(grid: float) -> float:
     """½ √(l² + w²) [m]: from the centre, the carrier turned as it may reaches no farther. 3 mm: 4.6 mm."""
-    length, width = carrier(grid)
+    return half_diagonal(*carrier(grid))
+
+
+def half_diagonal(length: float, width: float) -> float:
+    """½ √(l² + w²) [m] of a carrier of this length and width [m]."""
     return 0.5 * float(np.hypot(length, width))
 
 

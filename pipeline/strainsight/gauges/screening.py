@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 from strainsight.errors import InfeasibleError
 from strainsight.ordering import tied_order
 
-KEPT, WEAK, NEAR, BEYOND, CLEARANCE = "", "snr", "spacing", "range", "clearance"
-"""Why a gauge was dropped; that it is too near to an edge, a support or a load is found before."""
+KEPT, WEAK, NEAR, BEYOND, CLEARANCE, BEND = "", "snr", "spacing", "range", "clearance", "bend"
+"""Why a gauge was dropped; that it is too near to an edge, a support or a load, and that the surface bends too tightly for it, is
+found before."""
 TIE = 1e-8
 """Signals within this share of the strongest are ties; between processors, BLAS and solvers they differ by up to 3e-11 of it."""
 

@@ -113,7 +113,10 @@ class Clearance:
     )
     rule: str = dataset("/rule", "1", "", "whose it is: stated, or carrier, the default")
     near: dict[str, int] = dataset(
-        "/near/<name>", "1", "", "how many candidates are nearer to <name>: edges, supports, loads"
+        "/near/<name>",
+        "1",
+        "",
+        "how many candidates are nearer to <name>: edges, supports, loads, bends too tight for gauges.type",
     )
 
 

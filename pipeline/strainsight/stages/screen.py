@@ -9,11 +9,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from strainsight.cases.structure.channels import training_units
-from strainsight.cases.structure.clearance import clearance_in_words, clearance_warning
+from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_in_words, clearance_warning
+from strainsight.cases.structure.gauge_practice import type_in_words, type_table
 from strainsight.cases.structure.training import screened_of
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.gauges.candidates import Candidates
-from strainsight.gauges.screening import CLEARANCE
+from strainsight.gauges.screening import BEND, CLEARANCE
 from strainsight.records.record import written
 from strainsight.records.training import Screened
 from strainsight.stages import inputs
@@ -23,8 +24,8 @@ from strainsight.workflow.stage import Context, Stage
 
 def run(context: Context[PlacementConfig]) -> Output:
     """Which candidates go on, and why the others do not."""
-    training = inputs.training(context)
-    found, pool = screened_of(context.config, inputs.mesh(context), training), training.candidates
+    config, mesh, training = context.config, inputs.mesh(context), inputs.training(context)
+    found, pool = screened_of(config, mesh, training), training.candidates
     dropped = Counter(str(code) for code in found.reason if code)
     noise, strain = float(found.noise_std[0]), pool.quantity[0] == 0
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
@@ -37,12 +38,19 @@ def run(context: Context[PlacementConfig]) -> Output:
         numbers = {"clearance": own.distance}
         if warning := clearance_warning(own):
             warnings.warn(warning, stacklevel=2)
+    if dropped[BEND]:
+        said.append(f"{dropped[BEND]} where the surface bends too tightly")
+    if warning := bent_warning(config, training, bent_gauges(config, mesh, training)):
+        warnings.warn(warning, stacklevel=2)
+    if kind := type_in_words(config):
+        said.append(kind)
     return Output(
         datasets=written(found, training_units(pool.quantity)),
         summary={"candidates": pool.gauges, "kept": len(found.kept), "noise_std": noise}
         | {f"dropped.{code}": count for code, count in dropped.items()}
         | numbers,
         message=", ".join(said),
+        tables=type_table(config),
     )
 
 
@@ -50,7 +58,7 @@ def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> It
     """Of every kind of sensor of which spacing and range leave fewer than `screen.keep`."""
     kind = pool.array[pool.first]
     for i in np.unique(kind):
-        clear = int(np.count_nonzero((kind == i) & (found.reason != CLEARANCE)))
+        clear = int(np.count_nonzero((kind == i) & ~np.isin(found.reason, (CLEARANCE, BEND))))
         kept = int(np.count_nonzero(kind[found.kept] == i))
         if settings.keep != "all" and kept < min(settings.keep, clear):
             spacing = f"{1e3 * settings.minimum_spacing:g} mm"
@@ -69,6 +77,8 @@ SCREEN = Stage(
         "loads.*.moment",
         "loads.*.set",
         "loads.*.deck_load",
+        "gauges.type",
+        "gauges.types",
         "gauges.clearance",
         "gauges.grid_length",
         "gauges.noise_std",

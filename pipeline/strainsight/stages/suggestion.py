@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.answers import Lacking, Place, Suggestion
+from strainsight.config.gauge_types import fitting_type
 from strainsight.decks.reader import read_mesh
-from strainsight.gauges.faces import faces_of
+from strainsight.gauges.faces import Faces, faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import usual_units
@@ -26,6 +27,7 @@ def suggestion(path: Path) -> Suggestion:
     material = mesh.materials.get(mesh.regions[region].material) if count else None
     units = usual_units(material.youngs_modulus, material.density) if material else _by_size(mesh) or ("m", "kg")
     converted = read_mesh(path, *units, solids=False, materials=False) if units else mesh
+    faces = faces_of(converted.position, exterior_facets(converted)) if converted.blocks else None
     return Suggestion(
         *(units or ("", "")),
         odd=f"E {material.youngs_modulus:.4g} and ρ {material.density:.4g} fit no usual units"
@@ -36,8 +38,9 @@ def suggestion(path: Path) -> Suggestion:
         lacking=tuple(_lacking(converted)),
         supports=len(mesh.held) > 0,
         solids=bool(mesh.blocks),
-        places=tuple(_places(converted)) if units else (),
+        places=tuple(_places(converted, faces)) if units else (),
         taken=(*mesh.node_sets, *mesh.element_sets),
+        gauge_type=fitting_type(float(np.sqrt(faces.area.max()))) if units and faces is not None else None,
     )
 
 
@@ -58,7 +61,7 @@ def _by_size(mesh: Mesh) -> tuple[str, str] | None:
     return ("mm", "t") if np.ptp(mesh.position, axis=0).max(initial=0.0) > 20 else None
 
 
-def _places(mesh: Mesh) -> Iterator[Place]:
+def _places(mesh: Mesh, faces: Faces | None) -> Iterator[Place]:
     """Loads that have a resultant, reference nodes of ties, sets of nodes, faces."""
     held = np.zeros(len(mesh.position), dtype=bool)
     held[mesh.held] = True
@@ -75,9 +78,8 @@ def _places(mesh: Mesh) -> Iterator[Place]:
         own = np.isin(mesh.node_ids, ids)
         if own.any():
             yield Place("set", name, f"{np.count_nonzero(own)} nodes", bool(held[own].all()))
-    if mesh.blocks:
+    if faces is not None:
         facets = exterior_facets(mesh)
-        faces = faces_of(mesh.position, facets)
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         for face in range(len(faces.area)):
             on_support = bool(supported[faces.of == face].all())

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.config.gauge_types import gauge_type
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import InfeasibleError
 from strainsight.fem.couple import nodes_at
 from strainsight.gauges.candidates import STRAIN
-from strainsight.gauges.clearance import carrier_clearance, crowded, obstacles, room_for
-from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.gauges.clearance import carrier_clearance, crowded, half_diagonal, obstacles, room_for
+from strainsight.gauges.curvature import sides, tight
+from strainsight.mesh.facets import Facets, exterior_facets, facet_key
 from strainsight.mesh.model import Mesh
 from strainsight.records.training import CARRIER, STATED, Clearance, Training
 
@@ -38,6 +40,9 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
     facets, part = exterior_facets(mesh), pool.take(first[own])
     points, places = part.position, part.grids.position
     around = obstacles(mesh, facets, loaded_nodes(config, mesh, facets))
+    kind = gauge_type(config.gauges)
+    if kind is not None and kind.bend_radius > 0:
+        around["bends"] = sides(mesh.position, facets, tight(mesh.position, facets, kind.bend_radius))
 
     def nearer(distance: float) -> dict[str, np.ndarray]:
         """Which of them are too near to each obstacle; a bridge with any of its arms."""
@@ -54,13 +59,55 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
                 remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
             )
         return Clearance(distance=wanted, wanted=wanted, rule=STATED, near=_counts(near)), blocked
-    wanted = carrier_clearance(config.gauges.grid_length)
+    wanted = (
+        carrier_clearance(config.gauges.grid_length)
+        if kind is None
+        else half_diagonal(kind.carrier_length, kind.carrier_width)
+    )
     for step in STEPS:
         near = nearer(step * wanted)
         if room_for(points[~_any(near)], config.screen.minimum_spacing, CHOICE):
             blocked[own] = _any(near)
             return Clearance(distance=step * wanted, wanted=wanted, rule=CARRIER, near=_counts(near)), blocked
     return Clearance(distance=0.0, wanted=wanted, rule=CARRIER, near={}), blocked
+
+
+def bent_gauges(config: PlacementConfig, mesh: Mesh, training: Training) -> np.ndarray:
+    """Which strain gauges (gauges,) lie on a facet that bends tighter than their type may be bent, bonded ones too; none without
+    a type.
+
+    Raises InfeasibleError where all candidates do.
+    """
+    pool, kind = training.candidates, gauge_type(config.gauges)
+    bent = np.zeros(pool.gauges, dtype=bool)
+    own = np.flatnonzero(pool.quantity[pool.first] == STRAIN)
+    if kind is None or kind.bend_radius == 0 or training.given is not None or not len(own):
+        return bent
+    facets, part = exterior_facets(mesh), pool.take(pool.first[own])
+    on = facets.key[tight(mesh.position, facets, kind.bend_radius)]
+    bent[own] = part.any_grid(np.isin(facet_key(part.grids.element, part.grids.facet), on))
+    free = own[~pool.bonded[pool.first[own]]]
+    if len(free) and bent[free].all():
+        raise InfeasibleError(
+            f"the surface bends tighter than the {1e3 * kind.bend_radius:g} mm to which {config.gauges.type} may be bent at all "
+            f"{len(free)} candidates",
+            key="gauges.type",
+            remedy="choose a smaller type, or another surface (gauges.surface, gauges.include)",
+        )
+    return bent
+
+
+def bent_warning(config: PlacementConfig, training: Training, bent: np.ndarray) -> str:
+    """Which bonded gauges lie on a surface that bends too tightly for their type, by `bent_gauges`; empty where none does."""
+    pool, kind = training.candidates, gauge_type(config.gauges)
+    there = np.flatnonzero(bent & pool.bonded[pool.first])
+    if kind is None or not len(there):
+        return ""
+    names = ", ".join(training.name[i] or f"fixed {i + 1}" for i in there)
+    return (
+        f"Bonded already where the surface bends tighter than the {1e3 * kind.bend_radius:g} mm of {config.gauges.type}: "
+        f"{names}. Check that the carrier holds there, or state gauges.type as of the gauges that are bonded."
+    )
 
 
 def _any(near: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -12,7 +12,7 @@ from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface
 from strainsight.cases.structure.channels import readings
-from strainsight.cases.structure.clearance import clearance_of
+from strainsight.cases.structure.clearance import bent_gauges, clearance_of
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.scales import refuse_noise, refuse_readings, refuse_times
@@ -26,7 +26,7 @@ from strainsight.fem.memory import require_memory
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
 from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.screening import CLEARANCE, Screening, screen
+from strainsight.gauges.screening import BEND, CLEARANCE, Screening, screen
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
@@ -177,6 +177,8 @@ def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Scre
     rms = in_cases.max(axis=0)
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
     clearance, near = clearance_of(config, mesh, training)
+    bent = bent_gauges(config, mesh, training) & ~pool.bonded[pool.first]
+    near |= bent
     clear = ~near[pool.gauge]
     best = {}
     for i, (key, family) in enumerate(families(config).items()):
@@ -194,7 +196,7 @@ def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Scre
     return Screened(
         kept=result.kept,
         snr=result.snr,
-        reason=np.asarray(result.reason, dtype=np.str_),
+        reason=np.where(bent, BEND, np.asarray(result.reason, dtype=np.str_)),
         clearance=clearance,
         noise_std=noise_std,
         range=limit,

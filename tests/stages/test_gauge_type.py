@@ -1,0 +1,129 @@
+"""Screening for a type of gauge: its clearance, its spacing, and what bends too tightly for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from strainsight import api
+from strainsight.cases.structure.clearance import bent_gauges, bent_warning
+from strainsight.cases.structure.gauge_practice import type_in_words, type_table
+from strainsight.errors import InfeasibleError
+from strainsight.gauges.screening import BEND
+from strainsight.gauges.surface import facet_centres
+from strainsight.mesh.facets import exterior_facets, facet_key
+
+from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
+
+INNER = 0.2
+"""[m] to which the beam is curled, its outside to `SIZE[2]` more."""
+OWN = "{grid_length: 0.002, grid_width: 0.002, carrier_length: 0.01, carrier_width: 0.006, resistance: 350, bend_radius: %g}"
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """The beam of the tests of clearance, of bricks of 0.1 × 0.01 × 0.01 m, without a spacing of its own."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.bdf").write_text(bricks((10, 10, 8)), encoding="ascii")
+    data = PLACEMENT_CONFIG | {"screen": {"keep": "all"}}
+    (folder / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+
+    def case(*overrides):
+        return api.load(folder / "edge.yaml", ["place.keep=2", *overrides])
+
+    case.mesh = api.mesh(case())
+    reduced = api.reduce(case(), case.mesh)
+    case.train = lambda own: api.train(own, case.mesh, reduced)
+    return case
+
+
+@pytest.fixture(scope="module")
+def training(beam):
+    return beam.train(beam())
+
+
+def test_clearance_and_spacing_are_those_of_the_carrier(beam):
+    """Half of √(10.7² + 6.9²) mm from the edges along the beam, and 10.7 mm between any two that are kept."""
+    case = beam("gauges.type=3/350")
+    training = beam.train(case)
+    assert np.all(training.candidates.length == 0.00318)
+    found = api.screen(case, beam.mesh, training)
+    assert found.clearance.distance == found.clearance.wanted == pytest.approx(0.5 * np.hypot(0.0107, 0.0069))
+    x = training.candidates.position[training.candidates.first][found.kept]
+    apart = np.linalg.norm(x[:, None] - x[None], axis=2) + np.eye(len(x))
+    assert apart.min() >= 0.0107
+    plain = api.screen(beam(), beam.mesh, training)
+    assert len(found.kept) < len(plain.kept)
+    assert np.all(found.range[training.candidates.quantity == 0] == 0.05)
+    stated = api.screen(beam("gauges.type=3/350", "gauges.clearance=0.005"), beam.mesh, training)
+    assert (stated.clearance.distance, stated.clearance.rule) == (0.005, "stated")
+
+
+def test_the_words_say_what_is_the_type_s_and_what_a_key_states(beam):
+    config = beam("gauges.type=3/350", "screen.minimum_spacing=0.02").config
+    said = type_in_words(config)
+    assert said.startswith("gauges 3/350 (as Micro-Measurements CEA-06-125UW-350): grid 3.18 mm, carrier 10.7 × 6.9 mm, range")
+    assert "spacing" not in said
+    rows = {row[0]: row[1:] for row in type_table(config)[0].rows}
+    assert rows["spacing"] == ("20 mm", "screen.minimum_spacing")
+    assert rows["grid"] == ("3.18 mm", "3/350")
+    assert rows["range"] == ("50000 µm/m", "3/350")
+    assert (type_in_words(beam().config), type_table(beam().config)) == ("", ())
+
+
+def curled(mesh):
+    """Rolled up along x: its inside, z = 0, at 0.2 m from an axis along y, its outside at 0.28 m, cells of 0.5 rad."""
+    x, y, z = (mesh.position - mesh.position.min(axis=0)).T
+    return replace(mesh, position=np.column_stack([(INNER + z) * np.sin(x / INNER), y, (INNER + z) * np.cos(x / INNER)]))
+
+
+def test_what_bends_tighter_than_the_type_may_is_left_out_and_nothing_else(beam, training):
+    """Of a radius of 0.24 m: the inside but for its ends, of which half is seen beside an edge; not outside and flanks."""
+    case, mesh = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", "gauges.clearance=none"), curled(beam.mesh)
+    place = training.candidates.position[training.candidates.first] - beam.mesh.position.min(axis=0)
+    found = api.screen(case, mesh, training)
+    inside = (place[:, 2] == 0) & (place[:, 0] > 0.1) & (place[:, 0] < SIZE[0] - 0.1)
+    assert np.count_nonzero(inside) > 100
+    np.testing.assert_array_equal(found.reason == BEND, inside)
+    assert not np.isin(np.flatnonzero(inside), found.kept).any()
+    wide = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.19}}}", "gauges.clearance=none")
+    assert not np.any(api.screen(wide, mesh, training).reason == BEND)
+
+
+def test_beside_such_a_bend_a_gauge_keeps_its_clearance(beam, training):
+    """The flanks at the inside are nearer than half the carrier's diagonal to it, and that counts as `bends`."""
+    case, mesh = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}"), curled(beam.mesh)
+    pool = training.candidates
+    facets = exterior_facets(mesh)
+    centre, _ = facet_centres(mesh.position, facets.kind, facets.nodes)
+    moved = replace(pool, position=centre[np.searchsorted(facets.key, facet_key(pool.element, pool.facet))])
+    found = api.screen(case, mesh, replace(training, candidates=moved))
+    assert found.clearance.near["bends"] > np.count_nonzero(found.reason == BEND) > 0
+    flat = api.screen(case, beam.mesh, training)
+    assert flat.clearance.near["bends"] == 0
+
+
+def test_where_all_bends_too_tightly_the_type_is_refused(beam, training):
+    pool = training.candidates
+    x = pool.position[:, 2] - beam.mesh.position[:, 2].min()
+    inside = (x == 0) & (np.abs(pool.position[:, 0] - pool.position[:, 0].mean()) < 0.3)
+    only = replace(training, candidates=pool.take(np.flatnonzero(inside)))
+    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}")
+    with pytest.raises(InfeasibleError, match=r"gauges\.type: the surface bends tighter than the 240 mm"):
+        bent_gauges(case.config, curled(beam.mesh), only)
+
+
+def test_one_that_is_bonded_there_is_kept_with_a_warning(beam):
+    along = "direction: [1, 0, 0]"
+    fixed = f"[{{name: K1, position: [0.45, 0.045, 0.0], {along}}}, {{position: [0.45, 0.045, 0.08], {along}}}]"
+    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", f"gauges.fixed={fixed}", "gauges.snap_tolerance=0.1")
+    training, mesh = beam.train(case), curled(beam.mesh)
+    found = api.screen(case, mesh, training)
+    assert {0, 1} <= set(found.kept.tolist())
+    said = bent_warning(case.config, training, bent_gauges(case.config, mesh, training))
+    assert "K1" in said
+    assert "fixed 2" not in said
+    assert bent_warning(case.config, training, bent_gauges(case.config, beam.mesh, training)) == ""
