@@ -11,6 +11,7 @@ import numpy as np
 from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_in_words, clearance_warning
 from strainsight.cases.structure.gauge_practice import type_in_words, type_table
+from strainsight.cases.structure.resolution import quiet_noise
 from strainsight.cases.structure.training import screened_of
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.gauges.candidates import Candidates
@@ -41,6 +42,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     if dropped[BEND]:
         said.append(f"{dropped[BEND]} where the surface bends too tightly")
     if warning := bent_warning(config, training, bent_gauges(config, mesh, training)):
+        warnings.warn(warning, stacklevel=2)
+    if warning := quiet_noise(training, found):
         warnings.warn(warning, stacklevel=2)
     if kind := type_in_words(config):
         said.append(kind)

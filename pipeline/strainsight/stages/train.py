@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from strainsight.cases.structure.candidates import OnSurface
 from strainsight.cases.structure.channels import training_units
+from strainsight.cases.structure.resolution import unresolved_candidates
 from strainsight.cases.structure.settings import load_units
 from strainsight.cases.structure.training import trained
 from strainsight.config.placement import PlacementConfig
@@ -25,6 +27,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     training, surface = found.training, found.surface
     pool, moved = training.candidates, training.moved
     rms = training.rms
+    if warning := unresolved_candidates(training):
+        warnings.warn(warning, stacklevel=2)
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     steps = len(training.time) - 1
     return Output(

@@ -26,6 +26,7 @@ from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
 from strainsight.cases.structure.pool import pool_of, prices
 from strainsight.cases.structure.problem import Problem, problem_in
+from strainsight.cases.structure.resolution import unresolved_gauges
 from strainsight.cases.structure.scenarios import placed_instants, scenarios_of
 from strainsight.cases.structure.start import ringing_in_words
 from strainsight.config.placement import Place, PlacementConfig
@@ -149,7 +150,7 @@ def placement_of(
     spots = hot_spot_advice(hot, listed.labels, listed.bonded.tolist())
     by_case = None if found.task.cases is None else cases_of(found, expected(found.gauges))
     words = () if by_case is None else cases_in_words(by_case, settings.aggregate)
-    found = replace(found, advice=(*filter(None, first), *spots, *words, *found.advice))
+    found = replace(found, advice=(*filter(None, first), *unresolved_gauges(listed), *spots, *words, *found.advice))
     return Placement(
         **vars(found),
         problem=problem,

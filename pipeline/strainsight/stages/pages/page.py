@@ -11,6 +11,7 @@ from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.cases.structure.references import on_one_node
+from strainsight.cases.structure.resolution import quiet_noise, unresolved_candidates
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
@@ -103,9 +104,11 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads:
     if cards:
         but = ": what they add must be in the matrices" * (ready is not None)
         notes.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
-    clearance = read(Screened, up["screen"]).clearance if "screen" in up else None
-    if clearance is not None and (warning := clearance_warning(clearance)):
-        notes.append(warning)
+    if "train" in up and "screen" in up:
+        training, screened = read(Training, up["train"]), read(Screened, up["screen"])
+        notes += filter(None, (unresolved_candidates(training), quiet_noise(training, screened)))
+        if screened.clearance is not None and (warning := clearance_warning(screened.clearance)):
+            notes.append(warning)
     if "place" in up and (rests := str(up["place"].summary.get("rests_on_loads", ""))):
         notes.append(f"{capital(rests)}.")
     return (*notes, *(_doubts(up["validate"], names) if "validate" in up else ()))

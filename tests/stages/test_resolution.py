@@ -1,0 +1,82 @@
+"""Readings and noise below what an amplifier tells: named with number and remedy, and nothing else is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from strainsight import api
+from strainsight.cases.structure.channels import listed_gauges
+from strainsight.cases.structure.resolution import quiet_noise, unresolved_candidates, unresolved_gauges
+
+from ..edges.beam import PLACEMENT_CONFIG, bricks
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A beam of 16 bricks with two directions a place, in training and screened."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.bdf").write_text(bricks((4, 2, 2)), encoding="ascii")
+    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
+    case = api.load(folder / "edge.yaml")
+    mesh = api.mesh(case)
+    training = api.train(case, mesh, api.reduce(case, mesh))
+    return training, api.screen(case, mesh, training)
+
+
+def scaled(training, largest):
+    """The same run under so small a load that the largest reading of all is this: readings are linear in it."""
+    return replace(training, reading=training.reading * largest / np.abs(training.reading).max())
+
+
+@pytest.mark.parametrize(("largest", "said"), [(1.01e-7, ""), (0.99e-7, "0.099 µm/m"), (3e-9, "0.003 µm/m")])
+def test_a_run_in_which_nothing_can_be_read_is_named(run, largest, said):
+    found = unresolved_candidates(scaled(run[0], largest))
+    assert bool(found) == bool(said)
+    assert said in found
+    if said:
+        assert "an amplifier resolves 0.1 µm/m. Load the part harder" in found
+
+
+@pytest.mark.parametrize(("noise", "said"), [(5.1e-8, ""), (4.9e-8, "0.049 µm/m a sample"), (1e-9, "0.001 µm/m a sample")])
+def test_noise_that_no_channel_has_is_named_with_its_key(run, noise, said):
+    training, screened = run
+    found = quiet_noise(training, replace(screened, noise_std=np.full(len(screened.noise_std), noise)))
+    assert (bool(found), said in found) == (bool(said), True)
+    assert ("gauges.noise_std: {value: …}" in found) == bool(said)
+
+
+def test_gauges_of_a_layout_that_read_too_little_are_named_and_the_others_not(run):
+    """Of the strongest and the weakest gauge, at a load under which the first reads 1 µm/m and then under a hundredth of it."""
+    training, screened = run
+    size = np.abs(training.reading).max(axis=0)
+    pair = np.array([int(np.argmax(size)), int(np.argmin(size))])
+    assert size.min() < 0.05 * size.max()
+    said = list(unresolved_gauges(listed_gauges(pair, scaled(training, 1e-6), screened)))
+    assert len(said) == 1
+    assert f"is read by G2 ({1e6 * size.min() / size.max() * 1e-6:.2g} µm/m) in training" in said[0]
+    assert "G1" not in said[0]
+    assert "move them" in said[0]
+    both = list(unresolved_gauges(listed_gauges(pair, scaled(training, 1e-8), screened)))
+    assert "G1 (0.01 µm/m), G2 (" in both[0]
+    assert "move them" not in both[0]
+    assert list(unresolved_gauges(listed_gauges(pair[:1], scaled(training, 1.01e-7), screened))) == []
+
+
+def test_of_a_rosette_the_largest_channel_counts_and_motion_sensors_do_not(run):
+    training, screened = run
+    quiet, pool = scaled(training, 1e-9), training.candidates
+    moving = replace(quiet, candidates=replace(pool, quantity=np.ones_like(pool.quantity)))
+    assert unresolved_candidates(moving) == quiet_noise(moving, screened) == ""
+    assert list(unresolved_gauges(listed_gauges(np.array([0]), moving, screened))) == []
+    pairs = replace(pool, gauge=pool.gauge // 2)
+    loud = scaled(training, 1e-6)
+    first = loud.reading.copy()
+    first[:, 1] *= 1e-6
+    one = replace(loud, candidates=pairs, reading=first, name=training.name[: pairs.gauges])
+    weaker = np.abs(first[:, :2]).max(axis=0)
+    assert weaker[1] < 1e-7
+    assert bool(list(unresolved_gauges(listed_gauges(np.array([0]), one, screened)))) == (weaker[0] < 1e-7)
