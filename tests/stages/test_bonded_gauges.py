@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from strainsight import api
-from strainsight.cases.layout.gauge_list import gauge_csv
+from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.gauge_file import gauge_csv
 from strainsight.cases.layout.names import layout_labels
 from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.errors import UserError
@@ -130,7 +131,13 @@ def test_a_rosette_comes_back_from_its_file_as_it_was(project, tmp_path):
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
     placed = api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
-    (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, {}))
+    (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, {}, mesh, deck_frame("mm")))
+    for row in lines(project / "rosettes.csv"):
+        x = np.array([float(row[f"position_{axis}"]) for axis in "xyz"])
+        np.testing.assert_allclose([float(row[f"{axis}_mm"]) for axis in "xyz"], 1e3 * x, atol=1e-6)
+        # Of the sides of a face of the block the two nearest run along different axes.
+        aside = np.sort(np.minimum(x - mesh.position.min(axis=0), mesh.position.max(axis=0) - x))[1:]
+        np.testing.assert_allclose([float(row["edge_mm"]), float(row["edge2_mm"])], 1e3 * aside, atol=1e-5)
     again = api.train(api.load(project / "test.yaml", [*rosettes, "gauges.fixed_file=rosettes.csv"]), mesh, reduced)
     assert again.name[:3] == ("G1", "G2", "")
     own, was = again.candidates, training.candidates

@@ -70,8 +70,8 @@ def test_gauges_at_hot_spots_of_one_kind_share_a_sentence():
 
 
 def test_it_is_in_the_record_the_tables_and_the_summary(beam):
-    placed = beam[-1]
-    output = placement_output(placed)
+    _, mesh, _, _, placed = beam
+    output = placement_output(placed, mesh, "m")
     np.testing.assert_array_equal(output.datasets["/hot_spots/refined"].array, placed.hot_spots.refined)
     assert output.summary["hot_spots"] == 1
     (table,) = (own for own in output.tables if "hot spots" in own.title)

@@ -15,7 +15,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     mesh, problem = inputs.mesh(context), inputs.problem(context)
     training, screened = inputs.training(context), inputs.screened(context)
     found = placement_of(context.config, mesh, inputs.reduced(context), problem, training, screened, context)
-    return placement_output(found)
+    return placement_output(found, mesh, context.config.mesh.length_unit)
 
 
 PLACE = Stage(
@@ -23,6 +23,7 @@ PLACE = Stage(
     version=21,
     reads=(
         "seed",
+        "mesh.length_unit",
         "loads.*.node",
         "loads.*.set",
         "loads.*.deck_load",

@@ -1,4 +1,4 @@
-"""The gauges of a layout for people: a table, a CSV file."""
+"""The gauges of a layout for people: a list, a table."""
 
 from __future__ import annotations
 
@@ -165,56 +165,6 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
         *(f"σ({name}) without it" for name in without),
     )
     return Table("gauges", columns, tuple(rows))
-
-
-def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray]) -> bytes:
-    """The layout for whoever bonds it: a line a channel, of a bridge an arm with its sign, lengths in m, σ of every unknown
-    without the gauge relative to its scale, the largest training reading in the unit of the channel."""
-    bridged = any(listed.arms)
-    axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
-    head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
-    head += ["sign"] * bridged
-    lines = [",".join([*head, *(f"std_{name}_without" for name in without)])]
-    for i, label in enumerate(listed.labels):
-        for own in _lines(listed, i):
-            numbers = [
-                *np.round([*own.position, *own.normal, *own.direction], 12) + 0.0,
-                own.angle,
-                own.length,
-                own.peak,
-            ]
-            bonded = "yes" if listed.bonded[i] else "no"
-            words = [label, listed.kind[i], listed.family[i], bonded, str(own.element), str(own.facet)]
-            missing = [f"{values[i]:.9g}" for values in without.values()]
-            tail = [listed.unit[i], *[own.sign] * bridged, *missing]
-            lines.append(",".join([*words, *(f"{x:.9g}" for x in numbers), *tail]))
-    return ("\n".join(lines) + "\n").encode()
-
-
-@dataclass(frozen=True)
-class _Line:
-    """A channel, or an arm of a bridge, with its sign in words."""
-
-    element: int
-    facet: int
-    position: np.ndarray
-    normal: np.ndarray
-    direction: np.ndarray
-    angle: float
-    length: float
-    peak: float
-    sign: str = ""
-
-
-def _lines(listed: GaugeList, i: int) -> list[_Line]:
-    arms, peaks = listed.arms[i], listed.peaks[i]
-    if arms is not None:
-        g, peak = arms.grid, peaks[0]
-        columns = zip(g.element, g.facet, g.position, g.normal, g.direction, g.angle, g.length, arms.sign, strict=True)
-        return [_Line(e, f, x, n, d, angle, length, peak, f"{s:g}") for e, f, x, n, d, angle, length, s in columns]
-    element, facet, position, normal = (getattr(listed, c)[i] for c in ("element", "facet", "position", "normal"))
-    each = zip(listed.directions[i], listed.angles[i], peaks, strict=True)
-    return [_Line(element, facet, position, normal, d, angle, listed.length[i], peak) for d, angle, peak in each]
 
 
 def marked_places(listed: GaugeList) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:

@@ -9,10 +9,13 @@ import numpy as np
 
 from strainsight.cases.layout.advice import advice_table
 from strainsight.cases.layout.comparison import Comparison, criteria_table
-from strainsight.cases.layout.gauge_list import gauge_csv, gauge_table, marked_places
+from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.gauge_file import gauge_csv
+from strainsight.cases.layout.gauge_list import gauge_table, marked_places
 from strainsight.cases.layout.placement import Placed
 from strainsight.gauges.candidates import STRAIN, UNITS, channels_of_gauges, grouped
 from strainsight.gauges.export import uff_text
+from strainsight.mesh.model import Mesh
 from strainsight.placement.recommendation import worth_keeping
 from strainsight.records.grids import gauge_grid
 from strainsight.records.layout import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
@@ -71,13 +74,15 @@ def layout_record(found: Placed) -> PlacedLayout:
 def layout_output(
     found: Placed,
     record: PlacedLayout,
+    mesh: Mesh,
+    length_unit: str,
     numbers: Mapping[str, Scalar],
     attributes: Mapping[str, Mapping[str, Any]],
     tables: tuple[Table, ...] = (),
     unit: str = UNITS[STRAIN],
 ) -> Output:
-    """Datasets of the record and the pool, numbers, tables and files; numbers, attributes, tables: those of the case beside;
-    unit of its channels."""
+    """Datasets of the record and the pool, numbers, tables and files; mesh that the gauges are on, and the unit of length of its
+    deck; numbers, attributes, tables: those of the case beside; unit of its channels."""
     task, listed, std, names = found.task, found.listed, found.expected.std, found.task.unknowns.names
     criterion, certificate, proof = task.criterion, found.layout.certificate, found.layout.proof
     grid, own = _pool_grid(found)
@@ -101,7 +106,7 @@ def layout_output(
             advice_table(found.advice),
         ),
         files={
-            "gauges.csv": gauge_csv(listed, found.expected.without),
+            "gauges.csv": gauge_csv(listed, found.expected.without, mesh, deck_frame(length_unit)),
             "gauges.unv": uff_text(position, direction, normal, labels).encode(),
         },
     )

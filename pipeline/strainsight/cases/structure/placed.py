@@ -11,13 +11,14 @@ from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.hot_spots import hot_spot_table
 from strainsight.cases.structure.placement import Placement
 from strainsight.cases.structure.problem import rests_on_loads_in_words
+from strainsight.mesh.model import Mesh
 from strainsight.records.budget import budget_of_shares
 from strainsight.records.placed import PbhNumbers, Placed
 from strainsight.workflow.output import Output, Scalar, Table
 
 
-def placement_output(found: Placement) -> Output:
-    """Datasets, numbers, tables and files."""
+def placement_output(found: Placement, mesh: Mesh, length_unit: str) -> Output:
+    """Datasets, numbers, tables and files; length_unit of the deck."""
     condition, lost, unknowns = found.condition, found.condition.null_direction, found.task.unknowns
     scale = dict(zip(unknowns.names, unknowns.scale.tolist(), strict=True))
     by_case = found.by_case
@@ -45,6 +46,7 @@ def placement_output(found: Placement) -> Output:
         numbers |= {"hot_spots": int(hot.hot.sum())}
         tables += (hot_spot_table(hot, found.listed.labels),)
     attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
-    output = layout_output(found, record, numbers, attributes, tables, units_in_words(found.problem.channels.quantity))
+    unit = units_in_words(found.problem.channels.quantity)
+    output = layout_output(found, record, mesh, length_unit, numbers, attributes, tables, unit)
     message = f"{output.message}, hardly observable: {lost}" if lost else output.message
     return replace(output, message=f"{message}; {rests}" if rests else message)

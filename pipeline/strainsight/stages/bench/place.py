@@ -5,6 +5,7 @@ from __future__ import annotations
 from strainsight.cases.bench.layout.output import output_of
 from strainsight.cases.bench.layout.placement import placement_of
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bodies import FlexibleBody
 from strainsight.stages.bench.inputs import bodies, meshes
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
@@ -12,12 +13,17 @@ from strainsight.workflow.stage import Context, Stage
 
 def run(context: Context[BenchConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
-    return output_of(placement_of(context.config, meshes(context), bodies(context), context))
+    config, own = context.config, meshes(context)
+    found = placement_of(config, own, bodies(context), context)
+    assert config.place is not None
+    body = config.bodies[config.place.body]
+    assert isinstance(body, FlexibleBody)
+    return output_of(found, own[config.place.body], body.mesh.length_unit)
 
 
 PLACE = Stage(
     "place",
-    version=8,
+    version=9,
     reads=(
         "seed",
         "bodies",

@@ -8,12 +8,16 @@ import numpy as np
 
 from strainsight.cases.bench.layout.placement import BenchPlacement
 from strainsight.cases.layout.output import layout_output, layout_record
+from strainsight.mesh.model import Mesh
 from strainsight.records.bench_placed import PLACED, BenchCandidates, BenchPlaced
 from strainsight.workflow.output import Output, Scalar, Table
 
 
-def output_of(found: BenchPlacement) -> Output:
-    """Datasets, tables and files; gauges.csv has σ without each gauge in N or N m, and as peak the strain at the start."""
+def output_of(found: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
+    """Datasets, tables and files; gauges.csv has σ without each gauge in N or N m, and as peak the strain at the start.
+
+    mesh of the body that the gauges are on; length_unit of its deck.
+    """
     candidates, inputs, symbol = found.on.candidates, found.task.unknowns.names, found.task.criterion.symbol
     record = BenchPlaced(
         **vars(layout_record(found)),
@@ -36,5 +40,5 @@ def output_of(found: BenchPlacement) -> Output:
         (name, f"{own.metric:.4g}", *(f"{value:.4g}" for value in own.std)) for name, own in found.layouts.items()
     )
     layouts = Table("layouts", ("layout", symbol, *(f"σ({name})" for name in inputs)), rows)
-    output = layout_output(found, record, numbers, {}, (layouts,))
+    output = layout_output(found, record, mesh, length_unit, numbers, {}, (layouts,))
     return replace(output, message=f"{len(candidates)} → {output.message}")
