@@ -207,10 +207,25 @@ class Filter(Section):
     )
 
 
+class Datum(Section):
+    """Where a workshop measures from."""
+
+    origin: Vector = Field((0.0, 0.0, 0.0), description="Its origin, in the deck's coordinates and unit of length.")
+    x: Vector = Field((1.0, 0.0, 0.0), description="Direction of its x axis in the deck's coordinates [-].")
+    y: Vector = Field(
+        (0.0, 1.0, 0.0),
+        description="Direction of its y axis [-], of which the part across x is taken; z completes a right-handed system.",
+    )
+
+
 class Report(Section):
-    """The page."""
+    """The page, and the files for the workshop and for other programs."""
 
     format: Literal["html"] = Field("html", description="Kind of page.")
+    datum: Datum = with_defaults(
+        Datum,
+        "Where places of gauges are measured from, in the deck's unit of length: on the page, in workshop.csv and workshop.unv.",
+    )
 
 
 class PlacementConfig(Section):
@@ -241,4 +256,4 @@ class PlacementConfig(Section):
     filter: Filter = with_defaults(Filter, "The filter itself.")
     validation: Validate = Field(alias="validate", description="The filter on simulated measurements.")
     estimate: Estimate | None = Field(None, description="The filter on measurements of a test.")
-    report: Report = with_defaults(Report, "The page.")
+    report: Report = with_defaults(Report, "The page, and the files for the workshop and for other programs.")

@@ -9,6 +9,8 @@ import numpy as np
 from strainsight.gauges.surface import farthest_axis
 
 COLOUR = 8
+SI, USER_DEFINED = 1, 9
+"""Codes of systems of units."""
 NOTHING = "NONE"
 
 
@@ -22,20 +24,25 @@ def uff_text(
     program: str = "strainsight",
     date: str = "01-JAN-70",
     time: str = "00:00:00",
+    unit: str = "m",
+    metres: float = 1.0,
 ) -> str:
     """A node for each gauge, numbered 1 to k, whose displacement system of the same number shows how it is bonded:
 
         x along the measuring direction, laid on the surface;  z along the outward normal;  y = z × x
 
-    Datasets 151 (header), 164 (units: SI), 2420 (coordinate systems, with the labels as names: rows 1 to 3 of the matrix are
+    Datasets 151 (header), 164 (units), 2420 (coordinate systems, with the labels as names: rows 1 to 3 of the matrix are
     the axes, row 4 the origin) and 2411 (nodes), as SDRC and the University of Cincinnati describe them.
-    position (k, 3) [m]; direction (k, 3), where it is along the normal x is any tangent; normal (k, 3), zero where unknown:
-    then z is any vector across x; labels (k,), cut to 80 characters; date DD-MMM-YY and time HH:MM:SS of the file.
+    position (k, 3) in `unit`, of which one is so many metres; direction (k, 3), where it is along the normal x is any tangent;
+    normal (k, 3), zero where unknown: then z is any vector across x; labels (k,), cut to 80
+    characters; date DD-MMM-YY and time HH:MM:SS of the file.
     """
     axes = frames(np.asarray(direction, dtype=float), np.asarray(normal, dtype=float))
     stamp = f"{date:<10.10}{time:<10.10}"
     header = [title, title, program, f"{stamp}{0:10d}{0:10d}{0:10d}", stamp, program, stamp]
-    units = [f"{1:10d}{'SI: Meter (newton)':<20}{2:10d}", _numbers([1.0, 1.0, 1.0]), _numbers([273.15])]
+    code, said = (SI, "SI: Meter (newton)") if unit == "m" else (USER_DEFINED, f"{unit} (newton)")
+    # What a number of the file is divided by to give SI: length, force, temperature.
+    units = [f"{code:10d}{said:<20}{2:10d}", _numbers([1.0 / metres, 1.0, 1.0]), _numbers([273.15])]
     systems, nodes = [f"{1:10d}", title], []
     for number, (x, frame, label) in enumerate(zip(position, axes, labels, strict=True), start=1):
         systems += [f"{number:10d}{0:10d}{COLOUR:10d}", _name(label), *map(_numbers, [*frame, x])]

@@ -75,8 +75,9 @@ def _missing(page: Stage, folder: Path) -> list[str]:
 def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
     from strainsight.report.placement.figures import placement_figures
     from strainsight.stages.pages.page import placement_report
+    from strainsight.stages.pages.workshop import workshop_of_run
 
-    return list(placement_figures(placement_report(context)))
+    return list(placement_figures(placement_report(context, workshop_of_run(context))))
 
 
 def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:

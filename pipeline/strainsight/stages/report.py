@@ -11,6 +11,7 @@ from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
 from strainsight.stages.pages.page import placement_report
+from strainsight.stages.pages.workshop import workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
@@ -18,7 +19,8 @@ from strainsight.workflow.stage import Context, Stage
 
 def run(context: Context[PlacementConfig]) -> Output:
     """Gather what the page shows and write it as one self-contained file."""
-    report = placement_report(context)
+    shop = workshop_of_run(context)
+    report = placement_report(context, shop)
     context.progress("picture", 0.1)
     scene, problem = None, ""
     try:
@@ -53,14 +55,23 @@ def run(context: Context[PlacementConfig]) -> Output:
         summary=summary,
         message=said,
         tables=(Table("warnings", ("",), tuple((text,) for text in report.warnings)),) * bool(report.warnings),
-        files={"report.html": page},
+        files={"report.html": page, **workshop_files(shop)},
     )
 
 
 REPORT = Stage(
     "report",
-    version=15,
-    reads=("name", "seed", "loads", "tolerances", "place.estimate", "validate.truth.model", "report"),
+    version=16,
+    reads=(
+        "name",
+        "seed",
+        "loads",
+        "tolerances",
+        "place.estimate",
+        "validate.truth.model",
+        "mesh.length_unit",
+        "report",
+    ),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),
     run=run,

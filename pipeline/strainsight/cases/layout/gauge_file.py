@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.cases.layout.datum import Frame
 from strainsight.cases.layout.gauge_lines import gauge_lines, line_edges, measured_cells, measured_columns
 from strainsight.cases.layout.gauge_list import GaugeList
 from strainsight.mesh.model import Mesh
+from strainsight.report.datum import Frame
 
 
 def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: Frame) -> bytes:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.layout.datum import Frame
 from strainsight.cases.layout.gauge_list import GaugeList
 from strainsight.gauges.edge_dimensions import EdgeDimensions, edge_dimensions, facet_keys, no_edges
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.report.datum import Frame
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def _lines(listed: GaugeList, i: int) -> list[GaugeLine]:
     return [GaugeLine(i, element, facet, position, normal, d, angle, listed.length[i], peak) for d, angle, peak in each]
 
 
-def line_edges(lines: list[GaugeLine], mesh: Mesh) -> EdgeDimensions:
+def line_edges(lines: Sequence[GaugeLine], mesh: Mesh) -> EdgeDimensions:
     """Of every line the nearest edges of its face; none of what lies on no facet."""
     if not any(line.facet for line in lines):
         return no_edges(len(lines))
@@ -65,7 +66,7 @@ def measured_columns(frame: Frame) -> list[str]:
     return [f"x_{u}", f"y_{u}", f"z_{u}", f"edge_{u}", "edge_deg", f"edge2_{u}", "edge2_deg"]
 
 
-def measured_cells(lines: list[GaugeLine], edges: EdgeDimensions, frame: Frame) -> list[list[str]]:
+def measured_cells(lines: Sequence[GaugeLine], edges: EdgeDimensions, frame: Frame) -> list[list[str]]:
     """Of every line its place in the frame, and distance and angle to both edges; empty where there is none."""
     rows = []
     for line, distance, angle in zip(lines, frame.length(edges.distance), edges.angle, strict=True):

@@ -26,8 +26,12 @@ def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
     if scene is None:
         shown = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
     else:
-        places = decimals(layout.points)
-        where = "; ".join(f"{gauge.label} at {coordinates(gauge.position, places)} m" for gauge in layout.gauges)
+        frame = layout.frame
+        places = decimals(layout.points, frame)
+        where = "; ".join(
+            f"{gauge.label} at {coordinates(frame.place(gauge.position), places)} {frame.unit}"
+            for gauge in layout.gauges
+        )
         alt = f"The structure from one or two sides with its {len(layout.gauges)} gauges: {where}."
         key = [("var(--muted)", name, text) for name, text in _kinds(layout.gauges)]
         key.append((picture.POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from strainsight.report.arrays import FloatArray, IntArray
+from strainsight.report.datum import METRES, Frame
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,9 @@ class Gauge:
     readings;
     mirror: label of its mirror image, where the two were placed as one; refined, spread: change of its strain over its RMS
     when the mesh around it is refined, when forces on nodes there are spread, None where not tested; hot: beyond its share;
-    arms: of a bridge all of them, the first of which is where the rest of this says; none of others.
+    arms: of a bridge all of them, the first of which is where the rest of this says; none of others; edges (1 or arms, 2, 2): of
+    its place, or that of every arm, distance [m] and angle [deg] to the nearest edge of the face and to the nearest across it,
+    NaN where there is none, empty where not measured.
     """
 
     label: str
@@ -60,6 +63,7 @@ class Gauge:
     spread: float | None = None
     hot: bool = False
     arms: tuple[Arm, ...] = ()
+    edges: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
 
     @property
     def channels(self) -> FloatArray:
@@ -83,7 +87,8 @@ class Layout:
 
     points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
     (by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
-    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid.
+    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid; frame: how
+    places are given to people.
     """
 
     points: FloatArray
@@ -93,6 +98,7 @@ class Layout:
     loads: tuple[Load, ...] = ()
     fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    frame: Frame = METRES
 
     @property
     def places(self) -> tuple[FloatArray, FloatArray]:

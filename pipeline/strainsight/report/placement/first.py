@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 
 from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
-from strainsight.report.page.positions import AXES, axes, decimals
+from strainsight.report.page.positions import axes, decimals
 from strainsight.report.picture.card import pictured
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
 from strainsight.report.placement.gauge_table import SINGLE, names_without
@@ -158,12 +158,13 @@ def _bound_tile(report: PlacementReport) -> str:
 def _without(report: PlacementReport) -> str:
     """Every gauge, its place, and what the unknowns would be without it; what they are with all."""
     gauges, names = report.layout.gauges, names_without(report)
-    places = decimals(report.layout.points)
+    frame = report.layout.frame
+    places = decimals(report.layout.points, frame)
     rows = [
         [
             badge(gauge.label, index, hollow=gauge.bonded),
             *(share(gauge.without.get(name, math.nan)) for name in names),
-            *axes(gauge.position, places),
+            *axes(gauge.position, places, frame),
         ]
         for index, gauge in enumerate(gauges)
     ]
@@ -171,7 +172,7 @@ def _without(report: PlacementReport) -> str:
     foot = ["with all", *(share(sigma[name]) for name in names), "", "", ""]
     text = table(
         "with and without",
-        ["gauge", *(f"expected σ({escape(name)})" for name in names), *AXES],
+        ["gauge", *(f"expected σ({escape(name)})" for name in names), *frame.heads],
         rows,
         title="<h2>With all and without each gauge</h2>" if names else "<h2>Gauges</h2>",
         numeric=range(1, 4 + len(names)),

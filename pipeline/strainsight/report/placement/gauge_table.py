@@ -8,8 +8,9 @@ from html import escape
 import numpy as np
 
 from strainsight.report.arrays import FloatArray
+from strainsight.report.datum import Frame
 from strainsight.report.page.markup import badge, data, share, table
-from strainsight.report.page.positions import AXES, axes, decimals
+from strainsight.report.page.positions import axes, decimals
 from strainsight.report.picture.layout import Gauge
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.text import number, percent, reading_unit
@@ -21,9 +22,11 @@ SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 def gauge_table(report: PlacementReport) -> str:
     """All gauges, one a row; columns that would be empty are left out."""
     gauges = report.layout.gauges
-    places = decimals(report.layout.points)
+    frame = report.layout.frame
+    places = decimals(report.layout.points, frame)
     names = names_without(report)
     sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
+    edged = any(len(gauge.edges) for gauge in gauges)
     read = any(gauge.peak is not None for gauge in gauges)
     tested = any(gauge.refined is not None for gauge in gauges)
 
@@ -31,15 +34,26 @@ def gauge_table(report: PlacementReport) -> str:
         nodes = " ".join(str(node) for node in gauge.nodes) or "–"
         cells = [
             badge(gauge.label, index, hollow=gauge.bonded), _kind(gauge), *_ids(gauge),
-            nodes, *map("<br>".join, zip(*(axes(x, places) for x in _positions(gauge)), strict=True)),
-            "<br>".join(_whole(_direction(vector)) for vector in _directions(gauge)),
+            nodes, *map("<br>".join, zip(*(axes(x, places, frame) for x in _positions(gauge)), strict=True)),
+            "<br>".join(_whole(_direction(frame.turn(vector))) for vector in _directions(gauge)),
             "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
         ]  # fmt: skip
+        cells += [_edges(gauge, frame)] * edged
         cells += [_reading(gauge)] * read
         cells += [_changed(gauge)] * tested
         return cells + [share(gauge.without.get(name, math.nan)) for name in names]
 
-    head = ["gauge", "kind", "number" if given(gauges) else "element", "facet", "nodes", *AXES, "direction", "angle"]
+    head = [
+        "gauge",
+        "kind",
+        "number" if given(gauges) else "element",
+        "facet",
+        "nodes",
+        *frame.heads,
+        "direction",
+        "angle",
+    ]
+    head += ["nearest edges"] * edged
     head += ["training peak"] * read
     head += ["strain on a finer mesh"] * tested
     first = len(head)
@@ -51,7 +65,7 @@ def gauge_table(report: PlacementReport) -> str:
     )
     numeric = [2, 3, 5, 6, 7, 9, *range(first - read - tested, len(head))]
     rows = map(row, range(len(gauges)), gauges)
-    return table("gauges", head, rows, caption=_caption(gauges), numeric=numeric, foot=foot)
+    return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric, foot=foot)
 
 
 def names_without(report: PlacementReport) -> list[str]:
@@ -64,15 +78,20 @@ def given(gauges: tuple[Gauge, ...]) -> bool:
     return not any(gauge.facet for gauge in gauges)
 
 
-def _caption(gauges: tuple[Gauge, ...]) -> str:
+def _caption(gauges: tuple[Gauge, ...], frame: Frame) -> str:
     """What the columns mean, as far as they occur."""
     text = [
         ("Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file")
-        + "; direction is the measuring one in global axes, angle from the projected axis"
+        + f"; places and measuring directions are in {frame.in_words()}, angle is from the projected axis"
         + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
     ]
     if any(gauge.arms for gauge in gauges):
         text.append("The arms of a bridge stand below one another, in the order of the signs beside its kind.")
+    if any(len(gauge.edges) for gauge in gauges):
+        text.append(
+            "Nearest edges: distance to the nearest edge of the face, and the angle from it to the measuring direction, "
+            "counter-clockwise as seen from outside; below, the same of the nearest edge that runs across it."
+        )
     if any(gauge.mirror for gauge in gauges):
         text.append("A gauge and its mirror image were placed as one.")
     if any(gauge.peak is not None for gauge in gauges):
@@ -121,6 +140,17 @@ def _angles(gauge: Gauge) -> list[float]:
     first = gauge.channels[0]
     turn = [math.atan2(gauge.normal @ np.cross(first, other), first @ other) for other in gauge.channels]
     return [round(gauge.angle + math.degrees(angle), 6) for angle in turn]
+
+
+def _edges(gauge: Gauge, frame: Frame) -> str:
+    """Distance and angle to both edges of its place, of a bridge of all its arms."""
+    lines = [
+        data(float(size), f"{number(float(size), 4)} {frame.unit}", frame.unit)
+        + (f", {data(float(angle), f'{number(round(float(angle), 1) + 0.0, 3)}°', '°')}" if np.isfinite(angle) else "")
+        for size, angle in zip(frame.length(gauge.edges[..., 0]).ravel(), gauge.edges[..., 1].ravel(), strict=True)
+        if np.isfinite(size)
+    ]
+    return "<br>".join(map(_whole, lines)) or "–"
 
 
 def _reading(gauge: Gauge) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import gauge_colour, ink_on
+from strainsight.report.datum import Frame
 from strainsight.report.page.document import own
 from strainsight.report.page.positions import coordinates, decimals
 from strainsight.report.page.scale import scale_bar
@@ -68,7 +69,7 @@ def space_section(
     model = space([layout for _, layout in layouts], shown)
     bar = "" if colours is None else scale_bar(colours[1])
     gauges = [
-        _gauge(gauge, i, group, decimals(layout.points))
+        _gauge(gauge, i, group, layout.frame, decimals(layout.points, layout.frame))
         for group, (_, layout) in enumerate(layouts)
         for i, gauge in enumerate(layout.gauges)
     ]
@@ -159,17 +160,21 @@ def _vector(direction: FloatArray) -> str:
     return " ".join(number(round(float(value), 4), 4) for value in direction)
 
 
-def _gauge(gauge: Gauge, index: int, group: int, places: int) -> dict[str, Any]:
+def _place(position: FloatArray, frame: Frame, places: int) -> str:
+    return f"{coordinates(frame.place(position), places)} {frame.unit}"
+
+
+def _gauge(gauge: Gauge, index: int, group: int, frame: Frame, places: int) -> dict[str, Any]:
     """A gauge's mark and what its panel says."""
     text = [("kind", gauge.kind)]
     text += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)
     text += [("facet", str(gauge.facet))] * bool(gauge.facet)
     text += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
-    text.append(("position", f"{coordinates(gauge.position, places)} m"))
+    text.append(("position" + " from the datum" * (not frame.of_the_deck), _place(gauge.position, frame, places)))
     for direction in gauge.channels:
-        text.append(("direction", _vector(direction)))
+        text.append(("direction", _vector(frame.turn(direction))))
     for k, arm in enumerate(gauge.arms):
-        where = f"{coordinates(arm.position, places)} m, along {_vector(arm.direction)}"
+        where = f"{_place(arm.position, frame, places)}, along {_vector(frame.turn(arm.direction))}"
         text.append((f"arm {k + 1}, {'+' if arm.sign > 0 else '−'}", where))
     text += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
     text += [

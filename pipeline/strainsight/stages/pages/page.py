@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
+from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.cases.structure.references import on_one_node
@@ -28,7 +29,7 @@ from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.verdicts import OVER, in_words
 from strainsight.report.text import capital
 from strainsight.stages.pages.claims import claims_of
-from strainsight.stages.pages.page_layout import layout_of_page
+from strainsight.stages.pages.page_layout import layout_of_page, measured
 from strainsight.stages.pages.page_numbers import (
     cases_of,
     consistency_of,
@@ -50,8 +51,8 @@ from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
 
-def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
-    """The page's content, from the artefacts of all stages."""
+def placement_report(context: Context[PlacementConfig], shop: Workshop) -> PlacementReport:
+    """The page's content, from the artefacts of all stages; shop: the layout as measured (`workshop_of_run`)."""
     up, config = context.upstream, context.config
     names = [str(name) for name in config.place.estimate]
     kinds = {name: "input" if name in config.loads else "parameter" for name in names}
@@ -62,7 +63,7 @@ def placement_report(context: Context[PlacementConfig]) -> PlacementReport:
         name=context.config.name,
         title=f"{context.config.name}: {_number_of_gauges(up)} for {' and '.join(names)}",
         unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
-        layout=layout_of_page(mesh, up, config.loads),
+        layout=measured(layout_of_page(mesh, up, config.loads), shop),
         trend=trend_of(up["place"]),
         histories=tuple(history_of(name, validate) for name in names),
         posteriors=tuple(posterior_of(name, validate) for name in read(Validated, validate).posterior),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.cases.layout.gauge_list import GaugeList
+from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.channels import listed_gauges as gauges_of
 from strainsight.fem.traction import pressure
 from strainsight.mesh.facets import exterior_facets
@@ -53,6 +54,16 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
         # of a model that came as matrices
         loose=np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh),
     )
+
+
+def measured(layout: Layout, shop: Workshop) -> Layout:
+    """The layout in the axes of the workshop, its gauges with their distances to edges."""
+    pairs = np.stack([shop.edges.distance, shop.edges.angle], axis=2)
+    gauges = []
+    for i, gauge in enumerate(layout.gauges):
+        own = pairs[shop.lines_of(i)][: max(len(gauge.arms), 1)]
+        gauges.append(replace(gauge, edges=own) if np.isfinite(own).any() else gauge)
+    return replace(layout, gauges=tuple(gauges), frame=shop.frame)
 
 
 def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
