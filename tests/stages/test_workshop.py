@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import csv
 import re
+from io import StringIO
 
+import h5py
+import meshio
 import numpy as np
 import pytest
 import pyuff
+from pyyeti import nastran
+from scipy.io import loadmat
+from scipy.linalg import solve_continuous_are
 
+from strainsight.cases.layout.exports.element_sets import abaqus_sets, nastran_sets
 from strainsight.config.load import load_config
+from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError
 
 from ..robustness.small import write_project
@@ -112,3 +120,90 @@ def test_axes_that_are_none_are_refused_with_their_key(beam, datum, key):
     with pytest.raises(ConfigError) as error:
         load_config(beam, [f"report.datum={datum}"])
     assert error.value.key == key
+
+
+EXPORTS = "report.exports=[nastran, abaqus, catman, labview, mat]"
+WIRED = ("report.gauge_factor=2.08", "report.resistance=350")
+
+
+@pytest.fixture(scope="module")
+def exported(beam):
+    """The folder of a run with every export."""
+    return made(beam, *SHORT, DATUM, EXPORTS, *WIRED)["report"].path.parent
+
+
+def below(results):
+    return {row["gauge"]: int(row["element"]) for row in rows(results / "workshop.csv")}
+
+
+def test_another_reader_of_nastran_finds_the_elements(exported):
+    sets = nastran.rdsets(str(exported / "gauges-nastran.inc"))
+    own = below(exported)
+    assert sets[9001] == sorted(set(own.values()))
+    assert [sets[9002 + i] for i in range(len(own))] == [[element] for element in own.values()]
+
+
+def test_another_reader_of_abaqus_finds_the_elements_below_the_mesh(exported, beam, tmp_path):
+    """meshio's cells are the elements of the deck in order, counted from 0."""
+    mesh = read_mesh(beam.parent / "beam.bdf")
+    (block,) = mesh.blocks
+    lines = ["*NODE", *(f"{i}, {x:.6f}, {y:.6f}, {z:.6f}" for i, (x, y, z) in zip(mesh.node_ids, mesh.position, strict=True))]
+    lines.append("*ELEMENT, TYPE=C3D8")
+    lines += [", ".join(map(str, (i, *mesh.node_ids[n]))) for i, n in zip(block.ids, block.nodes, strict=True)]
+    text = (exported / "gauges-abaqus.inp").read_text()
+    (tmp_path / "all.inp").write_text("\n".join(lines) + "\n" + text)
+    sets = meshio.read(tmp_path / "all.inp").cell_sets
+    own = below(exported)
+    assert {f"GAUGE_{name}": [element] for name, element in own.items()} | {"GAUGES": sorted(set(own.values()))} == {
+        name: block.ids[cells[0]].tolist() for name, cells in sets.items()
+    }
+
+
+def test_tables_of_channels_have_what_an_amplifier_asks_for(exported):
+    def table(name):
+        with (exported / name).open(encoding="utf-8", newline="") as stream:
+            return list(csv.DictReader(stream, delimiter="\t"))
+
+    for i, row in enumerate(catman := table("channels-catman.txt"), start=1):
+        assert (row["Channel"], row["Name"], row["Bridge"]) == (str(i), f"G{i}", "quarter")
+        assert (row["Gauge factor"], row["Resistance [ohm]"], row["Unit"]) == ("2.08", "350", "um/m")
+        # A quarter bridge of 1 mV/V: r = GF ε / 4.
+        assert 2.08 * 1e-6 * float(row["um/m per mV/V"]) / 4 == pytest.approx(1e-3)
+    assert len(catman) == 3
+    for row in table("channels-labview.txt"):
+        assert (row["Measurement type"], row["Strain configuration"]) == ("Strain", "Quarter Bridge I")
+
+
+def test_the_model_in_matlab_is_the_one_that_the_layout_was_chosen_by(exported):
+    """scipy's own Riccati solver gives tr(W P) of the layout; the response to the known load is the training peak."""
+    found = loadmat(exported / "model.mat")
+    with h5py.File(exported / "place.h5") as file:
+        scale, weight = file["augmented/scale"][:], file["augmented/weight"][:]
+        final = float(file["summary"].attrs["trace_final"])
+    A, B, C, Q, R = (found[name] for name in "ABCQR")
+    metric = []
+    for k in range(A.shape[2]):
+        S = scale[k]
+        own = A[..., k] * S / S[:, None], C[..., k] * S, Q[..., k] / S / S[:, None]
+        P = solve_continuous_are(own[0].T, own[1].T, own[2], R[..., k])
+        metric.append(weight[k] @ np.diag(P))
+    assert np.mean(metric) == pytest.approx(final, rel=1e-6)
+    assert [str(name[0]) for name in found["states"].ravel()][-1] == "E"
+    assert [str(name[0]) for name in found["state_units"].ravel()] == ["kg^1/2 m"] * 5 + ["kg^1/2 m/s"] * 5 + ["1"]
+    assert [str(own.ravel()[0][0]) for own in (found["loads"], found["load_units"])] == ["tip", "N"]
+    y = C[..., 0] @ np.linalg.solve(2j * np.pi * 20 * np.eye(len(A)) - A[..., 0], B[:, 0]) * 1e3
+    peaks = [float(row["peak"]) for row in rows(exported / "gauges.csv")]
+    # Of 50 samples a period the largest is at most 0.2 % below the amplitude.
+    np.testing.assert_allclose(np.abs(y), peaks, rtol=2.5e-3)
+    assert b"Created" not in (exported / "model.mat").read_bytes()[:116]
+
+
+def test_sets_of_many_elements_are_wrapped_and_named_apart():
+    many = {"a b": list(range(1, 400, 3)), "a_b": [7], "G1": [12345678, 99999999]}
+    text = nastran_sets(many, "näme").decode()
+    assert max(map(len, text.splitlines())) <= 72
+    sets = nastran.rdsets(StringIO(text))
+    assert list(sets.values())[1:] == list(many.values())
+    names = re.findall(r"ELSET=(.*)", abaqus_sets(many, "run").decode())
+    assert len({name.upper() for name in names}) == 4
+    assert max(line.count(",") for line in abaqus_sets(many, "run").decode().splitlines()) < 16

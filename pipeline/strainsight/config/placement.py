@@ -207,6 +207,9 @@ class Filter(Section):
     )
 
 
+Export = Literal["nastran", "abaqus", "catman", "labview", "mat"]
+
+
 class Datum(Section):
     """Where a workshop measures from."""
 
@@ -225,6 +228,18 @@ class Report(Section):
     datum: Datum = with_defaults(
         Datum,
         "Where places of gauges are measured from, in the deck's unit of length: on the page, in workshop.csv and workshop.unv.",
+    )
+    exports: tuple[Export, ...] = Field(
+        (),
+        description="Files for other programs. nastran: SET cards of the elements below the gauges, gauges-nastran.inc; abaqus: "
+        "*ELSET of them, gauges-abaqus.inp; catman, labview: a table of the channels to set up by hand, channels-catman.txt, "
+        "channels-labview.txt; mat: the linear augmented model with the rows of the layout, model.mat.",
+    )
+    gauge_factor: Positive | None = Field(
+        None, description="Gauge factor in tables of channels [-]; null: left blank there."
+    )
+    resistance: Positive | None = Field(
+        None, description="Resistance of a gauge in tables of channels [ohm]; null: left blank there."
     )
 
 

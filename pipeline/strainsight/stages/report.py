@@ -11,7 +11,7 @@ from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
 from strainsight.stages.pages.page import placement_report
-from strainsight.stages.pages.workshop import workshop_files, workshop_of_run
+from strainsight.stages.pages.workshop import exported, workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
@@ -55,7 +55,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         summary=summary,
         message=said,
         tables=(Table("warnings", ("",), tuple((text,) for text in report.warnings)),) * bool(report.warnings),
-        files={"report.html": page, **workshop_files(shop)},
+        files={"report.html": page, **workshop_files(shop), **exported(context, shop)},
     )
 
 

@@ -1,0 +1,1 @@
+"""A layout as files for other programs."""
