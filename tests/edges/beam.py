@@ -24,6 +24,7 @@ SIDES = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5),
 SEEN_AS_NONE = (
     "screen/range",
     "place/selected/final/load",
+    "place/at_gauges/room",
     "place/failure/loss",
     "place/baseline/",
     "place/criteria/",

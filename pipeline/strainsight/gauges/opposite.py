@@ -1,4 +1,4 @@
-"""The other side of a body: where a straight line from its surface leaves it again."""
+"""Where a straight line from the surface of a body meets it again: the other side of it, or what stands over a place."""
 
 from __future__ import annotations
 
@@ -16,13 +16,30 @@ ON = 1e-7
 
 
 def opposite(skin: Skin, points: np.ndarray, normals: np.ndarray) -> Located:
-    """The first exit of the rays x = p − t n, t > 0, through the surface:
+    """The first exit of the rays x = p − t n, t > 0, through the surface: `_first`.
 
-        (x(ξ) − p)·[e₁, e₂] = 0,   e₁, e₂ across n,     n′·n < 0,     the least t
+    points p (k, 3) [m] on the surface; normals n (k, 3) outward there. facet −1 where a ray meets none.
+    """
+    return _first(skin, points, normals, 1.0, np.inf)
 
-    points p (k, 3) [m] on the surface; normals n (k, 3) outward there. facet −1 where a ray meets none. Rays go on step by
-    step, each of the size of the largest facet, among the facets whose spheres come near to that step. Of facets met at one t
-    (a common edge) the first counts.
+
+def room_over(skin: Skin, points: np.ndarray, ahead: np.ndarray, reach: float) -> np.ndarray:
+    """How far (k,) [m] the rays x = p + t r, t > 0, go outside the body before they enter it, by `_first`; inf where they do not
+    within a reach [m].
+
+    points p (k, 3) [m] on the surface; r ahead (k, 3) unit, outward there.
+    """
+    distance = _first(skin, points, -np.asarray(ahead, dtype=float), -1.0, reach).distance
+    return np.asarray(np.where(distance <= reach, distance, np.inf))
+
+
+def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reach: float) -> Located:
+    """Where the rays x = p − t n, t > 0, first leave the body (way 1), or enter it (−1):
+
+        (x(ξ) − p)·[e₁, e₂] = 0,   e₁, e₂ across n,     way n′·n < 0,     the least t
+
+    Rays go on step by step, each of the size of the largest facet, among the facets whose spheres come near to that step, up to
+    the first step beyond the reach [m]. Of facets met at one t (a common edge) the first counts.
     """
     k = len(points)
     centre, _ = facet_centres(skin.position, skin.facets.kind, skin.facets.nodes)
@@ -31,7 +48,7 @@ def opposite(skin: Skin, points: np.ndarray, normals: np.ndarray) -> Located:
     far = float(np.linalg.norm(np.ptp(skin.position, axis=0))) + step
     facet, local, t = np.full(k, -1), np.zeros((k, 2)), np.full(k, np.inf)
     active = np.arange(k)
-    for number in range(int(np.ceil(far / step))):
+    for number in range(int(np.ceil(min(far, reach) / step))):
         if not len(active):
             break
         middle = points[active] - (number + 0.5) * step * normals[active]
@@ -41,7 +58,7 @@ def opposite(skin: Skin, points: np.ndarray, normals: np.ndarray) -> Located:
         away = centre[asked] - points[of]
         aside = np.linalg.norm(away - np.sum(away * normals[of], axis=1)[:, None] * normals[of], axis=1)
         worth = aside <= radius[asked] * (1 + ON)
-        xi, at, leaves = _met(skin, points, normals, of[worth], asked[worth])
+        xi, at, leaves = _met(skin, points, normals, of[worth], asked[worth], way)
         of, asked = of[worth], asked[worth]
         # What is farther than this step is asked again in its own, among all that may be there.
         order = np.flatnonzero(leaves & (at > 0) & (at <= (number + 1) * step))
@@ -58,9 +75,10 @@ def opposite(skin: Skin, points: np.ndarray, normals: np.ndarray) -> Located:
 
 
 def _met(
-    skin: Skin, points: np.ndarray, normals: np.ndarray, of: np.ndarray, facet: np.ndarray
+    skin: Skin, points: np.ndarray, normals: np.ndarray, of: np.ndarray, facet: np.ndarray, way: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """ξ (q, 2) and t (q,) [m] at which rays `of` (q,) meet facets (q,), and whether they leave the body there (q,)."""
+    """ξ (q, 2) and t (q,) [m] at which rays `of` (q,) meet facets (q,), and whether they leave the body there (q,), or, way −1,
+    enter it."""
     n = normals[of]
     e1 = np.cross(n, farthest_axis(n))
     e1 /= np.linalg.norm(e1, axis=1)[:, None]
@@ -72,5 +90,5 @@ def _met(
     simplex = np.array([kind.corners == 3 for kind in FACETS])[skin.facets.kind[facet]]
     triangle = (xi.min(axis=1, initial=np.inf) >= -ON) & (xi.sum(axis=1) <= 1 + ON)
     found &= np.where(simplex, triangle, np.abs(xi).max(axis=1, initial=0.0) <= 1 + ON)
-    found &= np.sum(normals_at(skin, facet, xi) * n, axis=1) < -1e-9
+    found &= way * np.sum(normals_at(skin, facet, xi) * n, axis=1) < -1e-9
     return xi, np.sum((points[of] - x) * n, axis=1), found

@@ -66,6 +66,46 @@ class HotSpots:
 
 
 @record
+class AtGauges:
+    """What the places of the gauges of the final set, or of any, ask of whoever bonds them."""
+
+    in_place: np.ndarray = dataset(
+        "/in_place",
+        "1",
+        "gauge",
+        "RMS change of its strain over σ of its place, over its training RMS; NaN: reads no strain",
+    )
+    over_grid: np.ndarray = dataset(
+        "/over_grid",
+        "1",
+        "gauge",
+        "RMS change of the strain from end to end of its grid, over its training RMS; NaN as there",
+    )
+    room: np.ndarray = dataset("/room", "m", "gauge", "free height over it, inf: more than the limit")
+    in_place_limit: float = dataset("/in_place_limit", "1", "", "change in place beyond which the gradient is steep")
+    over_grid_limit: float = dataset("/over_grid_limit", "1", "", "change over the grid beyond which it is")
+    room_limit: float = dataset("/room_limit", "m", "", "free height that a hand takes")
+
+    def steep_in_words(self, i: int) -> str:
+        """That the gradient is steep at gauge i, with the number and the limit; empty where it is not."""
+        said = [
+            f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
+            for value, limit, what in (
+                (self.in_place[i], self.in_place_limit, "over σ of its place"),
+                (self.over_grid[i], self.over_grid_limit, "over its grid"),
+            )
+            if value > limit
+        ]
+        return f"steep gradient here: the strain changes {' and '.join(said)}" if said else ""
+
+    def access_in_words(self, i: int) -> str:
+        """That access is to be checked at gauge i, with the room over it; empty where it is not."""
+        if self.room[i] > self.room_limit:
+            return ""
+        return f"check access: {1e3 * self.room[i]:.2g} mm of room over it (limit {1e3 * self.room_limit:.2g} mm)"
+
+
+@record
 class ByCase:
     """The load cases that a layout is placed for."""
 
@@ -108,4 +148,5 @@ class Placed(PlacedLayout):
     budget: Budget | None = group("/budget", default=None)
     observability: PbhNumbers = group("/observability")
     hot_spots: HotSpots | None = group("/hot_spots", default=None)
+    at_gauges: AtGauges | None = group("/at_gauges", default=None)
     by_case: ByCase | None = group("/load_cases", what="<what>", default=None)

@@ -20,7 +20,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=21,
+    version=22,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -117,3 +117,15 @@ def test_changes_on_a_finer_mesh_stand_with_their_sign_and_a_mark_where_they_are
     ]  # fmt: skip
     assert "A hot spot changes by more than its share" in gauge_table(report)
     assert "finer mesh" not in gauge_table(mixed())
+
+
+def test_what_is_to_be_looked_at_where_a_gauge_is_bonded_is_the_last_column_where_there_is_something(mixed):
+    layout = mixed().layout
+    notes = ("check access: 12 mm", "", "steep gradient here: <8 %; check access: 3 mm", *[""] * (len(layout.gauges) - 3))
+    gauges = tuple(replace(gauge, notes=note) for gauge, note in zip(layout.gauges, notes, strict=True))
+    report = mixed(layout=replace(layout, gauges=gauges))
+    shown = [row["where it is bonded"] for row in rows(report)]
+    assert shown[:3] == ["check access: 12 mm", "–", "steep gradient here: &lt;8 %|check access: 3 mm"]
+    assert set(shown[3:]) == {"–"}
+    assert "how much room there is over it" in gauge_table(report)
+    assert "where it is bonded" not in gauge_table(mixed())

@@ -32,7 +32,8 @@ class GaugeList:
     0; position, normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of
     its grid; bonded (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks:
     that of each channel; most (k,): that of any grid, of a bridge of any arm; range (k,): what a grid can measure, NaN where not
-    stated; arms of each that is a bridge, else None.
+    stated; arms of each that is a bridge, else None; notes: what is to be looked at of each where it is bonded, empty where there
+    is nothing, and without any where that was not asked.
     """
 
     labels: tuple[str, ...]
@@ -52,6 +53,7 @@ class GaugeList:
     most: np.ndarray
     range: np.ndarray
     arms: tuple[BridgeArms | None, ...]
+    notes: tuple[str, ...] = ()
 
 
 def gauge_list(

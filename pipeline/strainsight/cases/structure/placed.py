@@ -34,6 +34,7 @@ def placement_output(found: Placement, mesh: Mesh, length_unit: str) -> Output:
             condition=condition.condition, sigma_min=condition.sigma_min, condition_raw=condition.condition_raw
         ),
         hot_spots=found.hot_spots,
+        at_gauges=found.at_gauges,
         by_case=by_case,
     )
     numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})

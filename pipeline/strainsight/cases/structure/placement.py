@@ -17,6 +17,7 @@ from strainsight.cases.layout.placement import Placed, placed
 from strainsight.cases.layout.pool import PoolRows, layout_limits
 from strainsight.cases.layout.task import Readings, Task, Unknowns
 from strainsight.cases.resources import Resources
+from strainsight.cases.structure.at_gauges import advice_at_gauges, at_gauges, notes_at_gauges
 from strainsight.cases.structure.by_case import cases_in_words, cases_of, worst_case
 from strainsight.cases.structure.channels import largest_of_quantity, listed_gauges
 from strainsight.cases.structure.expectation import alike_gauges, expectation
@@ -33,7 +34,7 @@ from strainsight.config.placement import Place, PlacementConfig
 from strainsight.errors import blame
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
-from strainsight.records.placed import ByCase, HotSpots
+from strainsight.records.placed import AtGauges, ByCase, HotSpots
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
@@ -50,12 +51,14 @@ class Placement(Placed):
     """All that a placement has found, with the problem that it is of; σ is relative to the scale of an unknown.
 
     condition: whether the pool can tell the unknowns, in the load case where it can least; hot_spots: whether the strain at its
-    gauges is that of the part, None where the model is not that of a mesh; by_case: the load cases, None where there are none.
+    gauges is that of the part, None where the model is not that of a mesh; at_gauges: what their places ask of those who bond,
+    None where they are given without a surface; by_case: the load cases, None where there are none.
     """
 
     problem: Problem
     condition: Observability
     hot_spots: HotSpots | None
+    at_gauges: AtGauges | None
     by_case: ByCase | None
 
 
@@ -147,15 +150,23 @@ def placement_of(
     ringing = [_ringing(own, settings, config.seed) for own in posed]
     first = *ringing, *not_held_in_words(config, reduced, training)
     listed = found.listed
+    there = at_gauges(config, mesh, reduced, training, found.gauges)
     spots = hot_spot_advice(hot, listed.labels, listed.bonded.tolist())
+    places = advice_at_gauges(there, listed.labels, listed.bonded.tolist())
+    listed = replace(listed, notes=notes_at_gauges(there, len(listed.labels)))
     by_case = None if found.task.cases is None else cases_of(found, expected(found.gauges))
     words = () if by_case is None else cases_in_words(by_case, settings.aggregate)
-    found = replace(found, advice=(*filter(None, first), *unresolved_gauges(listed), *spots, *words, *found.advice))
+    found = replace(
+        found,
+        advice=(*filter(None, first), *unresolved_gauges(listed), *spots, *places, *words, *found.advice),
+        listed=listed,
+    )
     return Placement(
         **vars(found),
         problem=problem,
         condition=_worst_observability(found, posed, pool),
         hot_spots=hot,
+        at_gauges=there,
         by_case=by_case,
     )
 

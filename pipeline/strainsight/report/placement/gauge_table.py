@@ -29,6 +29,7 @@ def gauge_table(report: PlacementReport) -> str:
     edged = any(len(gauge.edges) for gauge in gauges)
     read = any(gauge.peak is not None for gauge in gauges)
     tested = any(gauge.refined is not None for gauge in gauges)
+    noted = any(gauge.notes for gauge in gauges)
 
     def row(index: int, gauge: Gauge) -> list[str]:
         nodes = " ".join(str(node) for node in gauge.nodes) or "–"
@@ -41,7 +42,8 @@ def gauge_table(report: PlacementReport) -> str:
         cells += [_edges(gauge, frame)] * edged
         cells += [_reading(gauge)] * read
         cells += [_changed(gauge)] * tested
-        return cells + [share(gauge.without.get(name, math.nan)) for name in names]
+        cells += [share(gauge.without.get(name, math.nan)) for name in names]
+        return cells + ["<br>".join(map(escape, gauge.notes.split("; "))) or "–"] * noted
 
     head = [
         "gauge",
@@ -58,12 +60,13 @@ def gauge_table(report: PlacementReport) -> str:
     head += ["strain on a finer mesh"] * tested
     first = len(head)
     head += [f"expected σ({escape(name)}) without it" for name in names]
+    numeric = [2, 3, 5, 6, 7, 9, *range(first - read - tested, len(head))]
+    head += ["where it is bonded"] * noted
     foot = (
-        ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names]]
+        ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names], *[""] * noted]
         if any(sigma[name] is not None for name in names)
         else []
     )
-    numeric = [2, 3, 5, 6, 7, 9, *range(first - read - tested, len(head))]
     rows = map(row, range(len(gauges)), gauges)
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric, foot=foot)
 
@@ -100,6 +103,11 @@ def _caption(gauges: tuple[Gauge, ...], frame: Frame) -> str:
         text.append(
             "On a finer mesh: the change of the strain at the gauge, over its RMS in training, when the elements around it "
             "are cut in half twice. A hot spot changes by more than its share: a corner, the end of a support, a load at a node."
+        )
+    if any(gauge.notes for gauge in gauges):
+        text.append(
+            "Where it is bonded: how much the strain changes over σ of the gauge's place and from end to end of its grid, over "
+            "its RMS in training, and how much room there is over it, where that is beyond the limit."
         )
     if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
         text.append("∞: without that gauge the unknown can no longer be observed.")

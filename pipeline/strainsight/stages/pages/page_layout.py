@@ -11,6 +11,7 @@ import numpy as np
 
 from strainsight.cases.layout.gauge_list import GaugeList
 from strainsight.cases.layout.workshop import Workshop
+from strainsight.cases.structure.at_gauges import notes_at_gauges
 from strainsight.cases.structure.channels import listed_gauges as gauges_of
 from strainsight.fem.traction import pressure
 from strainsight.mesh.facets import exterior_facets
@@ -30,6 +31,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
     without = {name: values * placed_scale(name, place) / placed_size(name, up) for name, values in own.without.items()}
     listed = listed_gauges(up)
+    notes = notes_at_gauges(own.at_gauges, len(listed.labels))
     row = own.final.gauge
     mirror = [next((listed.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), "") for i in range(len(row))]
     nodes = candidates.nodes[candidates.first[own.final.number]]
@@ -42,6 +44,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
             most=float(listed.most[i]) if listed.arms[i] is not None else None,
             range=None if np.isnan(listed.range[i]) else float(listed.range[i]),
             mirror=mirror[i],
+            notes=notes[i],
             **_tested(own.hot_spots, i),
         )
         for i in range(len(listed.labels))
