@@ -97,7 +97,7 @@ def test_the_page_has_them_too(results):
     page = (results / "report.html").read_text()
     table = page[page.index('data-table="gauges"') :]
     table = table[: table.index("</table>")]
-    assert "x [mm]" in table
+    assert "nearest edges [mm]" in table
     assert "x [m]" not in page
     assert "the datum at (1000 0 80) mm of the deck, x along (-1 0 0), y along (0 -1 0)" in page
     for row in rows(results / "workshop.csv"):
@@ -120,6 +120,22 @@ def test_axes_that_are_none_are_refused_with_their_key(beam, datum, key):
     with pytest.raises(ConfigError) as error:
         load_config(beam, [f"report.datum={datum}"])
     assert error.value.key == key
+
+
+def test_every_gauge_has_its_sheet_as_a_file_and_on_the_page(results):
+    page = (results / "report.html").read_text()
+    assert "3 drawing sheets for the workshop" in page
+    for row in rows(results / "workshop.csv"):
+        text = (results / f"sheet-{row['gauge']}.svg").read_text()
+        words = re.findall(r"<text[^>]*>([^<]*)</text>", text)
+        x = numbers(row, "x_mm", "y_mm", "z_mm")
+        assert words[-6:][:2] == [row["gauge"], "strain gauge"]
+        assert {f"{value:g} mm".replace("-", "−") for value in x} <= set(words)
+        assert {"deck beam.bdf", "(1000 0 80) mm", "(−1 0 0)", "(0 −1 0)"} <= set(words)
+        # Seen along z the beam lies along x of the datum: both coordinates are dimensioned, if they are not 0.
+        assert {f"{name} = {value:g}".replace("-", "−") for name, value in zip("xyz", x, strict=True) if value} <= set(words)
+        assert {f"{numbers(row, name)[0]:g}" for name in ("edge_mm", "edge2_mm")} <= set(words)
+        assert text[text.index(" viewBox") :].strip() in page
 
 
 EXPORTS = "report.exports=[nastran, abaqus, catman, labview, mat]"

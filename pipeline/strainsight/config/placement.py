@@ -227,7 +227,8 @@ class Report(Section):
     format: Literal["html"] = Field("html", description="Kind of page.")
     datum: Datum = with_defaults(
         Datum,
-        "Where places of gauges are measured from, in the deck's unit of length: on the page, in workshop.csv and workshop.unv.",
+        "Where places of gauges are measured from, in the deck's unit of length: on the page and the sheets, in workshop.csv and "
+        "workshop.unv.",
     )
     exports: tuple[Export, ...] = Field(
         (),

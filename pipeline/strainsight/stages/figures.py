@@ -16,6 +16,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.report.chart.drawing import Drawing, kept
 from strainsight.report.chart.files import figure_files
+from strainsight.stages import inputs
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.slices import declared, prune
 from strainsight.workflow.stage import Context, Stage
@@ -77,7 +78,8 @@ def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
     from strainsight.stages.pages.page import placement_report
     from strainsight.stages.pages.workshop import workshop_of_run
 
-    return list(placement_figures(placement_report(context, workshop_of_run(context))))
+    mesh = inputs.mesh(context)
+    return list(placement_figures(placement_report(context, mesh, workshop_of_run(context, mesh))))
 
 
 def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:

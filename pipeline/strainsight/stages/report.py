@@ -10,7 +10,9 @@ from strainsight.report.picture.scene import render
 from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
+from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
+from strainsight.stages.pages.sheets import sheet_files, sheets_of
 from strainsight.stages.pages.workshop import exported, workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
@@ -19,8 +21,9 @@ from strainsight.workflow.stage import Context, Stage
 
 def run(context: Context[PlacementConfig]) -> Output:
     """Gather what the page shows and write it as one self-contained file."""
-    shop = workshop_of_run(context)
-    report = placement_report(context, shop)
+    mesh = inputs.mesh(context)
+    shop = workshop_of_run(context, mesh)
+    report, sheets = placement_report(context, mesh, shop), sheet_files(sheets_of(context, shop, mesh))
     context.progress("picture", 0.1)
     scene, problem = None, ""
     try:
@@ -30,7 +33,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     modes = placement_view(context.config, "modes", context.upstream, None)
     shapes = tuple(Shape(panel.title, panel.shift) for panel in modes.panels)
     context.progress("figures", 0.5)
-    page = placement_page(report, placement_figures(report), scene, problem, shapes).encode()
+    page = placement_page(report, placement_figures(report), scene, problem, shapes, tuple(sheets.values())).encode()
     datasets = {
         "/trend/count": Dataset(report.trend.count, "1", "gauges left"),
         "/trend/metric": Dataset(
@@ -55,7 +58,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         summary=summary,
         message=said,
         tables=(Table("warnings", ("",), tuple((text,) for text in report.warnings)),) * bool(report.warnings),
-        files={"report.html": page, **workshop_files(shop), **exported(context, shop)},
+        files={"report.html": page, **workshop_files(shop), **sheets, **exported(context, shop)},
     )
 
 
@@ -69,6 +72,7 @@ REPORT = Stage(
         "tolerances",
         "place.estimate",
         "validate.truth.model",
+        "mesh.file",
         "mesh.length_unit",
         "report",
     ),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.report.datum import Frame
 from strainsight.report.picture.layout import Arm
 from strainsight.report.placement.gauge_table import gauge_table
 
@@ -129,3 +130,23 @@ def test_what_is_to_be_looked_at_where_a_gauge_is_bonded_is_the_last_column_wher
     assert set(shown[3:]) == {"–"}
     assert "how much room there is over it" in gauge_table(report)
     assert "where it is bonded" not in gauge_table(mixed())
+
+
+def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(full):
+    """The datum at (1, 0, 0) m, x back along −x, in mm."""
+    report = full()
+    frame = Frame("mm", 1e-3, np.array([1000.0, 0, 0]), np.diag([-1.0, -1.0, 1.0]))
+    first, second, *others = report.layout.gauges
+    gauges = (
+        replace(first, edges=np.array([[[0.0125, -30.0], [0.25, 60.0]]])),
+        replace(second, edges=np.array([[[0.004, 0.0], [np.nan, np.nan]]])),
+        *others,
+    )
+    text = gauge_table(replace(report, layout=replace(report.layout, gauges=gauges, frame=frame)))
+    found = rows(replace(report, layout=replace(report.layout, gauges=gauges, frame=frame)))
+    assert [row["nearest edges [mm]"] for row in found] == ["12.5|250", "4", "–", "–"]
+    assert [row["angle to them"] for row in found] == ["−30°|60°", "0°", "–", "–"]
+    assert (found[0]["x [mm]"], found[0]["y [mm]"], found[0]["z [mm]"]) == ("900.0", "−20.0", "120.0")
+    assert found[0]["direction"] == "−1 0 0"
+    assert "the datum at (1000 0 0) mm of the deck, x along (-1 0 0), y along (0 -1 0)" in text
+    assert "nearest edges" not in gauge_table(report)

@@ -27,7 +27,7 @@ def figure_files(drawings: Iterable[Drawing], drawn: Mapping[bytes, Figure]) -> 
     files: dict[str, bytes] = {}
     rows = []
     for drawing in drawings:
-        name = _file_name(drawing.key, {Path(other).stem.lower() for other in files})
+        name = file_name(drawing.key, {Path(other).stem.lower() for other in files})
         own = drawn[drawing.svg]
         # The numbers first: the figure is changed for the other picture.
         files[f"{name}.csv"] = figure_csv(own)
@@ -57,7 +57,7 @@ def _listed(index: Path) -> set[str]:
     return {row[0] for row in rows[1:] if row and re.fullmatch(r"\w[\w.-]*", row[0])}
 
 
-def _file_name(key: str, taken: set[str]) -> str:
+def file_name(key: str, taken: set[str]) -> str:
     """A plain file name for a key, which may hold any name of a config; apart from others on any file system."""
     plain = re.sub(r"[^\w.-]+", "_", key).strip("._-")[:LONGEST] or "figure"
     name, count = plain, 2

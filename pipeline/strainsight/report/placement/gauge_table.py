@@ -39,7 +39,7 @@ def gauge_table(report: PlacementReport) -> str:
             "<br>".join(_whole(_direction(frame.turn(vector))) for vector in _directions(gauge)),
             "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
         ]  # fmt: skip
-        cells += [_edges(gauge, frame)] * edged
+        cells += _edges(gauge, frame) * edged
         cells += [_reading(gauge)] * read
         cells += [_changed(gauge)] * tested
         cells += [share(gauge.without.get(name, math.nan)) for name in names]
@@ -55,12 +55,12 @@ def gauge_table(report: PlacementReport) -> str:
         "direction",
         "angle",
     ]
-    head += ["nearest edges"] * edged
+    head += [f"nearest edges [{frame.unit}]", "angle to them"] * edged
     head += ["training peak"] * read
     head += ["strain on a finer mesh"] * tested
     first = len(head)
     head += [f"expected σ({escape(name)}) without it" for name in names]
-    numeric = [2, 3, 5, 6, 7, 9, *range(first - read - tested, len(head))]
+    numeric = [2, 3, 5, 6, 7, 9, *range(first - read - tested - 2 * edged, len(head))]
     head += ["where it is bonded"] * noted
     foot = (
         ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names], *[""] * noted]
@@ -150,15 +150,15 @@ def _angles(gauge: Gauge) -> list[float]:
     return [round(gauge.angle + math.degrees(angle), 6) for angle in turn]
 
 
-def _edges(gauge: Gauge, frame: Frame) -> str:
-    """Distance and angle to both edges of its place, of a bridge of all its arms."""
-    lines = [
-        data(float(size), f"{number(float(size), 4)} {frame.unit}", frame.unit)
-        + (f", {data(float(angle), f'{number(round(float(angle), 1) + 0.0, 3)}°', '°')}" if np.isfinite(angle) else "")
-        for size, angle in zip(frame.length(gauge.edges[..., 0]).ravel(), gauge.edges[..., 1].ravel(), strict=True)
-        if np.isfinite(size)
+def _edges(gauge: Gauge, frame: Frame) -> list[str]:
+    """Distances and angles to both edges of its place, of a bridge of all its arms: two cells."""
+    distance, angle = gauge.edges.reshape(-1, 2).T if len(gauge.edges) else np.empty((2, 0))
+    there = np.isfinite(distance)
+    sizes = [data(float(x), number(float(x), 4)) for x in frame.length(distance[there])]
+    turns = [
+        data(float(a), f"{number(round(float(a), 1) + 0.0, 3)}°", "°") if np.isfinite(a) else "–" for a in angle[there]
     ]
-    return "<br>".join(map(_whole, lines)) or "–"
+    return ["<br>".join(sizes) or "–", "<br>".join(turns) or "–"]
 
 
 def _reading(gauge: Gauge) -> str:

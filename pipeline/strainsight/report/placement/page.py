@@ -15,6 +15,7 @@ from strainsight.report.placement.first import answer, first_screen, lost_of
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table, load_cases_table
 from strainsight.report.placement.verdicts import HELD, faults, headline
+from strainsight.report.sheets.section import sheets_section
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import STYLE, script, space_section
 
@@ -34,11 +35,12 @@ def placement_page(
     scene: bytes | None,
     scene_problem: str = "",
     shapes: tuple[Shape, ...] = (),
+    sheets: tuple[bytes, ...] = (),
 ) -> str:
     """The report as HTML text without any resource outside itself.
 
     drawings from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the sentence on why;
-    shapes: deformed states that the view in space offers.
+    shapes: deformed states that the view in space offers; sheets: drawing sheets of the gauges, as SVG.
     """
     sections = (
         first_screen(report, scene, scene_problem),
@@ -47,6 +49,7 @@ def placement_page(
         _advice(report),
         _load_cases(report),
         _gauges(report),
+        sheets_section(sheets),
         budget_section(report.budget),
         _trend(report, drawings),
         _estimates(report, drawings),

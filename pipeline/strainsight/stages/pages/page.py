@@ -19,7 +19,6 @@ from strainsight.config.tolerances import tolerances_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
-from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
 from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
@@ -51,14 +50,13 @@ from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
 
-def placement_report(context: Context[PlacementConfig], shop: Workshop) -> PlacementReport:
-    """The page's content, from the artefacts of all stages; shop: the layout as measured (`workshop_of_run`)."""
+def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Workshop) -> PlacementReport:
+    """The page's content, from the artefacts; mesh of import.h5; shop: the layout as measured (`workshop_of_run`)."""
     up, config = context.upstream, context.config
     names = [str(name) for name in config.place.estimate]
     kinds = {name: "input" if name in config.loads else "parameter" for name in names}
     validate, place = up["validate"], read(Placed, up["place"])
     budget = read(Validated, validate).budget or place.budget
-    mesh = mesh_from(up["import"])
     return PlacementReport(
         name=context.config.name,
         title=f"{context.config.name}: {_number_of_gauges(up)} for {' and '.join(names)}",

@@ -10,7 +10,7 @@ from strainsight.cases.layout.workshop import Workshop, workshop_csv, workshop_o
 from strainsight.cases.structure.linear_model import LinearModel, linear_model, mat_file
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
-from strainsight.records.mesh import mesh_from
+from strainsight.mesh.model import Mesh
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
@@ -18,11 +18,10 @@ from strainsight.stages.pages.page_layout import listed_gauges
 from strainsight.workflow.stage import Context
 
 
-def workshop_of_run(context: Context[PlacementConfig]) -> Workshop:
+def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> Workshop:
     """The layout of place.h5 in the axes that the config states."""
-    config, up = context.config, context.upstream
-    frame = frame_of(config.mesh.length_unit, config.report.datum)
-    return workshop_of(listed_gauges(up), mesh_from(up["import"]), frame)
+    frame = frame_of(context.config.mesh.length_unit, context.config.report.datum)
+    return workshop_of(listed_gauges(context.upstream), mesh, frame)
 
 
 def workshop_files(shop: Workshop) -> dict[str, bytes]:

@@ -1,0 +1,1 @@
+"""A drawing sheet for every gauge of a layout."""
