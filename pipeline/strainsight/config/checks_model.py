@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from strainsight.config.loads import Load, Recorded, signal_problems
-from strainsight.config.mesh import MeshFile
+from strainsight.config.mesh import MeshFile, Support
 from strainsight.config.placement import Datum, GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.config.problem import Problem, exactly_one
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, box_problem
@@ -143,6 +143,7 @@ def _mesh(mesh: MeshFile) -> Iterator[Problem]:
             yield from box_problem(f"mesh.faces.{name}.box", face.box)
     for i, support in enumerate(mesh.supports):
         yield from exactly_one(f"mesh.supports.{i}", {"node": support.node, "set": support.set})
+        yield from _springs(f"mesh.supports.{i}", support, mesh)
     claimed: dict[object, str] = {}
     for name, material in mesh.materials.items():
         for region in ("all",) if isinstance(material.regions, str) else material.regions:
@@ -152,6 +153,27 @@ def _mesh(mesh: MeshFile) -> Iterator[Problem]:
                 )
     if len(mesh.materials) > 1 and "all" in claimed:
         yield Problem(f"mesh.materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")
+
+
+def _springs(key: str, support: Support, mesh: MeshFile) -> Iterator[Problem]:
+    """Springs of a support."""
+    given = support.stiffness
+    if given is None:
+        return
+    values = given if isinstance(given, tuple) else (given,)
+    if min(values) < 0 or max(values) == 0:
+        yield Problem(f"{key}.stiffness", "no positive stiffness", "give one in N/m; without `stiffness` it is held")
+    if isinstance(given, tuple) and support.components != (1, 2, 3):
+        yield Problem(
+            f"{key}.components", "three stiffnesses are those along x, y and z", "remove the key", at_key=True
+        )
+    turned = {component > 3 for component in support.components}
+    if len(turned) > 1:
+        yield Problem(f"{key}.components", "one stiffness for [N/m] and [N m/rad]", "make two supports of it")
+    if True in turned and support.set in mesh.faces:
+        yield Problem(f"{key}.components", "a face has no rotations", "give the stiffness of translations, or a node")
+    if mesh.matrices is not None:
+        yield Problem(f"{key}.stiffness", "the stiffness is that of mesh.matrices", "put the spring there", at_key=True)
 
 
 def _matrices(config: PlacementConfig) -> Iterator[Problem]:

@@ -26,11 +26,17 @@ class Material(Section):
 
 
 class Support(Section):
-    """Components that are held at zero, beside those of the file."""
+    """Components that are held at zero, or springs to the ground, beside those of the file."""
 
     node: NodeId | None = Field(None, description="Id of a node.")
     set: Text | None = Field(None, description="Name of a node set or a face instead of a node.")
     components: Components = Field((1, 2, 3), description="1-3 translations, 4-6 rotations of a reference node.")
+    stiffness: NotNegative | Vector | None = Field(
+        None,
+        description="Stiffness of springs to the ground in place of a hold [N/m, of rotations N m/rad]: a number for each of the "
+        "components, or three along x, y and z. It is that of the whole support: in equal parts on the nodes of a set, evenly "
+        "over the area of a face. It is no part of a modulus that is estimated.",
+    )
 
 
 class Face(Section):

@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import DeckError
+from strainsight.fem.springs import sprung_translations
 from strainsight.fem.ties import Equations, Rows, equations, references, rotation_rows, turned_nodes
 from strainsight.mesh.model import Mesh
 
@@ -44,8 +45,8 @@ def constraint_transform(
     z' are motions along the axes of each node (CD), which supports and elements mean; D holds the `equations` of the
     elements, E picks the free rows. Chains are resolved whatever their order. Rotations are those of reference nodes and of
     the nodes `rotations` (indices), others are left out: solids have none. Motions that neither `supported` rows (3n + 3r,)
-    of z (those of the solids where it is not given) nor, through elements, their dependents have are left out too (AUTOSPC
-    in Nastran).
+    of z (those of the solids and springs where it is not given) nor, through elements, their dependents have are left out
+    too (AUTOSPC in Nastran).
     Raises DeckError, naming nodes, for a motion that two elements prescribe, that is prescribed and clamped, for a cycle,
     for an RBE3 whose nodes do not hold its reference, for a mass or an RBE3 on nodes of no stiffness.
     """
@@ -59,6 +60,7 @@ def constraint_transform(
         supported = np.zeros(rows.size, dtype=bool)
         for block in mesh.blocks:
             supported[rows.translations(np.unique(block.nodes))] = True
+        supported[sprung_translations(mesh)] = True
     independent = supported.copy() if Q is None else np.asarray(abs(Q).T @ supported.astype(float) > 0)
     for node in references(mesh):
         independent[rows.of(np.full(6, node), np.arange(6))] = True

@@ -13,6 +13,7 @@ from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
 from strainsight.fem.point_masses import point_mass_matrix, turning_masses
+from strainsight.fem.springs import spring_matrix, turning_springs
 from strainsight.fem.support import require_support
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Mesh
@@ -36,13 +37,15 @@ class FiniteElementModel:
 def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True) -> FiniteElementModel:
     """Assemble, constrain, and make sure that nothing moves freely (`supported=False` leaves that out).
 
-        K_free(θ) = Tᵀ K(θ) T,     M_free(θ) = Tᵀ (M(θ) + M_p) T     term by term (5.8), M_p the point masses
+        K_free(θ) = Tᵀ (K(θ) + K_s) T,     M_free(θ) = Tᵀ (M(θ) + M_p) T     term by term (5.8)
+
+    K_s the springs, M_p the point masses.
 
     Raises DeckError and UserError of `assemble`, `constraint_transform` and `require_support`.
     """
     if not any(len(block.ids) for block in mesh.blocks):
         raise DeckError("the mesh has no solid elements", remedy=f"give it {FAMILIES}")
-    constraint = constraint_transform(mesh, rotations=turning_masses(mesh))
+    constraint = constraint_transform(mesh, rotations=[*turning_masses(mesh), *turning_springs(mesh)])
     if constraint.transform.shape[1] == 0:
         raise DeckError("every node is clamped", remedy="free the nodes that are to move")
     if supported:
@@ -52,6 +55,9 @@ def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: 
     # one after the other, so that the matrices of all nodes go as soon as those of the free motions are there
     stiffness = restricted(stiffness, T)
     mass = restricted(mass, T)
+    if mesh.springs:
+        springs = congruence(spring_matrix(mesh, constraint.reference_rows), constraint.transform)
+        stiffness = AffineOperator(stiffness.constant + springs, stiffness.terms)
     if mesh.point_masses:
         points = congruence(point_mass_matrix(mesh, constraint.reference_rows), constraint.transform)
         mass = AffineOperator(mass.constant + points, mass.terms)

@@ -103,10 +103,12 @@ def held_components(mesh: Mesh) -> np.ndarray:
 
 
 def forced_nodes(mesh: Mesh) -> np.ndarray:
-    """Nodes (n,) bool on which ties and point masses put forces that are concentrated there."""
+    """Nodes (n,) bool on which ties, springs and point masses put forces that are concentrated there."""
     found = np.zeros(len(mesh.position), dtype=bool)
     for averaging in mesh.averaging:
         found[averaging.nodes] = True
+    for own in mesh.springs:
+        found[own.node] = True
     for node in (*(rigid.reference for rigid in mesh.rigid), *(point.node for point in mesh.point_masses)):
         found[node] = True
     return found

@@ -8,6 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import UserError
 from strainsight.fem.constraints import Constraint, describe_row
+from strainsight.fem.springs import spring_rows
 from strainsight.fem.ties import rigid_rows
 from strainsight.mesh.model import Mesh
 
@@ -20,8 +21,9 @@ def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
 
     With z = R c on the nodes of an element body (six motions c) and y the motions of reference nodes outside the
     elements, the constraint holds where T (R c, y) = R c on the clamped and dependent rows, all along the axes of the node
-    they belong to. The null vectors (c, y) of that system, its columns scaled to unit motion, are what moves freely. First
-    the whole structure is one body; if it is held, each part that shares no node with the others is a body of its own.
+    they belong to, and springs are not stretched where R_s T (R c, y) = 0. The null vectors (c, y) of that system, its columns
+    scaled to unit motion, are what moves freely. First the whole structure is one body; if it is held, each part that shares no
+    node with the others is a body of its own.
     Raises UserError for more than 300 parts.
     """
     nodes = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
@@ -78,9 +80,15 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> tupl
     inside = supported[free]
     Th = T[held_rows]
     loose = Th[:, np.flatnonzero(~inside)]
+    stretched = _stretched(mesh, constraint)
     size = np.sqrt(np.asarray(loose.multiply(loose).sum(axis=0)).ravel())
     size[size == 0] = 1.0
     B = sparse.hstack([Th[:, np.flatnonzero(inside)] @ R[free[inside]] - R[held_rows], loose / size], format="csr")
+    if stretched.shape[0]:
+        outside = stretched[:, np.flatnonzero(~inside)] / size
+        B = sparse.vstack(
+            [B, sparse.hstack([stretched[:, np.flatnonzero(inside)] @ R[free[inside]], outside])], format="csr"
+        )
     null = _null_space(B)
     words: list[str] = []
     for b in range(bodies):
@@ -90,6 +98,15 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> tupl
         rows = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
         words = [describe_row(mesh, constraint, int(row)) + " of a rigid element" for row in rows]
     return tuple(words)
+
+
+def _stretched(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:
+    """How the free motions stretch each spring (s, n_free), its largest entry one."""
+    R, k = spring_rows(mesh, constraint.reference_rows)
+    rows = sparse.csr_array(R[np.flatnonzero(k > 0)] @ constraint.transform)
+    largest = np.asarray(abs(rows).max(axis=1).todense()).ravel() if rows.shape[0] else np.zeros(0)
+    kept = np.flatnonzero(largest > 0)
+    return sparse.csr_array(sparse.diags_array(1 / largest[kept]) @ rows[kept])
 
 
 def _motions(

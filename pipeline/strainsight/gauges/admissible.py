@@ -88,6 +88,8 @@ def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
         held[[rigid.reference, *rigid.nodes]] = True
     for averaging in mesh.averaging:
         held[[averaging.reference, *averaging.nodes]] = True
+    for own in mesh.springs:
+        held[own.node] = True
     return np.any(_among(facets, held), axis=1)
 
 

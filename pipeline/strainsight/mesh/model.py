@@ -104,6 +104,32 @@ class PointMass:
 
 
 @dataclass(frozen=True)
+class Springs:
+    """Springs of one element or support: spring i resists its elongation s = Σ r z with the force k s, or the moment.
+
+    name: in the words of the file or config; stiffness k (s,) [N/m, of a torsion spring N m/rad]; each of (e,): spring, an index
+    into those; node (index); component 0-5 along the basic axes; value r [-, m at the rotations of a spring that stretches].
+    """
+
+    name: str
+    stiffness: FloatArray
+    spring: IntArray
+    node: IntArray
+    component: IntArray
+    value: FloatArray
+
+    @property
+    def torsion(self) -> NDArray[np.bool_]:
+        """(s,): springs of which every part is a rotation."""
+        turns = np.ones(len(self.stiffness), dtype=bool)
+        turns[self.spring[self.component < 3]] = False
+        return turns
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True)
 class BodyForce:
     """What pulls at every mass dm: dm factor a(x),  a = g + (ω × (x − c)) × ω.
 
@@ -163,6 +189,7 @@ class Mesh:
     rigid: tuple[RigidElement, ...] = ()
     averaging: tuple[AveragingElement, ...] = ()
     point_masses: tuple[PointMass, ...] = ()
+    springs: tuple[Springs, ...] = ()
     axes: Mapping[int, FloatArray] = field(default_factory=dict)
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
     element_sets: Mapping[str, IntArray] = field(default_factory=dict)

@@ -22,7 +22,7 @@ USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft
 
 
 def unused_nodes(mesh: Mesh) -> IntArray:
-    """Indices of the nodes that no cell, rigid or averaging element, mass or support refers to."""
+    """Indices of the nodes that no cell, rigid or averaging element, mass, spring or support refers to."""
     used = np.zeros(len(mesh.node_ids), dtype=bool)
     for block in mesh.blocks:
         used[block.nodes] = True
@@ -31,6 +31,8 @@ def unused_nodes(mesh: Mesh) -> IntArray:
         used[nodes] = True
         used[reference] = True
     used[[point.node for point in mesh.point_masses]] = True
+    for own in mesh.springs:
+        used[own.node] = True
     used[mesh.fixed[:, 0]] = True
     return np.flatnonzero(~used)
 
@@ -57,7 +59,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -
         words = "nodes belong to nothing and are" if unused.size > 1 else "node belongs to nothing and is"
         found.append(f"{unused.size} {words} left out of the model: {shown}")
     found += [f"{mesh.regions[i]} has no elements" for i in empty_regions(mesh)]
-    if not mesh.held.size:
+    if not mesh.held.size and not mesh.springs:
         found.append("nothing is fixed")
     found += [
         f"{count} × {card} ignored: the stiffness, mass or tie it may add is missing"

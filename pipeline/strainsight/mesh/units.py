@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 
+import numpy as np
+
 from strainsight.errors import UserError
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import Mesh, Springs
 
 LENGTH: Mapping[str, float] = {
     "m": 1.0,
@@ -59,7 +61,7 @@ def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
 def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
     """A mesh in deck units → in m, kg, s.
 
-        x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²],   moments [M L²/s²],   a [L/s²]
+        x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²],   moments [M L²/s²],   a [L/s²],   k [M/s², M L²/s²]
 
     So millimetres go with tonnes where moduli are in MPa. Weights of averaging elements are ratios and stay.
     Raises UserError for an unknown unit.
@@ -73,6 +75,7 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         replace(point, mass=point.mass * M, offset=point.offset * L, inertia=point.inertia * M * L**2)
         for point in mesh.point_masses
     )
+    springs = tuple(_in_si(own, L, M) for own in mesh.springs)
     loads = {
         name: replace(
             load,
@@ -82,4 +85,13 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         )
         for name, load in mesh.loads.items()
     }
-    return replace(mesh, position=mesh.position * L, materials=materials, point_masses=masses, loads=loads)
+    return replace(
+        mesh, position=mesh.position * L, materials=materials, point_masses=masses, springs=springs, loads=loads
+    )
+
+
+def _in_si(own: Springs, L: float, M: float) -> Springs:
+    """A force is k s; what a rotation stretches a spring by, r θ, is a length."""
+    arms = (own.component > 2) & ~own.torsion[own.spring]
+    stiffness = own.stiffness * np.where(own.torsion, M * L**2, M)
+    return replace(own, stiffness=stiffness, value=own.value * np.where(arms, L, 1.0))

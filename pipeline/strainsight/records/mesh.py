@@ -16,6 +16,7 @@ from strainsight.mesh.model import (
     PointMass,
     Region,
     RigidElement,
+    Springs,
 )
 from strainsight.records.record import Source, dataset, group, read, record
 
@@ -186,6 +187,40 @@ class PointMasses:
 
 
 @record
+class SpringColumns:
+    """Springs of elements and supports."""
+
+    name: tuple[str, ...] = dataset("/name", "1", "support", "element or support in the words of the file or config")
+    stiffness: np.ndarray = dataset("/stiffness", "SI", "spring", "N/m, of torsion springs N m/rad" + ALL)
+    stiffness_offset: np.ndarray = dataset("/stiffness_offset", "1", "support + 1", OFFSET)
+    spring: np.ndarray = dataset("/spring", "1", "part", "which spring of its list a motion is a part of" + ALL)
+    node: np.ndarray = dataset("/node", "1", "part", "node index of that motion")
+    component: np.ndarray = dataset("/component", "1", "part", "component of that motion: 0-2 motions, 3-5 rotations")
+    value: np.ndarray = dataset("/value", "SI", "part", "elongation for a unit of that motion")
+    part_offset: np.ndarray = dataset("/part_offset", "1", "support + 1", OFFSET)
+
+    @classmethod
+    def of(cls, elements: Sequence[Springs]) -> SpringColumns:
+        stiffness, stiffness_offset = _joined([e.stiffness for e in elements], float)
+        spring, part_offset = _joined([e.spring for e in elements], int)
+        return cls(
+            name=tuple(e.name for e in elements),
+            stiffness=stiffness,
+            stiffness_offset=stiffness_offset,
+            spring=spring,
+            node=_joined([e.node for e in elements], int)[0],
+            component=_joined([e.component for e in elements], int)[0],
+            value=_joined([e.value for e in elements], float)[0],
+            part_offset=part_offset,
+        )
+
+    def made(self) -> tuple[Springs, ...]:
+        parts = [_split(own, self.part_offset) for own in (self.spring, self.node, self.component, self.value)]
+        each = zip(self.name, _split(self.stiffness, self.stiffness_offset), *parts, strict=True)
+        return tuple(Springs(*row) for row in each)
+
+
+@record
 class Loads:
     name: tuple[str, ...] = dataset("/name", "1", "load", "name of every load of the deck")
     nodes: np.ndarray = dataset("/nodes", "1", "loaded node", "loaded node indices" + ALL)
@@ -235,6 +270,7 @@ class MeshColumns:
     materials: Materials = group("/materials")
     constraints: Constraints = group("/constraints")
     masses: PointMasses = group("/masses")
+    springs: tuple[Springs, ...] = group("/springs", SpringColumns)
     loads: Loads = group("/loads")
     node_sets: Sets = group("/sets/nodes", what="nodes")
     element_sets: Sets = group("/sets/elements", what="elements")
@@ -279,6 +315,7 @@ class MeshColumns:
                 offset=_floats([p.offset for p in masses], (3,)),
                 inertia=_floats([p.inertia for p in masses], (3, 3)),
             ),
+            springs=mesh.springs,
             loads=Loads(
                 name=tuple(mesh.loads),
                 nodes=loaded,
@@ -329,6 +366,7 @@ class MeshColumns:
             rigid=self.constraints.rigid,
             averaging=self.constraints.averaging,
             point_masses=tuple(PointMass(*row) for row in weights),
+            springs=self.springs,
             axes=dict(zip(axes.node.tolist(), axes.direction, strict=True)),
             node_sets=_members(self.node_sets),
             element_sets=_members(self.element_sets),

@@ -75,4 +75,4 @@ def _grid(mesh: Mesh) -> VtkHdf:
     )
 
 
-IMPORT = Stage("import", version=5, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run)
+IMPORT = Stage("import", version=6, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.mesh import Face, MeshFile
+from strainsight.config.mesh import Face, MeshFile, Support
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, UserError, blame
@@ -17,6 +18,7 @@ from strainsight.fem.body_forces import with_body_forces
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.quality import Quality, element_quality
+from strainsight.fem.springs import spring_rows, turning_springs
 from strainsight.gauges.faces import Pick, faces_of, picked
 from strainsight.mesh.additions import (
     node_index,
@@ -29,7 +31,8 @@ from strainsight.mesh.additions import (
     with_support,
 )
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import Mesh, Springs
+from strainsight.mesh.suspension import face_springs, node_springs
 
 
 def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
@@ -58,7 +61,9 @@ def checked(
         if config.matrices is None:
             check_mesh(mesh)
             weight = mass_properties(mesh)
-            constraint_transform(mesh)  # so that ties and supports that contradict each other show here
+            # so that ties and supports that contradict each other, and springs on rotations that are not there, show here
+            constraint = constraint_transform(mesh, rotations=turning_springs(mesh))
+            spring_rows(mesh, constraint.reference_rows)
         else:
             check_geometry(mesh)
         return weight, tuple(element_quality(mesh))
@@ -103,8 +108,23 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
                 nodes = np.array([node_index(mesh, support.node)])
             else:
                 nodes = node_indices(mesh, str(support.set))  # the config asks for one of the two
-            mesh = with_support(mesh, nodes, _components(support.components))
+            if support.stiffness is None:
+                mesh = with_support(mesh, nodes, _components(support.components))
+            else:
+                own = _springs(mesh, f"{key}.supports.{i}", support, nodes)
+                mesh = replace(mesh, springs=(*mesh.springs, own))
     return mesh
+
+
+def _springs(mesh: Mesh, name: str, support: Support, nodes: np.ndarray) -> Springs:
+    k = np.zeros(6)
+    if isinstance(support.stiffness, tuple):
+        k[:3] = support.stiffness
+    else:
+        k[list(_components(support.components))] = support.stiffness
+    if support.set in mesh.faces:
+        return face_springs(mesh, name, str(support.set), k[:3].tolist())
+    return node_springs(name, nodes, k.tolist())
 
 
 def _pick(face: Face) -> Pick:

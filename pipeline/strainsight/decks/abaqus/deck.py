@@ -13,6 +13,8 @@ from strainsight.decks.abaqus.cells import SOLIDS, USUAL
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import regions_and_materials
 from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.springs import NODES as SPRINGS
+from strainsight.decks.abaqus.springs import springs
 from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, point_masses
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords
@@ -25,7 +27,7 @@ from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
 
 TAKEN = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
-    r"SOLIDSECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION"
+    r"SOLIDSECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION"
 )
 HARMLESS = re.compile(
     r"HEADING|PREPRINT|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
@@ -47,9 +49,9 @@ REFUSED = {
 def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
-    Imported: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI), *NSET, *ELSET,
+    Imported: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
     *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), *SOLID SECTION, *BOUNDARY,
-    *CLOAD, *DLOAD, *DSLOAD, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
+    *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
     *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there
     are several instances.
     required: there have to be solids; stated: section and material of all of them. Raises DeckError with file:line for what
@@ -92,6 +94,7 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Me
         rigid=tuple(made.rigid),
         averaging=tuple(made.averaging),
         point_masses=masses,
+        springs=springs(assembly, axes, made.rotations),
         axes=axes,
         node_sets=node_sets,
         element_sets=element_sets,
@@ -134,7 +137,7 @@ def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
         if keyword.name == "EQUATION":
             counted["*EQUATION"] += _equations(keyword)
     for type_, count in Counter(assembly.type).items():
-        if type_ not in SOLIDS and type_ not in ("MASS", "ROTARYI"):
+        if type_ not in SOLIDS and type_ not in ("MASS", "ROTARYI", *SPRINGS):
             counted[f"*ELEMENT, TYPE={type_}"] += count
     return counted
 

@@ -32,6 +32,7 @@ WITH_INPUT = {
     "ELASTIC",
     "DENSITY",
     "MASS",
+    "SPRING",
     "MPC",
 }
 """Keywords that are imported and whose data may stand in a file of their own."""

@@ -18,6 +18,7 @@ from strainsight.decks.nastran.loads import LOADS, static_loads
 from strainsight.decks.nastran.masses import point_masses
 from strainsight.decks.nastran.sets import sets
 from strainsight.decks.nastran.solids import SOLIDS, read_solids
+from strainsight.decks.nastran.springs import SPRINGS, springs
 from strainsight.decks.nastran.supports import count_relations, fixed_components
 from strainsight.decks.nastran.ties import averaging_elements, rigid_elements, turning_nodes
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
@@ -26,6 +27,7 @@ TAKEN = {
     *("GRID", "GRDSET", "PSOLID", "MAT1", "SPC", "SPC1", "SPCADD", "RBE2", "RBE3", "CONM2", "SET1", "SET3"),
     *SOLIDS,
     *LOADS,
+    *SPRINGS,
     *BY_POINTS,
     *BY_NODES,
 }
@@ -42,7 +44,7 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> M
     """A Nastran deck in its own units, with its own ids.
 
     Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
-    SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, the static loads of `static_loads`, SET1, SET3, case-control SPC and SET,
+    SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, springs, the static loads of `static_loads`, SET1, SET3, case-control SPC and SET,
     PARAM WTMASS, INCLUDE. Every other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5
     of the bulk data "SET1-5". Without a selection in the case control the only set of supports counts.
     required: there have to be solids; stated: PSOLID and MAT1 of all of them. Raises DeckError with file:line for what cannot be
@@ -81,6 +83,7 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> M
         rigid=rigid,
         averaging=averaging,
         point_masses=masses,
+        springs=springs(cards, grids, notes),
         axes=grids.axes,
         node_sets=node_sets,
         element_sets=element_sets,

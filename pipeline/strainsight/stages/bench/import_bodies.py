@@ -8,6 +8,7 @@ from pathlib import Path
 from strainsight.cases.bench.reduction import flexible
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.errors import ConfigError
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.scaling import scaled
@@ -30,6 +31,12 @@ def run(context: Context[BenchConfig]) -> Output:
         context.progress(name, i / len(bodies))
         key = f"bodies.{name}.mesh"
         deck = mesh_of(body.mesh, context.files[f"{key}.file"], key)
+        if deck.springs:
+            raise ConfigError(
+                f"{deck.springs[0]}: springs of a body are not supported",
+                key=key,
+                remedy="give them as forces of the bench, and leave those of the deck out (mesh.ignore)",
+            )
         mesh = meshes[name] = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
         assert weight is not None
@@ -51,7 +58,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 IMPORT = Stage(
     "import",
-    version=4,
+    version=5,
     reads=("bodies.*.mesh", "bodies.*.scale"),
     upstream=(),
     files=("bodies.*.mesh.file",),

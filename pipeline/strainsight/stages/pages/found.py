@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.fem.quality import POOR, Quality
 from strainsight.gauges.faces import Faces
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import Mesh, Springs
 from strainsight.workflow.output import Table
 
 Row = tuple[str, str, str]
@@ -102,6 +102,11 @@ def _constraints(mesh: Mesh) -> list[Row]:
         for p in mesh.point_masses
     ]
     rows += _shortened(masses, "point masses")
+    springs = [
+        (str(own), _number(len(own.stiffness), "spring"), f"{_number(len(np.unique(own.node)), 'node')}{_total(own)}")
+        for own in mesh.springs
+    ]
+    rows += _shortened(springs, "springs")
     loads = [
         (
             f"load {name}",
@@ -114,6 +119,13 @@ def _constraints(mesh: Mesh) -> list[Row]:
         for name, load in mesh.loads.items()
     ]
     return rows + _shortened(loads, "loads")
+
+
+def _total(own: Springs) -> str:
+    """The stiffness of all its springs, of those that stretch and of those that turn."""
+    turns = own.torsion
+    words = ((own.stiffness[~turns].sum(), "N/m"), (own.stiffness[turns].sum(), "N m/rad"))
+    return "".join(f", {value:.4g} {unit}" for value, unit in words if value)
 
 
 def _lever(offset: np.ndarray, inertia: np.ndarray) -> str:

@@ -1,0 +1,183 @@
+"""Springs of a Nastran deck: CELAS1, CELAS2 and CBUSH with their PELAS and PBUSH."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.decks.nastran.cards import Card, unique_ids
+from strainsight.decks.nastran.coordinates import local_axes
+from strainsight.decks.nastran.grids import Grids, resolved_system
+from strainsight.decks.numbers import parse_integer
+from strainsight.mesh.model import FloatArray, Springs
+
+SPRINGS = ("CELAS1", "CELAS2", "CBUSH", "PELAS", "PBUSH")
+PARTS = ("K", "B", "GE", "RCV", "M")
+"""What a line of a PBUSH states."""
+APART = 1e-9
+"""Length of a CBUSH over the extent of the model, below which its ends coincide."""
+
+
+def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tuple[Springs, ...]:
+    """The springs that resist  s = u_1 − u_2  of two components along the systems CD of their nodes (CELAS), or of two points
+    along the axes of the element (CBUSH, S = 0.5):
+
+        s_c = e_c·(u_B + θ_B × (x − x_B) − u_A − θ_A × (x − x_A)),     x = (x_A + x_B)/2,     s_c = e_c·(θ_B − θ_A) of c = 4, 5, 6
+
+    A node or component left blank is the ground. Damping is a note. Raises DeckError for nodes, properties and systems that
+    are not there, a translation against a rotation, a CBUSH without axes, at another place (OCID, S), rigid or with mass.
+    """
+    elements = [card for name in ("CELAS1", "CELAS2", "CBUSH") for card in cards.get(name, [])]
+    unique_ids(elements, "element")
+    scalar, bushes = _scalar_properties(cards), _bush_properties(cards, notes)
+    found, damped = [], 0
+    for card in elements:
+        if card.name == "CBUSH":
+            found.append(_bush(card, grids, bushes))
+            continue
+        own = card.name == "CELAS2"
+        if own:
+            k, damping = card.real(1, "the stiffness"), card.real(6, "the damping GE", 0.0)
+        else:
+            number = card.integer(1, "the property id", card.integer(0, "the element id"))
+            if number not in scalar:
+                raise card.error(f"property {number} is no PELAS of the deck", f"add a PELAS card with id {number}")
+            k, damping = scalar[number]
+        damped += damping != 0
+        found.append(_elastic(card, grids, k))
+    if damped:
+        notes.append(f"GE of {damped} CELAS is not imported: damping comes from the config")
+    return tuple(found)
+
+
+def _scalar_properties(cards: dict[str, list[Card]]) -> dict[int, tuple[float, float]]:
+    """PELAS id → stiffness and GE; two stand on one card."""
+    found = {}
+    for card in cards.get("PELAS", []):
+        for at in (0, 4):
+            if at and not card.text(at):
+                continue
+            number = card.integer(at, "the property id")
+            if number in found:
+                raise card.error(f"property id {number} stands twice", "give every property its own id")
+            found[number] = (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
+    return found
+
+
+def _elastic(card: Card, grids: Grids, k: float) -> Springs:
+    """A CELAS; its two ends begin at field 2."""
+    if k < 0:
+        raise card.error(f"the stiffness is {k:g}, negative", "give a positive stiffness")
+    ends = []
+    for at, sign in ((2, 1.0), (4, -1.0)):
+        component = card.integer(at + 1, "the component", 0)
+        if card.text(at) in ("", "0") or component == 0:
+            continue
+        if not 1 <= component <= 6:
+            raise card.error(f"component {component} is not one of 1 to 6", "name one component of each node")
+        row = grids.nodes.row(card.integer(at, "the node id"), card)
+        axis = grids.axes.get(row, np.eye(3))[:, (component - 1) % 3]
+        ends.append((row, 3 * ((component - 1) // 3), sign * axis))
+    if not ends:
+        raise card.error("has no end on a node", "give a node and its component")
+    if len({first for _, first, _ in ends}) > 1:
+        raise card.error("one end is a translation, the other a rotation", "let both be of one kind")
+    node, first, value = zip(*ends, strict=True)
+    return Springs(
+        f"{card.name} {card.text(0)}",
+        np.array([k]),
+        np.zeros(3 * len(ends), dtype=np.int64),
+        np.repeat(node, 3).astype(np.int64),
+        np.concatenate([first_ + np.arange(3) for first_ in first]),
+        np.concatenate(value),
+    )
+
+
+def _bush_properties(cards: dict[str, list[Card]], notes: list[str]) -> dict[int, FloatArray]:
+    """PBUSH id → K (6,)."""
+    found: dict[int, FloatArray] = {}
+    damped = 0
+    for card, number in zip(cards.get("PBUSH", []), unique_ids(cards.get("PBUSH", []), "property"), strict=True):
+        k = np.zeros(6)
+        for at in range(0, len(card.fields), 8):
+            part = card.text(at + 1).upper()
+            values = [card.text(at + 2 + i) for i in range(6)]
+            if part and part not in PARTS:
+                raise card.error(f"{part!r} is none of {', '.join(PARTS)}", "give K and the six stiffnesses")
+            if part == "K":
+                if "RIGID" in (value.upper() for value in values):
+                    raise card.error("a stiffness is RIGID", "tie the nodes with an RBE2, or give a number")
+                k = np.array([card.real(at + 2 + i, f"the stiffness K{i + 1}", 0.0) for i in range(6)])
+            elif part == "M" and any(values):
+                raise card.error("has a mass M", "give it as a CONM2")
+            damped += part in ("B", "GE") and any(values)
+        if np.any(k < 0):
+            raise card.error(f"the stiffness is {k.min():g}, negative", "give positive stiffnesses")
+        found[int(number)] = k
+    if damped:
+        notes.append("B and GE of PBUSH are not imported: damping comes from the config")
+    return found
+
+
+def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Springs:
+    """A CBUSH: six springs along its axes, those without stiffness left out."""
+    number = card.integer(1, "the property id", card.integer(0, "the element id"))
+    if number not in properties:
+        raise card.error(f"property {number} is no PBUSH of the deck", f"add a PBUSH card with id {number}")
+    k = properties[number]
+    if card.text(9) not in ("", "-1") or any(card.text(i) for i in (10, 11, 12)):
+        raise card.error("OCID puts the spring beside the line of its nodes", "put its nodes where it acts")
+    if card.text(8) and card.real(8, "the place S") != 0.5:
+        raise card.error(f"S is {card.text(8)}", "only a spring in the middle of its nodes is supported (S = 0.5)")
+    A = grids.nodes.row(card.integer(2, "the node GA"), card)
+    B = grids.nodes.row(card.integer(3, "the node GB"), card) if card.text(3) not in ("", "0") else None
+    axes = _axes(card, grids, A, B, k)
+    x = grids.position[A] if B is None else 0.5 * (grids.position[A] + grids.position[B])
+    spring, node, component, value = [], [], [], []
+    stiff = np.flatnonzero(k)
+    for i, c in enumerate(stiff.tolist()):
+        e = axes[:, c % 3]
+        for row, sign in ((A, -1.0), *(((B, 1.0),) if B is not None else ())):
+            turn = np.cross(x - grids.position[row], e) if c < 3 else e
+            reach = np.linalg.norm(x - grids.position[row])
+            turn = np.where(np.abs(turn) > APART * reach, turn, 0.0) if c < 3 else turn
+            part = np.concatenate([e, turn]) if c < 3 else np.concatenate([np.zeros(3), e])
+            kept = np.flatnonzero(part)
+            spring += [i] * len(kept)
+            node += [row] * len(kept)
+            component += kept.tolist()
+            value += (sign * part[kept]).tolist()
+    return Springs(
+        f"CBUSH {card.text(0)}",
+        k[stiff],
+        np.array(spring, dtype=np.int64),
+        np.array(node, dtype=np.int64),
+        np.array(component, dtype=np.int64),
+        np.array(value),
+    )
+
+
+def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> FloatArray:
+    """x, y, z of the element, one in a column: those of CID at GA, or x from GA to GB and y towards GO or the vector X."""
+    if card.text(7):
+        return np.asarray(local_axes(grids.position[A][None], resolved_system(card, 7, grids.systems))[0][0])
+    extent = float(np.ptp(grids.position, axis=0).max())
+    along = np.zeros(3) if B is None else grids.position[B] - grids.position[A]
+    length = float(np.linalg.norm(along))
+    if length <= APART * extent:
+        raise card.error(
+            "its ends coincide, or one is the ground: it has no axes of its own", "give CID, 0 the basic one"
+        )
+    x = along / length
+    if not k[[1, 2, 4, 5]].any():  # along and about x alone: y and z do not matter
+        first = np.eye(3)[int(np.argmin(np.abs(x)))]
+    elif card.text(5) or card.text(6) or (card.text(4) and parse_integer(card.text(4)) is None):
+        first = grids.axes.get(A, np.eye(3)) @ [card.real(i, "a component of X", 0.0) for i in (4, 5, 6)]
+    elif card.text(4):
+        first = grids.position[grids.nodes.row(card.integer(4, "the node GO"), card)] - grids.position[A]
+    else:
+        raise card.error("neither CID, GO nor X1 to X3 give its axes across", "give one of them")
+    z = np.cross(x, first)
+    if not np.linalg.norm(z) > APART * np.linalg.norm(first):
+        raise card.error("GO or X1 to X3 lie on its axis", "give a point or vector off it")
+    z = z / np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])

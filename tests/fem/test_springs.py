@@ -1,0 +1,149 @@
+"""Bodies on springs: natural frequencies of rigid bodies and chains by hand, and what still moves freely."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.modes import modes
+from strainsight.gauges.clearance import obstacles
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Springs
+from strainsight.mesh.scaling import scaled
+from strainsight.mesh.suspension import face_springs, node_springs
+from strainsight.mesh.units import to_si
+from strainsight.rom.snapshots import only_scales
+
+from ..bodies import RHO, body
+from ..fem.test_traction import named
+from ..solids import SOLIDS
+
+SIZE = np.array([2.0, 1.0, 1.5])
+MASS = RHO * SIZE.prod()
+K = np.array([3.0e5, 2.0e5, 5.0e5])
+
+
+def rigid(kind="hex8", stiffer=1e3):
+    """A box of nearly no strain, about the middle of its bottom."""
+    mesh = body(kind, (2, 1, 1), lambda u, v, w: (u - 1, v - 0.5, 1.5 * w))
+    material = replace(mesh.materials[1], youngs_modulus=stiffer * mesh.materials[1].youngs_modulus)
+    return replace(mesh, materials={1: material})
+
+
+def frequencies(mesh, count=6):
+    model = build_model(mesh)
+    return modes(model.stiffness.constant, model.mass.constant, count)[0]
+
+
+def of_rigid_body(k, K_turn, arm):
+    """√(k/m) of a body whose centre lies `arm` above the middle of its springs: 2 × 2 for each of x and y with the turn about
+    the other, z and the turn about z alone; K_turn (3,) about that middle."""
+    J = MASS / 12 * (SIZE @ SIZE - SIZE**2)
+    found = [k[2] / MASS, K_turn[2] / J[2]]
+    for c, other, sign in ((0, 1, -1), (1, 0, 1)):
+        stiffness = np.array([[k[c], sign * arm * k[c]], [sign * arm * k[c], K_turn[other] + arm**2 * k[c]]])
+        found += eigh(stiffness, np.diag([MASS, J[other]]), eigvals_only=True).tolist()
+    return np.sqrt(np.sort(found)) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("kind", list(SOLIDS))
+def test_a_box_on_a_bed_of_springs_swings_as_a_rigid_body(kind):
+    """K_turn = ∫ k/A r² dA over the bottom of 2 × 1 m, whatever meshes it."""
+    mesh = named(rigid(kind), bottom=(0, 0, 0))
+    mesh = replace(mesh, springs=(face_springs(mesh, "bed", "bottom", K.tolist()),))
+    a, b = SIZE[0] ** 2 / 12, SIZE[1] ** 2 / 12
+    turn = [K[2] * b, K[2] * a, K[0] * b + K[1] * a]
+    np.testing.assert_allclose(frequencies(mesh), of_rigid_body(K, turn, SIZE[2] / 2), rtol=2e-5)
+    assert face_springs(mesh, "bed", "bottom", K.tolist()).stiffness.sum() == pytest.approx(K.sum())
+
+
+def test_springs_at_four_corners_share_the_stiffness():
+    mesh = rigid()
+    x = mesh.position
+    corners = np.flatnonzero((np.abs(x[:, 0]) == 1) & (x[:, 2] == 0))
+    assert len(corners) == 4
+    mesh = replace(mesh, springs=(node_springs("bungees", corners, [*K, 0, 0, 0]),))
+    a, b = SIZE[0] ** 2 / 4, SIZE[1] ** 2 / 4
+    turn = [K[2] * b, K[2] * a, K[0] * b + K[1] * a]
+    np.testing.assert_allclose(frequencies(mesh), of_rigid_body(K, turn, SIZE[2] / 2), rtol=2e-5)
+
+
+def test_what_springs_leave_free_is_named():
+    mesh = rigid()
+    corners = np.flatnonzero(mesh.position[:, 2] == 0)
+    for k, words in (([0, 0, 1.0], "translation x, translation y, rotation about z"), ([1.0, 1.0, 0], "translation z")):
+        with pytest.raises(UserError, match="can move freely") as caught:
+            build_model(replace(mesh, springs=(node_springs("s", corners, [*k, 0, 0, 0]),)))
+        assert all(word in caught.value.what for word in words.split(", "))
+    soft = node_springs("s", corners, [1e-3] * 3 + [0] * 3)
+    build_model(replace(mesh, springs=(soft,)))
+    with pytest.raises(UserError, match="can move freely"):
+        build_model(replace(mesh, springs=(replace(soft, stiffness=0 * soft.stiffness),)))
+
+
+def test_soft_springs_do_not_change_the_elastic_modes_and_their_stiffness_is_no_part_of_a_modulus():
+    mesh = rigid(stiffer=1.0)
+    soft = replace(mesh, springs=(node_springs("s", np.arange(4), [1e5, 1e5, 1e5, 0, 0, 0]),))
+    free = build_model(mesh, supported=False)
+    model = build_model(soft, [Parameter("E", "youngs_modulus", (1,), 2.1e11)])
+    assert not only_scales(model)
+    assert model.stiffness.constant.sum() == pytest.approx(3e5)  # of four springs of a quarter along each axis
+    elastic = modes(free.stiffness.constant, free.mass.constant, 8, shift=-1e6)[0][6:]
+    found = modes(model.stiffness.at({"E": mesh.materials[1].youngs_modulus}), model.mass.constant, 8)[0][6:]
+    np.testing.assert_allclose(found, elastic, rtol=1e-5)
+
+
+def test_a_spring_on_a_rotation_that_is_not_there_is_named():
+    mesh = rigid()
+    one = Springs("CELAS2 9", np.ones(1), np.zeros(1, int), np.zeros(1, int), np.array([4]), np.ones(1))
+    with pytest.raises(DeckError, match="CELAS2 9 acts on rotations of node 1, which has none"):
+        build_model(replace(mesh, springs=(node_springs("s", np.arange(8), [1.0] * 3 + [0] * 3), one)))
+
+
+def test_units_and_size_leave_the_frequencies_of_a_body_what_they_are():
+    """In mm and t all of ω² = k/m stays; a body s times as large has its frequencies over s."""
+    mesh = rigid()
+    three = np.array([0, 0, 1]), np.array([0, 0, 1]), np.array([0, 1, 2]), np.array([1.0, 0.5, 1.0])
+    arm = Springs("arm", np.full(2, 1e5), *three)
+    mesh = replace(mesh, springs=(node_springs("s", np.arange(4), [*K, 0, 0, 0]), arm))
+    expected = frequencies(mesh)
+    in_mm = replace(
+        mesh,
+        position=1e3 * mesh.position,
+        materials={1: replace(mesh.materials[1], youngs_modulus=mesh.materials[1].youngs_modulus / 1e6, density=RHO / 1e12)},
+        springs=tuple(replace(own, stiffness=own.stiffness / 1e3) for own in mesh.springs),
+    )
+    np.testing.assert_allclose(frequencies(to_si(in_mm, "mm", "t")), expected, rtol=1e-6)
+    np.testing.assert_allclose(frequencies(scaled(mesh, 2.0)), expected / 2, rtol=1e-6)
+    turning = Springs("t", np.ones(1), *[np.zeros(1, int)] * 2, np.array([4]), np.ones(1))
+    lever = Springs("l", np.ones(1), np.zeros(2, int), np.zeros(2, int), np.array([0, 4]), np.array([1.0, 3.0]))
+    si = to_si(replace(in_mm, springs=(turning, lever)), "mm", "t").springs
+    assert si[0].stiffness[0] == pytest.approx(1e-3)  # N mm/rad
+    assert si[1].stiffness[0] == pytest.approx(1e3)  # N/mm
+    np.testing.assert_allclose(si[1].value, [1, 3e-3])
+    assert scaled(replace(mesh, springs=(turning,)), 2.0).springs[0].stiffness[0] == 8
+
+
+def test_gauges_keep_clear_of_springs():
+    mesh = rigid()
+    facets = exterior_facets(mesh)
+    sprung = replace(mesh, springs=(node_springs("s", np.array([0]), [1.0] * 3 + [0] * 3),))
+    assert not len(obstacles(mesh, facets, np.zeros(0, int))["supports"])
+    np.testing.assert_array_equal(obstacles(sprung, facets, np.zeros(0, int))["supports"][0, 0], mesh.position[0])
+
+
+def test_a_static_load_presses_a_spring_by_f_over_k():
+    mesh = rigid()
+    mesh = replace(mesh, springs=(node_springs("s", np.flatnonzero(mesh.position[:, 2] == 0), [*K, 0, 0, 0]),))
+    model = build_model(mesh)
+    push = PointLoad("F", gravity=(0, 0, 1.0))
+    u = nodal(model, factorise(model.stiffness.constant).solve(input_shape(model, [push])))
+    np.testing.assert_allclose(u.reshape(-1, 3)[:, 2], MASS / K[2], rtol=1e-6)
