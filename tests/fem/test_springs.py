@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +131,25 @@ def test_units_and_size_leave_the_frequencies_of_a_body_what_they_are():
     assert si[1].stiffness[0] == pytest.approx(1e3)  # N/mm
     np.testing.assert_allclose(si[1].value, [1, 3e-3])
     assert scaled(replace(mesh, springs=(turning,)), 2.0).springs[0].stiffness[0] == 8
+
+
+def test_the_error_of_a_free_body_says_which_soft_springs_would_do():
+    """With k as said on a face rigid motions lie at a tenth of the first elastic mode, which hardly changes."""
+    mesh = named(rigid(stiffer=1.0), bottom=(0, 0, 0))
+    with pytest.raises(UserError, match="can move freely") as caught:
+        build_model(mesh)
+    k, first = (float(word) for word in re.findall(r"stiffness: (\S+)`.*first elastic mode, (\S+) Hz", caught.value.remedy)[0])
+    free = build_model(mesh, supported=False)
+    elastic = modes(free.stiffness.constant, free.mass.constant, 7, shift=-1e6)[0][6]
+    assert first == pytest.approx(elastic, rel=0.01)
+    assert np.sqrt(k / MASS) / (2 * np.pi) == pytest.approx(elastic / 10, rel=0.05)
+    found = frequencies(replace(mesh, springs=(face_springs(mesh, "bed", "bottom", [k] * 3),)), 7)
+    assert found[5] < 0.2 * found[6]
+    assert found[6] == pytest.approx(elastic, rel=0.05)
+    corners = np.flatnonzero(mesh.position[:, 2] == 0)
+    with pytest.raises(UserError, match="can move freely") as caught:
+        build_model(replace(mesh, springs=(node_springs("s", corners, [1.0, 1.0, 0, 0, 0, 0]),)))
+    assert "soft springs" not in caught.value.remedy
 
 
 def test_gauges_keep_clear_of_springs():

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, StrainsightError
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.assembly import assemble
+from strainsight.fem.assembly import assemble, mass_properties
 from strainsight.fem.constraints import Constraint, constraint_transform
+from strainsight.fem.modes import modes
 from strainsight.fem.point_masses import point_mass_matrix, turning_masses
 from strainsight.fem.springs import spring_matrix, turning_springs
 from strainsight.fem.support import require_support
@@ -49,7 +50,7 @@ def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: 
     if constraint.transform.shape[1] == 0:
         raise DeckError("every node is clamped", remedy="free the nodes that are to move")
     if supported:
-        require_support(mesh, constraint)
+        require_support(mesh, constraint, lambda: soft_springs(mesh))
     stiffness, mass = assemble(mesh, parameters)
     T = constraint.transform[: 3 * len(mesh.position)]
     # one after the other, so that the matrices of all nodes go as soon as those of the free motions are there
@@ -62,6 +63,28 @@ def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: 
         points = congruence(point_mass_matrix(mesh, constraint.reference_rows), constraint.transform)
         mass = AffineOperator(mass.constant + points, mass.terms)
     return FiniteElementModel(mesh, constraint, stiffness, mass)
+
+
+def soft_springs(mesh: Mesh) -> str:
+    """Which soft springs a free structure could hang on: k = m (ω₁/10)², ω₁ of its first elastic mode; "" without one."""
+    try:
+        free = build_model(mesh, supported=False)
+        mass, _ = mass_properties(mesh)
+        used = [
+            mesh.materials[region.material] for region in mesh.regions.values() if region.material in mesh.materials
+        ]
+        waves = min(own.youngs_modulus / own.density for own in used if own.density > 0)
+        # below the first elastic mode of a bar a hundred times as long as it is thick, above the rounding of the rigid ones
+        low = 1e-4 * waves / float(np.ptp(mesh.position, axis=0).max()) ** 2
+        frequency, _ = modes(free.stiffness.constant, free.mass.constant, min(7, free.size - 1), shift=-low)
+        first = float(frequency[(2 * np.pi * frequency) ** 2 > low][0])
+    except (StrainsightError, IndexError):
+        return ""
+    k = float(f"{mass * (2 * np.pi * first / 10) ** 2:.2g}")
+    return (
+        f"; or let it hang free on soft springs, on a face or on nodes that do not lie on a line: `stiffness: {k:g}` [N/m] of "
+        f"mesh.supports keeps its rigid motions at a tenth of its first elastic mode, {first:.3g} Hz"
+    )
 
 
 def restricted(operator: AffineOperator, T: sparse.csr_array) -> AffineOperator:

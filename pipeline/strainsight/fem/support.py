@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
@@ -41,14 +43,16 @@ def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
     return _free_motions(mesh, constraint, parts) if count > 1 else ()
 
 
-def require_support(mesh: Mesh, constraint: Constraint) -> None:
-    """Raise UserError that names the free motions where there are any."""
+def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] = str) -> None:
+    """Raise UserError that names the free motions where there are any; hint: more of a remedy for what is free altogether."""
     motions = rigid_body_motions(mesh, constraint)
     if motions:
         more = f" and {len(motions) - 8} more" if len(motions) > 8 else ""
+        free = {f"translation {axis}" for axis in AXES} <= set(motions)
         raise UserError(
             f"the structure can move freely: {', '.join(motions[:8])}{more}",
-            remedy="add supports or ties that hold these motions, in the deck or under mesh.supports and mesh.ties",
+            remedy="add supports or ties that hold these motions, in the deck or under mesh.supports and mesh.ties"
+            + (hint() if free else ""),
         )
 
 

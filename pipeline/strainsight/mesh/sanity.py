@@ -60,7 +60,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -
         found.append(f"{unused.size} {words} left out of the model: {shown}")
     found += [f"{mesh.regions[i]} has no elements" for i in empty_regions(mesh)]
     if not mesh.held.size and not mesh.springs:
-        found.append("nothing is fixed")
+        found.append("nothing is fixed: hold it, or let it hang on soft springs (mesh.supports, stiffness)")
     found += [
         f"{count} × {card} ignored: the stiffness, mass or tie it may add is missing"
         for card, count in mesh.ignored.items()
