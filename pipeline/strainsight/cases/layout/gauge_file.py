@@ -20,7 +20,9 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, 
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
     head += ["sign"] * bridged
-    text = [",".join([*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted])]
+    text = [
+        ",".join([*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted])
+    ]
     lines = gauge_lines(listed)
     for own, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
         i = own.gauge
