@@ -64,7 +64,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=16,
+    version=17,
     reads=(
         "name",
         "seed",

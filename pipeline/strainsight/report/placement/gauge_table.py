@@ -20,55 +20,63 @@ SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 
 
 def gauge_table(report: PlacementReport) -> str:
-    """All gauges, one a row; columns that would be empty are left out."""
-    gauges = report.layout.gauges
-    frame = report.layout.frame
+    """All gauges, one a row, in a table of where they are and one of what they read and are worth; columns that would be empty
+    are left out."""
+    return _where(report) + _worth(report)
+
+
+def _where(report: PlacementReport) -> str:
+    gauges, frame = report.layout.gauges, report.layout.frame
     places = decimals(report.layout.points, frame)
-    names = names_without(report)
-    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
     edged = any(len(gauge.edges) for gauge in gauges)
-    read = any(gauge.peak is not None for gauge in gauges)
-    tested = any(gauge.refined is not None for gauge in gauges)
     noted = any(gauge.notes for gauge in gauges)
 
     def row(index: int, gauge: Gauge) -> list[str]:
-        nodes = " ".join(str(node) for node in gauge.nodes) or "–"
         cells = [
-            badge(gauge.label, index, hollow=gauge.bonded), _kind(gauge), *_ids(gauge),
-            nodes, *map("<br>".join, zip(*(axes(x, places, frame) for x in _positions(gauge)), strict=True)),
+            badge(gauge.label, index, hollow=gauge.bonded), _kind(gauge),
+            *map("<br>".join, zip(*(axes(x, places, frame) for x in _positions(gauge)), strict=True)),
             "<br>".join(_whole(_direction(frame.turn(vector))) for vector in _directions(gauge)),
-            "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
         ]  # fmt: skip
         cells += _edges(gauge, frame) * edged
-        cells += [_reading(gauge)] * read
-        cells += [_changed(gauge)] * tested
-        cells += [share(gauge.without.get(name, math.nan)) for name in names]
         return cells + ["<br>".join(map(escape, gauge.notes.split("; "))) or "–"] * noted
 
-    head = [
-        "gauge",
-        "kind",
-        "number" if given(gauges) else "element",
-        "facet",
-        "nodes",
-        *frame.heads,
-        "direction",
-        "angle",
-    ]
+    head = ["gauge", "kind", *frame.heads, "direction"]
     head += [f"nearest edges [{frame.unit}]", "angle to them"] * edged
+    numeric = [2, 3, 4, *range(6, len(head))]
+    head += ["where it is bonded"] * noted
+    rows = map(row, range(len(gauges)), gauges)
+    return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
+
+
+def _worth(report: PlacementReport) -> str:
+    gauges = report.layout.gauges
+    names = names_without(report)
+    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
+    read = any(gauge.peak is not None for gauge in gauges)
+    tested = any(gauge.refined is not None for gauge in gauges)
+
+    def row(index: int, gauge: Gauge) -> list[str]:
+        cells = [
+            badge(gauge.label, index, hollow=gauge.bonded), *_ids(gauge),
+            "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
+        ]  # fmt: skip
+        cells += [_reading(gauge)] * read
+        cells += [_changed(gauge)] * tested
+        return cells + [share(gauge.without.get(name, math.nan)) for name in names]
+
+    head = ["gauge", "number" if given(gauges) else "element", "facet", "angle"]
     head += ["training peak"] * read
     head += ["strain on a finer mesh"] * tested
     first = len(head)
     head += [f"expected σ({escape(name)}) without it" for name in names]
-    numeric = [2, 3, 5, 6, 7, 9, *range(first - read - tested - 2 * edged, len(head))]
-    head += ["where it is bonded"] * noted
     foot = (
-        ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names], *[""] * noted]
+        ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names]]
         if any(sigma[name] is not None for name in names)
         else []
     )
     rows = map(row, range(len(gauges)), gauges)
-    return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric, foot=foot)
+    caption = _caption_of_worth(gauges)
+    return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
 
 
 def names_without(report: PlacementReport) -> list[str]:
@@ -82,10 +90,9 @@ def given(gauges: tuple[Gauge, ...]) -> bool:
 
 
 def _caption(gauges: tuple[Gauge, ...], frame: Frame) -> str:
-    """What the columns mean, as far as they occur."""
+    """What the columns of places mean, as far as they occur."""
     text = [
-        ("Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file")
-        + f"; places and measuring directions are in {frame.in_words()}, angle is from the projected axis"
+        f"Places and measuring directions are in {frame.in_words()}"
         + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
     ]
     if any(gauge.arms for gauge in gauges):
@@ -97,17 +104,26 @@ def _caption(gauges: tuple[Gauge, ...], frame: Frame) -> str:
         )
     if any(gauge.mirror for gauge in gauges):
         text.append("A gauge and its mirror image were placed as one.")
+    if any(gauge.notes for gauge in gauges):
+        text.append(
+            "Where it is bonded: how much the strain changes over σ of the gauge's place and from end to end of its grid, over "
+            "its RMS in training, and how much room there is over it, where that is beyond the limit."
+        )
+    return " ".join(text)
+
+
+def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
+    """What the columns of readings mean, as far as they occur."""
+    text = [
+        ("Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file")
+        + "; angle is from the projected axis."
+    ]
     if any(gauge.peak is not None for gauge in gauges):
         text.append("The peak is the largest reading of the training run, of what the sensor can measure.")
     if any(gauge.refined is not None for gauge in gauges):
         text.append(
             "On a finer mesh: the change of the strain at the gauge, over its RMS in training, when the elements around it "
             "are cut in half twice. A hot spot changes by more than its share: a corner, the end of a support, a load at a node."
-        )
-    if any(gauge.notes for gauge in gauges):
-        text.append(
-            "Where it is bonded: how much the strain changes over σ of the gauge's place and from end to end of its grid, over "
-            "its RMS in training, and how much room there is over it, where that is beyond the limit."
         )
     if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
         text.append("∞: without that gauge the unknown can no longer be observed.")

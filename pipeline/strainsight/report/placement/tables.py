@@ -101,16 +101,13 @@ def cases_table(cases: Sequence[Case]) -> str:
         cells = [escape(", ".join(unknowns)) or "none"]
         for excitation in excitations:
             case = found.get(excitation)
-            cells += ["–", "–"] if case is None else [plain(case.condition, 3), plain(case.raw, 3)]
+            cells.append("–" if case is None else plain(case.condition, 3))
         return [*cells, _lost(found, len(excitations))]
 
-    head = ["unknown together"]
-    for excitation in excitations:
-        head += [f"{escape(excitation)}, scaled", "raw"]
+    head = ["unknown together", *map(escape, excitations)]
     caption = (
         "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0, the larger the harder to distinguish. "
-        "The scaled one can be compared between rows at the same excitation, and says which unknowns an excitation tells; "
-        "the raw one, as in the thesis, orders the rows by the units of their unknowns."
+        "States are scaled by their sizes in the training run, so that rows can be compared at the same excitation."
     )
     rows = [row(unknowns, found) for unknowns, found in grid.items()]
     return table("sets of unknowns", [*head, "what is lost"], rows, caption=caption, numeric=range(1, len(head)))

@@ -76,9 +76,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         load_cases=load_cases_of(place),
         budget={} if budget is None else budget.shares,
         advice=place.advice,
-        observability={
-            name: getattr(place.observability, name) for name in ("condition", "condition_raw", "sigma_min")
-        },
+        observability={"condition": place.observability.condition},
         truth_description=str(validate.summary["description"]),
         filters=filters_of(read(Validated, validate)),
         consistency=consistency_of(validate),
