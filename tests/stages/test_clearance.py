@@ -16,7 +16,7 @@ from strainsight.cases.structure.clearance import (
     clearance_warning,
     loaded_nodes,
 )
-from strainsight.errors import InfeasibleError
+from strainsight.errors import ConfigError, InfeasibleError, UserError
 from strainsight.gauges.clearance import carrier_clearance
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import NodalForces
@@ -162,3 +162,70 @@ def test_a_moment_on_a_plain_node_has_the_nodes_of_its_elements(beam):
     assert 8 < len(near) < 20
     np.testing.assert_array_equal(nodes(direction=None, moment=(0.0, 0.0, 1.0)), near)
     np.testing.assert_array_equal(nodes(), [middle])
+
+
+@pytest.fixture(scope="module")
+def seated(tmp_path_factory):
+    """The beam with a seat named in the middle of its top: cells with centres from x = 0.35 to 0.65 m, y = 0.035 to 0.065 m."""
+    folder = tmp_path_factory.mktemp("seat")
+    (folder / "beam.bdf").write_text(bricks(CELLS), encoding="ascii")
+    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
+    loose = ["screen.keep=all", "screen.minimum_spacing=0", "place.keep=2"]
+    seat = "mesh.faces={seat: {box: [[0.34, 0.03, 0.0799], [0.66, 0.07, 0.0801]]}}"
+    plain = api.load(folder / "edge.yaml", [seat, *loose])
+    mesh = api.mesh(plain)
+    reduced = api.reduce(plain, mesh)
+
+    def screened(*overrides):
+        case = api.load(folder / "edge.yaml", [seat, *loose, *overrides])
+        training = api.train(case, mesh, reduced)
+        return training.candidates, api.screen(case, mesh, training)
+
+    return screened
+
+
+def places(pool, keep=slice(None)):
+    return {tuple(x) for x in pool.position[pool.first][keep].round(9)}
+
+
+def test_a_face_that_is_named_takes_its_facets_and_the_clearance_around_them(seated):
+    """The seat is [0.3, 0.7] × [0.03, 0.07] m at z = 0.08 m: nothing is left on it, and nothing nearer to that rectangle than the
+    clearance."""
+    clearance = 0.012
+    low, high = np.array([0.3, 0.03, 0.08]), np.array([0.7, 0.07, 0.08])
+    every, _ = seated("gauges.clearance=none")
+    x = every.position[every.first]
+    inside = np.all((x > low - 1e-9) & (x < high + 1e-9), axis=1)
+    assert np.count_nonzero(inside) == 2 * 4 * 4
+    pool, bare = seated("gauges.clearance=none", "gauges.exclude=[seat]")
+    assert places(pool) == places(every, ~inside)
+    assert not np.any(bare.reason == "clearance")
+    _, plain = seated(f"gauges.clearance={clearance}")
+    pool, found = seated(f"gauges.clearance={clearance}", "gauges.exclude=[seat]")
+    y = pool.position[pool.first]
+    near = np.linalg.norm(np.maximum(np.maximum(low - y, y - high), 0), axis=1) < clearance
+    alone = plain.reason[~inside] != "clearance"
+    np.testing.assert_array_equal(found.reason != "clearance", alone & ~near)
+    assert np.any(near & alone)
+    assert found.clearance.near["faces"] == np.count_nonzero(near)
+
+
+def test_the_same_by_a_zone_of_nodes_misses_what_lies_between_them(seated):
+    """Within 4 mm of the nodes of the seat there is no centre of a facet of 100 × 10 mm: such a zone does not stand for it."""
+    every, _ = seated("gauges.clearance=none")
+    pool, _ = seated("gauges.clearance=none", "gauges.exclude=[{near_set: {set: seat, distance: 0.004}}]")
+    assert places(pool) == places(every)
+
+
+def test_zones_by_name_include_and_limit_too_and_a_name_that_is_not_there_is_named(seated):
+    every, _ = seated("gauges.clearance=none")
+    pool, _ = seated("gauges.clearance=none", "gauges.include=[seat]")
+    others, _ = seated("gauges.clearance=none", "gauges.exclude=[seat]")
+    assert places(pool) == places(every) - places(others)
+    with pytest.raises(UserError, match="the set 'seta' is not in the mesh") as caught:
+        seated("gauges.exclude=[seta]")
+    assert caught.value.key == "gauges.exclude.0"
+    with pytest.raises(ConfigError, match="exactly one of 'box'"):
+        seated("gauges.exclude=[{boxes: 3}]")
+    with pytest.raises(ConfigError, match=r"noise_std"):
+        seated("gauges.noise_std=seat")

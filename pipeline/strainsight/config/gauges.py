@@ -113,7 +113,11 @@ class SensorSites(Section):
 
     surface: Text = Field("all", description="'all' exterior facets, or the name of a face, an element or node set.")
     include: tuple[Zone, ...] = Field((), description="Zones that they have to be in, one of them; none: everywhere.")
-    exclude: tuple[Zone, ...] = Field((), description="Zones without them.")
+    exclude: tuple[Zone, ...] = Field(
+        (),
+        description="Zones without them; a name is that of a face, an element or node set, to which strain gauges keep their "
+        "clearance, too.",
+    )
     price: NotNegative = Field(1.0, description="Price of one, in the unit of place.budget.")
 
 
@@ -165,10 +169,10 @@ class Gauges(GaugeSites):
     )
     clearance: Positive | Literal["none"] | None = Field(
         None,
-        description="How far a gauge's centre stays from sharp edges, from nodes that are held or tied and from nodes that carry "
-        "a load, in a straight line [m], or 'none'; null: half the diagonal of the carrier of `type`, without one of the "
-        "carrier that is assumed for its grid (3 mm where grid_length is 0: 4.6 mm), less where the part leaves no choice of "
-        "places.",
+        description="How far a gauge's centre stays from sharp edges, from nodes that are held or tied, from nodes that carry a "
+        "load and from faces that `exclude` names, in a straight line [m], or 'none'; null: half the diagonal of the carrier of "
+        "`type`, without one of the carrier that is assumed for its grid (3 mm where grid_length is 0: 4.6 mm), less where the "
+        "part leaves no choice of places.",
     )
     given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")

@@ -95,7 +95,7 @@ SPACING = "  # minimum_spacing: 0.011        # [m] between them; default: the lo
 OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between them: the length of the carrier\n"
 EXCLUDE = """\
   # exclude:                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
-  #   - near_set: {set: NAME, distance: 0.005}              # a face that something lies on
+  #   - NAME                       # a face of mesh.faces, or a set, that something lies on, with the clearance around it
 """
 LISTED, FACES = 12, 24
 """Places for a load, and faces, that a config lists."""

@@ -14,10 +14,16 @@ NO_LENGTH = "a vector of length zero"
 FOR_EXAMPLE = "give a vector such as [1, 0, 0]"
 
 
-def key_of(*keys: str) -> Any:
-    """Distinguish the members of a union by the one key each of them has."""
+NAMED = "name"
+"""Tag of a member of a union that is a plain text."""
+
+
+def key_of(*keys: str, text: bool = False) -> Any:
+    """Distinguish the members of a union by the one key each of them has; where there is one of `text`, that is `NAMED`."""
 
     def which(value: Any) -> str | None:
+        if text and isinstance(value, str):
+            return NAMED
         if isinstance(value, Section):
             own = {field.alias or name for name, field in type(value).model_fields.items()}
             return next((key for key in keys if key in own), None)
@@ -88,8 +94,9 @@ Zone = Annotated[
     | Annotated[InCylinder, Tag("cylinder")]
     | Annotated[FacingZone, Tag("normal_cone")]
     | Annotated[NearEdgesZone, Tag("near_edges")]
-    | Annotated[NearSetZone, Tag("near_set")],
-    key_of("box", "cylinder", "normal_cone", "near_edges", "near_set"),
+    | Annotated[NearSetZone, Tag("near_set")]
+    | Annotated[Text, Tag(NAMED)],
+    key_of("box", "cylinder", "normal_cone", "near_edges", "near_set", text=True),
 ]
 
 

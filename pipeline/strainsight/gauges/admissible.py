@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from strainsight.errors import InfeasibleError, UserError, blame
+from strainsight.errors import InfeasibleError, blame
 from strainsight.gauges.surface import facet_centres
-from strainsight.gauges.zones import Zone, inside
-from strainsight.mesh.facets import Facets, facet_key
+from strainsight.gauges.zones import Zone, inside, on_surface
+from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 
 
@@ -36,7 +36,8 @@ def admissible(
 
     def steps() -> Iterator[tuple[str, str, np.ndarray]]:
         with blame(f"{key}.surface"):
-            chosen = _on_surface(mesh, facets, surface)
+            every = np.ones(len(left), dtype=bool)
+            chosen = every if surface == "all" else on_surface(mesh, facets, surface)
         yield f"{key}.surface", f"on the surface {surface!r}", chosen
         yield f"{key}.surface", "with an area", np.any(normal != 0, axis=1)
         if not on_constraints:
@@ -60,25 +61,6 @@ def admissible(
                 remedy="choose another surface, larger zones to include or smaller zones to exclude",
             )
     return np.flatnonzero(left), centre, normal
-
-
-def _on_surface(mesh: Mesh, facets: Facets, surface: str) -> np.ndarray:
-    if surface == "all":
-        return np.ones(len(facets.element_id), dtype=bool)
-    if surface in mesh.faces:
-        return np.isin(facets.key, facet_key(*mesh.faces[surface].T))
-    elements, nodes = surface in mesh.element_sets, surface in mesh.node_sets
-    if elements and nodes:
-        raise UserError(
-            f"{surface!r} is both an element set and a node set", remedy="rename one of them in the mesh file"
-        )
-    if elements:
-        return np.isin(facets.element_id, mesh.element_sets[surface])
-    if nodes:
-        chosen = np.isin(mesh.node_ids, mesh.node_sets[surface])
-        return np.all(_among(facets, chosen) | (facets.nodes < 0), axis=1)
-    known = ", ".join(sorted({*mesh.element_sets, *mesh.node_sets})) or "none"
-    raise UserError(f"the set {surface!r} is not in the mesh", remedy=f'use "all" or one of its sets: {known}')
 
 
 def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:

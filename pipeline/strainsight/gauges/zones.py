@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.gauges.edges import near_segments, sharp_edges
-from strainsight.mesh.facets import Facets
+from strainsight.gauges.surface import facet_centres
+from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 
 Vector = tuple[float, float, float]
@@ -55,13 +56,21 @@ class NearSet:
     distance: float
 
 
-Zone = Box | Cylinder | NormalCone | NearEdges | NearSet
+@dataclass(frozen=True)
+class On:
+    """Every facet of a face, a set of elements or a set of nodes (with all its nodes), and what lies on it."""
+
+    name: str
+
+
+Zone = Box | Cylinder | NormalCone | NearEdges | NearSet | On
 
 
 def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Which gauges a zone takes in: (m,) bool for their centre (m, 3) [m] and normal (m, 3), zero where they have none.
 
-    Without facets there are no edges to be near to. Raises UserError for a set that is not there or an axis of no length.
+    Without facets there are no edges to be near to, and no faces to be on; a point is on the face whose facet's centre is nearest
+    of all. Raises UserError for a set that is not there or an axis of no length.
     """
     match zone:
         case Box():
@@ -77,6 +86,31 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
         case NearSet():
             distance, _ = cKDTree(mesh.position[_nodes(mesh, zone.name)]).query(centre)
             return np.asarray(distance < zone.distance)
+        case On():
+            if facets is None:
+                return np.zeros(len(centre), dtype=bool)
+            chosen = on_surface(mesh, facets, zone.name)
+            own, _ = facet_centres(mesh.position, facets.kind, facets.nodes)
+            return np.asarray(chosen[cKDTree(own).query(centre)[1]])
+
+
+def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
+    """The facets (f,) bool of a face, of elements of a set, or those all nodes of which are in a set.
+
+    Raises UserError for a name that is not there, and for one that is both a set of elements and one of nodes.
+    """
+    if name in mesh.faces:
+        return np.isin(facets.key, facet_key(*mesh.faces[name].T))
+    elements, nodes = name in mesh.element_sets, name in mesh.node_sets
+    if elements and nodes:
+        raise UserError(f"{name!r} is both an element set and a node set", remedy="rename one of them in the mesh file")
+    if elements:
+        return np.isin(facets.element_id, mesh.element_sets[name])
+    if nodes:
+        chosen = np.isin(mesh.node_ids, mesh.node_sets[name])
+        return np.all((chosen[facets.nodes] & (facets.nodes >= 0)) | (facets.nodes < 0), axis=1)
+    known = ", ".join(sorted({*mesh.element_sets, *mesh.node_sets})) or "none"
+    raise UserError(f"the set {name!r} is not in the mesh", remedy=f'use "all" or one of its sets: {known}')
 
 
 def _unit(axis: Vector) -> np.ndarray:

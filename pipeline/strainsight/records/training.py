@@ -116,7 +116,8 @@ class Clearance:
         "/near/<name>",
         "1",
         "",
-        "how many candidates are nearer to <name>: edges, supports, loads, bends too tight for gauges.type",
+        "how many candidates are nearer to <name>: edges, supports, loads, faces of gauges.exclude, bends too tight "
+        "for gauges.type",
     )
 
 

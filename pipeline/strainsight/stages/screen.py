@@ -83,6 +83,7 @@ SCREEN = Stage(
         "gauges.type",
         "gauges.types",
         "gauges.clearance",
+        "gauges.exclude",
         "gauges.grid_length",
         "gauges.noise_std",
         "gauges.range",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from strainsight.config import zones as stated
-from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, Zone
+from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, On, Zone
 
 
 def zone_of(entry: stated.Zone) -> Zone:
@@ -17,4 +17,6 @@ def zone_of(entry: stated.Zone) -> Zone:
             return NormalCone(cone.axis, cone.angle)
         case stated.NearSetZone(near_set=near):
             return NearSet(near.set, near.distance)
-    return NearEdges(entry.near_edges)
+        case stated.NearEdgesZone(near_edges=distance):
+            return NearEdges(distance)
+    return On(entry)

@@ -13,6 +13,7 @@ from strainsight.fem.couple import nodes_at
 from strainsight.gauges.candidates import STRAIN
 from strainsight.gauges.clearance import carrier_clearance, crowded, half_diagonal, obstacles, room_for
 from strainsight.gauges.curvature import sides, tight
+from strainsight.gauges.zones import on_surface
 from strainsight.mesh.facets import Facets, exterior_facets, facet_key
 from strainsight.mesh.model import Mesh
 from strainsight.records.training import CARRIER, STATED, Clearance, Training
@@ -40,6 +41,9 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
     facets, part = exterior_facets(mesh), pool.take(first[own])
     points, places = part.position, part.grids.position
     around = obstacles(mesh, facets, loaded_nodes(config, mesh, facets))
+    if names := [zone for zone in config.gauges.exclude if isinstance(zone, str)]:
+        on = np.any([on_surface(mesh, facets, name) for name in names], axis=0)
+        around["faces"] = sides(mesh.position, facets, on)
     kind = gauge_type(config.gauges)
     if kind is not None and kind.bend_radius > 0:
         around["bends"] = sides(mesh.position, facets, tight(mesh.position, facets, kind.bend_radius))
