@@ -8,6 +8,8 @@ import pytest
 from strainsight.gauges.edge_dimensions import angle_from, edge_dimensions
 from strainsight.mesh.facets import exterior_facets
 
+from .conftest import surface
+
 L, W, H = 1.0, 0.3, 0.2
 TOP = np.array([0.0, 0.0, 1.0])
 
@@ -74,6 +76,21 @@ def test_a_tube_has_the_rims_at_its_ends_and_no_edge_across(tube, kind):
     assert found.distance[0, 0] == pytest.approx(1.3, rel=1e-6)
     assert abs(found.angle[0, 0]) == pytest.approx(90.0, abs=1e-6)
     assert np.isnan(found.distance[0, 1])
+
+
+@pytest.mark.parametrize(("half", "there"), [(50.0, True), (70.0, False)])
+def test_an_edge_far_round_a_bent_face_is_none_to_measure_across_to(half, there):
+    """In the middle of a shell of radius 2 m over ±50° its straight sides are 2r sin 25° away, 25° out of the tangent plane."""
+    step = np.deg2rad(half) / 10
+    chart = lambda u, v: (2 * np.cos(step * (u - 10)), 2 * np.sin(step * (u - 10)), v)  # noqa: E731
+    position, facets = surface("quad8", 20, 8, chart)
+    place, along = np.array([[2.0, 0.0, 0.5]]), np.array([[0.0, 1.0, 0.0]])
+    found = edge_dimensions(position, facets, facets.key[:1], place, along, np.array([[1.0, 0.0, 0.0]]))
+    assert found.distance[0, 0] == pytest.approx(0.5)
+    if there:
+        assert found.distance[0, 1] == pytest.approx(4 * np.sin(np.deg2rad(half / 2)), rel=1e-6)
+    else:
+        assert np.isnan(found.distance[0, 1])
 
 
 def test_a_gauge_on_no_facet_has_no_edges(box_mesh):

@@ -15,6 +15,8 @@ ALIKE = 1e-6
 """Distances that differ by less than this share are alike."""
 ACROSS = np.cos(np.deg2rad(45.0))
 """The second edge is turned by more than 45° against the first."""
+OFF = np.sin(np.deg2rad(30.0))
+"""The way to it leaves the tangent plane by less than 30°: else it runs through the body, round which nobody measures."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,8 @@ def edge_dimensions(
 
         α = atan2((t × d)·n, t·d)   in (−90°, 90°], as an edge has no sense
 
-    The second edge is one whose perpendicular through the place meets it, turned against the first by more than 45°.
+    The second edge is one whose perpendicular through the place meets it, turned against the first by more than 45°, at most 30°
+    out of the tangent plane.
     position (n, 3) [m] of nodes; facets: exterior ones; on (k,): key of the facet below each place, one that is not there has
     no edges; points (k, 3) [m]; directions, normals (k, 3) unit.
     """
@@ -125,7 +128,8 @@ def _nearest_two(
     found = [first]
     with np.errstate(invalid="ignore"):
         turned = np.abs(t @ t[first]) < ACROSS
-    across = turned & (share >= -ALIKE) & (share <= 1 + ALIKE)
+    lies = np.abs((foot - point) @ normal) <= OFF * distance
+    across = turned & lies & (share >= -ALIKE) & (share <= 1 + ALIKE)
     if across.any():
         found.append(best(across))
     return [(float(distance[i]), foot[i], t[i]) for i in found]
