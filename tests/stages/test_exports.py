@@ -15,9 +15,13 @@ from strainsight.cases.layout.exports.element_sets import elements_of
 from strainsight.cases.layout.gauge_lines import gauge_lines
 from strainsight.cases.layout.gauge_list import BridgeArms, GaugeList
 from strainsight.cases.layout.workshop import Workshop
+from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError
 from strainsight.gauges.edge_dimensions import no_edges
+from strainsight.stages.pages.sheets import sheet_files, sheets_of
 from strainsight.stages.pages.workshop import exported
+
+from ..robustness.small import write_project
 
 X, Z = np.eye(3)[0], np.eye(3)[2]
 
@@ -114,3 +118,21 @@ def test_sets_of_gauges_that_lie_on_no_element_are_refused_with_key_and_remedy()
         exported(SimpleNamespace(config=SimpleNamespace(report=report)), alone)
     assert error.value.key == "report.exports"
     assert "leave out abaqus" in error.value.remedy
+
+
+def test_every_arm_of_a_bridge_has_a_sheet_and_all_grids_of_a_rosette_share_one(tmp_path):
+    write_project(tmp_path)
+    mesh = read_mesh(tmp_path / "beam.bdf")
+    context = SimpleNamespace(
+        config=SimpleNamespace(name="run", mesh=SimpleNamespace(file="decks/beam.bdf")),
+        upstream={"place": SimpleNamespace(digest="0123456789abcdef")},
+    )
+    sheets = sheets_of(context, shop(1), mesh)
+    arms = [f"{name} arm {k}" for name, count in (("root", 2), ("G4", 2), ("G5", 4)) for k in range(1, count + 1)]
+    assert [sheet.name for sheet in sheets] == ["G1", "G2", *arms, "A1"]
+    assert [len(sheet.directions) for sheet in sheets] == [1, 3, *[1] * 8, 3]
+    assert [sheet.element for sheet in sheets[2:4]] == [5, 6]
+    files = sheet_files(sheets)
+    assert list(files)[:3] == ["sheet-G1.svg", "sheet-G2.svg", "sheet-root_arm_1.svg"]
+    assert len(files) == len(sheets)
+    assert sheets_of(context, shop(0), mesh)[0].name == "root arm 1"

@@ -16,9 +16,10 @@ from scipy.io import loadmat
 from scipy.linalg import solve_continuous_are
 
 from strainsight.cases.layout.exports.element_sets import abaqus_sets, nastran_sets
+from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.config.load import load_config
 from strainsight.decks.reader import read_mesh
-from strainsight.errors import ConfigError
+from strainsight.errors import ConfigError, DeckError
 
 from ..robustness.small import write_project
 from ..shared import made
@@ -82,6 +83,25 @@ def test_distances_to_edges_are_those_to_the_sides_of_the_beam(results):
         np.testing.assert_allclose(numbers(row, "edge_mm", "edge2_mm"), aside[order], atol=1e-6)
         # A gauge along x is across the sides that bound x and along the others.
         np.testing.assert_allclose(numbers(row, "edge_deg", "edge2_deg"), np.where(order == 0, 90, 0), atol=1e-9)
+
+
+def test_the_new_columns_of_a_layout_change_nothing_of_what_is_read_of_it(results, tmp_path):
+    """A file without them, as earlier versions wrote it, is the same to the last bit; workshop.csv is not taken for one."""
+    given = rows(results / "gauges.csv")
+    kept = [name for name in given[0] if not name.endswith(("_mm", "_deg")) or name == "angle_deg"]
+    old = [{name: row[name] for name in kept} for row in given]
+    with (tmp_path / "old.csv").open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, old[0])
+        writer.writeheader()
+        writer.writerows(old)
+    assert len(given[0]) - len(old[0]) == 7
+    new, before = read_bonded(results / "gauges.csv"), read_bonded(tmp_path / "old.csv")
+    assert list(new) == list(before)
+    for name in new:
+        for field in ("position", "direction", "normal", "length", "kind"):
+            np.testing.assert_array_equal(getattr(new[name], field), getattr(before[name], field))
+    with pytest.raises(DeckError, match="no column position_x"):
+        read_bonded(results / "workshop.csv")
 
 
 def test_the_universal_file_says_its_unit_and_has_the_same_places(results):
