@@ -110,6 +110,12 @@ class MeshFile(Section):
     region_data: Text | None = Field(
         None, description="Cell data array that holds the region ids (VTU, VTK and the like); null: by its usual names."
     )
+    ignore: tuple[Text, ...] = Field(
+        (),
+        description="Cards (CQUAD4, MPC), keywords (TIE, DLOAD) and types of elements (S4R) of the deck that are left out, "
+        "though the model would need their stiffness, mass, tie or load. Elements, ties and loads that are not supported have "
+        "to be named here.",
+    )
     faces: dict[Name, Face] = Field(
         {},
         description="Names for faces of the surface, which the file need not know: a name is a set of nodes, for loads, "

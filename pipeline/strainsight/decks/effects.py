@@ -1,4 +1,4 @@
-"""What cards of a deck that are not supported would do to the structure, by patterns of its format."""
+"""What cards of a deck that are not supported would do to the structure, by patterns of its format, and their names."""
 
 from __future__ import annotations
 
@@ -6,6 +6,17 @@ import re
 from collections.abc import Iterable
 
 _UNUSED = re.compile(r" that no | not selected$")
+
+
+def spelt(card: str) -> str:
+    """A card as a config may name it, in one spelling: "*ELEMENT, TYPE=S4R" and "S4R", "*TIE" and "Tie" are the same."""
+    return card.upper().replace(" ", "").replace("*", "").removeprefix("ELEMENT,TYPE=")
+
+
+def short(card: str) -> str:
+    """A card as a config names it best: without what YAML would take for something else."""
+    name = card.removeprefix("*").removeprefix("ELEMENT, TYPE=")
+    return f'"{name}"' if "," in name else name
 
 
 def effects(cards: Iterable[str], structural: re.Pattern[str], control: re.Pattern[str]) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from strainsight.errors import DeckError
@@ -26,12 +27,14 @@ def read_mesh(
     region_data: str | None = None,
     solids: bool = True,
     materials: bool = True,
+    ignore: Sequence[str] = (),
 ) -> Mesh:
     """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
 
     format: nastran, abaqus, gmsh, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
     the cell data that holds region ids, for meshio. solids: there has to be one. materials: a deck has to state those of its
-    solids; otherwise a region may be without, or elements without a region of their own are one.
+    solids; otherwise a region may be without, or elements without a region of their own are one. ignore: cards, keywords and
+    types of elements of a deck that are left out, whatever they say.
     Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
     length_factor(length_unit)
@@ -43,7 +46,7 @@ def read_mesh(
             where=str(path),
             remedy="check the name; a relative path counts from the config file",
         )
-    mesh = _read(path, format_of(path) if format == "auto" else format, region_data, solids, materials)
+    mesh = _read(path, format_of(path) if format == "auto" else format, region_data, solids, materials, ignore)
     with mesh.located():
         exterior_facets(mesh)  # so that elements that do not fit together show here
     return to_si(mesh, length_unit, mass_unit)
@@ -61,16 +64,18 @@ def format_of(path: Path) -> str:
     return found
 
 
-def _read(path: Path, format: str, region_data: str | None, solids: bool, materials: bool) -> Mesh:
+def _read(
+    path: Path, format: str, region_data: str | None, solids: bool, materials: bool, ignore: Sequence[str]
+) -> Mesh:
     match format:
         case "nastran":
             from strainsight.decks.nastran.deck import read_nastran
 
-            return read_nastran(path, required=solids, stated=materials)
+            return read_nastran(path, required=solids, stated=materials, ignore=ignore)
         case "abaqus":
             from strainsight.decks.abaqus.deck import read_abaqus
 
-            return read_abaqus(path, required=solids, stated=materials)
+            return read_abaqus(path, required=solids, stated=materials, ignore=ignore)
         case "gmsh":
             from strainsight.decks.gmsh.mesh import read_gmsh
 

@@ -176,7 +176,8 @@ class Mesh:
     that node (CD of a GRID), the basic ones where it has none; node_sets and element_sets name → ids of the file; faces:
     name → facets (k, 2) as element id and local number, of which the nodes are a node set of that name; loads: name →
     forces of the file; ignored: card or the like that is not supported → count; effect: "structure" for those that may add
-    stiffness, mass or a tie, "none" for those that change none of them; notes: sentences on how something was read;
+    stiffness, mass or a tie, "none" for those that change none of them; unsupported: those of them that are elements, ties or
+    loads → file:line of the first; notes: sentences on how something was read;
     included: files that the deck takes in; origin: "node", "element", "tie" → lines.
     """
 
@@ -197,6 +198,7 @@ class Mesh:
     loads: Mapping[str, NodalForces] = field(default_factory=dict)
     ignored: Mapping[str, int] = field(default_factory=dict)
     effect: Mapping[str, str] = field(default_factory=dict)
+    unsupported: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     source: str = ""
     included: tuple[str, ...] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.mesh import Face, MeshFile, Support
+from strainsight.decks.effects import short, spelt
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, UserError, blame
@@ -46,10 +47,31 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
             region_data=config.region_data,
             solids=config.matrices is None,
             materials=not config.materials,
+            ignore=config.ignore,
         )
+        if config.matrices is None:
+            mesh = _all_supported(mesh, config.ignore)
     mesh = with_additions(mesh, config, key)
     with blame(f"{key}.file"), mesh.located():
         return with_body_forces(mesh) if config.matrices is None else mesh
+
+
+def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
+    """The mesh, with a note on names in `ignore` that the deck does not have. Raises DeckError for elements, ties and loads that
+    are not supported and not named there."""
+    named = {spelt(card) for card in ignore}
+    missing = [card for card in mesh.unsupported if spelt(card) not in named]
+    if missing:
+        listed = [f"{mesh.ignored[card]} × {short(card)} (first at {mesh.unsupported[card]})" for card in missing]
+        more = f" and {len(listed) - 6} more kinds" if len(listed) > 6 else ""
+        raise DeckError(
+            f"not supported, and the model is not the same without: {', '.join(listed[:6])}{more}",
+            where=mesh.unsupported[missing[0]],
+            remedy=f"if they do not matter, leave them out: mesh.ignore: [{', '.join(map(short, missing))}]",
+        )
+    idle = [card for card in ignore if spelt(card) not in {spelt(own) for own in mesh.ignored}]
+    notes = (f"mesh.ignore names {', '.join(idle)}, of which the deck has none",) if idle else ()
+    return replace(mesh, notes=(*mesh.notes, *notes))
 
 
 def checked(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, poin
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords
 from strainsight.decks.abaqus.ties import Ties, ties
-from strainsight.decks.effects import effects
+from strainsight.decks.effects import effects, spelt
 from strainsight.decks.faults import check_elements
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
@@ -39,14 +40,21 @@ HARMLESS = re.compile(
 STRUCTURAL = re.compile(
     r"\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|TEMPERATURE|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT|INITIAL|AMPLITUDE)"
 )
+UNSUPPORTED = re.compile(
+    r"\*(ELEMENT,|TIE$|EQUATION$|MPC|CONTACT$|CONTACT ?PAIR|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
+    r"|SUBSTRUCTURE|SUBMODEL|FASTENER|CYCLIC ?SYMMETRY|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
+    r"|CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|INERTIA ?RELIEF)"
+)
+"""Elements, ties and loads: what a model is not the same without."""
 CONTROL = re.compile(r"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)")
+ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
     "PARAMETER": ("parameters are not supported", "write their values out"),
     "MANIFEST": ("assemblies of several files are not supported", "write the deck as one file"),
 }
 
 
-def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Mesh:
+def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignore: Sequence[str] = ()) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
     Imported: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
@@ -54,17 +62,20 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Me
     *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
     *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there
     are several instances.
-    required: there have to be solids; stated: section and material of all of them. Raises DeckError with file:line for what
-    cannot be imported as it stands.
+    required: there have to be solids; stated: section and material of all of them; ignore: keywords that are left out.
+    Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
     keywords, included = read_keywords(path)
     for keyword in keywords:
         if keyword.name in REFUSED:
             raise keyword.error(*REFUSED[keyword.name])
+    named = {spelt(name) for name in ignore}
+    dropped = Counter(keyword.title for keyword in keywords if spelt(keyword.title) in named)
+    keywords = [keyword for keyword in keywords if keyword.title not in dropped]
     assembly = assemble(keywords)
     _check_elements(assembly, path, required)
-    ignored = _ignored(keywords, assembly)
+    ignored = _ignored(keywords, assembly) + dropped
     node_sets, element_sets, set_names = _sets(assembly)
     region, regions, materials = regions_and_materials(assembly, keywords, set_names, ignored, stated)
     blocks = cell_blocks(assembly, region)
@@ -101,11 +112,24 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True) -> Me
         loads=loads,
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL),
+        unsupported={
+            card: _first(card, keywords, assembly)
+            for card in sorted(ignored)
+            if UNSUPPORTED.match(card) and card not in dropped
+        },
         notes=(*_reinterpreted(assembly), *assembly.notes),
         source=str(path),
         included=included,
         origin=origin,
     )
+
+
+def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
+    """Where a keyword, or an element of a type, stands first."""
+    if card.startswith(ELEMENT):
+        file, line = assembly.element_where[assembly.type.index(card.removeprefix(ELEMENT))]
+        return f"{file}:{line}"
+    return next(keyword.where for keyword in keywords if card.startswith(keyword.title))
 
 
 def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
@@ -138,7 +162,7 @@ def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
             counted["*EQUATION"] += _equations(keyword)
     for type_, count in Counter(assembly.type).items():
         if type_ not in SOLIDS and type_ not in ("MASS", "ROTARYI", *SPRINGS):
-            counted[f"*ELEMENT, TYPE={type_}"] += count
+            counted[f"{ELEMENT}{type_}"] += count
     return counted
 
 

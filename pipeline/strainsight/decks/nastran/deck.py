@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.effects import effects
+from strainsight.decks.effects import effects, spelt
 from strainsight.decks.faults import OR_CONFIG, elastic_fault
 from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS, CoordinateSystem
@@ -34,26 +35,34 @@ TAKEN = {
 STRUCTURAL = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT"
 )
+UNSUPPORTED = re.compile(
+    r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC$|DMIG|NSM"
+    r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|SPCD|TEMP|(FORCE|MOM|PRES)AX$"
+)
+"""Elements, ties and static loads: what a model is not the same without."""
 CONTROL = re.compile(
     r"PARAM$|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
     r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA"
 )
 
 
-def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> Mesh:
+def read_nastran(path: Path, *, required: bool = True, stated: bool = True, ignore: Sequence[str] = ()) -> Mesh:
     """A Nastran deck in its own units, with its own ids.
 
     Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
     SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, springs, the static loads of `static_loads`, SET1, SET3, case-control SPC and SET,
     PARAM WTMASS, INCLUDE. Every other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5
     of the bulk data "SET1-5". Without a selection in the case control the only set of supports counts.
-    required: there have to be solids; stated: PSOLID and MAT1 of all of them. Raises DeckError with file:line for what cannot be
-    imported as it stands.
+    required: there have to be solids; stated: PSOLID and MAT1 of all of them; ignore: cards that are left out.
+    Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
     deck = read_deck(path)
     cards = deck.cards
     ignored: Counter[str] = Counter()
+    for name in {spelt(name) for name in ignore} & {*cards} & TAKEN:  # others are counted anyway
+        ignored[name] += len(cards.pop(name))
+    first = {name: found[0].where for name, found in cards.items()}
     notes: list[str] = []
     if not deck.ended:
         notes.append("the deck has no ENDDATA (and no BEGIN BULK): that it is whole cannot be seen")
@@ -90,6 +99,7 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True) -> M
         loads=loads,
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL),
+        unsupported={name: first[name] for name in sorted(ignored) if name in first and UNSUPPORTED.match(name)},
         notes=tuple(notes),
         source=str(path),
         included=deck.included,

@@ -112,7 +112,10 @@ def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, Noda
                 continue
             part = card.integer(i + 1, "a set id")
             if part not in sets:
-                raise card.error(f"set {part} holds no load that is imported", "take it out of the combination")
+                raise card.error(
+                    f"set {part} holds no load that is imported",
+                    "take it out, or leave the combination out (mesh.ignore: [LOAD])",
+                )
             own.add(sets[part], whole * card.real(i, "a factor"))
     return {f"LOAD-{number}": own.made() for number, own in sorted(found.items())}
 

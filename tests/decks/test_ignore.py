@@ -1,0 +1,99 @@
+"""Elements, ties and loads that are not supported have to be named, and nothing else has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from strainsight.cases.structure.mesh import mesh_of
+from strainsight.config.mesh import MeshFile
+from strainsight.decks.nastran.cards import read_deck
+from strainsight.decks.nastran.deck import TAKEN, UNSUPPORTED
+from strainsight.errors import DeckError
+
+from .abaqus.test_deck import TETRAHEDRON as ABAQUS
+from .conftest import TETRAHEDRON
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def imported(tmp_path, text, ignore=(), name="deck.bdf"):
+    (tmp_path / name).write_text(text)
+    return mesh_of(MeshFile(file=name, ignore=tuple(ignore)), tmp_path / name)
+
+
+def refused(tmp_path, text, **more):
+    with pytest.raises(DeckError, match="not supported, and the model is not the same without") as caught:
+        imported(tmp_path, text, **more)
+    return caught.value
+
+
+SHELLS = "CQUAD4,70,3,1,2,3,4\nCQUAD4,71,3,1,2,3,4\nPSHELL,3,1,.1\nPLOAD1,5,70,FX,FR,0.,1.\nPARAM,POST,-1\nTOPVAR,1\nEIGRL,1\n"
+
+
+def test_card_count_line_and_remedy_are_named(tmp_path):
+    error = refused(tmp_path, TETRAHEDRON + SHELLS)
+    assert f"2 × CQUAD4 (first at {tmp_path}/deck.bdf:9), 1 × PLOAD1 (first at {tmp_path}/deck.bdf:12)" in error.what
+    assert error.where == f"{tmp_path}/deck.bdf:9"
+    assert error.key == "mesh.file"
+    assert error.remedy.endswith("mesh.ignore: [CQUAD4, PLOAD1]")
+    assert "PLOAD1" not in refused(tmp_path, TETRAHEDRON + SHELLS, ignore=["PLOAD1"]).what
+
+
+def test_what_is_named_is_left_out_and_listed(tmp_path):
+    mesh = imported(tmp_path, TETRAHEDRON + SHELLS, ["cquad4", "PLOAD1", "CBAR"])
+    assert {card: mesh.ignored[card] for card in ("CQUAD4", "PLOAD1")} == {"CQUAD4": 2, "PLOAD1": 1}
+    assert mesh.notes[-1] == "mesh.ignore names CBAR, of which the deck has none"
+    assert mesh.effect["CQUAD4"] == "structure"
+
+
+@pytest.mark.parametrize(
+    "card", ["PARAM,POST,-1", "EIGRL,1", "TLOAD1,5,6,,,7", "DAREA,6,4,3,1.", "DESVAR,1", "PSHELL,3,1,.1", "MAT8,9,1."]
+)
+def test_output_procedures_histories_and_properties_are_listed_only(tmp_path, card):
+    mesh = imported(tmp_path, TETRAHEDRON + card + "\n")
+    assert mesh.ignored[card.split(",")[0]] == 1
+    assert mesh.unsupported == {}
+
+
+@pytest.mark.parametrize(
+    "card",
+    ["CBAR,70,3,1,2", "RBAR,70,1,2", "MPC,1,2,1,1.", "CDAMP2,70,1.,4,1", "NSM,1", "TEMP,9,1,1.", "SPCD,9,1,1,.1", "ACCEL1,9"],
+)
+def test_elements_ties_and_loads_are_refused(tmp_path, card):
+    refused(tmp_path, TETRAHEDRON + card + "\n")
+
+
+def test_a_relation_that_no_one_selects_is_not(tmp_path):
+    text = "SPC = 1\nMPC = 2\nBEGIN BULK\n" + TETRAHEDRON + "MPC,1,2,1,1.\nENDDATA\n"
+    assert imported(tmp_path, text).unsupported == {}
+    refused(tmp_path, text.replace("MPC = 2", "MPC = 1"))
+
+
+def test_a_card_that_is_supported_may_be_left_out_too(tmp_path):
+    mesh = imported(tmp_path, TETRAHEDRON + "CELAS2,60,9.,4,3\nPLOAD4,1,99,1.\n", ["CELAS2", "PLOAD4"])
+    assert (mesh.springs, mesh.loads) == ((), {})
+    assert mesh.ignored == {"CELAS2": 1, "PLOAD4": 1}
+
+
+def test_a_plate_that_is_left_out_still_says_where_a_pressure_acts(tmp_path):
+    mesh = imported(tmp_path, TETRAHEDRON + "CTRIA3,70,3,2,3,4\nPLOAD2,1,2.,70\n", ["CTRIA3"])
+    assert mesh.loads["LOAD-1"].force.sum(axis=0) == pytest.approx([1, 1, 1])
+
+
+def test_keywords_and_types_of_elements_of_abaqus(tmp_path):
+    text = ABAQUS + "*ELEMENT, TYPE=S3, ELSET=SH\n30, 2, 3, 4\n*SHELL SECTION, ELSET=SH, MATERIAL=STEEL\n.1\n*TIE, NAME=T\na, b\n"
+    text += "*STEP\n*DLOAD\nEALL, BX, 1.\nEALL, P1, 1.\n*NODE PRINT\nU\n*END STEP\n"
+    error = refused(tmp_path, text, name="deck.inp")
+    assert f"1 × DLOAD BX (first at {tmp_path}/deck.inp:" in error.what
+    assert error.remedy.endswith("mesh.ignore: [DLOAD BX, S3, TIE]")
+    mesh = imported(tmp_path, text, ["DLOAD BX", "S3", "*Tie"], name="deck.inp")
+    assert list(mesh.loads) == ["DLOAD-1"]
+    assert imported(tmp_path, text, ["DLOAD", "S3", "TIE"], name="deck.inp").loads == {}
+
+
+@pytest.mark.parametrize("deck", ["cantilever.bdf", "angle.bdf.gz", "lug.bdf.gz", "hub-coarse.bdf.gz"])
+def test_the_decks_of_the_examples_have_nothing_of_the_kind(deck):
+    cards = read_deck(REPOSITORY / "meshes" / deck).cards
+    assert not [name for name in cards if name not in TAKEN and UNSUPPORTED.match(name)]
