@@ -273,7 +273,7 @@ def estimate(
     with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
         from strainsight.config.load import kind_of
         from strainsight.config.overrides import Override
-        from strainsight.errors import ConfigError
+        from strainsight.errors import ConfigError, UserError
 
         asked: list[str | Override] = [*(overrides or ())]
 
@@ -286,6 +286,12 @@ def estimate(
                 "run, `{measured: {from: RUN}}`",
             )
         if measurements is not None:
+            if not measurements.is_file():
+                beside = config.parent / measurements
+                remedy = f"--measurements starts from the folder that you are in, {Path.cwd()}"
+                if beside.is_file():
+                    remedy = f"did you mean {beside}? {remedy}"
+                raise UserError("no such file", where=str(measurements), key="--measurements", remedy=remedy)
             # From the config's folder, as all paths of a config: no absolute path gets into the results.
             relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
             asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))

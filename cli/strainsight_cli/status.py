@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from strainsight_cli import render
 from strainsight_cli.clock import seconds_for
-from strainsight_cli.work import Work, refuse_taken
+from strainsight_cli.work import Work, elsewhere, note, refuse_taken
 
 if TYPE_CHECKING:
     from strainsight.workflow.plan import Status
@@ -25,6 +25,8 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
     from strainsight_cli.forecast import forecast
 
     refuse_taken(work)
+    if text := elsewhere(work):
+        note(text)
     statuses = plan(work.stages, work.job, forced)
     if as_json:
         for status in statuses:

@@ -66,11 +66,31 @@ def refuse_taken(work: Work) -> None:
         )
 
 
+ABOVE = 3
+"""Folders above the config's in which results of it are looked for."""
+
+
+def elsewhere(work: Work) -> str:
+    """A note where nothing is computed in this results folder and the same run is in one near the config: whoever calls from
+    another folder computes all anew."""
+    folder = work.job.folder
+    if folder.exists():
+        return ""
+    base = work.job.base.resolve()
+    for above in [base, *base.parents[:ABOVE]]:
+        other = above / "results" / folder.name
+        if other.resolve() != folder.resolve() and (other / "import.h5").is_file():
+            return f"nothing is computed in {folder} yet, but in {other}: to go on from there give --results {other.parent}"
+    return ""
+
+
 def bring_up_to_date(
     work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress, note: Say = note
 ) -> list[Artefact]:
     """Run what is not up to date, a line a stage; the artefacts of all stages."""
     refuse_taken(work)
+    if text := elsewhere(work):
+        note(text)
     from strainsight.errors import StrainsightError
     from strainsight.fem.memory import available_memory
     from strainsight.workflow.runner import RUNNING

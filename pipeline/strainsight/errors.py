@@ -115,8 +115,12 @@ def blame(key: str) -> Iterator[None]:
         raise
 
 
+SHORT = 5
+"""Signs."""
+
+
 def did_you_mean(word: str, known: Iterable[str], otherwise: str = "") -> str:
-    """A suggestion in words, or `otherwise`."""
+    """A suggestion in words, or `otherwise`; of short words, as G5, one sign in two may be wrong."""
     spelt = {name.lower(): name for name in known}
-    close = get_close_matches(word.lower(), spelt, n=1, cutoff=0.5)
+    close = get_close_matches(word.lower(), spelt, n=1, cutoff=0.5 if len(word) <= SHORT else 0.6)
     return f"did you mean {spelt[close[0]]}?" if close else otherwise

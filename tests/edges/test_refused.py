@@ -18,8 +18,9 @@ PLACEMENTS = [
     # key, value in the message, changes
     ("gauges.noise_std.value", "above 0", {"gauges.noise_std": {"value": 0.0}}),
     ("gauges.noise_std", "1e-30 is", {"gauges.noise_std": {"value": 1e-30}}),
-    ("gauges.noise_std", "a noise of 1e+06", {"gauges.noise_std": {"value": 1e6}}),
-    ("gauges.noise_std", "a noise of 1e+300", {"gauges.noise_std": {"value": 1e300}}),
+    ("gauges.noise_std", "a noise of 0.009", {"gauges.noise_std": {"value": 9e-3}, "loads.tip.signal.amplitude": 1e-6}),
+    ("gauges.noise_std.value", "1e+06 m/m are 1e+08 %", {"gauges.noise_std": {"value": 1e6}}),
+    ("gauges.noise_std.value", "1e+300 m/m", {"gauges.noise_std": {"value": 1e300}}),
     ("gauges.noise_std", "1e-320", {"gauges.noise_std": {"value": 1e-320}}),
     ("validate.initial_std.E", "above 0", {"validate.initial_std.E": 0.0}),
     ("validate.initial_std.E", "1e+06 times the guess", {"validate.initial_std.E": 1e6}),
@@ -97,7 +98,7 @@ DRIFT = "parameters.E.process_noise_scale"
     ("key", "value", "others"),
     [
         ("gauges.noise_std", {"value": 1e-30}, {}),
-        ("gauges.noise_std", {"value": 1e6}, {}),
+        ("gauges.noise_std", {"value": 9e-3}, {"loads.tip.signal.amplitude": 1e-6}),
         (DRIFT, 1e9, {}),
         (DRIFT, 1e9, {"process_noise.rule": "thesis"}),
         (DRIFT, 1e9, {"process_noise.rule": "as_printed"}),

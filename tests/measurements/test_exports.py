@@ -93,7 +93,7 @@ def test_catman_is_read_after_what_its_messages_say(tmp_path, mark, below):
 def test_the_line_of_names_is_found_where_a_channel_is_misspelt(tmp_path):
     path = written(tmp_path / "a.asc", [*ABOVE, "Time\tG1\tF", *rows("\t")])
     assert advised(path, "header_line", channels=("G7",)) == "6"
-    with pytest.raises(UserError, match=r"a\.asc:6  no column 'G7'") as caught:
+    with pytest.raises(UserError, match=r"a\.asc:6  G7: no column 'G7'") as caught:
         read(path, ("G7",), header_line=6)
     assert "did you mean" in caught.value.remedy
 

@@ -194,7 +194,7 @@ def test_a_file_of_bonded_gauges_that_cannot_be_is_refused_with_its_line(tmp_pat
 )
 def test_bonded_gauges_that_cannot_be_are_refused(project, file, settings, says):
     (project / "wrong.csv").write_text(file)
-    code, said = run(project, "gauges.fixed_file=wrong.csv", *settings)
+    code, said = run(project, "gauges.fixed_file=wrong.csv", "place.keep=6", *settings)
     assert code == 2
     assert says in " ".join(said.split())
     assert "gauges.fixed" in said

@@ -26,7 +26,12 @@ def recorded(key: str, config: Recorded, path: Path) -> FromSamples:
     """
     column = config.value_column
     with blame(key):
-        found = _read(path, config.time_column, column)
+        try:
+            found = _read(path, config.time_column, column)
+        except UserError as error:
+            if error.key in (config.time_column, column):
+                error.key = f"{key}.{'value' if error.key == column else 'time'}_column"
+            raise
         values = found.channels[column]
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:

@@ -35,19 +35,26 @@ def signals_of(
             text.delimiter, text.decimal, text.comment, text.header_line, tuple(text.missing), f"{section}.text"
         )
     with blame(f"{section}.file"):
-        recording = read_recording(
-            path,
-            names,
-            time=settings.time.channel,
-            time_unit=settings.time.unit if settings.time.channel is not None else None,
-            format=settings.format,
-            form=form,
-        )
+        keys = {entry.channel: key for key, entry in wanted.items()}
+        try:
+            recording = read_recording(
+                path,
+                names,
+                time=settings.time.channel,
+                time_unit=settings.time.unit if settings.time.channel is not None else None,
+                format=settings.format,
+                form=form,
+            )
+        except UserError as error:  # of a column that is not there
+            if error.key is not None and error.key == settings.time.channel:
+                error.key = f"{section}.time.channel"
+            elif error.key in keys:
+                error.key = f"{keys[error.key]}.channel"
+            raise
         stated = {}
         for key, entry in wanted.items():
             with blame(key):
                 stated[entry.channel] = _calibration(entry)
-        keys = {entry.channel: key for key, entry in wanted.items()}
         try:
             return assemble(recording, stated, step)
         except UserError as error:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from strainsight.config.gauge_types import type_problems
-from strainsight.config.gauges import AxisDirection, BondedBridge, Gauges
+from strainsight.config.gauges import AbsoluteNoise, AxisDirection, BondedBridge, Gauges
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, zone_problems
 
+LARGEST_NOISE = 0.01
+"""[strain] σ of a sample beyond which it is stated in another unit."""
 LARGEST_ROSETTE = 3
 """Grids."""
 
@@ -18,6 +20,12 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Contradictions between the fields that make the candidates and the limits of a layout."""
     gauges, place = config.gauges, config.place
     yield from _given(config)
+    if isinstance(gauges.noise_std, AbsoluteNoise) and (value := gauges.noise_std.value) > LARGEST_NOISE:
+        yield Problem(
+            "gauges.noise_std.value",
+            f"{value:g} m/m are {100 * value:g} % of strain",
+            f"give it in m/m: {value:g} um/m are {1e-6 * value:.1e}",
+        )
     yield from _directions(gauges)
     if gauges.direction is not None:
         yield from type_problems(gauges, len(gauges.direction.angles) if gauges.rosette else 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
@@ -23,6 +24,8 @@ TYPES = {
     "model_attributes_type": "a mapping",
     "dict_type": "a mapping",
 }
+YES, NO = {"yes", "y", "on"}, {"no", "n", "off"}
+"""What YAML 1.1 took for true and false."""
 UNKNOWN, MISSING = "unknown key", "missing"
 BOUNDS = {
     "greater_than": ("gt", "above"),
@@ -59,6 +62,11 @@ def _emptied(entry: Any) -> bool:
 def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], data: Any) -> Problem:
     key, first = ".".join(path), entries[0]
     match first["type"]:
+        case "extra_forbidden" if path[-1].isdigit() and first["input"] is None and len(path) > 1:
+            # {ratio: 0,01} is {ratio: 0, "01": null}
+            return Problem(
+                ".".join(path[:-1]), f"',{path[-1]}' is no key", "write a number with a decimal point, as in 0.01"
+            )
         case "extra_forbidden":
             known = keys_at(model, path[:-1], data)
             return Problem(key, UNKNOWN, did_you_mean(path[-1], known, f"known here: {', '.join(known)}"), True)
@@ -117,7 +125,12 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
     if choices:
         wanted.append(f"one of {', '.join(choices)}" if len(choices) > 1 else f"'{choices[0]}'")
     if isinstance(value, str) and "a number" in wanted and not remedy:
+        comma = re.fullmatch(r"([-+]?\d+),(\d+)", value.strip())
         remedy = "write it without quotes and without its unit"
+        if comma:
+            remedy = f"write it with a decimal point: {comma[1]}.{comma[2]}"
+    if isinstance(value, str) and wanted == ["true or false"] and value.lower() in YES | NO:
+        remedy = f"write {'true' if value.lower() in YES else 'false'}"
     return Problem(key, f"{_shown(value)} has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
 
 

@@ -195,6 +195,7 @@ def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str)
     raise UserError(
         f"no column {wanted!r}",
         where=where,
+        key=wanted,
         remedy=did_you_mean(wanted, names, f"it has {', '.join(shown[:20])}{' …' if len(shown) > 20 else ''}"),
     )
 

@@ -20,6 +20,9 @@ FORMATS = {
 """Format → endings of the names it has."""
 
 
+SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
+
+
 def read_recording(
     path: Path,
     channels: Sequence[str],
@@ -75,9 +78,10 @@ def format_of(path: Path) -> str:
     for name, endings in FORMATS.items():
         if ending in endings:
             return name
-    raise UserError(
-        f"the ending {ending!r} says no format of test data", where=str(path), remedy=f"state it: {', '.join(FORMATS)}"
-    )
+    remedy = f"state it: {', '.join(FORMATS)}"
+    if ending in SPREADSHEETS:
+        remedy = "save the table as CSV, with a line of names above the numbers"
+    raise UserError(f"the ending {ending!r} says no format of test data", where=str(path), remedy=remedy)
 
 
 def _needed(time: str | None, path: Path) -> str:

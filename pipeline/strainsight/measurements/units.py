@@ -140,6 +140,6 @@ def time_factor(stated: str | None, found: str | None, where: str) -> float:
         raise UserError(
             f"the time is stated in {stated}, the file has it in {found}",
             where=where,
-            remedy="correct the one that is wrong",
+            remedy=f"correct the one that is wrong, in the config as in `time: {{unit: {found}}}`",
         )
     return factors[0]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.structure.early import check_files
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.cases.structure.references import READS, check_references, on_one_node
 from strainsight.config.mesh import MeshFile
@@ -75,4 +76,6 @@ def _grid(mesh: Mesh) -> VtkHdf:
     )
 
 
-IMPORT = Stage("import", version=6, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run)
+IMPORT = Stage(
+    "import", version=6, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+)

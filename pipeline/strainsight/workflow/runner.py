@@ -55,11 +55,11 @@ def run(
 ) -> Iterator[Event]:
     """Bring `stages` (in order, upstream first) up to date, yielding events.
 
-    Input files of all stages are looked for before anything is written. The lock of the results folder is held until
-    the iterator ends. A stage that fails writes nothing and leaves all earlier artefacts as they were; its
-    StrainsightError gets the place of its config key. `forced` names stages that run in any case. A stage whose
-    upstream ran again but came out the same stays up to date; one that a run beside this has done on the same inputs is
-    reused from there; where another process is at it, that one is waited for.
+    Input files of all stages are looked for before anything is written, and looked at (`Stage.check`) before the first one
+    runs. The lock of the results folder is held until the iterator ends. A stage that fails writes nothing and leaves all
+    earlier artefacts as they were; its StrainsightError gets the place of its config key. `forced` names stages that run in
+    any case. A stage whose upstream ran again but came out the same stays up to date; one that a run beside this has done on
+    the same inputs is reused from there; where another process is at it, that one is waited for.
     """
     # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
     with _placed(job):
@@ -69,12 +69,16 @@ def run(
             notice(f"an earlier run (process {left_by}) was stopped in {job.folder}; its finished stages are kept")
         remove_unfinished(job.folder)
         finished: dict[str, Artefact] = {}
+        checked = False
         for stage in stages:
             status, artefact = judge(stage, job, inputs[stage.name], finished, forced=stage.name in forced)
             if artefact is not None:
                 finished[stage.name] = artefact
                 yield Event(stage.name, UP_TO_DATE, artefact=artefact)
                 continue
+            if not checked:
+                checked = True
+                _check(stages, job)
             yield Event(stage.name, RUNNING, status.reason)
             start = time.perf_counter()
             reason = status.reason
@@ -91,6 +95,14 @@ def run(
                             stage, job, inputs[stage.name], key, finished, progress, notice, sweep
                         )
             yield Event(stage.name, DONE, reason, time.perf_counter() - start, finished[stage.name])
+
+
+def _check(stages: Sequence[Stage], job: Job) -> None:
+    """What is wrong with the files of the test is known before the first stage that takes an hour."""
+    for stage in stages:
+        if stage.check is not None and job.model is not None:
+            with _placed(job):
+                stage.check(job.model, job.base)
 
 
 def _execute(

@@ -48,6 +48,8 @@ class Stage:
               that the config lacks are passed over. A plain name under a key `from` stands for
               results/<that name>/validate.h5, or that of the stage beside it, under `measured.from` for its simulate.h5
     run       the function; of a config of its own kind, which pipelines of other kinds need not know
+    check     refuses what can be seen to be wrong before anything runs, whichever stage will: of the whole config model and the
+              folder that its paths start from. It enters no result, so that it may look at everything
     """
 
     name: str
@@ -56,3 +58,4 @@ class Stage:
     upstream: tuple[str, ...]
     files: tuple[str, ...]
     run: Callable[[Context[Any]], Output]
+    check: Callable[[Any, Path], None] | None = None

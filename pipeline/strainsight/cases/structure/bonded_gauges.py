@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,32 +40,50 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
     for i, entry in enumerate(config.estimate.channels):
         name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
         if name not in named and name not in placed:
-            raise _absent(key, name, {**placed, **named}, places)
+            raise absent(key, name, [*placed, *named], places)
         found[name] = number = named[name] if name in named else placed[name]
         if name in named:
             continue
         if places is None and not config.estimate.as_placed:
-            raise ConfigError(
-                f"{name} is the name of a place in the layout as it is now, and nothing says where it was bonded",
-                key=KEY,
-                remedy="keep gauges.csv of the results beside the config when gauges are bonded, and name it: "
-                "estimate.gauges_file: gauges.csv; or set estimate.as_placed: true where the layout is sure to be the same",
-            )
+            raise place_unknown(name)
         if places is not None:
             _check_place(config, key, name, training.candidates, number, places)
     return found
 
 
-def _absent(key: str, name: str, there: Mapping[str, int], places: Mapping[str, BondedPlace] | None) -> ConfigError:
-    listed = list(there)
+def place_unknown(name: str) -> ConfigError:
+    """Of a gauge of the layout, which is placed anew by every run."""
+    return ConfigError(
+        f"{name} is the name of a place in the layout as it is now, and nothing says where it was bonded",
+        key=KEY,
+        remedy="keep gauges.csv of the results beside the config when gauges are bonded, and name it: "
+        "estimate.gauges_file: gauges.csv; or set estimate.as_placed: true where the layout is sure to be the same",
+    )
+
+
+def absent(key: str, name: str, there: Sequence[str], places: Mapping[str, BondedPlace] | None = None) -> ConfigError:
+    """Of a channel of a gauge that is not among those that are there."""
+    listed = list(dict.fromkeys(there))
     known = f"there are {', '.join(listed[:12])}{' …' * (len(listed) > 12)}"
     if places is not None and name in places:
         was = f": it was bonded at {_xyz(places[name].position)} m"
         return ConfigError(f"the layout has no gauge '{name}' now{was}", key=key, remedy=_KEPT)
-    return ConfigError(f"no gauge '{name}'", key=key, remedy=did_you_mean(name, listed, known))
+    return ConfigError(
+        f"no gauge '{name}'", key=key, remedy=" ".join(filter(None, (did_you_mean(name, listed), known)))
+    )
 
 
 _KEPT = "bonded gauges stay in every layout, under their names, with gauges.fixed_file: that file"
+
+
+def not_bonded(key: str, name: str, places: Mapping[str, BondedPlace]) -> ConfigError:
+    """Of a gauge that the file of the bonded ones lacks."""
+    known = f"it has {', '.join(places)}"
+    return ConfigError(
+        f"{KEY} does not say where {name} was bonded",
+        key=key,
+        remedy=" ".join(filter(None, (did_you_mean(name, places), known))),
+    )
 
 
 def _check_place(
@@ -78,11 +96,7 @@ def _check_place(
 ) -> None:
     """Raises ConfigError where the gauge is not where it was bonded."""
     if name not in places:
-        raise ConfigError(
-            f"{KEY} does not say where {name} was bonded",
-            key=key,
-            remedy=did_you_mean(name, places, f"it has {', '.join(places)}"),
-        )
+        raise not_bonded(key, name, places)
     was, own = places[name], candidates.take(candidates.channels(np.array([number])))
     order = np.argsort(-own.sign_of_grid, kind="stable")  # the arms of a bridge as those of the file below
     now, sign, direction = own.grids.take(order), own.sign_of_grid[order], was.direction

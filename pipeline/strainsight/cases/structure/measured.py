@@ -25,6 +25,8 @@ MISSED = 0.05
 """RMS of what a record has beside its tones, over its own, up to which its motion counts as periodic."""
 LONGEST_GAP = 10
 """Samples of a known load that may be missing in a row; they are put on a straight line."""
+LARGEST_STRAIN = 0.1
+"""[m/m] Foil gauges end at a few per cent."""
 QUANTITY = ("strain", "acceleration", "displacement")
 
 
@@ -78,18 +80,11 @@ def measured_of(
             "two channels are one grid of a gauge", key=own.channels, remedy="check `gauge` and `grid` of each"
         )
     _check_bridges(own.channels, settings.channels, problem.channels.bridged[channels])
-    for name in problem.known:
-        if name not in settings.inputs:
-            raise ConfigError(
-                f"the known load '{name}' has no channel",
-                key=own.inputs,
-                remedy=f"give inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false and "
-                "estimate it",
-            )
-    wanted: dict[str, Channel] = {f"{own.channels}.{i}": entry for i, entry in enumerate(settings.channels)}
-    wanted |= {f"{own.inputs}.{name}": settings.inputs[name] for name in problem.known}
+    wanted = wanted_of(own, problem.known, units)
     signals = signals_of(settings, own.file.removesuffix(".file"), path, wanted)
-    _check_quantities(wanted, signals, problem, channels, units)
+    check_quantities(
+        wanted, signals, [QUANTITY[int(problem.channels.quantity[c])] for c in channels], problem.known, units
+    )
     delayed = [i for i, entry in enumerate(wanted.values()) if i >= len(channels) and entry.delay is not None]
     whole, signals = signals, _where_known(signals, delayed)
     if settings.start == "rest" and signals.time[0] > whole.time[0]:
@@ -182,13 +177,41 @@ def _check_bridges(key: str, entries: Sequence[GaugeChannel], bridged: np.ndarra
         )
 
 
-def _check_quantities(
-    wanted: Mapping[str, Channel], signals: Signals, problem: Problem, channels: np.ndarray, units: Mapping[str, str]
+def wanted_of(own: RecordSettings, known: Sequence[str], units: Mapping[str, str]) -> dict[str, Channel]:
+    """Key → channel of the gauges, then of the known loads. Raises ConfigError for one of these that has none."""
+    settings = own.settings
+    for name in known:
+        if name not in settings.inputs:
+            raise ConfigError(
+                f"the known load '{name}' has no channel",
+                key=own.inputs,
+                remedy=f"give inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false and "
+                "estimate it",
+            )
+    wanted: dict[str, Channel] = {f"{own.channels}.{i}": entry for i, entry in enumerate(settings.channels)}
+    return wanted | {f"{own.inputs}.{name}": settings.inputs[name] for name in known}
+
+
+def check_quantities(
+    wanted: Mapping[str, Channel],
+    signals: Signals,
+    sensors: Sequence[str],
+    known: Sequence[str],
+    units: Mapping[str, str],
 ) -> None:
-    expected = [QUANTITY[int(problem.channels.quantity[c])] for c in channels]
+    """sensors: what the channels of gauges are to be. Raises ConfigError for another quantity, and for a strain that no metal
+    has: its unit is another one."""
     quantity = {unit: own for own, unit in SI.items()}
-    expected += [quantity[units[name]] for name in problem.known]
-    for (key, entry), found, should in zip(wanted.items(), signals.quantities, expected, strict=True):
+    expected = [*sensors, *(quantity[units[name]] for name in known)]
+    for i, ((key, entry), found, should) in enumerate(zip(wanted.items(), signals.quantities, expected, strict=True)):
+        largest = float(np.nanmax(np.abs(signals.values[:, i]), initial=0.0))
+        if found == should == "strain" and largest > LARGEST_STRAIN:
+            raise ConfigError(
+                f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %",
+                key=f"{key}.unit",
+                remedy=f"check the unit, {entry.unit}: are the readings in um/m? Or subtract what the amplifier shows without "
+                "load, with `zero` or `offset`",
+            )
         if found != should:
             raise ConfigError(
                 f"the channel is in {entry.unit}, {found}, but it is to be a {should}",

@@ -1,0 +1,112 @@
+"""What the files of a config contradict, before anything runs: load histories, and channels and gauges of a test."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from strainsight.cases.recorded import recorded
+from strainsight.config.load_cases import CaseLoad
+from strainsight.config.loads import Recorded
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError, blame
+from strainsight.signals.histories import TIME_SLACK
+
+LARGEST = 50_000_000
+"""[bytes] of a record that is read before the first stage; a larger one takes seconds, and the estimate reads it in any case."""
+
+
+def check_files(config: PlacementConfig, base: Path) -> None:
+    """base: the folder that paths start from.
+
+    Raises UserError, with key and file: for a history that is missing, cannot be read or ends before the run; for a channel of a
+    gauge that no layout can have, and a record that lacks a channel or has it in another unit.
+    """
+    for key, signal, runs in _histories(config):
+        path = _there(f"{key}.file", signal.file, base)
+        found = recorded(key, signal, path)
+        first, last = float(found.time[0]), float(found.time[-1])
+        slack = TIME_SLACK * (last - first)
+        for duration, of in runs.items():
+            if first > slack or last < of - slack:
+                raise ConfigError(
+                    f"{signal.file} covers {first:g} to {last:g} s, {duration} asks for 0 to {of:g} s",
+                    key=f"{key}.file",
+                    remedy=f"a record begins at 0: shift its time; give {duration} at most {last:g} s, or record longer",
+                )
+    if config.estimate is not None:
+        _check_gauges(config, base)
+        _check_records(config, base)
+
+
+def _there(key: str, file: str, base: Path) -> Path:
+    path = base / file
+    if not path.is_file():
+        raise ConfigError(f"no such file: {path}", key=key, remedy="paths start from the folder of the config file")
+    return path
+
+
+def _histories(config: PlacementConfig) -> Iterator[tuple[str, Recorded, dict[str, float]]]:
+    """Key of every recorded signal, the signal, and the runs that it has to cover: key of the duration → [s]."""
+    as_stated = {"train.duration": config.train.duration, "validate.duration": config.validation.duration}
+    for name, load in config.loads.items():
+        if isinstance(load.signal, Recorded):
+            yield f"loads.{name}.signal", load.signal, as_stated
+    for case, own in (config.place.load_cases or {}).items():
+        of = "train.duration" if own.duration is None else f"place.load_cases.{case}.duration"
+        for name, entry in own.loads.items():
+            if isinstance(entry, CaseLoad) and isinstance(entry.signal, Recorded):
+                key = f"place.load_cases.{case}.loads.{name}.signal"
+                yield key, entry.signal, {of: config.train.duration if own.duration is None else own.duration}
+
+
+def _check_gauges(config: PlacementConfig, base: Path) -> None:
+    """Names of the channels among those of bonded gauges and the G1 … of as many as are kept."""
+    from strainsight.cases.structure.bonded_file import read_bonded
+    from strainsight.cases.structure.bonded_gauges import KEY, absent, not_bonded, place_unknown
+
+    settings, own = config.estimate, config.gauges
+    assert settings is not None
+    if own.given is not None:
+        return
+    named = [str(entry.name) for entry in own.fixed if entry.name]
+    if own.fixed_file is not None:
+        with blame("gauges.fixed_file"):
+            named += read_bonded(_there("gauges.fixed_file", own.fixed_file, base))
+    labels = [f"G{i}" for i in range(1, config.place.keep + len(named) + 1) if f"G{i}" not in named]
+    known = [*named, *labels[: config.place.keep - len(named)]]
+    places = None
+    if settings.gauges_file is not None:
+        with blame(KEY):
+            places = read_bonded(_there(KEY, settings.gauges_file, base))
+    for i, entry in enumerate(settings.channels):
+        name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
+        if name not in known:
+            raise absent(key, name, known, places)
+        if name in named:
+            continue
+        if settings.gauges_file is None and not settings.as_placed:
+            raise place_unknown(name)
+        if places is not None and name not in places:
+            raise not_bonded(key, name, places)
+
+
+def _check_records(config: PlacementConfig, base: Path) -> None:
+    """Channels and units of every record that is there; which sensor is which is known without motion sensors alone."""
+    from strainsight.cases.recorded_channels import signals_of
+    from strainsight.cases.structure.measured import check_quantities, wanted_of
+    from strainsight.cases.structure.records_of_test import in_record, records_of
+
+    settings = config.estimate
+    assert settings is not None
+    known = [name for name, load in config.loads.items() if load.known]
+    units = {name: load.unit for name, load in config.loads.items()}
+    for own in records_of(settings):
+        path = base / str(own.settings.file)
+        if not path.is_file() or path.stat().st_size > LARGEST:
+            continue
+        with in_record(own.name):
+            wanted = wanted_of(own, known, units)
+            signals = signals_of(own.settings, own.file.removesuffix(".file"), path, wanted)
+            if not config.motion_sensors and config.gauges.given is None:
+                check_quantities(wanted, signals, ["strain"] * len(own.settings.channels), known, units)
