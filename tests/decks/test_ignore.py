@@ -97,3 +97,19 @@ def test_keywords_and_types_of_elements_of_abaqus(tmp_path):
 def test_the_decks_of_the_examples_have_nothing_of_the_kind(deck):
     cards = read_deck(REPOSITORY / "meshes" / deck).cards
     assert not [name for name in cards if name not in TAKEN and UNSUPPORTED.match(name)]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "line"),
+    [
+        ("deck.bdf", TETRAHEDRON + "SPC,1,4,1,.1\n", 9),
+        ("deck.inp", ABAQUS + "*STEP\n*BOUNDARY, OP=MOD\n4, 3\n4, 1, 1, .1\n*END STEP\n", 22),
+    ],
+)
+def test_an_enforced_displacement_holds_nothing_and_has_to_be_named(tmp_path, name, text, line):
+    error = refused(tmp_path, text, name=name)
+    assert "1 × ENFORCED DISPLACEMENT" in error.what
+    assert error.where.endswith(f"{name}:{line}")
+    mesh = imported(tmp_path, text, ["enforced displacement"], name=name)
+    assert [3, 0] not in mesh.fixed.tolist()
+    assert mesh.ignored["ENFORCED DISPLACEMENT"] == 1

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+ENFORCED = "ENFORCED DISPLACEMENT"
+"""What a config calls a support that is not at zero; with it left out the components are free."""
 _UNUSED = re.compile(r" that no | not selected$")
 
 

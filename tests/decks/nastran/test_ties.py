@@ -64,7 +64,6 @@ def test_no_support_at_all_is_an_empty_list(read, tetrahedron):
         ("", "SPC1,1,123,8,THRU,9", "holds no node"),
         ("", "SPC1,1,123,4,THRU,2", "runs backwards"),
         ("", "SPC1,1,123,4,TO,2", "'TO' is no id"),
-        ("", "SPC,1,4,123,.1", "enforced displacement"),
     ],
 )
 def test_supports_that_cannot_be_taken_are_named(read, tetrahedron, head, cards, what):

@@ -20,7 +20,7 @@ from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, poin
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords
 from strainsight.decks.abaqus.ties import Ties, ties
-from strainsight.decks.effects import effects, spelt
+from strainsight.decks.effects import ENFORCED, effects, spelt
 from strainsight.decks.faults import check_elements
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
@@ -92,7 +92,8 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
     axes = nodal_axes(assembly)
     made: Ties = ties(assembly, found, axes, ignored)
     origin["tie"] = _origin(np.arange(1, len(made.where) + 1), made.where)
-    fixed = fixed_components(assembly, made.rotations, ignored)
+    fixed, enforced = fixed_components(assembly, made.rotations, ignored)
+    ignored.update({ENFORCED: len(enforced)} if enforced else {})
     loads = loads_of(assembly, found, axes, made.rotations, ignored)
     masses = point_masses(assembly, made.rotations)
     return Mesh(
@@ -116,7 +117,8 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
             card: _first(card, keywords, assembly)
             for card in sorted(ignored)
             if UNSUPPORTED.match(card) and card not in dropped
-        },
+        }
+        | ({ENFORCED: enforced[0]} if enforced else {}),
         notes=(*_reinterpreted(assembly), *assembly.notes),
         source=str(path),
         included=included,

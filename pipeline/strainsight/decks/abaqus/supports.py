@@ -70,12 +70,15 @@ def _axes(kind: str, a: FloatArray, b: FloatArray, position: FloatArray, row: Ro
     return orthonormal(arm, np.cross(arm, around), row)
 
 
-def fixed_components(assembly: Assembly, rotations: dict[int, int], ignored: Counter[str]) -> IntArray:
-    """(f, 2) pairs (row, component 0-5) that *BOUNDARY holds at zero, each once, sorted.
+def fixed_components(
+    assembly: Assembly, rotations: dict[int, int], ignored: Counter[str]
+) -> tuple[IntArray, tuple[str, ...]]:
+    """(f, 2) pairs (row, component 0-5) that *BOUNDARY holds at zero, each once, sorted; and file:line of the data lines that
+    enforce a displacement, whose components are free here.
 
     Those of the model and of the first step that has any count; OP=NEW there removes those of the model. rotations: node
     whose translations are the rotations of another one (CalculiX) → that node.
-    Raises DeckError for an enforced motion, for nodes that are not there and for a support of unknown name.
+    Raises DeckError for motions of another model or a subroutine, for nodes that are not there and for a support of unknown name.
     """
     own = list(assembly.keywords("BOUNDARY"))
     flat = assembly.scopes[""]
@@ -91,18 +94,22 @@ def fixed_components(assembly: Assembly, rotations: dict[int, int], ignored: Cou
             f"the supports of step {step.number} ({other[0].where}) are left out: those of step {first.number} count"
             for step, other in steps[1:]
         ]
-    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    pairs, enforced = [np.zeros((0, 2), dtype=np.int64)], []
     for scope, keyword in own:
         if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
-            raise keyword.error("enforced motions are not supported", "only supports at zero are imported")
+            raise keyword.error("motions of another model are not supported", "only supports at zero are imported")
         for row in keyword.rows(needed=False):
             nodes = assembly.node_rows(row.text(0), scope, row)
-            for component in _held(row, ignored):
+            held = _held(row, ignored)
+            if row.real(3, "the value", 0.0) != 0 and held:
+                enforced.append(row.where)
+                continue
+            for component in held:
                 pairs.append(np.column_stack([nodes, np.full(len(nodes), component)]))
     fixed = np.concatenate(pairs)
     for i in np.flatnonzero(np.isin(fixed[:, 0], list(rotations))):
         fixed[i] = rotations[int(fixed[i, 0])], fixed[i, 1] + 3
-    return np.unique(fixed[fixed[:, 1] < 6], axis=0)
+    return np.unique(fixed[fixed[:, 1] < 6], axis=0), tuple(enforced)
 
 
 def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
@@ -116,8 +123,6 @@ def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
     last = row.integer(2, "the last degree of freedom", first) or first
     if first < 1 or last < first:
         raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
-    if row.real(3, "the value", 0.0) != 0 and first <= 6:
-        raise row.error(f"an enforced displacement of {row.text(3)}", "only supports at zero are imported")
     if last > 6:
         ignored[f"*BOUNDARY of degree of freedom {last}"] += 1
     return tuple(c - 1 for c in range(first, min(last, 6) + 1))

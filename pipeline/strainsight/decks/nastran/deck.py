@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.effects import effects, spelt
+from strainsight.decks.effects import ENFORCED, effects, spelt
 from strainsight.decks.faults import OR_CONFIG, elastic_fault
 from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS, CoordinateSystem
@@ -76,12 +76,13 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True, igno
     rigid = rigid_elements(cards, nodes, notes)
     averaging = averaging_elements(cards, nodes)
     node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), ignored)
-    fixed = fixed_components(deck, nodes, grids.permanent, ignored)
+    fixed, enforced = fixed_components(deck, nodes, grids.permanent, ignored)
     turning = turning_nodes(rigid, averaging)
     masses = point_masses(cards, grids, scale, turning, notes)
     loads = static_loads(cards, grids, blocks, turning, notes)
     count_relations(deck, ignored, notes)
     _count_ignored(deck, ignored)
+    ignored.update({ENFORCED: len(enforced)} if enforced else {})
     return Mesh(
         node_ids=nodes.ids,
         position=grids.position,
@@ -99,7 +100,8 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True, igno
         loads=loads,
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL),
-        unsupported={name: first[name] for name in sorted(ignored) if name in first and UNSUPPORTED.match(name)},
+        unsupported={name: first[name] for name in sorted(ignored) if name in first and UNSUPPORTED.match(name)}
+        | ({ENFORCED: enforced[0]} if enforced else {}),
         notes=tuple(notes),
         source=str(path),
         included=deck.included,

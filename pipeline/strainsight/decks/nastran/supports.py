@@ -27,26 +27,28 @@ def components(text: str, card: Card) -> tuple[int, ...]:
 
 def fixed_components(
     deck: Deck, nodes: NodeTable, permanent: list[tuple[Card, int, str]], ignored: Counter[str]
-) -> IntArray:
-    """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold at zero, each once, sorted.
+) -> tuple[IntArray, tuple[str, ...]]:
+    """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold at zero, each once, sorted; and file:line of the
+    cards that enforce a displacement, whose components are free here.
 
     The case control selects the set; without a selection the only set counts.
-    Raises DeckError for several sets without a selection, for an enforced motion and for nodes that are not there.
+    Raises DeckError for several sets without a selection and for nodes that are not there.
     """
     pairs: list[tuple[int, int]] = []
     for card, row, text in permanent:
         pairs += [(row, c) for c in components(text, card)]
+    enforced: list[str] = []
     selected = _selected_sets(deck)
     for card in (*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])):
         if card.integer(0, "the set id") not in selected:
             ignored[f"{card.name} of a set that is not selected"] += 1
             continue
-        for row, wanted in _supports(card, nodes):
+        for row, wanted in _supports(card, nodes, enforced):
             pairs += [(row, c) for c in wanted]
-    return np.unique(np.array(pairs, dtype=np.int64).reshape(-1, 2), axis=0)
+    return np.unique(np.array(pairs, dtype=np.int64).reshape(-1, 2), axis=0), tuple(enforced)
 
 
-def _supports(card: Card, nodes: NodeTable) -> list[tuple[int, tuple[int, ...]]]:
+def _supports(card: Card, nodes: NodeTable, enforced: list[str]) -> list[tuple[int, tuple[int, ...]]]:
     if card.name == "SPC1":
         ids, _ = expand(card.fields[2:], nodes.sorted, card.where)
         if not ids.size:
@@ -58,10 +60,11 @@ def _supports(card: Card, nodes: NodeTable) -> list[tuple[int, tuple[int, ...]]]
     for i in (1, 4):
         if not card.text(i):
             continue
-        if card.real(i + 2, "the enforced displacement", 0.0) != 0:
-            raise card.error(f"an enforced displacement of {card.text(i + 2)}", "only supports at zero are imported")
         row, wanted = nodes.row(card.integer(i, "the node id"), card), components(card.text(i + 1), card)
-        found.append((row, wanted))
+        if card.real(i + 2, "the enforced displacement", 0.0) != 0:
+            enforced.append(card.where)
+        else:
+            found.append((row, wanted))
     return found
 
 
