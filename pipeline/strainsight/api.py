@@ -156,7 +156,7 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
     """The layout: elimination, exchanges, a bound on any other, and what it is expected to know.
 
     `.gauges` are its numbers, the most missed first, `.listed` where they are, `.expected.std` σ of every unknown relative to
-    its scale, `.hot_spots` as of `hot_spots`, `.advice` sentences.
+    its scale, `.hot_spots` as of `hot_spots`, `.at_gauges` gradient and room at each of them, `.advice` sentences.
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
     from strainsight.cases.structure.placement import placement_of

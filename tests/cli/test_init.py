@@ -138,6 +138,16 @@ def test_gauges_follow_the_largest_strain_or_an_axis(init):
     assert (config.gauges.direction.axis, len(config.gauges.exclude), config.place.keep) == ((1, 0, 0), 1, 6)
 
 
+@pytest.mark.parametrize(("size", "kind", "spacing"), [(1.0, "3/350", 0.0107), (0.1, "1.5/350", 0.0079), (0.05, None, 0.009)])
+def test_the_type_of_gauge_is_one_whose_carrier_fits_the_part(init, size, kind, spacing):
+    """The largest face of a beam of 1 × 0.1 m times the size is as a square of 316 mm times it: carriers of 10.7 and 7.9 mm are
+    below a third of 316 and 32 mm, and none is of 16 mm."""
+    assert init("--load", "node 900001", *LOAD, text=bricks((4, 2, 2), size=size))[0] == 0
+    config = load_config("own.yaml").model
+    assert (config.gauges.type, config.screen.minimum_spacing) == (kind, spacing)
+    assert config.gauges.grid_length == ({"3/350": 0.00318, "1.5/350": 0.00157}[kind] if kind else 0.0)
+
+
 def test_answers_that_end_before_the_questions_write_nothing(init, tmp_path):
     code, said = init("-i", answers="1\n")
     assert (code, "the answers have ended" in said) == (2, True), said

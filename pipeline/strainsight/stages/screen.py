@@ -41,8 +41,10 @@ def run(context: Context[PlacementConfig]) -> Output:
             warnings.warn(warning, stacklevel=2)
     if dropped[BEND]:
         said.append(f"{dropped[BEND]} where the surface bends too tightly")
-    if warning := bent_warning(config, training, bent_gauges(config, mesh, training)):
+    bent = bent_gauges(config, mesh, training)
+    if warning := bent_warning(config, training, bent):
         warnings.warn(warning, stacklevel=2)
+        said.append(f"{int((bent & pool.bonded[pool.first]).sum())} bonded where the surface bends too tightly")
     if warning := quiet_noise(training, found):
         warnings.warn(warning, stacklevel=2)
     if kind := type_in_words(config):
