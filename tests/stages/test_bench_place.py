@@ -11,6 +11,7 @@ import pytest
 from scipy.linalg import solve_continuous_are
 from typer.testing import CliRunner
 
+from strainsight.decks.reader import read_mesh
 from strainsight.errors import StrainsightError
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight_cli.main import app
@@ -157,6 +158,14 @@ def test_one_gauge_less_is_what_the_file_says_of_it(beam):
     listed = [float(line.split(",")[head.index("std_side_without")]) for line in lines[1:]]
     np.testing.assert_allclose(listed, without[:, 0], rtol=1e-6)
     assert (place.path.parent / "gauges.unv").stat().st_size > 0
+    nodes = read_mesh(ROOT / "meshes" / "cantilever.bdf").position
+    for line in lines[1:]:
+        row = dict(zip(head, line.split(","), strict=True))
+        x = np.array([float(row[f"position_{axis}"]) for axis in "xyz"])
+        np.testing.assert_allclose([float(row[f"{axis}_m"]) for axis in "xyz"], x, atol=1e-9)
+        # of the sides of the box that bound its face; a reference node at the tip lies within it
+        aside = np.sort(np.minimum(x - nodes.min(axis=0), nodes.max(axis=0) - x))[1:]
+        np.testing.assert_allclose([float(row["edge_m"]), float(row["edge2_m"])], aside, atol=1e-6)
 
 
 ONLY_SOMETIMES = "/moduli", "/elimination/metric", "/selected/greedy/load"

@@ -8,7 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.io import savemat
 
 from strainsight.records.placed import Placed
 from strainsight.rom.model import ReducedModel
@@ -73,6 +72,8 @@ def linear_model(
 
 def mat_file(model: LinearModel) -> bytes:
     """A MAT file of version 5 without a date: arrays with the scenario last, names and units as cells of text."""
+    from scipy.io import savemat  # which most runs need not load
+
     content = {
         **{name: np.moveaxis(getattr(model, name), 0, -1) for name in ("A", "C", "Q", "R")},
         "B": model.B,
