@@ -17,7 +17,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.gauges.clearance import obstacles
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Springs
+from strainsight.mesh.model import RigidElement, Springs
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspension import face_springs, node_springs
 from strainsight.mesh.units import to_si
@@ -77,6 +77,56 @@ def test_springs_at_four_corners_share_the_stiffness():
     np.testing.assert_allclose(frequencies(mesh), of_rigid_body(K, turn, SIZE[2] / 2), rtol=2e-5)
 
 
+def test_a_spring_may_act_on_a_node_that_turns_with_a_reference_node():
+    """The box on a node that a rigid element turns, which springs and torsion springs hold."""
+    mesh, turn = rigid(), np.array([4.0e5, 6.0e5, 5.0e5])
+    n, bottom = len(mesh.position), np.flatnonzero(mesh.position[:, 2] == 0)
+    mesh = replace(
+        mesh,
+        node_ids=np.arange(1, n + 3),
+        position=np.vstack([mesh.position, [0.3, 0.1, -1.0], [0, 0, 0]]),
+        rigid=(RigidElement(1, n, bottom, (0, 1, 2)), RigidElement(2, n, np.array([n + 1]), (0, 1, 2, 3, 4, 5))),
+        springs=(node_springs("mount", np.array([n + 1]), [*K, *turn]),),
+    )
+    np.testing.assert_allclose(frequencies(mesh), of_rigid_body(K, turn, SIZE[2] / 2), rtol=2e-5)
+
+
+def test_a_part_between_springs_is_free_without_one_of_them():
+    """Two boxes that share no node: the first is held, and springs to it hold the second along x, y, z and against turning."""
+    first = rigid()
+    n = len(first.position)
+    (block,) = first.blocks
+    second = replace(block, ids=block.ids + 100, nodes=block.nodes + n)
+    mesh = replace(
+        first,
+        node_ids=np.arange(1, 2 * n + 1),
+        position=np.vstack([first.position, first.position + np.array([0, 0, 5])]),
+        blocks=(
+            replace(
+                block,
+                ids=np.concatenate([block.ids, second.ids]),
+                nodes=np.vstack([block.nodes, second.nodes]),
+                region=np.tile(block.region, 2),
+            ),
+        ),
+        fixed=np.array([(node, c) for node in range(n) for c in range(3)]),
+    )
+    ends, axes = np.flatnonzero((np.abs(first.position[:, 0]) == 1) & (first.position[:, 2] == 0)), range(3)
+    pairs = [(node, c) for node in ends for c in axes]
+    between = Springs(
+        "between",
+        np.ones(len(pairs)),
+        np.repeat(np.arange(len(pairs)), 2),
+        np.array([[node, node + n] for node, _ in pairs]).ravel(),
+        np.repeat([c for _, c in pairs], 2),
+        np.tile([1.0, -1.0], len(pairs)),
+    )
+    build_model(replace(mesh, springs=(between,)))
+    without = between.stiffness * np.array([c != 1 for _, c in pairs])
+    with pytest.raises(UserError, match=f"translation y of the part with node {n + 1}"):
+        build_model(replace(mesh, springs=(replace(between, stiffness=without),)))
+
+
 def test_what_springs_leave_free_is_named():
     mesh = rigid()
     corners = np.flatnonzero(mesh.position[:, 2] == 0)
@@ -119,7 +169,9 @@ def test_units_and_size_leave_the_frequencies_of_a_body_what_they_are():
     in_mm = replace(
         mesh,
         position=1e3 * mesh.position,
-        materials={1: replace(mesh.materials[1], youngs_modulus=mesh.materials[1].youngs_modulus / 1e6, density=RHO / 1e12)},
+        materials={
+            1: replace(mesh.materials[1], youngs_modulus=mesh.materials[1].youngs_modulus / 1e6, density=RHO / 1e12)
+        },
         springs=tuple(replace(own, stiffness=own.stiffness / 1e3) for own in mesh.springs),
     )
     np.testing.assert_allclose(frequencies(to_si(in_mm, "mm", "t")), expected, rtol=1e-6)
@@ -138,7 +190,9 @@ def test_the_error_of_a_free_body_says_which_soft_springs_would_do():
     mesh = named(rigid(stiffer=1.0), bottom=(0, 0, 0))
     with pytest.raises(UserError, match="can move freely") as caught:
         build_model(mesh)
-    k, first = (float(word) for word in re.findall(r"stiffness: (\S+)`.*first elastic mode, (\S+) Hz", caught.value.remedy)[0])
+    k, first = (
+        float(word) for word in re.findall(r"stiffness: (\S+)`.*first elastic mode, (\S+) Hz", caught.value.remedy)[0]
+    )
     free = build_model(mesh, supported=False)
     elastic = modes(free.stiffness.constant, free.mass.constant, 7, shift=-1e6)[0][6]
     assert first == pytest.approx(elastic, rel=0.01)

@@ -17,7 +17,7 @@ from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Modes
 
-from ..edges.beam import PLACEMENT_CONFIG, RHO, SIZE, TIP, bricks, config_of, finished
+from ..edges.beam import BENCH_CONFIG, PLACEMENT_CONFIG, RHO, SIZE, TIP, bricks, config_of, finished
 
 MESH = re.sub(r"^SPC[^\n]*\n(,[^\n]*\n)*", "", bricks((8, 1, 1), "hex20"), flags=re.MULTILINE)
 K = 2.0e4
@@ -88,3 +88,9 @@ def test_nodes_of_a_set_share_and_rotations_are_those_of_a_node_that_has_some(tm
     assert turned.torsion.tolist() == [True]
     with pytest.raises(DeckError, match=r"mesh.supports.0 acts on rotations of node 3, which has none"):
         mesh({"node": 3, "stiffness": 8.0, "components": [5]})
+
+
+def test_a_body_of_a_bench_has_no_springs(tmp_path):
+    with pytest.raises(ConfigError, match=r"mesh.supports.0: springs of a body are not supported") as caught:
+        finished(tmp_path, "import", MESH, {"bodies.beam.mesh.supports": [{"node": TIP, "stiffness": K}]}, BENCH_CONFIG)
+    assert caught.value.key == "bodies.beam.mesh"
