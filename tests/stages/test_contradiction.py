@@ -94,7 +94,7 @@ def test_the_key_that_is_named_undoes_the_fault(project):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda y: 1e6 * y, "G2 reads 1e+06 times what fits: check estimate.channels.1.unit (now m/m)"),
+        (lambda y: 1e3 * y, "G2 reads 1000 times what fits: check estimate.channels.1.unit (now m/m)"),
         (lambda y: y + 3e-4, "G2 fits with an offset of 300"),
         (lambda y: np.clip(y, -4e-6, 4e-6), "G2 is clipped"),
     ],

@@ -210,7 +210,8 @@ def test_a_given_gauge_is_called_by_its_number_in_the_table(beam):
     assert measured == numbers
     assert labels == [str(number) for number in numbers]
     for gauge in (0, 1, 102, 121, "G1"):
-        code, said = run("estimate", "--set", f"estimate.channels.0.gauge={gauge}", "--set", "estimate.file=gauges.csv")
+        other = (f"estimate.channels.0.gauge={gauge}", "estimate.file=results/beam/measured.csv")
+        code, said = run("estimate", *(f"--set={own}" for own in other))
         assert code == 2
         assert "estimate.channels.0.gauge" in said
         assert f"no gauge '{gauge}'" in said
