@@ -159,13 +159,16 @@ def say(line: str) -> None:
 
 
 def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:
-    """The tables of the stages named, and the files beside every artefact."""
+    """The tables of the stages named, and the files that were written for a reader."""
+    from strainsight.workflow.artefact import GRID
+
     render.print_tables(
         [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
     )
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
-            print(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
+            if not name.endswith(GRID):  # the artefact's own grid under a name that ParaView takes
+                print(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
 
 
 def contradicted(artefact: Artefact) -> bool:

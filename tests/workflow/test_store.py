@@ -10,8 +10,10 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+import pyvista
 
 from strainsight.errors import ArtefactError, UserError
+from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.workflow import store
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Dataset, Output, Table
@@ -105,6 +107,19 @@ def test_the_vtkhdf_group_holds_what_was_given_and_no_more(tmp_path):
         assert group.attrs["Version"].tolist() == [2, 2]
         assert dict(group["Types"].attrs) == {}
         assert group["Types"].dtype == np.uint8
+
+
+def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
+    """Whatever the working directory, and where both are moved together; an artefact without a grid has none."""
+    grid = unstructured_grid(np.eye(3), (), {"rank": np.arange(3)})
+    raw = {f"/VTKHDF/{path}": Dataset(array, "", "") for path, array in grid.datasets.items()}
+    content = Output(raw, {}, "", attributes={f"/VTKHDF/{path}".rstrip("/"): own for path, own in grid.attributes.items()})
+    write_artefact(tmp_path / "old" / "place.h5", content, HEADER)
+    (tmp_path / "old").rename(tmp_path / "moved")
+    read = pyvista.read(tmp_path / "moved" / "place.vtkhdf")
+    assert (read.n_points, list(read.point_data)) == (3, ["rank"])
+    write_artefact(tmp_path / "moved" / "train.h5", Output({}, {}, ""), HEADER)
+    assert [path.name for path in sorted((tmp_path / "moved").iterdir())] == ["place.h5", "place.vtkhdf", "train.h5"]
 
 
 def test_the_digest_is_of_the_content_alone(tmp_path):
@@ -271,7 +286,9 @@ def test_room_is_reserved_for_more_than_the_file_takes(tmp_path):
 
 
 def test_a_full_disk_is_reported_before_hdf5_meets_it(tmp_path, monkeypatch):
-    good = write_artefact(tmp_path / "a.h5", output(), HEADER)
+    numbers = {path: own for path, own in output().datasets.items() if not path.startswith("/VTKHDF")}
+    more = {"datasets": numbers, "attributes": {}}
+    good = write_artefact(tmp_path / "a.h5", output(**more), HEADER)
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -279,7 +296,7 @@ def test_a_full_disk_is_reported_before_hdf5_meets_it(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "posix_fallocate", full)
     monkeypatch.setattr(h5py, "File", None)
     with pytest.raises(UserError, match=r"a\.h5  cannot be written: No space left on device\n .*--results DIR"):
-        write_artefact(tmp_path / "a.h5", output(scale=2.0), HEADER)
+        write_artefact(tmp_path / "a.h5", output(**more), replace(HEADER, key="other"))
     monkeypatch.undo()
     assert Artefact(tmp_path / "a.h5").digest == good.digest
     assert {path.name for path in tmp_path.iterdir()} == {"a.h5", "report.html"}

@@ -21,6 +21,8 @@ from strainsight.workflow.slices import canonical
 
 FORMAT = "strainsight"
 FORMAT_VERSION = 1
+GRID = ".vtkhdf"
+"""Ending of the file beside an artefact with a grid, by which ParaView and PyVista open that grid."""
 MAX_DEPTH = 12
 CHUNK = 1 << 24  # bytes hashed at a time
 SETTLED = 2_000_000_000

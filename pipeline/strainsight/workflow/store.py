@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import platform
@@ -23,6 +24,7 @@ from strainsight.errors import StrainsightError, UserError
 from strainsight.workflow.artefact import (
     FORMAT,
     FORMAT_VERSION,
+    GRID,
     Artefact,
     Header,
     content_digest,
@@ -50,6 +52,8 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     rules: object arrays, a dataset without unit, a scale that is not there.
     """
     _check(output)
+    if any(map(_raw, output.datasets)):
+        output = replace(output, files={**output.files, f"{path.stem}{GRID}": _grid_of(path.name)})
     beside = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
     header = replace(header, beside=beside, found=header.found or {})
     size = _most_bytes(output, header)
@@ -78,6 +82,14 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
             if digest_or_none(path.parent / name) == digest:
                 (path.parent / name).unlink()
     return written
+
+
+def _grid_of(artefact: str) -> bytes:
+    """A file that ParaView takes by its ending, and whose grid is that of the artefact beside it."""
+    content = io.BytesIO()
+    with h5py.File(content, "w", track_order=False) as file:
+        file[RAW] = h5py.ExternalLink(artefact, RAW)
+    return content.getvalue()
 
 
 def _beside(path: Path) -> Mapping[str, str]:
