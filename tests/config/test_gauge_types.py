@@ -38,6 +38,7 @@ def test_a_type_gives_grid_spacing_range_and_gain(loaded):
     """3/350 by its data sheet: a grid of 1/8 inch, a carrier of 0.42 × 0.27 inch, 5 %, 350 Ω, a gauge factor to 0.5 %."""
     config = loaded("gauges.type=3/350")
     assert config.gauges.grid_length == pytest.approx(0.0254 / 8, rel=0.002)
+    assert (config.report.gauge_factor, config.report.resistance) == (2.1, 350.0)
     assert config.screen.minimum_spacing == config.place.minimum_spacing == pytest.approx(0.42 * 0.0254, rel=0.005)
     assert config.gauges.range == 0.05
     assert config.tolerances.gain == pytest.approx(math.hypot(0.005, 1 / 350), abs=1e-6)

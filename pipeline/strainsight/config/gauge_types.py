@@ -129,8 +129,8 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
 def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
     """The raw data of a placement, with what follows from `gauges.type` where the config says nothing, null included:
 
-        gauges.grid_length, gauges.range, screen.minimum_spacing and place.minimum_spacing (the longer side of the carrier), and
-        tolerances.gain (`type_gain`) where all sensors are strain gauges
+        gauges.grid_length, gauges.range, screen.minimum_spacing and place.minimum_spacing (the longer side of the carrier),
+        report.gauge_factor, report.resistance, and tolerances.gain (`type_gain`) where all sensors are strain gauges
 
     The clearance and the bend radius are looked up where they are used. Data that are not valid stay as they are.
     """
@@ -144,12 +144,13 @@ def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
         "gauges": {"grid_length": own.grid_length, "range": own.range},
         "screen": {"minimum_spacing": own.spacing},
         "place": {"minimum_spacing": own.spacing},
+        "report": {"gauge_factor": own.gauge_factor, "resistance": own.resistance},
     }
     if not data.get("motion_sensors"):
         wanted["tolerances"] = {"gain": type_gain(own)}
     found = dict(data)
     for section, values in wanted.items():
-        stated = data.get(section, {} if section in ("screen", "tolerances") else None)
+        stated = data.get(section, {} if section in ("screen", "tolerances", "report") else None)
         if isinstance(stated, Mapping):
             found[section] = {**values, **stated}
     return found

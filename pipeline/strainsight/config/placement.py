@@ -237,10 +237,10 @@ class Report(Section):
         "channels-labview.txt; mat: the linear augmented model with the rows of the layout, model.mat.",
     )
     gauge_factor: Positive | None = Field(
-        None, description="Gauge factor in tables of channels [-]; null: left blank there."
+        None, description="Gauge factor in tables of channels [-]; null: that of gauges.type, else blank."
     )
     resistance: Positive | None = Field(
-        None, description="Resistance of a gauge in tables of channels [ohm]; null: left blank there."
+        None, description="Resistance of a gauge in tables of channels [ohm]; null: that of gauges.type, else blank."
     )
 
 
