@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 from strainsight import api
-from strainsight.cases.layout.gauge_list import gauge_csv
+from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.gauge_file import gauge_csv
 from strainsight.cases.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, advice_at_gauges, notes_at_gauges
 from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.gauges.candidates import candidates
@@ -127,12 +128,12 @@ def placed(tmp_path_factory):
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    return api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
+    return api.place(case, mesh, reduced, training, api.screen(case, mesh, training)), mesh
 
 
 def test_of_a_cantilever_the_gradient_is_that_of_its_moment(placed):
     """ε ∝ 1 m − x of a tip force far below the first mode, which lifts it by its inertia: L over that, within a tenth."""
-    found, listed = placed.at_gauges, placed.listed
+    found, listed = placed[0].at_gauges, placed[0].listed
     free = 1.0 - listed.position[:, 0]
     np.testing.assert_allclose(found.over_grid, listed.length / free, rtol=0.1)
     np.testing.assert_allclose(found.in_place[~listed.bonded], 0.002 / free[~listed.bonded], rtol=0.1)
@@ -142,12 +143,15 @@ def test_of_a_cantilever_the_gradient_is_that_of_its_moment(placed):
 
 
 def test_notes_are_the_last_column_of_the_file_where_there_are_some_and_it_is_read_as_before(placed, tmp_path):
-    plain = gauge_csv(placed.listed, placed.expected.without)
+    found, mesh = placed
+    of_deck = found.expected.without, mesh, deck_frame("m")
+    plain = gauge_csv(found.listed, *of_deck)
     assert b"notes" not in plain
     notes = ("", notes_at_gauges(NOTED, 4)[1])
-    (tmp_path / "gauges.csv").write_bytes(gauge_csv(replace(placed.listed, notes=notes), placed.expected.without))
+    (tmp_path / "gauges.csv").write_bytes(gauge_csv(replace(found.listed, notes=notes), *of_deck))
     with (tmp_path / "gauges.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
+    assert list(rows[0])[-1] == "notes"
     assert [row["notes"] for row in rows] == list(notes)
     assert [{k: v for k, v in row.items() if k != "notes"} for row in rows] == list(csv.DictReader(plain.decode().splitlines()))
-    assert list(read_bonded(tmp_path / "gauges.csv")) == list(placed.listed.labels)
+    assert list(read_bonded(tmp_path / "gauges.csv")) == list(found.listed.labels)
