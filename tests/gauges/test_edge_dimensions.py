@@ -51,6 +51,14 @@ def test_the_angle_is_counter_clockwise_as_seen_from_outside(box_mesh, turn):
     assert angle_from(np.array([-1.0, 0, 0]), np.array(d), TOP) == pytest.approx(turn, abs=1e-9)
 
 
+def test_a_direction_along_the_normal_has_distances_and_no_angle(box_mesh):
+    """As of an accelerometer; one that leans out of the surface has the angle of its shadow there."""
+    found = on_top(box_mesh, [[0.5, 0.02, H]] * 3, [TOP, -TOP, [0.5, 0.5, 2**-0.5]])
+    assert np.isfinite(found.distance).all()
+    assert np.isnan(found.angle[:2]).all()
+    np.testing.assert_allclose(found.angle[2], [45.0, -45.0], atol=1e-9)
+
+
 def test_an_edge_of_another_face_does_not_count(box_mesh):
     """A thin plate: below its middle the other side's edges are as near as its own, which are the ones to measure from."""
     thin = box_mesh.position * [1, 1, 1e-3]

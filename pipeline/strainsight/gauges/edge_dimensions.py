@@ -25,7 +25,7 @@ class EdgeDimensions:
 
     distance (k, 2) [m] in a straight line; foot (k, 2, 3) [m] nearest point of the edge; along (k, 2, 3) unit vector of the edge,
     laid on the surface, NaN where it is along the normal; angle (k, 2) [deg] from the edge to the measuring direction,
-    right-handed about the outward normal, in (−90, 90].
+    right-handed about the outward normal, in (−90, 90], NaN of a direction along the normal.
     """
 
     distance: np.ndarray
@@ -80,7 +80,10 @@ def facet_keys(element: np.ndarray, facet: np.ndarray) -> np.ndarray:
 
 
 def angle_from(t: np.ndarray, d: np.ndarray, n: np.ndarray) -> float:
-    """From the line t to the line d [deg], right-handed about n: in (−90, 90]; NaN where t is."""
+    """From the line t to the line d [deg], right-handed about n: in (−90, 90]; NaN where t is, and of a d along n or of no
+    length, which has no angle on the surface."""
+    if np.linalg.norm(np.cross(d, n)) <= ALIKE:
+        return float("nan")
     angle = float(np.rad2deg(np.arctan2(np.cross(t, d) @ n, t @ d)))
     rounded = round(angle, 9)
     return angle + 180.0 * (rounded <= -90.0) - 180.0 * (rounded > 90.0)
