@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from strainsight import api
-from strainsight.cases.structure.clearance import bent_gauges, bent_warning
+from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_of
 from strainsight.cases.structure.gauge_practice import type_in_words, type_table
 from strainsight.errors import InfeasibleError
 from strainsight.gauges.screening import BEND
@@ -104,6 +104,31 @@ def test_beside_such_a_bend_a_gauge_keeps_its_clearance(beam, training):
     assert found.clearance.near["bends"] > np.count_nonzero(found.reason == BEND) > 0
     flat = api.screen(case, beam.mesh, training)
     assert flat.clearance.near["bends"] == 0
+
+
+def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, training):
+    """Of two candidates one lies on a bend, more than 2 mm from all its sides and diagonals, the other on a flank, 0.5 mm from
+    its edge: a clearance of 1 mm leaves neither."""
+    pool, facets, mesh = training.candidates, exterior_facets(beam.mesh), curled(beam.mesh)
+    x, y, z = (pool.position - beam.mesh.position.min(axis=0)).T
+    half = np.abs(x - 0.55) < 1e-9
+    inside = np.flatnonzero(half & (z == 0) & (np.abs(y - 0.045) < 1e-9))[0]
+    flank = np.flatnonzero(half & (y == 0) & (z > 0.07))[0]
+    moved = pool.position.copy()
+    for i, axis, share in ((inside, 0, 0.75), (flank, 2, 0.95)):
+        corners = facets.nodes[np.searchsorted(facets.key, facet_key(pool.element[i : i + 1], pool.facet[i : i + 1])[0]), :4]
+        far = beam.mesh.position[corners, axis] > pool.position[i, axis]
+        moved[i] = np.where(far, share / 2, (1 - share) / 2) @ mesh.position[corners]
+    own = replace(pool, position=moved)
+    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", "gauges.clearance=0.001")
+    for i, near in ((inside, "bends"), (flank, "edges")):
+        with pytest.raises(InfeasibleError, match=r"1 mm from every edge, support, load and bend too tight for"):
+            clearance_of(case.config, mesh, replace(training, candidates=own.take(np.array([i]))))
+        both = own.take(np.array([i, np.flatnonzero(half & (y == 0) & (np.abs(z - 0.045) < 1e-9))[0]]))
+        found, blocked = clearance_of(case.config, mesh, replace(training, candidates=both))
+        assert ({name for name, count in found.near.items() if count}, blocked.tolist()) == ({near}, [True, False])
+    with pytest.raises(InfeasibleError, match="none of 2 candidates"):
+        clearance_of(case.config, mesh, replace(training, candidates=own.take(np.array([inside, flank]))))
 
 
 def test_where_all_bends_too_tightly_the_type_is_refused(beam, training):

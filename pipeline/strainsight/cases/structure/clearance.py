@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from strainsight.config.gauge_types import gauge_type
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import InfeasibleError
 from strainsight.fem.couple import nodes_at
-from strainsight.gauges.candidates import STRAIN
+from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.clearance import carrier_clearance, crowded, half_diagonal, obstacles, room_for
 from strainsight.gauges.curvature import sides, tight
 from strainsight.gauges.zones import on_surface
@@ -45,12 +45,15 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
         on = np.any([on_surface(mesh, facets, name) for name in names], axis=0)
         around["faces"] = sides(mesh.position, facets, on)
     kind = gauge_type(config.gauges)
+    lying: dict[str, np.ndarray] = {}
     if kind is not None and kind.bend_radius > 0:
-        around["bends"] = sides(mesh.position, facets, tight(mesh.position, facets, kind.bend_radius))
+        bends = tight(mesh.position, facets, kind.bend_radius)
+        around["bends"], lying["bends"] = sides(mesh.position, facets, bends), _lies_on(part, facets, bends)
 
     def nearer(distance: float) -> dict[str, np.ndarray]:
-        """Which of them are too near to each obstacle; a bridge with any of its arms."""
-        return {name: part.any_grid(mask) for name, mask in crowded(places, around, distance).items()}
+        """Which of them are too near to each obstacle, or on it; a bridge with any of its arms."""
+        near = {name: part.any_grid(mask) for name, mask in crowded(places, around, distance).items()}
+        return {name: mask | lying.get(name, False) for name, mask in near.items()}
 
     if stated is not None:
         wanted = float(stated)
@@ -58,7 +61,7 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
         blocked[own] = _any(near)
         if blocked[own].all():
             raise InfeasibleError(
-                f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every edge, support and load",
+                f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every {_listed(around)}",
                 key="gauges.clearance",
                 remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
             )
@@ -88,8 +91,7 @@ def bent_gauges(config: PlacementConfig, mesh: Mesh, training: Training) -> np.n
     if kind is None or kind.bend_radius == 0 or training.given is not None or not len(own):
         return bent
     facets, part = exterior_facets(mesh), pool.take(pool.first[own])
-    on = facets.key[tight(mesh.position, facets, kind.bend_radius)]
-    bent[own] = part.any_grid(np.isin(facet_key(part.grids.element, part.grids.facet), on))
+    bent[own] = _lies_on(part, facets, tight(mesh.position, facets, kind.bend_radius))
     free = own[~pool.bonded[pool.first[own]]]
     if len(free) and bent[free].all():
         raise InfeasibleError(
@@ -112,6 +114,21 @@ def bent_warning(config: PlacementConfig, training: Training, bent: np.ndarray) 
         f"Bonded already where the surface bends tighter than the {1e3 * kind.bend_radius:g} mm of {config.gauges.type}: "
         f"{names}. Check that the carrier holds there, or state gauges.type as of the gauges that are bonded."
     )
+
+
+def _lies_on(part: Candidates, facets: Facets, chosen: np.ndarray) -> np.ndarray:
+    """Which gauges (gauges,) lie on the chosen facets (f,), a bridge with any of its arms."""
+    grids = part.grids
+    return part.any_grid(np.isin(facet_key(grids.element, grids.facet), facets.key[chosen]))
+
+
+OF_THEM = {"faces": "face of gauges.exclude", "bends": "bend too tight for gauges.type"}
+"""In words, of one; others without their s."""
+
+
+def _listed(names: Iterable[str]) -> str:
+    *others, last = (OF_THEM.get(name, name.removesuffix("s")) for name in names)
+    return f"{', '.join(others)} and {last}"
 
 
 def _any(near: Mapping[str, np.ndarray]) -> np.ndarray:

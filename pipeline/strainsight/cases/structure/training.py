@@ -176,8 +176,8 @@ def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Scre
     pool, in_cases, strained = training.candidates, training.rms_in_cases, training.strained
     rms = in_cases.max(axis=0)
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
-    clearance, near = clearance_of(config, mesh, training)
     bent = bent_gauges(config, mesh, training) & ~pool.bonded[pool.first]
+    clearance, near = clearance_of(config, mesh, training)
     near |= bent
     clear = ~near[pool.gauge]
     best = {}
