@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from io import StringIO
 from types import SimpleNamespace
 
@@ -123,11 +124,7 @@ def test_sets_of_gauges_that_lie_on_no_element_are_refused_with_key_and_remedy()
 def test_every_arm_of_a_bridge_has_a_sheet_and_all_grids_of_a_rosette_share_one(tmp_path):
     write_project(tmp_path)
     mesh = read_mesh(tmp_path / "beam.bdf")
-    context = SimpleNamespace(
-        config=SimpleNamespace(name="run", mesh=SimpleNamespace(file="decks/beam.bdf")),
-        upstream={"place": SimpleNamespace(digest="0123456789abcdef")},
-    )
-    sheets = sheets_of(context, shop(1), mesh)
+    sheets = sheets_of(context(None), shop(1), mesh)
     arms = [f"{name} arm {k}" for name, count in (("root", 2), ("G4", 2), ("G5", 4)) for k in range(1, count + 1)]
     assert [sheet.name for sheet in sheets] == ["G1", "G2", *arms, "A1"]
     assert [len(sheet.directions) for sheet in sheets] == [1, 3, *[1] * 8, 3]
@@ -135,4 +132,24 @@ def test_every_arm_of_a_bridge_has_a_sheet_and_all_grids_of_a_rosette_share_one(
     files = sheet_files(sheets)
     assert list(files)[:3] == ["sheet-G1.svg", "sheet-G2.svg", "sheet-root_arm_1.svg"]
     assert len(files) == len(sheets)
-    assert sheets_of(context, shop(0), mesh)[0].name == "root arm 1"
+    assert sheets_of(context(None), shop(0), mesh)[0].name == "root arm 1"
+
+
+def context(kind):
+    config = SimpleNamespace(
+        name="run", mesh=SimpleNamespace(file="decks/beam.bdf"), gauges=SimpleNamespace(type=kind, types={})
+    )
+    return SimpleNamespace(config=config, upstream={"place": SimpleNamespace(digest="0123456789abcdef")})
+
+
+def test_a_sheet_has_the_foil_of_the_type_but_for_what_is_bonded_and_what_is_no_strain(tmp_path):
+    """3/350: a carrier of 10.7 × 6.9 mm, a grid 4.57 mm wide; of a gauge without a grid length the assumed one of 8 × 4.5 mm."""
+    write_project(tmp_path)
+    own = shop(1)
+    own = replace(own, listed=replace(own.listed, bonded=np.array([0, 0, 1, 0, 0, 0], dtype=bool)))
+    sheets = sheets_of(context("3/350"), own, read_mesh(tmp_path / "beam.bdf"))
+    for sheet in sheets:
+        typed = not sheet.name.startswith(("root", "A1"))
+        assert sheet.carrier_of == ("3/350" if typed else "assumed")
+        sizes = [10.7, 6.9, 4.57] if typed else [8.0, 4.5, 0.0]
+        np.testing.assert_allclose([*sheet.carrier, sheet.grid_width], sheet.frame.length(1e-3 * np.array(sizes)))

@@ -74,6 +74,8 @@ REPORT = Stage(
         "validate.truth.model",
         "mesh.file",
         "mesh.length_unit",
+        "gauges.type",
+        "gauges.types",
         "report",
     ),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),

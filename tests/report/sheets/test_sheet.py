@@ -35,7 +35,8 @@ def sheet(position=(300.0, 20.0, 10.0), turn=TURN, **changed):
     given = {
         "name": "G1", "kind": "strain gauge", "run": "plate", "deck": "plate.bdf", "layout": "0123456789ab", "frame": DECK,
         "position": x, "normal": np.array([0.0, 0.0, 1.0]), "directions": d[None], "strain": True, "grid": 3.0,
-        "carrier": (8.0, 4.5), "distance": np.array([20.0, 100.0]), "angle": np.array([turn, turn - 90.0]),
+        "grid_width": 0.0, "carrier": (8.0, 4.5), "carrier_of": "assumed",
+        "distance": np.array([20.0, 100.0]), "angle": np.array([turn, turn - 90.0]),
         "foot": np.array([[x[0], 0, 10], [400, x[1], 10]]), "along": np.array([[1.0, 0, 0], [0, 1.0, 0]]), "element": 7,
         "facet": 2, "front": views[0], "side": views[1],
     }  # fmt: skip
@@ -94,6 +95,15 @@ def test_part_and_gauge_are_to_the_scale_that_is_stated():
     (foil,) = (path for path in paths if len(path) == 4 and np.allclose(np.sort(sides(path)), carrier, atol=0.05))
     long = next(foil[(i + 1) % 4] - foil[i] for i in range(4) if abs(sides(foil)[i] - 8 * enlarged) < 0.05)
     assert math.degrees(math.atan2(-long[1], long[0])) % 180 == pytest.approx(TURN, abs=0.2)
+
+
+def test_a_grid_of_a_known_type_has_its_width_and_another_half_its_length():
+    for changed, wide, said in (({}, 1.5, "assumed"), ({"grid_width": 4.57, "carrier_of": "3/350"}, 4.57, "3/350")):
+        _, words, paths = parts(sheet_svg(sheet(**changed)))
+        enlarged = float(re.search(r"detail (\d+):1", " ".join(words))[1])
+        grid = enlarged * np.sort([wide, wide, 3.0, 3.0])
+        assert any(len(path) == 4 and np.allclose(np.sort(sides(path)), grid, atol=0.05) for path in paths)
+        assert f"8 × 4.5 mm, {said}" in words
 
 
 def test_a_datum_far_away_is_left_to_the_table():

@@ -29,9 +29,10 @@ class Sheet:
     """One gauge, or one arm of a bridge.
 
     name ("G1", "G3 arm 2"); kind; run; deck: name of its file; layout: what tells this layout from another; frame: the datum;
-    position, normal (3,); directions (c, 3) of its grids; strain: whether it is bonded on; grid [unit], 0: not stated; carrier:
-    length and width of the foil [unit]; distance (2,), angle (2,) [deg], foot (2, 3), along (2, 3) of the edges, NaN where there
-    is none; element and facet, 0: on none; front: seen along the normal from outside; side: seen across, with the normal upward.
+    position, normal (3,); directions (c, 3) of its grids; strain: whether it is bonded on; grid [unit], 0: not stated; grid_width
+    [unit], 0: not known; carrier: length and width of the foil [unit]; carrier_of: type of gauge that it is of, or "assumed";
+    distance (2,), angle (2,) [deg], foot (2, 3), along (2, 3) of the edges, NaN where there is none; element and facet, 0: on
+    none; front: seen along the normal from outside; side: seen across, with the normal upward.
     """
 
     name: str
@@ -45,7 +46,9 @@ class Sheet:
     directions: FloatArray
     strain: bool
     grid: float
+    grid_width: float
     carrier: tuple[float, float]
+    carrier_of: str
     distance: FloatArray
     angle: FloatArray
     foot: FloatArray

@@ -112,7 +112,10 @@ def _rows(sheet: Sheet) -> Iterator[tuple[str, str]]:
     if sheet.strain:
         yield "grid", f"{size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length not stated"
         if len(sheet.directions) == 1:
-            yield "foil, as drawn", " × ".join(size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, assumed"
+            yield (
+                "foil, as drawn",
+                " × ".join(size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
+            )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
     yield "datum in the deck", f"({_numbers(frame.origin)}) {frame.unit}"
     if not np.array_equal(frame.axes, np.eye(3)):

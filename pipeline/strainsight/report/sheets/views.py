@@ -118,7 +118,7 @@ def foil(paper: Paper, placed: Placed, sheet: Sheet, axis: float = 0.0) -> None:
         long = sheet.grid or USUAL_GRID * sheet.carrier[0]
         angle = placed.angle(sheet.directions[0])
         paper.path(_rectangle(g, angle, *(placed.scale * side for side in sheet.carrier)), fill="#ffffff")
-        paper.path(_rectangle(g, angle, placed.scale * long, placed.scale * long / 2), fill=GREY)
+        paper.path(_rectangle(g, angle, placed.scale * long, placed.scale * (sheet.grid_width or long / 2)), fill=GREY)
         _centre_lines(
             paper, g, angle, placed.scale * sheet.carrier[0] / 2 + axis, placed.scale * sheet.carrier[1] / 2 + axis
         )

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.layout.workshop import Workshop
+from strainsight.config.gauge_types import gauge_type
 from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.clearance import carrier
 from strainsight.gauges.outline import edge_lines, seen_from
@@ -37,15 +38,18 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
         )
         return front, side
 
-    sheets = []
+    kind, sheets = gauge_type(config.gauges), []
     for name, i, directions in _places(shop):
         line, normal = shop.lines[i], frame.turn(shop.lines[i].normal)
-        long, wide = carrier(line.length)
+        strain, bonded = shop.listed.unit[line.gauge] == "strain", bool(shop.listed.bonded[line.gauge])
+        # What is bonded already may be of another type.
+        own = kind if strain and not bonded else None
+        long, wide = carrier(line.length) if own is None else (own.carrier_length, own.carrier_width)
         front, side = views(tuple((np.round(normal, 9) + 0.0).tolist()))
         sheets.append(
             Sheet(
                 name=name,
-                kind=shop.listed.kind[line.gauge] + ", bonded already" * bool(shop.listed.bonded[line.gauge]),
+                kind=shop.listed.kind[line.gauge] + ", bonded already" * bonded,
                 run=config.name,
                 deck=Path(config.mesh.file).name,
                 layout=context.upstream["place"].digest[:12],
@@ -53,9 +57,11 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
                 position=frame.place(line.position),
                 normal=normal,
                 directions=frame.turn(directions),
-                strain=shop.listed.unit[line.gauge] == "strain",
+                strain=strain,
                 grid=float(frame.length(line.length)),
+                grid_width=0.0 if own is None else float(frame.length(own.grid_width)),
                 carrier=(float(frame.length(long)), float(frame.length(wide))),
+                carrier_of="assumed" if own is None else str(config.gauges.type),
                 distance=frame.length(edges.distance[i]),
                 angle=edges.angle[i],
                 foot=frame.place(edges.foot[i]),
