@@ -11,8 +11,11 @@ import pytest
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.gauges.candidates import candidates
-from strainsight.gauges.zones import Box, Cylinder, NearSet, NormalCone
+from strainsight.gauges.surface import facet_centres
+from strainsight.gauges.zones import Box, Cylinder, NearSet, NormalCone, On, inside, on_surface
 from strainsight.mesh.facets import exterior_facets
+
+from ..bodies import body
 
 MESHES = Path(__file__).parents[2] / "meshes"
 
@@ -74,3 +77,31 @@ def test_a_zone_of_nothing_is_refused(beam, zone, says):
     with pytest.raises(UserError, match=says):
         kept(beam, (1, 0, 0), zone)
     assert len(kept(beam, (1, 0, 0), Box((5, 5, 5), (6, 6, 6)))) == len(kept(beam, (1, 0, 0)))
+
+
+@pytest.mark.parametrize("name", ["below", "above"])
+def test_of_parts_that_touch_the_facets_of_one_are_its_own(name):
+    """Two plates of 4 × 4 bricks, meshed alike, one on the other without a common node: each has its side of the contact."""
+    one = body("hex8", (4, 4, 1), lambda u, v, w: (u, v, w))
+    cells, n = one.blocks[0], len(one.position)
+    nodes, ids = np.vstack([cells.nodes, cells.nodes + n]), np.arange(1, n + 1)
+    both = replace(cells, ids=np.arange(1, 33), nodes=nodes, region=np.ones(32, dtype=np.int64))
+    z = one.position[:, 2]
+    mesh = replace(
+        one,
+        node_ids=np.arange(1, 2 * n + 1),
+        position=np.vstack([one.position, one.position + np.eye(3)[2]]),
+        blocks=(both,),
+        node_sets={"below": ids[z == 1], "above": n + ids[z == 0]},
+    )
+    facets = exterior_facets(mesh)
+    centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
+    there = on_surface(mesh, facets, name)
+    assert np.count_nonzero(there) == 16
+    np.testing.assert_array_equal(inside(On(name), mesh, facets, centre, normal), there)
+
+
+def test_a_face_of_a_mesh_without_solids_is_refused(beam):
+    nothing = np.zeros((1, 3))
+    with pytest.raises(UserError, match="no surface on which 'first' could be"):
+        inside(On("first"), replace(beam, blocks=()), None, nothing, nothing)

@@ -14,6 +14,8 @@ from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 
 Vector = tuple[float, float, float]
+TOUCHING = 1e-9
+"""Of the size of the mesh: centres of facets that are no farther apart are in one place."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,9 @@ Zone = Box | Cylinder | NormalCone | NearEdges | NearSet | On
 def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Which gauges a zone takes in: (m,) bool for their centre (m, 3) [m] and normal (m, 3), zero where they have none.
 
-    Without facets there are no edges to be near to, and no faces to be on; a point is on the face whose facet's centre is nearest
-    of all. Raises UserError for a set that is not there or an axis of no length.
+    Without facets there are no edges to be near to; a point is on the face whose facet's centre is nearest of all, of two that
+    touch back to back the one that faces as it does. Raises UserError for a set that is not there, an axis of no length, and a
+    face where there are no facets.
     """
     match zone:
         case Box():
@@ -88,10 +91,21 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
             return np.asarray(distance < zone.distance)
         case On():
             if facets is None:
-                return np.zeros(len(centre), dtype=bool)
-            chosen = on_surface(mesh, facets, zone.name)
-            own, _ = facet_centres(mesh.position, facets.kind, facets.nodes)
-            return np.asarray(chosen[cKDTree(own).query(centre)[1]])
+                raise UserError(
+                    f"the mesh has no solids, and so no surface on which {zone.name!r} could be",
+                    remedy="give a near_set, or a box",
+                )
+            return on_surface(mesh, facets, zone.name)[_facets_below(mesh, facets, centre, normal)]
+
+
+def _facets_below(mesh: Mesh, facets: Facets, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """The facet (m,) whose centre is nearest to a point (m, 3) [m]; of two whose centres are in one place, as of parts that touch
+    and are meshed alike, the one that faces more along its normal (m, 3)."""
+    centre, outward = facet_centres(mesh.position, facets.kind, facets.nodes)
+    distance, near = map(np.asarray, cKDTree(centre).query(point, k=[1, 2][: len(centre)]))
+    twice = distance[:, -1] - distance[:, 0] <= TOUCHING * np.ptp(mesh.position, axis=0).max()
+    along = np.sum(outward[near] * normal[:, None], axis=2)
+    return np.asarray(np.where(twice & (along[:, -1] > along[:, 0]), near[:, -1], near[:, 0]))
 
 
 def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
