@@ -20,6 +20,7 @@ from strainsight.errors import ConfigError, InfeasibleError, UserError
 from strainsight.gauges.clearance import carrier_clearance
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import NodalForces
+from strainsight.stages.screen import _fewer_than_asked
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
 
@@ -109,6 +110,28 @@ def test_a_pool_that_a_clearance_has_made_smaller_than_asked_for_is_taken_whole(
     np.testing.assert_array_equal(asked.kept, screened.kept)
     _, stated = beam(f"screen.keep={count}", "gauges.clearance=0.006")
     np.testing.assert_array_equal(stated.kept, np.flatnonzero(stated.reason != "clearance"))
+
+
+def test_fewer_than_asked_for_are_named_with_what_left_them_out_and_nothing_else(beam):
+    """By spacing, by range, by both; and no word where all that are clear are kept."""
+    training, _ = beam()
+    pool = training.candidates
+    half = float(np.median(training.peak))
+    for overrides, words in (
+        (["screen.minimum_spacing=0.3"], ("are 300 mm apart. Lower screen.minimum_spacing, for",)),
+        ([f"gauges.range={half}"], ("are within their range. Choose sensors of a larger one, for",)),
+        (
+            ["screen.minimum_spacing=0.3", f"gauges.range={half}"],
+            ("are 300 mm apart and within their range. Lower screen.minimum_spacing or choose sensors of a larger one, for",),
+        ),
+        ([], ()),
+    ):
+        asked = [f"screen.keep={pool.gauges}", *overrides]
+        found = beam(*asked)[1]
+        said = list(_fewer_than_asked(beam.case(*asked).config.screen, found, pool))
+        assert len(said) == len(words)
+        for text, own in zip(said, words, strict=True):
+            assert f"{pool.gauges} candidates of gauges: of {pool.gauges} only {len(found.kept)} {own}" in text
 
 
 def test_noise_relative_to_the_strongest_candidate_is_that_of_the_strongest_that_may_be_taken(beam):
@@ -225,6 +248,7 @@ def test_zones_by_name_include_and_limit_too_and_a_name_that_is_not_there_is_nam
     with pytest.raises(UserError, match="the set 'seta' is not in the mesh") as caught:
         seated("gauges.exclude=[seta]")
     assert caught.value.key == "gauges.exclude.0"
+    assert caught.value.remedy == "did you mean seat?"
     with pytest.raises(ConfigError, match="exactly one of 'box'"):
         seated("gauges.exclude=[{boxes: 3}]")
     with pytest.raises(ConfigError, match=r"noise_std"):

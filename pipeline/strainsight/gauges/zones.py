@@ -123,8 +123,9 @@ def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
     if nodes:
         chosen = np.isin(mesh.node_ids, mesh.node_sets[name])
         return np.all((chosen[facets.nodes] & (facets.nodes >= 0)) | (facets.nodes < 0), axis=1)
-    known = ", ".join(sorted({*mesh.element_sets, *mesh.node_sets})) or "none"
-    raise UserError(f"the set {name!r} is not in the mesh", remedy=f'use "all" or one of its sets: {known}')
+    known = sorted({*mesh.element_sets, *mesh.node_sets})
+    remedy = did_you_mean(name, known, f"its faces and sets: {', '.join(known) or 'none'}; mesh.faces names a face")
+    raise UserError(f"the set {name!r} is not in the mesh", remedy=remedy)
 
 
 def _unit(axis: Vector) -> np.ndarray:

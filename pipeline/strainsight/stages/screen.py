@@ -15,7 +15,7 @@ from strainsight.cases.structure.resolution import quiet_noise
 from strainsight.cases.structure.training import screened_of
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.gauges.candidates import Candidates
-from strainsight.gauges.screening import BEND, CLEARANCE
+from strainsight.gauges.screening import BEND, BEYOND, CLEARANCE, NEAR
 from strainsight.records.record import written
 from strainsight.records.training import Screened
 from strainsight.stages import inputs
@@ -63,13 +63,19 @@ def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> It
     """Of every kind of sensor of which spacing and range leave fewer than `screen.keep`."""
     kind = pool.array[pool.first]
     for i in np.unique(kind):
-        clear = int(np.count_nonzero((kind == i) & ~np.isin(found.reason, (CLEARANCE, BEND))))
+        own = found.reason[kind == i]
+        clear = int(np.count_nonzero(~np.isin(own, (CLEARANCE, BEND))))
         kept = int(np.count_nonzero(kind[found.kept] == i))
         if settings.keep != "all" and kept < min(settings.keep, clear):
-            spacing = f"{1e3 * settings.minimum_spacing:g} mm"
+            name = str(found.family[int(i)])
+            spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "lower screen.minimum_spacing"
+            beyond = "within their range", "choose sensors of a larger one"
+            said, remedy = zip(
+                *[words for code, words in ((NEAR, spacing), (BEYOND, beyond)) if code in own], strict=True
+            )
             yield (
-                f"screen.keep asks for {settings.keep} candidates: of {clear} only {kept} are {spacing} apart and within their "
-                "range. Lower screen.minimum_spacing, or choose smaller gauges, for a larger choice."
+                f"screen.keep asks for {settings.keep} candidates of {name}: of {clear} only {kept} are {' and '.join(said)}. "
+                f"{' or '.join(remedy).capitalize()}, for a larger choice."
             )
 
 
