@@ -73,6 +73,25 @@ def test_of_a_rosette_the_channel_counts_that_changes_most_over_the_largest_read
     np.testing.assert_allclose(over_grid, LENGTH / x, rtol=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_channel_that_reads_nothing_but_rounding_hides_no_other(bar, seed):
+    """ε_xx is x times what cancels in the motion of training, ε_yy is y: L/y over the grid of the channel across."""
+    mesh, reduced = bar
+    y = mesh.position[:, 1] + 0.02
+    across = np.zeros((len(y), 3))
+    across[:, 1] = 0.5 * y**2
+    rng = np.random.default_rng(seed)
+    motion, b = rng.standard_normal((2, 6))
+    b -= (b @ motion) / (motion @ motion) * motion
+    basis = np.hstack([reduced.basis * b, across.reshape(-1, 1)])
+    moment = np.outer([*motion, 1.0], [*motion, 1.0])
+    facets = exterior_facets(mesh)
+    part = candidates(mesh, facets, (1, 0, 0), (0.0, 90.0), include=[NormalCone((0, 0, 1), 5.0)], rosette=True, length=LENGTH)
+    training, skin = SimpleNamespace(moment=moment), skin_of(mesh.position, facets)
+    _, over_grid = _steep(mesh, SimpleNamespace(basis=basis), training, part, SIGMA, skin)
+    np.testing.assert_allclose(over_grid, LENGTH / (part.position[part.first, 1] + 0.02), rtol=1e-6)
+
+
 def test_a_gauge_that_is_bonded_is_in_its_place(bar):
     in_place, over_grid, x = steep(bar, (0.0,), bonded=True)
     assert not in_place.any()

@@ -71,7 +71,8 @@ def _steep(
     d1, d2 = (np.sum(grids.direction * e, axis=1)[:, None] for e in (e1, e2))
 
     def square(rows: np.ndarray) -> np.ndarray:
-        return np.einsum("mi,ij,mj->m", rows, C, rows, optimize=True)
+        # of what does not move in training, rounding of either sign is left
+        return np.asarray(np.maximum(np.einsum("mi,ij,mj->m", rows, C, rows, optimize=True), 0.0))
 
     moved = std**2 * (square(slopes.along) + square(slopes.across)) * ~grids.bonded
     ends = grids.length * np.sqrt(square(d1 * slopes.along + d2 * slopes.across))
