@@ -91,6 +91,7 @@ CONE = """\
 TRUTH = "    parameters: {{E: {truth}}}      # ← [Pa] an assumed true value to be found again\n"
 TYPE = "  type: {name:<25} # ← grid [mm] / resistance [Ω]: gives grid, clearance, spacing, range; or one of your own, in types\n"
 NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; your own: types\n"
+OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]: gives grid, clearance, spacing, range\n"
 SPACING = "  # minimum_spacing: 0.011        # [m] between them; default: the longer side of the carrier\n"
 OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between them: the length of the carrier\n"
 EXCLUDE = """\
@@ -118,7 +119,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         parameters=_parameters(found.region, E) if modulus else "parameters: {}\n",
         load=_load(found, answers),
         direction=_direction(answers.axis),
-        type=TYPE.format(name=found.gauge_type) if found.gauge_type else NO_TYPE,
+        type=_type(found),
         spacing=SPACING if found.gauge_type else OWN_SPACING.format(spacing=0.009),
         exclude=CONE.format(axis=answers.axis) if answers.axis else EXCLUDE,
         unknown=unknown,
@@ -128,6 +129,13 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         truth=TRUTH.format(truth=_number(1.05 * E if E else None)) if modulus else "",
         initial="0.1" if modulus else "1.0",
     )
+
+
+def _type(found: Suggestion) -> str:
+    """The type of gauge that fits; of a deck in no usual unit, or without a surface, none is known to fit or not to."""
+    if found.gauge_type:
+        return TYPE.format(name=found.gauge_type)
+    return NO_TYPE if found.solids and found.length_unit else OPEN_TYPE
 
 
 def run_name(deck: str) -> str:
