@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,37 @@ def test_on_the_floor_of_a_groove_it_is_the_way_to_the_farther_wall_and_on_a_wal
     assert inner.any()
     np.testing.assert_allclose(found[inner], 2.0, rtol=1e-4)
     assert np.isinf(found[~floor & ~inner]).all()
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.25])
+@pytest.mark.parametrize("kind", ["hex8", "tet4"])
+def test_below_a_part_that_touches_there_is_no_room(kind, shift):
+    """Two boxes of 6 × 3 × 2 cells, one on the other without a common node, meshed alike or not."""
+    one = box(kind)
+    size, n, block = np.ptp(one.position, axis=0), len(one.position), one.blocks[0]
+    k = len(block.ids)
+    upper = one.position + np.array([shift, 0.0, size[2]])
+    mesh = replace(
+        one,
+        node_ids=np.arange(1, 2 * n + 1),
+        position=np.vstack([one.position, upper]),
+        blocks=(
+            replace(
+                block,
+                ids=np.arange(1, 2 * k + 1),
+                nodes=np.vstack([block.nodes, block.nodes + n]),
+                region=np.ones(2 * k, dtype=np.int64),
+            ),
+        ),
+    )
+    gauges, found = over(mesh)
+    x, low = gauges.position, one.position.min(axis=0)
+    touching = np.abs(x[:, 2] - low[2] - size[2]) < 1e-9
+    below, above = gauges.normal[:, 2] > 0.9, gauges.normal[:, 2] < -0.9
+    covered = touching & ((below & (x[:, 0] > low[0] + shift)) | (above & (x[:, 0] < low[0] + size[0])))
+    assert np.count_nonzero(covered) >= 8
+    assert np.all(found[covered] == 0)
+    assert np.isinf(found[~covered]).all()
 
 
 def test_over_a_shallow_groove_and_beside_one_wall_alone_a_hand_comes_in():
