@@ -133,6 +133,34 @@ def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
     np.testing.assert_allclose(S[:, 0], 5 * S[:, 1])
 
 
+def test_a_moment_on_a_node_that_turns_with_a_reference_node_is_one_on_that():
+    """A force and a moment on the reference node of the end, against those on a lever behind it and on a node of the end."""
+    mesh = body("hex8", (3, 1, 1), lambda *u: u)
+    mesh = held(mesh, mesh.position[:, 0] == 0)
+    end = np.flatnonzero(mesh.position[:, 0] == 3)
+    mesh = replace(
+        mesh,
+        node_ids=np.append(mesh.node_ids, [98, 99, 100]),
+        position=np.vstack([mesh.position, [3, 0.5, 0.5], [4, 0.7, 0.5], [9, 9, 9]]),
+        rigid=(
+            RigidElement(1, 16, end[1:], (0, 1, 2)),
+            RigidElement(2, 16, np.array([end[0], 17]), (0, 1, 2, 3, 4, 5)),
+        ),
+    )
+    f, M = np.array([2.0, -1.0, 3.0]), np.array([[4.0, 5.0, -6.0]])
+
+    def shape(*moment):
+        nodes = np.array([16, *(node for node, _ in moment)])
+        load = NodalForces(nodes, np.array([f, *(np.zeros(3) for _ in moment)]), np.array([np.zeros(3), *(m for _, m in moment)]))
+        model = build_model(replace(mesh, loads={"LOAD-1": load}))
+        return input_shape(model, [PointLoad("F", deck_load="LOAD-1", factor=True)])[:, 0]
+
+    for node in (17, end[0]):
+        np.testing.assert_allclose(shape((node, M[0])), shape((16, M[0])))
+    with pytest.warns(UserWarning, match="the moment on node 100 moves nothing: the node has no rotations"):
+        np.testing.assert_allclose(shape((18, M[0])), shape())
+
+
 def test_weight_may_be_turned_and_not_shifted_and_a_rotation_is_neither(clamped):
     model = build_model(clamped)
     loads = [PointLoad("g", gravity=(0, 0, -1.0)), PointLoad("w", rotation=((1.0, 0, 0), (0, 5.0, 0)))]

@@ -8,8 +8,8 @@ import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.fem.assembly import element_mass_parts
-from strainsight.fem.point_masses import turning_masses
 from strainsight.fem.ties import references
+from strainsight.fem.turning import followers
 from strainsight.mesh.model import BodyForce, Mesh, NodalForces
 
 
@@ -34,7 +34,7 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
         off = i != j
         np.add.at(force, nodes[:, j[off]], m[:, off, None] * a[nodes[:, i[off]]])
         regions |= set(np.unique(part.region[own]).tolist())
-    turning = references(mesh) | set(turning_masses(mesh))
+    turning = references(mesh) | followers(mesh)
     for point in mesh.point_masses:
         if body.elements is not None and point.id not in body.elements:
             continue

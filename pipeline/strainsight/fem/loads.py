@@ -63,10 +63,8 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
         else:
             _check_all_act(mesh, T, load, own)
         e[:, column] = on_rows(model, own)
-        if own.moment is not None and not np.any(T.T @ e[:, column]):
-            raise UserError(
-                f"load {load.name} ({load.deck_load}): its nodes cannot exert its moments", remedy="take another load"
-            )
+        if own.moment is not None:
+            _check_moments(model, load, own, e[:, column])
     return T.T @ e
 
 
@@ -183,6 +181,28 @@ def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForc
         warnings.warn(
             f"load {load.name} ({load.deck_load}): {len(idle)} of its {len(loaded)} nodes cannot move in its direction "
             f"(node {mesh.node_ids[own.nodes[idle[0]]]}, …); {100 * share:.3g} % of its resultant moves nothing",
+            stacklevel=2,
+        )
+
+
+def _check_moments(model: FiniteElementModel, load: PointLoad, own: NodalForces, e: np.ndarray) -> None:
+    """Raise UserError where nothing of a load of the deck acts on a free motion; warn of moments that do not."""
+    mesh, constraint = model.mesh, model.constraint
+    if not np.any(constraint.transform.T @ e):
+        raise UserError(
+            f"load {load.name} ({load.deck_load}): its nodes cannot exert its moments", remedy="take another load"
+        )
+    moment = np.zeros((0, 3)) if own.moment is None else own.moment
+    idle = [
+        node
+        for node, M in zip(own.nodes, moment, strict=True)
+        if M.any() and not np.any(constraint.transform.T @ couple(mesh, constraint, node[None], np.ones(1), M))
+    ]
+    if idle:
+        warnings.warn(
+            f"load {load.name} ({load.deck_load}): the moment on node {mesh.node_ids[idle[0]]} moves nothing"
+            f"{f', and so those on {len(idle) - 1} more' if len(idle) > 1 else ''}: the node has no rotations and is on no "
+            "element that could turn, or is held",
             stacklevel=2,
         )
 

@@ -13,9 +13,10 @@ from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.assembly import assemble, mass_properties
 from strainsight.fem.constraints import Constraint, constraint_transform
 from strainsight.fem.modes import modes
-from strainsight.fem.point_masses import point_mass_matrix, turning_masses
-from strainsight.fem.springs import spring_matrix, turning_springs
+from strainsight.fem.point_masses import point_mass_matrix
+from strainsight.fem.springs import spring_matrix
 from strainsight.fem.support import require_support
+from strainsight.fem.turning import turning_nodes
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Mesh
 
@@ -46,7 +47,7 @@ def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: 
     """
     if not any(len(block.ids) for block in mesh.blocks):
         raise DeckError("the mesh has no solid elements", remedy=f"give it {FAMILIES}")
-    constraint = constraint_transform(mesh, rotations=[*turning_masses(mesh), *turning_springs(mesh)])
+    constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
     if constraint.transform.shape[1] == 0:
         raise DeckError("every node is clamped", remedy="free the nodes that are to move")
     if supported:

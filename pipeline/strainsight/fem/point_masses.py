@@ -55,9 +55,3 @@ def check(point: PointMass) -> None:
     J = np.asarray(point.inertia)
     if not np.abs(J - J.T).max() <= 1e-9 * np.abs(J).max():
         raise DeckError(f"the inertia of point mass {point.id} is not symmetric", remedy="give six moments")
-
-
-def turning_masses(mesh: Mesh) -> list[int]:
-    """Nodes that are no reference nodes but turn with one (a RigidElement's rotations), and whose mass resists that."""
-    turned = {int(node) for e in mesh.rigid if max(e.components, default=0) > 2 for node in e.nodes}
-    return sorted({p.node for p in mesh.point_masses if np.any(p.offset) or np.any(p.inertia)} & turned)

@@ -55,9 +55,3 @@ def sprung_translations(mesh: Mesh) -> np.ndarray:
     found = [3 * own.node + own.component for own in mesh.springs]
     acts = [(own.component < 3) & (own.value != 0) & (own.stiffness[own.spring] > 0) for own in mesh.springs]
     return np.unique(np.concatenate([np.zeros(0, np.int64), *(rows[on] for rows, on in zip(found, acts, strict=True))]))
-
-
-def turning_springs(mesh: Mesh) -> list[int]:
-    """Nodes that are no reference nodes but turn with one (a RigidElement's rotations), and whose rotation a spring resists."""
-    turned = {int(node) for e in mesh.rigid if max(e.components, default=0) > 2 for node in e.nodes}
-    return sorted({int(n) for own in mesh.springs for n in own.node[(own.component > 2) & (own.value != 0)]} & turned)

@@ -47,7 +47,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ROM = Stage(
     "rom",
-    version=6,
+    version=7,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -19,7 +19,8 @@ from strainsight.fem.body_forces import with_body_forces
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.quality import Quality, element_quality
-from strainsight.fem.springs import spring_rows, turning_springs
+from strainsight.fem.springs import spring_rows
+from strainsight.fem.turning import turning_nodes
 from strainsight.gauges.faces import Pick, faces_of, picked
 from strainsight.mesh.additions import (
     node_index,
@@ -84,7 +85,7 @@ def checked(
             check_mesh(mesh)
             weight = mass_properties(mesh)
             # so that ties and supports that contradict each other, and springs on rotations that are not there, show here
-            constraint = constraint_transform(mesh, rotations=turning_springs(mesh))
+            constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
             spring_rows(mesh, constraint.reference_rows)
         else:
             check_geometry(mesh)
