@@ -93,6 +93,19 @@ def test_keywords_and_types_of_elements_of_abaqus(tmp_path):
     assert imported(tmp_path, text, ["DLOAD", "S3", "TIE"], name="deck.inp").loads == {}
 
 
+def test_types_of_elements_of_abaqus_that_are_supported_may_be_left_out_too(tmp_path):
+    text = ABAQUS + "*ELEMENT, TYPE=SPRING1, ELSET=SP\n60, 4\n*SPRING, ELSET=SP\n3\n1e5\n"
+    text += "*ELEMENT, TYPE=MASS, ELSET=M\n61, 4\n*MASS, ELSET=M\n2.\n"
+    both = imported(tmp_path, text, name="deck.inp")
+    assert (len(both.springs), len(both.point_masses)) == (1, 1)
+    mesh = imported(tmp_path, text, ["SPRING1", "Mass"], name="deck.inp")
+    assert (mesh.springs, mesh.point_masses, mesh.notes) == ((), (), both.notes)
+    assert {"*ELEMENT, TYPE=SPRING1", "*ELEMENT, TYPE=MASS"} <= set(mesh.ignored)
+    with pytest.raises(DeckError, match="SPRING1 60: no ") as caught:
+        imported(tmp_path, text, ["SPRING"], name="deck.inp")
+    assert caught.value.remedy.endswith("mesh.ignore: [SPRING1])")
+
+
 @pytest.mark.parametrize("deck", ["cantilever.bdf", "angle.bdf.gz", "lug.bdf.gz", "hub-coarse.bdf.gz"])
 def test_the_decks_of_the_examples_have_nothing_of_the_kind(deck):
     cards = read_deck(REPOSITORY / "meshes" / deck).cards

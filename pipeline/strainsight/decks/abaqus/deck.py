@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,8 +63,8 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
     *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
     *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there
     are several instances.
-    required: there have to be solids; stated: section and material of all of them; ignore: keywords that are left out.
-    Raises DeckError with file:line for what cannot be imported as it stands.
+    required: there have to be solids; stated: section and material of all of them; ignore: keywords and types of
+    elements that are left out. Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
     keywords, included = read_keywords(path)
@@ -73,7 +74,8 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
     named = {spelt(name) for name in ignore}
     dropped = Counter(keyword.title for keyword in keywords if spelt(keyword.title) in named)
     keywords = [keyword for keyword in keywords if keyword.title not in dropped]
-    assembly = assemble(keywords)
+    assembly, out = _without(assemble(keywords), named)
+    dropped += out
     _check_elements(assembly, path, required)
     ignored = _ignored(keywords, assembly) + dropped
     node_sets, element_sets, set_names = _sets(assembly)
@@ -126,6 +128,14 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
     )
 
 
+def _without(assembly: Assembly, named: Collection[str]) -> tuple[Assembly, Counter[str]]:
+    """The elements of these types are of none, so that nothing takes them; and how many there are of each."""
+    out = np.array([spelt(type_) in named for type_ in assembly.type], dtype=bool)
+    counted = Counter(f"{ELEMENT}{type_}" for type_, own in zip(assembly.type, out, strict=True) if own)
+    types = ["" if own else type_ for type_, own in zip(assembly.type, out, strict=True)]
+    return replace(assembly, type=types, kind=np.where(out, -1, assembly.kind)), counted
+
+
 def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
     """Where a keyword, or an element of a type, stands first."""
     if card.startswith(ELEMENT):
@@ -163,7 +173,7 @@ def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
         if keyword.name == "EQUATION":
             counted["*EQUATION"] += _equations(keyword)
     for type_, count in Counter(assembly.type).items():
-        if type_ not in SOLIDS and type_ not in ("MASS", "ROTARYI", *SPRINGS):
+        if type_ not in SOLIDS and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count
     return counted
 

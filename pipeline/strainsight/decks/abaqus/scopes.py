@@ -31,7 +31,8 @@ class Scope:
 class Assembly:
     """All nodes and elements of the deck, row by row, instance after instance, the assembly's own at last.
 
-    node_ids (n,), position (n, 3); element_ids (m,), kind (m,) index into ELEMENTS or −1, type of each element;
+    node_ids (n,), position (n, 3); element_ids (m,), kind (m,) index into ELEMENTS or −1, type of each element,
+    empty of one that is left out;
     nodes (c,) rows of nodes, −1 where there is none, first (m + 1,) where those of each element begin; where they stand;
     model: keywords outside of steps that belong to no part; notes: sentences on ids and sets.
     """

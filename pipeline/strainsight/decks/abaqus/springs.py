@@ -43,7 +43,9 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
         if row not in given or len(nodes) != NODES[str(kinds[row])] or min(nodes) < 0:
             lacks = "no *SPRING gives it a stiffness" if row not in given else "it does not stand on nodes of the deck"
             raise DeckError(
-                f"{name}: {lacks}", where=f"{file}:{number}", remedy="add what is missing, or leave the element out"
+                f"{name}: {lacks}",
+                where=f"{file}:{number}",
+                remedy=f"add it, or leave the elements out (mesh.ignore: [{kinds[row]}])",
             )
         found.append(_spring(assembly, name, str(kinds[row]), nodes, given[row][1], axes, rotations))
     return tuple(found)
