@@ -86,6 +86,17 @@ class DeckError(UserError):
         self.entity = entity
 
 
+class ChoiceError(DeckError):
+    """A deck that states several sets of supports, of which the config has to say which holds.
+
+    sets  their ids
+    """
+
+    def __init__(self, what: str, *, where: str, remedy: str, sets: tuple[int, ...]):
+        super().__init__(what, where=where, remedy=remedy)
+        self.sets = sets
+
+
 class InfeasibleError(UserError):
     """A request that no layout or estimate can satisfy."""
 

@@ -12,6 +12,7 @@ Component = Literal[1, 2, 3, 4, 5, 6]
 Components = Annotated[tuple[Component, ...], Field(min_length=1, max_length=6)]
 RegionKey = int | Text
 NodeId = Annotated[int, Field(ge=1)]
+SetId = NodeId
 
 
 class Material(Section):
@@ -115,6 +116,11 @@ class MeshFile(Section):
         description="Cards (CQUAD4, MPC), keywords (TIE, DLOAD) and types of elements (S4R) of the deck that are left out, "
         "though the model would need their stiffness, mass, tie or load. Elements, ties and loads that are not supported have "
         "to be named here.",
+    )
+    spc: SetId | None = Field(
+        None,
+        description="Number of the set of supports (SPC, SPC1, SPCADD) of a Nastran deck that holds; null: the one that its case "
+        "control selects.",
     )
     faces: dict[Name, Face] = Field(
         {},

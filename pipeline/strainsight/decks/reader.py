@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, UserError
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor, to_si
@@ -28,13 +28,15 @@ def read_mesh(
     solids: bool = True,
     materials: bool = True,
     ignore: Sequence[str] = (),
+    spc: int | None = None,
 ) -> Mesh:
     """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
 
     format: nastran, abaqus, gmsh, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
     the cell data that holds region ids, for meshio. solids: there has to be one. materials: a deck has to state those of its
     solids; otherwise a region may be without, or elements without a region of their own are one. ignore: cards, keywords and
-    types of elements of a deck that are left out, whatever they say.
+    types of elements of a deck that are left out, whatever they say. spc: set of supports of a Nastran deck, in
+    place of what its case control selects.
     Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
     length_factor(length_unit)
@@ -46,7 +48,10 @@ def read_mesh(
             where=str(path),
             remedy="check the name; a relative path counts from the config file",
         )
-    mesh = _read(path, format_of(path) if format == "auto" else format, region_data, solids, materials, ignore)
+    format = format_of(path) if format == "auto" else format
+    if spc is not None and format != "nastran":
+        raise UserError(f"{path.name} is no Nastran deck, which mesh.spc is of", remedy="remove the key")
+    mesh = _read(path, format, region_data, solids, materials, ignore, spc)
     with mesh.located():
         exterior_facets(mesh)  # so that elements that do not fit together show here
     return to_si(mesh, length_unit, mass_unit)
@@ -65,13 +70,19 @@ def format_of(path: Path) -> str:
 
 
 def _read(
-    path: Path, format: str, region_data: str | None, solids: bool, materials: bool, ignore: Sequence[str]
+    path: Path,
+    format: str,
+    region_data: str | None,
+    solids: bool,
+    materials: bool,
+    ignore: Sequence[str],
+    spc: int | None,
 ) -> Mesh:
     match format:
         case "nastran":
             from strainsight.decks.nastran.deck import read_nastran
 
-            return read_nastran(path, required=solids, stated=materials, ignore=ignore)
+            return read_nastran(path, required=solids, stated=materials, ignore=ignore, spc=spc)
         case "abaqus":
             from strainsight.decks.abaqus.deck import read_abaqus
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.errors import DeckError
+from strainsight.errors import ChoiceError, DeckError
 
 ALL = {(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (2, 2)}
 
@@ -44,6 +44,27 @@ def test_the_case_control_selects_the_set(read, tetrahedron):
     assert pairs(read(f"SPC = 2\nBEGIN BULK\n{bulk}")) == {(3, 2)}
     assert pairs(read(f"CEND\nspc=9\nSPCFORCES = ALL\nBEGIN BULK\n{bulk}")) == {(3, 0), (3, 2)}
     assert read(f"SPC = 1\nBEGIN BULK\n{bulk}").ignored == {"SPC1 of a set that is not selected": 2}
+
+
+def test_the_config_may_say_which_set_holds(read, tetrahedron):
+    bulk = tetrahedron + "SPC1,2,3,4\nSPC1,3,1,4\nSPCADD,9,2,3\nENDDATA\n"
+    subcases = "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 9\nSUBCASE 3\nSPC = 44\nBEGIN BULK\n"
+    for head in (subcases, ""):
+        with pytest.raises(ChoiceError, match="supports") as caught:
+            read(head + bulk)
+        assert (caught.value.sets, caught.value.remedy) == ((1, 9), "say which hold: mesh.spc: 1")
+        assert pairs(read(head + bulk, spc=9)) == {(3, 0), (3, 2)}
+        assert pairs(read(head + bulk, spc=2)) == {(3, 2)}
+    assert pairs(read(f"SPC = 44\nBEGIN BULK\n{bulk}", spc=2)) == {(3, 2)}
+    with pytest.raises(DeckError, match="set 7 of supports") as caught:
+        read(bulk, spc=7)
+    assert caught.value.remedy == "select one of 1, 2, 3, 9"
+
+
+def test_a_selection_of_supports_that_are_left_out_holds_nothing(read, tetrahedron):
+    bulk = tetrahedron + "SPCADD,9,1\nENDDATA\n"
+    for selected in (1, 9):
+        assert read(f"SPC = {selected}\nBEGIN BULK\n{bulk}", ignore=["SPC1"]).fixed.shape == (0, 2)
 
 
 def test_no_support_at_all_is_an_empty_list(read, tetrahedron):

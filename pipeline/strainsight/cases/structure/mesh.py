@@ -49,6 +49,7 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
             solids=config.matrices is None,
             materials=not config.materials,
             ignore=config.ignore,
+            spc=config.spc,
         )
         if config.matrices is None:
             mesh = _all_supported(mesh, config.ignore)

@@ -46,14 +46,17 @@ CONTROL = re.compile(
 )
 
 
-def read_nastran(path: Path, *, required: bool = True, stated: bool = True, ignore: Sequence[str] = ()) -> Mesh:
+def read_nastran(
+    path: Path, *, required: bool = True, stated: bool = True, ignore: Sequence[str] = (), spc: int | None = None
+) -> Mesh:
     """A Nastran deck in its own units, with its own ids.
 
     Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1,
     SPC, SPC1, SPCADD, RBE2, RBE3, CONM2, springs, the static loads of `static_loads`, SET1, SET3, case-control SPC and SET,
     PARAM WTMASS, INCLUDE. Every other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5
     of the bulk data "SET1-5". Without a selection in the case control the only set of supports counts.
-    required: there have to be solids; stated: PSOLID and MAT1 of all of them; ignore: cards that are left out.
+    required: there have to be solids; stated: PSOLID and MAT1 of all of them; ignore: cards that are left out; spc: set of
+    supports that counts, whatever is selected.
     Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
@@ -76,7 +79,7 @@ def read_nastran(path: Path, *, required: bool = True, stated: bool = True, igno
     rigid = rigid_elements(cards, nodes, notes)
     averaging = averaging_elements(cards, nodes)
     node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), ignored)
-    fixed, enforced = fixed_components(deck, nodes, grids.permanent, ignored)
+    fixed, enforced = fixed_components(deck, nodes, grids.permanent, ignored, spc)
     turning = turning_nodes(rigid, averaging)
     masses = point_masses(cards, grids, scale, turning, notes)
     loads = static_loads(cards, grids, blocks, turning, notes)

@@ -12,7 +12,7 @@ from strainsight.decks.nastran.grids import NodeTable
 from strainsight.decks.nastran.sets import expand
 from strainsight.decks.numbers import parse_integer
 from strainsight.decks.text import Line
-from strainsight.errors import DeckError
+from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray
 
 _SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
@@ -26,19 +26,24 @@ def components(text: str, card: Card) -> tuple[int, ...]:
 
 
 def fixed_components(
-    deck: Deck, nodes: NodeTable, permanent: list[tuple[Card, int, str]], ignored: Counter[str]
+    deck: Deck,
+    nodes: NodeTable,
+    permanent: list[tuple[Card, int, str]],
+    ignored: Counter[str],
+    chosen: int | None = None,
 ) -> tuple[IntArray, tuple[str, ...]]:
     """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold at zero, each once, sorted; and file:line of the
     cards that enforce a displacement, whose components are free here.
 
-    The case control selects the set; without a selection the only set counts.
-    Raises DeckError for several sets without a selection and for nodes that are not there.
+    chosen: the set that counts. Otherwise the case control selects it; without a selection the only set counts. `ignored` has
+    the cards that the reader was asked to leave out.
+    Raises ChoiceError for several selections, and for several sets without one, DeckError for sets and nodes that are not there.
     """
     pairs: list[tuple[int, int]] = []
     for card, row, text in permanent:
         pairs += [(row, c) for c in components(text, card)]
     enforced: list[str] = []
-    selected = _selected_sets(deck)
+    selected = _selected_sets(deck, chosen, left_out=bool(ignored["SPC"] or ignored["SPC1"]))
     for card in (*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])):
         if card.integer(0, "the set id") not in selected:
             ignored[f"{card.name} of a set that is not selected"] += 1
@@ -68,37 +73,46 @@ def _supports(card: Card, nodes: NodeTable, enforced: list[str]) -> list[tuple[i
     return found
 
 
-def _selected_sets(deck: Deck) -> set[int]:
-    """Ids of the SPC and SPC1 sets that count."""
+def _selected_sets(deck: Deck, wanted: int | None, *, left_out: bool) -> set[int]:
+    """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
     combined = _combined(deck, "SPCADD")
     supports = [*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])]
     single = {card.integer(0, "the set id") for card in supports}
     for card in deck.cards.get("SPCADD", []):
-        if lost := combined[int(card.fields[0])] - single:
+        if (lost := combined[int(card.fields[0])] - single) and not left_out:
             raise card.error(f"set {min(lost)} has no SPC or SPC1", "add the set, or take it out")
+    there = single | set(combined)
+    listed = f"select one of {', '.join(map(str, sorted(there)))}" if there else "add the set"
+    if wanted is not None:
+        if wanted not in there:
+            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=listed)
+        return combined.get(wanted, {wanted})
     chosen = _selections(deck, "SPC")
-    if len(chosen) > 1:
-        raise DeckError(
+    selected = tuple(sorted({parse_integer(text) or 0 for text in chosen} & there))
+    if len(chosen) > 1 and selected:
+        raise ChoiceError(
             f"the subcases select different supports ({', '.join(chosen)})",
             where=[*chosen.values()][1].where,
-            remedy="keep one SPC = n in the case control",
+            remedy=f"say which hold: mesh.spc: {selected[0]}",
+            sets=selected,
         )
     for text, line in chosen.items():
         number = parse_integer(text) or 0
-        if number not in single and number not in combined:
+        if number not in there and not left_out:
             raise DeckError(
                 f"SPC = {text} selects a set that is not in the deck",
                 where=line.where,
-                remedy=f"select one of {', '.join(map(str, sorted(single | set(combined)))) or 'the sets you add'}",
+                remedy=f"{listed}, here or with mesh.spc" if there else listed,
             )
         return combined.get(number, {number})
-    top = (single | set(combined)) - {member for members in combined.values() for member in members}
+    top = there - {member for members in combined.values() for member in members}
     if len(top) > 1:
         card = next(card for card in (*supports, *deck.cards.get("SPCADD", [])) if int(card.fields[0]) == max(top))
-        raise DeckError(
+        raise ChoiceError(
             f"{len(top)} sets of supports ({', '.join(map(str, sorted(top)))}) and no selection",
             where=card.where,
-            remedy="select one with SPC = n in the case control, before BEGIN BULK",
+            remedy=f"say which hold: mesh.spc: {min(top)}",
+            sets=tuple(sorted(top)),
         )
     number = next(iter(top), 0)
     return combined.get(number, {number})
