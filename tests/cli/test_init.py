@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from strainsight.config.answers import Answers, Lacking, Place, Suggestion
@@ -54,6 +56,38 @@ def test_what_nobody_has_said_is_blank_and_named(init):
     assert blanks() == ["loads.force.signal.frequency", "loads.force.signal.amplitude"]
     assert init("--amplitude", "10", "--frequency", "5")[0] == 0
     assert blanks() == ["loads.force", "loads.force.direction"]
+
+
+def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
+    text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
+    text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD4,901,9,1,2,3,4\nCQUAD4,902,9,1,2,3,4\nTEMPD,4,20.\nENDDATA")
+    assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
+    written = Path("own.yaml").read_text()
+    assert re.search(r"#   CQUAD4 +# 2, the first at beam.bdf:\d+\n  #   TEMPD +# 1, the first at beam.bdf:\d+\n", written)
+
+    def imported(*changes):
+        text = written
+        for old, new in changes:
+            text = re.sub(old, new, text)
+        Path("own.yaml").write_text(text)
+        done = CliRunner().invoke(app, ["import", "own.yaml"])
+        return done.exit_code, done.stderr
+
+    chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [CQUAD4, TEMPD]")
+    assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
+    assert "mesh.ignore: [CQUAD4, TEMPD]" in imported(chosen)[1]
+    assert imported(ignored, chosen)[0] == 0
+
+
+@pytest.mark.parametrize("sign", ["\u2028", "\x85", "\n", '"', "\x7f"])
+def test_a_name_of_the_deck_stays_a_name(sign):
+    name = f"a{sign}  evil: 1"
+    place = Place("set", name, "4 nodes")
+    found = Suggestion(places=(place,), unsupported=((name, 1, name),))
+    config = yaml.safe_load(template(f"{name}.inp", found, Answers(load=place)))
+    assert config["mesh"]["file"] == f"{name}.inp"
+    assert config["loads"]["force"]["set"] == name
+    assert yaml.safe_load(template("a.inp", found))["loads"]["force"]["set"] is None
 
 
 def test_with_a_load_that_was_given_the_config_is_whole(init):

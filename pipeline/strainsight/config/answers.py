@@ -36,8 +36,10 @@ class Suggestion:
 
     length_unit, mass_unit: in which its materials make sense, empty where they make sense in none, and odd says why; region: id
     of the largest one, and its Young's modulus [Pa], None where the deck has no material; lacking: what materials lack;
-    supports, solids: whether the deck has any; places: where its loads and supports may be, the likely ones first; taken: names
-    of its sets; gauge_type: that suits its largest face.
+    supports, solids: whether the deck has any; support_sets: ids of its sets of supports, where it does not say which holds;
+    unsupported: name for `mesh.ignore`, number, and file:line of the first, of what the model is not the same without;
+    places: where its loads and supports may be, the likely ones first; taken: names of its sets; gauge_type: that suits its
+    largest face.
     """
 
     length_unit: str = "m"
@@ -48,6 +50,8 @@ class Suggestion:
     lacking: tuple[Lacking, ...] = ()
     supports: bool = True
     solids: bool = True
+    support_sets: tuple[int, ...] = ()
+    unsupported: tuple[tuple[str, int, str], ...] = ()
     places: tuple[Place, ...] = ()
     taken: tuple[str, ...] = ()
     gauge_type: str | None = "3/350"

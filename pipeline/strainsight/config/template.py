@@ -7,6 +7,7 @@ import json
 import re
 
 from strainsight.config.answers import NONE, Answers, Place, Suggestion
+from strainsight.errors import printable
 
 WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
 """Which YAML does not read as text."""
@@ -110,7 +111,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
     modulus = answers.find == "modulus"
     unknown = "E" if modulus else "force"
     return TEMPLATE.format(
-        deck=json.dumps(deck, ensure_ascii=False)[1:-1],
+        deck=_escaped(deck),
         name=name,
         file=_quoted(deck),
         length_unit=found.length_unit,
@@ -156,6 +157,15 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
     }
     blank = not found.supports and answers.held is None
     lines = [f"  # {found.odd}: state mesh.materials too, or correct the deck"] if found.odd else []
+    if found.unsupported:
+        lines.append(
+            "  # What is not supported, though the model is not the same without; what does not matter goes into `ignore`:"
+        )
+        lines += [f"  #   {printable(f'{n:<32} # {k}, the first at {at}')}" for n, k, at in found.unsupported]
+        lines.append("  ignore: []            # ← names from above, or add to the model what they do")
+    if found.support_sets:
+        sets = ", ".join(map(str, found.support_sets))
+        lines.append(f"  spc:                  # ← set of supports that hold: {sets}")
     if faces := [place for place in found.places if place.kind == "face"]:
         lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
         lines += [f"  #   near: {place.name:<32} # {place.what}{', held' * place.held}" for place in faces[:FACES]]
@@ -225,11 +235,17 @@ def _value(place: Place) -> str:
     return place.name if place.kind == "node" else _quoted(place.name)
 
 
+def _escaped(text: str) -> str:
+    """Between quotes, or in a comment: no sign that ends a line there, as U+2028 does."""
+    escaped = json.dumps(text, ensure_ascii=False)[1:-1]
+    return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in escaped)
+
+
 def _quoted(text: str) -> str:
     """Text as YAML: a JSON string is a YAML string, whatever is in it; without quotes what starts with a letter and is no word of
     YAML's, or is a path."""
     plain = re.fullmatch(r"(\.{0,2}/)?[A-Za-z][A-Za-z0-9_./-]*|(\.\./)+[A-Za-z0-9_./-]+", text)
-    return text if plain and text.lower() not in WORDS else json.dumps(text, ensure_ascii=False)
+    return text if plain and text.lower() not in WORDS else f'"{_escaped(text)}"'
 
 
 def _plain(value: float | None) -> str:

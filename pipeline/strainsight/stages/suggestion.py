@@ -9,11 +9,14 @@ import numpy as np
 
 from strainsight.config.answers import Lacking, Place, Suggestion
 from strainsight.config.gauge_types import fitting_type
+from strainsight.decks.effects import short
 from strainsight.decks.reader import read_mesh
+from strainsight.errors import ChoiceError
 from strainsight.gauges.faces import Faces, faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import usual_units
+from strainsight.mesh.units import to_si
 
 
 def suggestion(path: Path) -> Suggestion:
@@ -21,12 +24,17 @@ def suggestion(path: Path) -> Suggestion:
 
     Raises DeckError where the deck cannot be read.
     """
-    mesh = read_mesh(path, solids=False, materials=False)  # in the deck's own numbers
+    sets: tuple[int, ...] = ()
+    try:
+        mesh = read_mesh(path, solids=False, materials=False)  # in the deck's own numbers
+    except ChoiceError as error:
+        sets = error.sets
+        mesh = read_mesh(path, solids=False, materials=False, spc=sets[0])
     count = {number: sum(int(np.sum(b.region == number)) for b in mesh.blocks) for number in mesh.regions}
     region = max(count, key=lambda number: count[number]) if count else 1
     material = mesh.materials.get(mesh.regions[region].material) if count else None
     units = usual_units(material.youngs_modulus, material.density) if material else _by_size(mesh) or ("m", "kg")
-    converted = read_mesh(path, *units, solids=False, materials=False) if units else mesh
+    converted = to_si(mesh, *units) if units else mesh
     faces = faces_of(converted.position, exterior_facets(converted)) if converted.blocks else None
     return Suggestion(
         *(units or ("", "")),
@@ -39,6 +47,10 @@ def suggestion(path: Path) -> Suggestion:
         supports=len(mesh.held) > 0,
         solids=bool(mesh.blocks),
         places=tuple(_places(converted, faces)) if units else (),
+        support_sets=sets,
+        unsupported=tuple(
+            (short(card), mesh.ignored[card], where.rpartition("/")[2]) for card, where in mesh.unsupported.items()
+        ),
         taken=(*mesh.node_sets, *mesh.element_sets),
         gauge_type=fitting_type(float(np.sqrt(faces.area.max()))) if units and faces is not None else None,
     )
