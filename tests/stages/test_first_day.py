@@ -357,6 +357,18 @@ def test_they_are_forty_and_more():
     assert len(CONFIG) + len(DECK) + len(FILES) + len(WORDS) >= 40
 
 
+def test_where_gauges_were_bonded_is_known_after_the_layout(project):
+    """Neither the file of their places nor the record of the test is there on the day of the layout; the test needs both."""
+    names = [(f"gauge: {old}", f"gauge: G{i}") for i, old in enumerate(("root", "left", "below", "right"), start=1)]
+    change(project, [OF_LAYOUT, *names, ("  file: test.csv", "  file: later.csv\n  gauges_file: g.csv")])
+    done = CliRunner().invoke(app, ["import", "test.yaml"])
+    assert (done.exit_code, done.stderr) == (0, "")
+    shutil.rmtree(project / "results")
+    refused(project, ["estimate", "test.yaml"], "estimate.file: no such file: ", "folder of the config")
+    shutil.copy(project / "test.csv", project / "later.csv")
+    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: no such file: ", "folder of the config")
+
+
 def test_a_record_beside_the_config_is_named(project, monkeypatch):
     (project / "elsewhere").mkdir()
     monkeypatch.chdir(project / "elsewhere")

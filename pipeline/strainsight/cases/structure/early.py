@@ -61,7 +61,8 @@ def _histories(config: PlacementConfig) -> Iterator[tuple[str, Recorded, dict[st
 
 
 def _check_gauges(config: PlacementConfig, base: Path) -> None:
-    """Names of the channels among those of bonded gauges and the G1 … of as many as are kept."""
+    """Names of the channels among those of bonded gauges and the G1 … of as many as are kept. A file that says where those of the
+    layout were bonded comes after the layout: only `estimate` needs it."""
     from strainsight.cases.structure.bonded_file import read_bonded
     from strainsight.cases.structure.bonded_gauges import KEY, absent, not_bonded, place_unknown
 
@@ -76,9 +77,9 @@ def _check_gauges(config: PlacementConfig, base: Path) -> None:
     labels = [f"G{i}" for i in range(1, config.place.keep + len(named) + 1) if f"G{i}" not in named]
     known = [*named, *labels[: config.place.keep - len(named)]]
     places = None
-    if settings.gauges_file is not None:
+    if settings.gauges_file is not None and (base / settings.gauges_file).is_file():
         with blame(KEY):
-            places = read_bonded(_there(KEY, settings.gauges_file, base))
+            places = read_bonded(base / settings.gauges_file)
     for i, entry in enumerate(settings.channels):
         name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
         if name not in known:
