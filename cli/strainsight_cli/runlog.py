@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from strainsight.file_lock import lock_file
+from strainsight.file_lock import NO_LINK, lock_file
 from strainsight.processes import peak_memory
 from strainsight_cli.failures import LAST_WORDS
 from strainsight_cli.placeless import placeless
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 NAME = "run.log"
 MOST, KEPT = 1 << 20, 1 << 19
 """[bytes] A log that has grown beyond the first is cut to the last lines within the second."""
-NO_LINK = getattr(os, "O_NOFOLLOW", 0)
-"""A log that is a link to another file is not written; Windows cannot ask for that."""
 
 Log = Callable[[str], None]
 

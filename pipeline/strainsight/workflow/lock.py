@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from strainsight.errors import UserError
-from strainsight.file_lock import lock_byte, lock_file
+from strainsight.file_lock import NO_LINK, lock_byte, lock_file
 
 NAME = ".lock"
 COMPUTING = ".computing"
@@ -45,7 +45,7 @@ def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None)
     there is another one to wait for. On a disk without locks nobody waits: at worst the same is computed twice.
     """
     results.mkdir(parents=True, exist_ok=True)
-    handle = os.open(results / COMPUTING, os.O_RDWR | os.O_CREAT, 0o666)
+    handle = os.open(results / COMPUTING, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
     byte = int(key[:15], 16)
     try:
         with suppress(OSError):
@@ -61,7 +61,7 @@ def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None)
 
 def _acquire(path: Path) -> int:
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
         try:
             lock_file(handle, wait=False)
         except BlockingIOError:

@@ -1,0 +1,39 @@
+"""Who holds the lock of a results folder, and what its file may be."""
+
+from __future__ import annotations
+
+import errno
+
+import pytest
+
+from strainsight.errors import UserError
+from strainsight.workflow.lock import COMPUTING, NAME, computing, locked
+
+KEY = "f" * 64
+
+
+def test_a_second_holder_is_refused_and_the_file_goes_with_the_first(tmp_path):
+    with locked(tmp_path) as left_by:
+        assert left_by is None
+        with pytest.raises(UserError, match=r"another run \(process \d+\)"), locked(tmp_path):
+            pass
+    assert not (tmp_path / NAME).exists()
+
+
+def test_what_a_killed_run_has_left_is_named_and_taken(tmp_path):
+    (tmp_path / NAME).write_text("4711\n")
+    with locked(tmp_path) as left_by:
+        assert left_by == 4711
+
+
+def test_a_link_in_place_of_a_lock_leaves_the_file_it_names_alone(tmp_path):
+    other = tmp_path / "other.txt"
+    other.write_text("mine\n")
+    for name in (NAME, COMPUTING):
+        (tmp_path / name).symlink_to(other)
+    with pytest.raises(OSError, match=NAME) as caught, locked(tmp_path):
+        pass
+    assert caught.value.errno == errno.ELOOP
+    with pytest.raises(OSError, match=COMPUTING), computing(tmp_path, KEY):
+        pass
+    assert other.read_text() == "mine\n"
