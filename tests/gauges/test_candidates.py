@@ -120,9 +120,10 @@ def test_a_surface_is_an_element_set_or_a_node_set(beam):
 
 
 def test_a_set_that_is_not_there_is_refused_and_the_others_named(beam):
-    with pytest.raises(UserError, match="'topp' is not in the mesh") as error:
-        candidates(*beam, (1, 0, 0), surface="topp")
-    assert "first, top" in error.value.remedy
+    for name, said in (("topp", "did you mean top?"), ("lid", "first, top")):
+        with pytest.raises(UserError, match=f"'{name}' is not in the mesh") as error:
+            candidates(*beam, (1, 0, 0), surface=name)
+        assert said in error.value.remedy
 
 
 def test_a_name_that_is_two_sets_is_refused(beam):

@@ -15,7 +15,7 @@ from .processes import PATIENCE, of_session, until
 from .small import PLACEMENT, command
 from .whole import LOG, compared, names
 
-SCREENED = {f"{stage}.h5" for stage in ("import", "modes", "rom", "train", "screen")}
+SCREENED = {f"{stage}.h5" for stage in ("import", "modes", "rom", "train", "screen")} | {"import.vtkhdf", "rom.vtkhdf"}
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def results(undisturbed, tmp_path) -> Path:
     results = tmp_path / "results"
     shutil.copytree(undisturbed / "beam", results / "beam")
     for path in (results / "beam").iterdir():
-        if path.name not in ("import.h5", "modes.h5"):
+        if path.stem not in ("import", "modes"):
             path.unlink()
     return results
 
