@@ -99,6 +99,20 @@ def test_a_normal_and_a_box_hold_together(strip):
     np.testing.assert_allclose(area, 2 + 0.1, rtol=1e-9)  # the long flat from below, and the end that looks down
 
 
+@pytest.mark.parametrize("sense", [1, -1])
+def test_of_two_faces_as_near_the_normal_says_which(strip, sense):
+    """A point halfway between both sides of the plate, as one on a contact is of both parts."""
+    _, mesh, facets, faces = strip
+    up = tuple(TURNED @ [0.0, 0.0, float(sense)])
+    middle = tuple(TURNED @ [1.0, -0.5, 0.55] + SHIFT)
+    with pytest.raises(UserError, match="as near to one face"):
+        picked(Pick(near=(middle,)), faces, mesh.position, facets)
+    chosen = picked(Pick(near=(middle,), normal=up, angle=1), faces, mesh.position, facets)
+    (face,) = set(faces.of[chosen].tolist())
+    np.testing.assert_array_equal(chosen, np.flatnonzero(faces.of == face))
+    np.testing.assert_allclose(facet_vectors(mesh.position, facets)[chosen].sum(axis=0), 2 * np.array(up), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("pick", "what"),
     [

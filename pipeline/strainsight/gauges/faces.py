@@ -98,13 +98,10 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     """Indices (k,) of the facets that are meant, ascending; position (n, 3) [m].
 
     Raises UserError where there is none, where a point is farther from the surface than the part is long, and where it is as
-    near to one face as to another.
+    near to one face as to another and the rest does not say which.
     """
     centre, normal = facet_centres(position, facets.kind, facets.nodes)
     found = np.ones(len(faces.of), dtype=bool)
-    if pick.near:
-        skin = skin_of(position, facets)
-        found = np.isin(faces.of, [_nearest(np.asarray(point), faces, skin) for point in pick.near])
     if pick.normal is not None:
         axis = np.asarray(pick.normal, dtype=float)
         found &= _angle(normal, np.tile(axis, (len(normal), 1))) <= np.deg2rad(pick.angle)
@@ -118,6 +115,9 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
             radii = sorted({f"{r:.4g}" for r in faces.radius[faces.radius > 0]}, key=float)
             known = f"cylinders here have {', '.join(radii[:8])} m" if radii else "this surface has no cylinders"
             raise UserError(f"no face has a radius of {pick.radius:g} m", remedy=known)
+    if pick.near:
+        skin, likely = skin_of(position, facets), faces.of[found]
+        found &= np.isin(faces.of, [_nearest(np.asarray(point), faces, skin, likely) for point in pick.near])
     if not found.any():
         given = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
         where = f"{' and '.join(given)} hold together nowhere" if len(given) > 1 else "lengths are in m"
@@ -127,8 +127,8 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     return np.flatnonzero(found)
 
 
-def _nearest(point: np.ndarray, faces: Faces, skin: Skin) -> int:
-    """The face nearest to a point (3,) [m]."""
+def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) -> int:
+    """The face nearest to a point (3,) [m]; of two as near, as where parts touch, the one that is among the likely ones."""
     long = float(np.linalg.norm(np.ptp(skin.position, axis=0)))
     hit = locate(skin, point[None])
     face, distance = int(faces.of[hit.facet[0]]), float(hit.distance[0])
@@ -143,9 +143,11 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin) -> int:
         rest = locate(skin_of(skin.position, _some(skin.facets, others)), point[None])
         other = int(faces.of[others][rest.facet[0]])
         if rest.distance[0] - distance <= 1e-6 * long:
+            if (other in likely) != (face in likely):
+                return other if other in likely else face
             raise UserError(
                 f"the point {where} is as near to one face ({faces.in_words(face)}) as to another ({faces.in_words(other)})",
-                remedy="give a point inside the face that is meant",
+                remedy="give a point inside the face that is meant, or its normal too",
             )
     return face
 
