@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from strainsight.cases.structure.placed import placement_output
 from strainsight.cases.structure.placement import placement_of
+from strainsight.cases.structure.settings import KINDS_OF_LOAD
 from strainsight.config.placement import PlacementConfig
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output
@@ -27,12 +28,7 @@ PLACE = Stage(
         "loads.*.node",
         "loads.*.set",
         "loads.*.deck_load",
-        "loads.*.moment",
-        "loads.*.bearing",
-        "loads.*.pressure",
-        "loads.*.factor",
-        "loads.*.gravity",
-        "loads.*.rotation",
+        *KINDS_OF_LOAD,
         "loads.*.signal",
         "loads.*.process_noise",
         "parameters.*.process_noise_scale",

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.cases.structure.candidates import OnSurface
 from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.resolution import unresolved_candidates
-from strainsight.cases.structure.settings import load_units
+from strainsight.cases.structure.settings import KINDS_OF_LOAD, load_units
 from strainsight.cases.structure.training import trained
 from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.candidates import Candidates
@@ -101,12 +101,7 @@ TRAIN = Stage(
     version=10,
     reads=(
         "loads.*.signal",
-        "loads.*.moment",
-        "loads.*.bearing",
-        "loads.*.pressure",
-        "loads.*.factor",
-        "loads.*.gravity",
-        "loads.*.rotation",
+        *KINDS_OF_LOAD,
         "train",
         "place.load_cases",
         "gauges.surface",

@@ -24,11 +24,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
-WHERE_LOADS_ACT = (
-    "loads.*.node",
-    "loads.*.set",
-    "loads.*.deck_load",
-    "loads.*.direction",
+KINDS_OF_LOAD = (
     "loads.*.moment",
     "loads.*.bearing",
     "loads.*.pressure",
@@ -36,6 +32,8 @@ WHERE_LOADS_ACT = (
     "loads.*.gravity",
     "loads.*.rotation",
 )
+"""Keys that say of what kind a load is, and so its unit."""
+WHERE_LOADS_ACT = ("loads.*.node", "loads.*.set", "loads.*.deck_load", "loads.*.direction", *KINDS_OF_LOAD)
 """Keys that `point_loads` reads."""
 PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
 
