@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import benchmark_history
 import config_reference
 import example_pages
+import gallery_pages
 
 project = "strainsight"
 extensions = ["myst_parser"]
@@ -53,13 +54,24 @@ def mathml(node, as_block):
 
 def only_within(app, name, source):
     """Links to files that are beside the manual in the repository, but not in it, become plain words."""
-    source[0] = re.sub(r"\[([^]]+)\]\(\.\./(?:\.\./)*(?:meshes|configs|tests|benchmarks)/[^)]*\)", r"\1", source[0])
+    source[0] = re.sub(r"(?<!!)\[([^]]+)\]\(\.\./(?:\.\./)*(?:meshes|configs|tests|benchmarks)/[^)]*\)", r"\1", source[0])
+
+
+def only_drawn(app, name, source):
+    """Pictures of the gallery that no run has drawn yet are left out."""
+
+    def kept(found):
+        return found[0] if (Path(app.srcdir) / name).parent.joinpath(found[1] or found[2]).is_file() else ""
+
+    source[0] = re.sub(r"\[!\[[^]]*\]\(([^)\s]+)\)\]\([^)]*\)|!\[[^]]*\]\(([^)\s]+)\)", kept, source[0])
 
 
 def setup(app):
     app.add_html_math_renderer("mathml", (inline_math, None), (block_math, None))
     app.connect("source-read", only_within)
+    app.connect("source-read", only_drawn)
     app.connect("builder-inited", lambda app: config_reference.write(Path(app.srcdir) / "config"))
     app.add_config_value("run_examples", True, "env")
     app.connect("builder-inited", lambda app: example_pages.write(bool(int(app.config.run_examples))))
+    app.connect("builder-inited", lambda app: gallery_pages.write() if int(app.config.run_examples) else None)
     app.connect("builder-inited", lambda app: benchmark_history.write(Path(app.srcdir) / "history"))

@@ -1,7 +1,6 @@
 """The manual: it builds without a warning and loads nothing, its reference is complete, and what it quotes comes out."""
 
 import importlib.util
-import math
 import os
 import re
 import subprocess
@@ -17,8 +16,17 @@ from strainsight_cli.main import app
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-TOLERANCE = 0.05
-"""Of a quoted number, relative: quoted are few digits, and equal gauges are distinguished by the last ones."""
+
+
+def _loaded(name):
+    """A module of the manual's own."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+quoted = _loaded("quoted")
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +96,7 @@ def test_links_to_places_on_a_page_lead_somewhere(site):
 def test_the_reference_lists_every_key_with_its_meaning():
     """A table for every mapping of the models, with all of its keys."""
     tables = set()
-    for page in _reference().pages().values():
+    for page in _loaded("config_reference").pages().values():
         for part in re.split(r"^## ", page, flags=re.MULTILINE):
             listed = re.findall(r"^\| \[?`([^`]+)`.* \| (.*) \|$", part, re.MULTILINE)
             assert all(what.strip() for _, what in listed), part
@@ -99,7 +107,7 @@ def test_the_reference_lists_every_key_with_its_meaning():
 
 
 def test_the_reference_lists_every_key_of_the_examples():
-    pages = "\n".join(_reference().pages().values())
+    pages = "\n".join(_loaded("config_reference").pages().values())
     for key in (
         "loads.NAME.signal.frequency",
         "place.symmetry.normal",
@@ -116,14 +124,14 @@ def test_the_reference_lists_every_key_of_the_examples():
 
 
 def test_a_key_of_the_reference_shows_type_default_and_unit():
-    pages = _reference().pages()
+    pages = _loaded("config_reference").pages()
     assert "| `place.keep` | whole number ≥ 1 | required |" in pages["placement-place"]
     assert "| `place.instants` | whole number ≥ 1 | `20` |" in pages["placement-place"]
     assert re.search(r"\| `train.time_step` \| number \\> 0 \| required \| .*\\\[s\\\]", pages["placement-train"])
 
 
 def test_the_reference_is_rewritten_only_where_it_changed(tmp_path):
-    reference = _reference()
+    reference = _loaded("config_reference")
     reference.write(tmp_path)
     (tmp_path / "gone.md").write_text("of an older version")
     page = tmp_path / "placement.md"
@@ -196,7 +204,7 @@ def test_names_that_are_to_be_touched_are_in_their_files():
 
 
 @pytest.mark.parametrize(
-    ("quoted", "printed", "same"),
+    ("line", "printed", "same"),
     [
         ("place  done … 100 → 4, gap 0.010 %", "place     done   13.3 s   100 → 4, gap 0.010 %, E ± 0.49 %", True),
         ("E ± 0.49 %", "E ± 0.50 %", True),
@@ -206,8 +214,8 @@ def test_names_that_are_to_be_touched_are_in_their_files():
         ("G1 28 …", "G1  28  0.5  0.6", True),
     ],
 )
-def test_quoted_lines_are_compared_by_words_and_numbers(quoted, printed, same):
-    assert within(quoted, printed) is same
+def test_quoted_lines_are_compared_by_words_and_numbers(line, printed, same):
+    assert quoted.within(line, printed) is same
 
 
 def run_page(page, folder):
@@ -217,43 +225,13 @@ def run_page(page, folder):
     text = page.read_text(encoding="utf-8")
     for name, content in re.findall(r"<!-- file: (\S+) -->\n```yaml\n(.*?)```", text, re.DOTALL):
         (folder / name).write_text(content, encoding="utf-8")
-    blocks = re.findall(r"<!-- run -->\n```console\n(.*?)```", text, re.DOTALL)
+    blocks = quoted.blocks(text)
     assert blocks
     for block in blocks:
-        parts = re.split(r"^\$ (.+)$", block, flags=re.MULTILINE)
-        assert not parts[0].strip(), f"{page.name}: a block begins with a command"
-        for command, quoted in zip(parts[1::2], parts[2::2], strict=True):
+        for command, lines in quoted.commands(block):
             printed = _run(command, folder)
-            for line in filter(None, map(str.strip, quoted.splitlines())):
-                assert any(within(line, other) for other in printed.splitlines()), (
-                    f"{page.name}: {command} does not print\n{line}\nbut\n{printed}"
-                )
-
-
-def within(quoted, printed):
-    """Whether the words of a quoted line stand in a printed one, one behind the other; … stands for any words."""
-    there = printed.split()
-    start = 0
-    for part in quoted.split("…"):
-        words = part.split()
-        places = [at for at in range(start, len(there) - len(words) + 1) if _alike(words, there[at : at + len(words)])]
-        if not places:
-            return False
-        start = places[0] + len(words)
-    return True
-
-
-def _alike(words, others):
-    return all(_same(word, other) for word, other in zip(words, others, strict=True))
-
-
-def _same(word, other):
-    try:
-        a, b = float(word.rstrip(",:;")), float(other.rstrip(",:;"))
-    except ValueError:
-        return word.rstrip(",:;") == other.rstrip(",:;")
-    counted = word.rstrip(",:;").isdigit()
-    return a == b if counted else math.isclose(a, b, rel_tol=TOLERANCE)
+            for line in quoted.missing(lines, printed):
+                pytest.fail(f"{page.name}: {command} does not print\n{line}\nbut\n{printed}")
 
 
 def _run(command, folder):
@@ -263,10 +241,3 @@ def _run(command, folder):
     done = subprocess.run(command, shell=True, cwd=folder, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout + done.stderr
-
-
-def _reference():
-    spec = importlib.util.spec_from_file_location("config_reference", DOCS / "config_reference.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
