@@ -54,7 +54,7 @@ def mathml(node, as_block):
 
 def only_within(app, name, source):
     """Links to files that are beside the manual in the repository, but not in it, become plain words."""
-    source[0] = re.sub(r"(?<!!)\[([^]]+)\]\(\.\./(?:\.\./)*(?:meshes|configs|tests|benchmarks)/[^)]*\)", r"\1", source[0])
+    source[0] = re.sub(r"\[([^]]+)\]\(\.\./(?:\.\./)*(?:meshes|configs|tests|benchmarks)/[^)]*\)", r"\1", source[0])
 
 
 def only_drawn(app, name, source):

@@ -1,6 +1,7 @@
 """The manual: it builds without a warning and loads nothing, its reference is complete, and what it quotes comes out."""
 
 import importlib.util
+import json
 import os
 import re
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from sphinx.search.en import SearchEnglish
 
 from strainsight.config.schema import config_schema
 from strainsight_cli.main import app
@@ -139,6 +141,27 @@ def test_the_reference_is_rewritten_only_where_it_changed(tmp_path):
     reference.write(tmp_path)
     assert page.stat().st_mtime == 1
     assert not (tmp_path / "gone.md").exists()
+
+
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [
+        ("temperature", "bonding"),
+        ("adhesive", "bonding"),
+        ("microstrain", "faq"),
+        ("FAQ", "faq"),
+        ("cite", "index"),
+        ("gallery", "gallery/index"),
+    ],
+)
+def test_the_search_finds_what_one_would_look_for(site, word, page):
+    """In the index of the site, by the stem that the search makes of a word."""
+    text = (site / "searchindex.js").read_text(encoding="utf-8")
+    index = json.loads(text[text.index("(") + 1 : text.rindex(")")])
+    stem = SearchEnglish({}).stem(word.lower())
+    places = [index[terms].get(stem, []) for terms in ("terms", "titleterms")]
+    found = {index["docnames"][at] for place in places for at in (place if isinstance(place, list) else [place])}
+    assert page in found
 
 
 @pytest.mark.slow
