@@ -240,7 +240,7 @@ def moves_in_its_shapes(found: Opened) -> None:
     page, _ = found.page, view(found)
     choice = page.locator("#space-shape")
     options = choice.locator("option").evaluate_all("all => all.map(e => [e.value, e.textContent])")
-    assert options[0][1] == "at rest"
+    assert options[0][1] == "plain body"
     assert len(options) > 1
     first = picture(found)
     for value, _ in options[1:3]:
@@ -249,4 +249,50 @@ def moves_in_its_shapes(found: Opened) -> None:
         assert changed(first, picture(found)) > 0.002
     choice.select_option(options[0][0])
     page.wait_for_timeout(100)
+    assert changed(first, picture(found)) == 0
+
+
+def shows_strain(found: Opened) -> None:
+    """Every contour of the list colours the surface and brings its own scale, in µm/m or MPa; the plain body has none."""
+    page, _ = found.page, view(found)
+    choice, bars = page.locator("#space-shape"), page.locator("#space-bars > div")
+    states = bars.evaluate_all("all => all.map(e => e.dataset.state)")
+    assert states
+    choice.select_option("-1")
+    plain = picture(found)
+    assert page.locator("#space-bars > div:visible").count() == 0
+    for state in states:
+        choice.select_option(state)
+        assert changed(plain, picture(found)) > 0.02
+        shown = page.locator("#space-bars > div:visible")
+        assert shown.evaluate_all("all => all.map(e => e.dataset.state)") == [state]
+        assert re.search(r"from \S+ to \S+ (µm/m|MPa)$", shown.locator(".scale").get_attribute("aria-label"))
+    choice.select_option("-1")
+    assert changed(plain, picture(found)) == 0
+
+
+def has_labels_that_stand_apart(found: Opened) -> None:
+    """No label of a gauge lies on another, wherever one looks from."""
+    page, _ = found.page, view(found)
+    for eye in ("home", "x", "y", "z"):
+        page.locator(f'#space button[data-eye="{eye}"]').click()
+        page.evaluate(STILL)
+        boxes = page.locator("#space-view .tag:visible").evaluate_all(
+            "all => all.map(e => e.getBoundingClientRect()).map(r => [r.left, r.top, r.right, r.bottom])"
+        )
+        assert boxes
+        for i, (left, top, right, bottom) in enumerate(boxes):
+            others = [box for box in boxes[:i] if box[0] < right and left < box[2] and box[1] < bottom and top < box[3]]
+            assert others == [], f"from {eye}"
+
+
+def shows_gauges_to_scale(found: Opened) -> None:
+    """At a press gauges are drawn as large as they are, and at a second one as before."""
+    page, _ = found.page, view(found)
+    button, first = page.locator("#space-true"), picture(found)
+    button.click()
+    assert button.get_attribute("aria-pressed") == "true"
+    assert changed(first, picture(found)) > 0
+    button.click()
+    assert button.get_attribute("aria-pressed") == "false"
     assert changed(first, picture(found)) == 0

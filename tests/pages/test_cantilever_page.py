@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ..shared import ROOT, SHORT
-from . import answers, space, tables
+from . import answers, checks, space, tables
 from .every import (  # noqa: F401  every page has to pass these
     test_every_picture_has_words,
     test_it_fits_a_phone,
@@ -64,6 +64,15 @@ def test_the_structure_turns_zooms_and_obeys_the_keyboard(look, report):
     space.turns_under_the_mouse(found)
     space.zooms_by_the_wheel(found)
     space.obeys_the_keyboard(found)
+
+
+def test_strain_modes_and_the_size_of_gauges_can_be_chosen(look, report):
+    found = look(report, still=True)
+    space.shows_strain(found)
+    checks.accessible(found)
+    space.has_labels_that_stand_apart(found)
+    space.shows_gauges_to_scale(found)
+    space.moves_in_its_shapes(found)
 
 
 def test_a_picked_gauge_tells_its_id_position_and_direction(look, report, gauges):

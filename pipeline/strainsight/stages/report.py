@@ -15,6 +15,7 @@ from strainsight.stages.pages.page import placement_report
 from strainsight.stages.pages.sheets import sheet_files, sheets_of
 from strainsight.stages.pages.workshop import exported, workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
+from strainsight.stages.view.strain import strain_shapes, strains_of
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -31,7 +32,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     except StrainsightError as error:
         problem = f"{error.what}: {error.remedy}"
     modes = placement_view(context.config, "modes", context.upstream, None)
-    shapes = tuple(Shape(panel.title, panel.shift) for panel in modes.panels)
+    strains = strain_shapes(report.layout, strains_of(context.config, mesh, context.upstream))
+    shapes = (*strains, *(Shape(panel.title, panel.shift) for panel in modes.panels))
     context.progress("figures", 0.5)
     page = placement_page(report, placement_figures(report), scene, problem, shapes, tuple(sheets.values())).encode()
     datasets = {
@@ -64,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=17,
+    version=18,
     reads=(
         "name",
         "seed",

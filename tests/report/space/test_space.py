@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 
+from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.layout import Gauge, Layout, Load
-from strainsight.report.space.model import Shape, space, vertex_shift
+from strainsight.report.space.model import Shape, contour_of, space, vertex_shift
 from strainsight.report.space.section import SCRIPTS, STYLE, space_section
 from strainsight.report.space.surface import straight, surface
 
@@ -106,7 +107,9 @@ def unpacked(page):
     data = zlib.decompress(base64.b64decode(content["arrays"]))
     count, at, arrays = content["vertices"], 0, []
     kinds = [("<u2", 3 * count), ("i1", 3 * count), ("u1", 3 * count)]
-    kinds += [("<u4", part["count"]) for part in content["parts"]] + [("i1", 3 * count)] * len(content["states"])
+    kinds += [("<u4", part["count"]) for part in content["parts"]]
+    for state in content["states"]:
+        kinds += [("i1", 3 * count)] * (state["largest"] > 0) + [("u1", content["surface"])] * bool(state["stops"])
     for kind, size in kinds:
         arrays.append(np.frombuffer(data, kind, size, at))
         at += arrays[-1].nbytes
@@ -127,6 +130,51 @@ def test_the_page_holds_the_structure_to_a_pixel(cube):
         assert (index == own.index.ravel()).all()
     shift = content["states"][0]["largest"] * arrays[-1].reshape(-1, 3) / 127
     assert np.abs(shift - wave[model.source]).max() < 0.005
+
+
+def test_a_contour_holds_its_values_to_a_step_of_its_scale(cube):
+    layout = layout_of(cube)
+    middle = layout.points[layout.faces[:, :3]].mean(axis=1)
+    values = 40.0 * middle[:, 0] + 7.0
+    scale = scale_of("strain", "µm/m", values)
+    assert (scale.low, scale.high) == (-values.max(), values.max())  # both signs: about zero
+    shape = Shape("F alone", contour=contour_of(values, layout, scale), group="Strain")
+    page = space_section([("", layout)], [shape, Shape("mode 1, 12 Hz", layout.points)])
+    content, arrays = unpacked(page)
+    triangles = np.sum([part["count"] // 3 for part in content["parts"] if part["primitive"] == "triangles"])
+    assert triangles == cube.n_cells
+    # every point has the mean of the facets about it
+    shown = scale.low + (scale.high - scale.low) * arrays[-2] / 254
+    source = space([layout]).source
+    for vertex in range(0, content["surface"], 7):
+        about = np.any(layout.faces == source[vertex], axis=1)
+        assert shown[vertex] == pytest.approx(values[about].mean(), abs=0.51 / 254 * (scale.high - scale.low))
+    first, last = content["states"][0]["stops"][0], content["states"][0]["stops"][-1]
+    assert f"linear-gradient(to right, #{bytes(first).hex()}" in page
+    assert f"#{bytes(last).hex()})" in page
+    assert 'aria-label="strain from −' in page
+    assert page.count('<div data-state="0" hidden>') == 1
+    assert [state["largest"] > 0 for state in content["states"]] == [False, True]
+
+
+def test_gauges_are_there_as_large_as_they_are_to_be_seen_and_to_scale(cube):
+    """A foil of 8 × 4.5 mm, measured on the vertices of its part; a sensor that is bonded by none is drawn alike either way."""
+    glued, loose = gauge(foil=(0.008, 0.0045)), gauge(label="A1", position=(-0.5, 0.0, 0.0), kind="accelerometer")
+    layout = layout_of(cube, gauges=(glued, loose))
+    model = space([layout])
+    parts = {part.gauges: part for part in model.parts if part.gauges}
+    assert set(parts) == {"seen", "scale"}
+    extent = {}
+    for name, part in parts.items():
+        own = model.position[np.unique(part.index)]
+        extent[name] = np.ptp(own[own[:, 0] > 0], axis=0)
+    assert extent["scale"][2] == pytest.approx(0.008, abs=1e-7)  # along z
+    assert extent["scale"][1] == pytest.approx(0.0045, abs=1e-7)
+    assert extent["seen"][2] > 5 * extent["scale"][2]
+    blocks = [np.sum(model.position[np.unique(part.index), 0] < 0) for part in parts.values()]
+    assert blocks[0] == blocks[1] > 0
+    assert 'id="space-true"' in space_section([("", layout)])
+    assert 'id="space-true"' not in space_section([("", layout_of(cube, gauges=(loose,)))])
 
 
 def test_a_picked_gauge_says_where_it_is(cube):

@@ -10,8 +10,8 @@ import pytest
 from strainsight.report.chart.data import figure_csv
 from strainsight.report.chart.drawing import kept
 from strainsight.report.chart.panels import about
+from strainsight.report.picture.geometry import at_points
 from strainsight.report.tested.data import peak_of
-from strainsight.report.tested.field import at_points
 from strainsight.report.tested.loads import load_figure
 from strainsight.report.tested.readings import reading_figure
 from strainsight.report.tested.spectra import residual_figure

@@ -14,6 +14,8 @@ from strainsight.cases.layout.gauge_lines import (
     measured_columns,
 )
 from strainsight.cases.layout.gauge_list import GaugeList, marked_places
+from strainsight.config.gauge_types import GaugeType, Typed, gauge_type
+from strainsight.gauges.clearance import carrier
 from strainsight.gauges.edge_dimensions import EdgeDimensions
 from strainsight.gauges.export import uff_text
 from strainsight.mesh.model import Mesh
@@ -32,6 +34,24 @@ class Workshop:
     def lines_of(self, gauge: int) -> list[int]:
         """Indices of the lines of a gauge, by its number in the layout."""
         return [i for i, line in enumerate(self.lines) if line.gauge == gauge]
+
+
+@dataclass(frozen=True)
+class Foil:
+    """What a gauge is bonded by: length along its grid and width of its carrier [m]; type, None: assumed for its grid."""
+
+    length: float
+    width: float
+    type: GaugeType | None
+
+
+def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
+    """Of the grid of this line. What is bonded already may be of another type than the config names."""
+    own = shop.lines[line]
+    bonded_on = shop.listed.unit[own.gauge] == "strain" and not shop.listed.bonded[own.gauge]
+    kind = gauge_type(gauges) if bonded_on else None
+    size = carrier(own.length) if kind is None else (kind.carrier_length, kind.carrier_width)
+    return Foil(*size, kind)
 
 
 def workshop_of(listed: GaugeList, mesh: Mesh, frame: Frame) -> Workshop:

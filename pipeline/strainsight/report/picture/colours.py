@@ -25,6 +25,10 @@ class Scale:
     high: float
     name: str
 
+    def share(self, values: FloatArray) -> FloatArray:
+        """Where values are on the scale, 0 to 1."""
+        return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
+
 
 def limits(values: FloatArray) -> tuple[float, float]:
     """From the least to the largest finite value; about zero where both signs occur."""
@@ -45,15 +49,19 @@ def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]
     """(n, 3) of 0 to 255; missing: "#rrggbb" of what is no number."""
     import matplotlib as mpl
 
-    share = np.clip((values - scale.low) / (scale.high - scale.low), 0.0, 1.0)
+    share = scale.share(values)
     rgb = np.asarray(mpl.colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
     found = np.round(255 * rgb).astype(np.uint8)
     found[~np.isfinite(share)] = np.frombuffer(bytes.fromhex(missing[1:]), np.uint8)
     return found
 
 
+def stops(scale: Scale) -> NDArray[np.uint8]:
+    """(STEPS, 3) of 0 to 255: the colours at equal distances from low to high, between which a page goes straight."""
+    return colours(scale, np.linspace(scale.low, scale.high, STEPS), "#000000")
+
+
 def gradient(scale: Scale) -> str:
     """The colours from low to high, as a background of CSS."""
-    ends = np.linspace(scale.low, scale.high, STEPS)
-    stops = ", ".join(f"#{bytes(rgb.tolist()).hex()}" for rgb in colours(scale, ends, "#000000"))
-    return f"linear-gradient(to right, {stops})"
+    listed = ", ".join(f"#{bytes(rgb.tolist()).hex()}" for rgb in stops(scale))
+    return f"linear-gradient(to right, {listed})"

@@ -92,3 +92,12 @@ def views(points: FloatArray, triangle: IntArray, position: FloatArray, normal: 
     if not missed.any() or not seen[:, missed].any():
         return (corners[first],)
     return corners[first], corners[int(np.argmax(seen[:, missed].sum(axis=1)))]
+
+
+def at_points(values: FloatArray, faces: IntArray, points: int) -> FloatArray:
+    """Values (f,) of facets (f, 8), padded with −1, as the mean of the facets about every point (n,); NaN where none is."""
+    facet, column = np.nonzero(faces >= 0)
+    node = faces[facet, column]
+    many = np.bincount(node, minlength=points)
+    total = np.bincount(node, weights=values[facet], minlength=points)
+    return np.where(many > 0, total / np.maximum(many, 1), np.nan)

@@ -39,7 +39,8 @@ class Gauge:
     when the mesh around it is refined, when forces on nodes there are spread, None where not tested; hot: beyond its share;
     arms: of a bridge all of them, the first of which is where the rest of this says; none of others; edges (1 or arms, 2, 2): of
     its place, or that of every arm, distance [m] and angle [deg] to the nearest edge of the face and to the nearest across it,
-    NaN where there is none, empty where not measured; notes: what is to be looked at where it is bonded, "; " between them.
+    NaN where there is none, empty where not measured; notes: what is to be looked at where it is bonded, "; " between them;
+    foil: length along its direction and width of what is bonded [m], zero where not known or not bonded.
     """
 
     label: str
@@ -65,6 +66,7 @@ class Gauge:
     arms: tuple[Arm, ...] = ()
     edges: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
     notes: str = ""
+    foil: tuple[float, float] = (0.0, 0.0)
 
     @property
     def channels(self) -> FloatArray:

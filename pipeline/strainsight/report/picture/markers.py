@@ -40,6 +40,21 @@ def marker(gauge: Gauge, length: float) -> list[Any]:
     return [_bar(position, direction, normal, length, width) for direction in known]
 
 
+def foil(gauge: Gauge) -> list[Any]:
+    """Meshes of the foil of a gauge as large as it is, of a bridge that of each arm; none where its size is not known."""
+    long, wide = gauge.foil
+    if not long:
+        return []
+    places = [(arm.position, arm.direction, arm.normal) for arm in gauge.arms] or [
+        (
+            np.asarray(gauge.position, dtype=float),
+            np.asarray(gauge.direction, dtype=float),
+            np.asarray(gauge.normal, float),
+        )
+    ]
+    return [_bar(*place, long, 0.5 * wide / long) for place in places if np.any(place[1])]
+
+
 def _bar(position: FloatArray, direction: FloatArray, normal: FloatArray, length: float, width: float) -> Any:
     """A flat bar of this length along a direction, `width` of it to either side, just proud of the surface."""
     import pyvista as pv

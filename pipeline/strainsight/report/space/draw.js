@@ -54,11 +54,22 @@ function drawer(gl, given, bytes) {
   }
   point("position", stored(take(6 * count)), gl.UNSIGNED_SHORT);
   point("normal", stored(take(3 * count)), gl.BYTE);
-  point("colour", stored(take(3 * count)), gl.UNSIGNED_BYTE);
+  const own = take(3 * count), plain = stored(own);
   const parts = given.parts.map((part) => ({ ...part, buffer: stored(take(4 * part.count), gl.ELEMENT_ARRAY_BUFFER) }));
-  const states = given.states.map(() => {
-    const shift = new Int8Array(take(3 * count).buffer);
-    return { shift, buffer: stored(shift) };
+  // A place on the scale, 0 to 254, as a colour between its stops; 255: none.
+  function painted(stops, places) {
+    const colour = own.slice();
+    places.forEach((place, i) => {
+      if (place === 255) return;
+      const at = place / 254 * (stops.length - 1), low = Math.min(Math.floor(at), stops.length - 2);
+      for (let k = 0; k < 3; k++) colour[3 * i + k] = Math.round(stops[low][k] + (at - low) * (stops[low + 1][k] - stops[low][k]));
+    });
+    return stored(colour);
+  }
+  const states = given.states.map(({ largest, stops }) => {
+    const shift = largest > 0 ? new Int8Array(take(3 * count).buffer) : null;
+    const colour = stops.length ? painted(stops, take(given.surface)) : plain;
+    return { shift, buffer: shift && stored(shift), colour };
   });
   gl.uniform3fv(uniform("low"), given.low);
   gl.uniform3fv(uniform("span"), given.span);
@@ -66,7 +77,7 @@ function drawer(gl, given, bytes) {
   gl.depthFunc(gl.LEQUAL);
   gl.polygonOffset(1, 1);
 
-  function frame({ turn, centre, state, group, ratio, amount, depth, zoom, pan }) {
+  function frame({ turn, centre, state, group, gauges, ratio, amount, depth, zoom, pan }) {
     gl.viewport(0, 0, gl.canvas.width, gl.canvas.height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -76,11 +87,12 @@ function drawer(gl, given, bytes) {
     gl.uniform2fv(uniform("pan"), pan);
     gl.uniform1f(uniform("depth"), depth);
     gl.uniform1f(uniform("amount"), amount);
-    if (state < 0) gl.disableVertexAttribArray(at("shift"));
-    else point("shift", states[state].buffer, gl.BYTE);
+    point("colour", states[state]?.colour ?? plain, gl.UNSIGNED_BYTE);
+    if (states[state]?.shift) point("shift", states[state].buffer, gl.BYTE);
+    else gl.disableVertexAttribArray(at("shift"));
     const modes = { triangles: gl.TRIANGLES, lines: gl.LINES, points: gl.POINTS };
-    for (const { primitive, buffer, count: size, colour: own, size: dot, group: only } of parts) {
-      if (only >= 0 && only !== group) continue;
+    for (const { primitive, buffer, count: size, colour: own, size: dot, group: only, gauges: sized } of parts) {
+      if (only >= 0 && only !== group || sized && sized !== gauges) continue;
       (primitive === "triangles" ? gl.enable : gl.disable).call(gl, gl.POLYGON_OFFSET_FILL);
       gl.uniform1f(uniform("plain"), primitive === "triangles" ? 0 : own ? 2 : 1);
       gl.uniform3fv(uniform("own"), own ? [1, 3, 5].map((i) => parseInt(own.slice(i, i + 2), 16) / 255) : [0, 0, 0]);
@@ -90,6 +102,6 @@ function drawer(gl, given, bytes) {
       gl.drawElements(modes[primitive], size, gl.UNSIGNED_INT, 0);
     }
   }
-  const shift = (state, i) => [0, 1, 2].map((k) => (state < 0 ? 0 : states[state].shift[3 * i + k] / 127));
+  const shift = (state, i) => [0, 1, 2].map((k) => (states[state]?.shift ? states[state].shift[3 * i + k] / 127 : 0));
   return { frame, shift };
 }

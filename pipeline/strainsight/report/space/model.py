@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour
-from strainsight.report.picture.geometry import triangles, views
-from strainsight.report.picture.layout import Layout
-from strainsight.report.picture.markers import arrow_mesh, marker
+from strainsight.report.picture.colours import Scale
+from strainsight.report.picture.geometry import at_points, triangles, views
+from strainsight.report.picture.layout import Gauge, Layout
+from strainsight.report.picture.markers import arrow_mesh, foil, marker
 from strainsight.report.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
 from strainsight.report.picture.scene import thinned
 from strainsight.report.space.surface import CREASE, surface
@@ -23,45 +24,63 @@ LENGTH = 0.034
 
 
 @dataclass(frozen=True)
+class Contour:
+    """Colours of the surface: values (n,) at the layout's points, NaN where there is none, their scale; least, largest on any
+    facet."""
+
+    values: FloatArray
+    scale: Scale
+    least: float
+    largest: float
+
+
+@dataclass(frozen=True)
 class Shape:
-    """A deformed state of the structure: caption; shift (n, 3) [m] of the layout's points, as large as it is to be seen."""
+    """A state in which the structure can be seen: caption; shift (n, 3) [m] of the layout's points, as large as it is to be seen,
+    empty: where they are; contour, None: plain; group: heading of the list that it is offered in."""
 
     caption: str
-    shift: FloatArray
+    shift: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    contour: Contour | None = None
+    group: str = "Mode shapes"
 
 
 @dataclass(frozen=True)
 class Drawn:
     """One kind of primitive: index (k, 3), (k, 2) or (k,) into the vertices; colour "#rrggbb", "" for the vertices' own;
-    size of a dot [px]; group: number of the layout it belongs to, −1: to all."""
+    size of a dot [px]; group: number of the layout it belongs to, −1: to all; gauges: "seen" gauges as large as they are to be
+    seen, "scale" gauges as large as they are, "" anything else."""
 
     primitive: Literal["triangles", "lines", "points"]
     index: IntArray
     colour: str = ""
     size: float = 1.0
     group: int = -1
+    gauges: Literal["", "seen", "scale"] = ""
 
 
 @dataclass(frozen=True)
 class Space:
     """position (v, 3) [m]; normal (v, 3), zero where a vertex is not shaded; colour (v, 3) 0 to 255; source (v,): the point of
-    the structure that a vertex moves with; parts in the order they are drawn; anchor: of every gauge of every layout, a
-    vertex that moves with it; eye (3,): unit vector towards the first view; thinned: as in `Surface`."""
+    the structure that a vertex moves with; surface: so many vertices, the first ones, are of its surface; parts in the order
+    they are drawn; anchor: of every gauge of every layout, a vertex that moves with it; eye (3,): unit vector towards the
+    first view; thinned: as in `Surface`."""
 
     position: FloatArray
     normal: FloatArray
     colour: NDArray[np.uint8]
     source: IntArray
+    surface: int
     parts: tuple[Drawn, ...]
     anchor: tuple[int, ...]
     eye: FloatArray
     thinned: bool
 
 
-def space(layouts: Sequence[Layout], colour: NDArray[np.uint8] | None = None) -> Space:
+def space(layouts: Sequence[Layout]) -> Space:
     """A structure with its loads and clamps, and the gauges and candidates of one or more layouts on it.
 
-    What the layouts share is taken from the first; colour (n, 3) of its points, None: that of steel.
+    What the layouts share is taken from the first.
     """
     layouts = [thinned(layout) for layout in layouts]
     shared = layouts[0]
@@ -74,13 +93,17 @@ def space(layouts: Sequence[Layout], colour: NDArray[np.uint8] | None = None) ->
         first = gathered.add(drawn.points, drawn.point_data["Normals"], colour, gathered.nearest(anchor))
         return np.asarray(drawn.faces.reshape(-1, 4)[:, 1:] + first, dtype=np.int64)
 
+    def marked(gauge: Gauge, meshes: list[Any], colour: str) -> list[IntArray]:
+        anchors = [arm.position for arm in gauge.arms] or [gauge.position] * len(meshes)
+        return [solid(mesh, colour, at) for mesh, at in zip(meshes, anchors, strict=bool(meshes))]
+
     def dots(points: FloatArray, colour: str, width: float, group: int = -1) -> list[Drawn]:
         if not len(points):
             return []
         first = gathered.add(points, np.zeros_like(points), colour, gathered.nearest(points))
         return [Drawn("points", np.arange(first, first + len(points)), colour, width, group)]
 
-    first = gathered.add(body.position, body.normal, STEEL if colour is None else colour, body.source)
+    first = gathered.add(body.position, body.normal, STEEL, body.source)
     loads = [solid(arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]
     solids = np.concatenate([body.triangle + first, *loads])
     parts = [Drawn("triangles", solids)] * bool(len(solids))
@@ -89,17 +112,28 @@ def space(layouts: Sequence[Layout], colour: NDArray[np.uint8] | None = None) ->
     parts += dots(shared.loose, LINES, 9.0) + dots(shared.fixed, CLAMP, 7.0)
     anchor: list[int] = []
     for group, layout in enumerate(layouts):
-        marks = []
+        seen, true = [], []
         for i, gauge in enumerate(layout.gauges):
             anchor.append(gathered.count)
-            drawn = marker(gauge, LENGTH * size)
-            anchors = [arm.position for arm in gauge.arms] or [gauge.position] * len(drawn)
-            marks += [solid(mesh, gauge_colour(i), at) for mesh, at in zip(drawn, anchors, strict=True)]
-        parts += [Drawn("triangles", np.concatenate(marks), group=group)] if marks else []
+            own = marked(gauge, marker(gauge, LENGTH * size), gauge_colour(i))
+            seen += own
+            # What has no foil is drawn alike either way.
+            true += marked(gauge, foil(gauge), gauge_colour(i)) or own
+        either = any(gauge.foil[0] for gauge in layout.gauges)
+        parts += (
+            [Drawn("triangles", np.concatenate(seen), group=group, gauges="seen" if either else "")] if seen else []
+        )
+        parts += [Drawn("triangles", np.concatenate(true), group=group, gauges="scale")] if either else []
         parts += dots(layout.pool, POOL, 5.0, group)
     position, normal = map(np.concatenate, zip(*(layout.places for layout in layouts), strict=True))
     eye = views(shared.points, triangles(shared.faces), position, normal)[0]
-    return Space(*gathered.arrays(), tuple(parts), tuple(anchor), eye, body.thinned)
+    return Space(*gathered.arrays(), len(body.position), tuple(parts), tuple(anchor), eye, body.thinned)
+
+
+def contour_of(values: FloatArray, layout: Layout, scale: Scale) -> Contour:
+    """Colours of values (f,) on the layout's facets."""
+    shown = at_points(values, layout.faces, len(layout.points))
+    return Contour(shown, scale, float(values.min()), float(values.max()))
 
 
 def vertex_shift(space: Space, shape: Shape) -> FloatArray:
@@ -121,13 +155,10 @@ class _Gathered:
         """The layout's points nearest to these."""
         return self._tree.query(wanted)[1]
 
-    def add(self, position: Any, normal: Any, colour: str | NDArray[np.uint8], source: Any) -> int:
-        """Take vertices of one colour, or of those of the points they stand for; returns the number of the first."""
+    def add(self, position: Any, normal: Any, colour: str, source: Any) -> int:
+        """Take vertices of one colour; returns the number of the first."""
         first, many = self.count, len(position)
-        if isinstance(colour, str):
-            rgb = np.tile(np.frombuffer(bytes.fromhex(colour[1:]), np.uint8), (many, 1))
-        else:
-            rgb = colour[source]
+        rgb = np.tile(np.frombuffer(bytes.fromhex(colour[1:]), np.uint8), (many, 1))
         self._parts.append((np.asarray(position, float), np.asarray(normal, float), rgb, np.broadcast_to(source, many)))
         self.count += many
         return first

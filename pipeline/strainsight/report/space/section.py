@@ -6,7 +6,7 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -16,13 +16,12 @@ from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import gauge_colour, ink_on
 from strainsight.report.datum import Frame
 from strainsight.report.page.document import own
+from strainsight.report.page.markup import measure
 from strainsight.report.page.positions import coordinates, decimals
 from strainsight.report.page.scale import scale_bar
-from strainsight.report.picture.colours import Scale
-from strainsight.report.picture.colours import colours as colours_of
+from strainsight.report.picture.colours import stops
 from strainsight.report.picture.layout import Gauge, Layout
-from strainsight.report.picture.picture import STEEL
-from strainsight.report.space.model import Shape, Space, space, vertex_shift
+from strainsight.report.space.model import Contour, Shape, Space, space, vertex_shift
 from strainsight.report.text import number, percent
 
 STYLE = "space/space.css"
@@ -45,6 +44,11 @@ VIEWS = (
     '<button type="button" data-zoom="0.8" aria-label="zoom out">−</button></span>'
 )
 
+TRUE_SIZE = (
+    '<button type="button" id="space-true" aria-pressed="false" title="as large as they are, to be zoomed to">Gauges to scale'
+    "</button>"
+)
+
 
 def script() -> str:
     """What runs the section, as one text."""
@@ -55,19 +59,25 @@ def space_section(
     layouts: Sequence[tuple[str, Layout]],
     shapes: Sequence[Shape] = (),
     name: str = "",
-    colours: tuple[FloatArray, Scale] | None = None,
+    first: int = -1,
 ) -> str:
     """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
 
-    layouts: caption and gauges on one and the same structure; shapes that it can take; name: of the body, where there are
-    others; colours: values (n,) at its points and their scale. What there are several of can be chosen.
+    layouts: caption and gauges on one and the same structure; shapes: states that it can be seen in, offered group by group;
+    name: of the body, where there are others; first: the state it is seen in at first, −1: plain and at rest.
     It is hidden until its script runs: without scripts, or on paper, the picture of the first screen stands for it.
     """
     if not layouts or not len(layouts[0][1].points):
         return ""
-    shown = None if colours is None else colours_of(colours[1], colours[0], STEEL)
-    model = space([layout for _, layout in layouts], shown)
-    bar = "" if colours is None else scale_bar(colours[1])
+    model = space([layout for _, layout in layouts])
+    bars = "".join(
+        f'<div data-state="{i}"{" hidden" * (i != first)}>{scale_bar(shape.contour.scale)}{_extremes(shape.contour)}</div>'
+        for i, shape in enumerate(shapes)
+        if shape.contour is not None
+    )
+    bar = f'<div id="space-bars" aria-live="polite">{bars}</div>' if bars else ""
+    true = any(part.gauges == "scale" for part in model.parts)
+    choices = _choices([caption for caption, _ in layouts], shapes, first) + TRUE_SIZE * true
     gauges = [
         _gauge(gauge, i, group, layout.frame, decimals(layout.points, layout.frame))
         for group, (_, layout) in enumerate(layouts)
@@ -80,10 +90,16 @@ def space_section(
         f'<p class="note">{MANNERS}{" The surface is thinned out for this view." * model.thinned}</p>'
         f'<div class="space-frame"><div><div id="space-view" tabindex="0" role="application" aria-label="{what}: '
         f'arrow keys turn it, plus and minus zoom, 0 goes back"><canvas></canvas>{AXES}</div>{bar}'
-        f'<div class="space-controls">{VIEWS}{_choices([caption for caption, _ in layouts], shapes)}</div></div>'
+        f'<div class="space-controls">{VIEWS}{choices}</div></div>'
         f'<div class="space-side">{_side(gauges)}</div></div></section>'
-        f'<script type="application/json" id="space-data">{_data(model, gauges, shapes)}</script>'
+        f'<script type="application/json" id="space-data">{_data(model, gauges, shapes, first)}</script>'
     )
+
+
+def _extremes(own: Contour) -> str:
+    """What the surface has at least and at most: a scale about zero ends elsewhere."""
+    least, largest = (measure(value, own.scale.unit, 3) for value in (own.least, own.largest))
+    return f'<p class="note">From {least} to {largest}, by facets at their middles.</p>'
 
 
 def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
@@ -102,28 +118,33 @@ def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _choices(captions: Sequence[str], shapes: Sequence[Shape]) -> str:
-    """Which layout and which shape is shown."""
+def _choices(captions: Sequence[str], shapes: Sequence[Shape], first: int) -> str:
+    """Which layout and which state is shown."""
 
-    def options(names: Sequence[str]) -> str:
-        return "".join(f'<option value="{i}">{escape(name)}</option>' for i, name in enumerate(names))
+    def options(names: Iterable[tuple[int, str]]) -> str:
+        return "".join(f'<option value="{i}"{" selected" * (i == first)}>{escape(name)}</option>' for i, name in names)
 
     text = ""
     if len(captions) > 1:
-        text += f'<label>Gauges of <select id="space-layout">{options(captions)}</select></label>'
+        listed = "".join(f'<option value="{i}">{escape(name)}</option>' for i, name in enumerate(captions))
+        text += f'<label>Gauges of <select id="space-layout">{listed}</select></label>'
     if shapes:
-        rest = '<option value="-1">at rest</option>'
+        groups: dict[str, list[tuple[int, str]]] = {}
+        for i, shape in enumerate(shapes):
+            groups.setdefault(shape.group, []).append((i, shape.caption))
+        offered = "".join(f'<optgroup label="{escape(name)}">{options(own)}</optgroup>' for name, own in groups.items())
         text += (
-            f'<label>Shape <select id="space-shape">{rest}{options([shape.caption for shape in shapes])}</select></label>'
+            f'<label>Show <select id="space-shape">{options([(-1, "plain body")])}{offered}</select></label>'
             '<button type="button" id="space-play" hidden>Hold</button>'
         )
     return text
 
 
-def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Shape]) -> str:
+def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Shape], first: int) -> str:
     """What the script draws, as JSON: numbers and texts, and all arrays in one deflated, base64-coded run of bytes.
 
-    Positions are 16-bit parts of the bounding box, normals and shifts 8-bit: a pixel's worth.
+    Positions are 16-bit parts of the bounding box, normals and shifts 8-bit: a pixel's worth. Of a contour the surface has a byte
+    a vertex: its place on the scale, 0 to 254, and 255 where there is no value.
     """
     low, span = model.position.min(axis=0), np.ptp(model.position, axis=0)
     span = np.where(span > 0, span, 1.0)
@@ -135,10 +156,16 @@ def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Sh
     ]
     states = []
     for shape in shapes:
-        shift = vertex_shift(model, shape)
-        largest = float(np.abs(shift).max(initial=0.0)) or 1.0
-        arrays.append(np.round(127 * shift / largest).astype("i1"))
-        states.append({"largest": largest})
+        state: dict[str, Any] = {"largest": 0.0, "stops": []}
+        if len(shape.shift):
+            shift = vertex_shift(model, shape)
+            state["largest"] = float(np.abs(shift).max(initial=0.0)) or 1.0
+            arrays.append(np.round(127 * shift / state["largest"]).astype("i1"))
+        if shape.contour is not None:
+            share = shape.contour.scale.share(shape.contour.values[model.source[: model.surface]])
+            arrays.append(np.where(np.isfinite(share), np.round(254 * np.nan_to_num(share)), 255).astype("u1"))
+            state["stops"] = [rgb.tolist() for rgb in stops(shape.contour.scale)]
+        states.append(state)
     content = {
         "low": low.tolist(),
         "span": span.tolist(),
@@ -146,10 +173,12 @@ def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Sh
         "eye": model.eye.tolist(),
         "parts": [
             {"count": int(part.index.size)}
-            | {key: getattr(part, key) for key in ("primitive", "colour", "size", "group")}
+            | {key: getattr(part, key) for key in ("primitive", "colour", "size", "group", "gauges")}
             for part in model.parts
         ],
+        "surface": model.surface,
         "states": states,
+        "first": first,
         "gauges": [{**gauge, "anchor": anchor} for gauge, anchor in zip(gauges, model.anchor, strict=True)],
         "arrays": base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), 9)).decode(),
     }

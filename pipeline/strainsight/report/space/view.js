@@ -13,7 +13,7 @@ async function start(given) {
   const centre = low.map((value, i) => value + span[i] / 2);
   const radius = Math.hypot(...span) / 2;
   const home = { azimuth: Math.atan2(given.eye[1], given.eye[0]), elevation: Math.asin(given.eye[2]), size: 1, x: 0, y: 0 };
-  let camera = { ...home }, state = -1, phase = Math.PI / 2, playing = false, waiting = false, group = 0;
+  let camera = { ...home }, state = given.first, phase = Math.PI / 2, playing = false, waiting = false, group = 0, gauges = "seen";
 
   // Right, up and towards the eye, as rows.
   function axes({ azimuth, elevation }) {
@@ -61,19 +61,22 @@ async function start(given) {
     }
     const turn = axes(camera), scale = reach(axes(home)) / camera.size;
     draw.frame({
-      turn, centre, state, group, ratio, amount: amount(), depth: 0.5 / radius,
+      turn, centre, state, group, gauges, ratio, amount: amount(), depth: 0.5 / radius,
       zoom: [height / width / scale, 1 / scale], pan: [camera.x, camera.y],
     });
     const taken = [];
+    const free = (x, top, half) => taken.every(([a, b, c]) => Math.abs(a - x) > half + c + 3 || Math.abs(b - top) > 23);
     given.gauges.forEach((gauge, i) => {
       tags[i].hidden = gauge.group !== group;
       if (tags[i].hidden) return;
       const moved = draw.shift(state, gauge.anchor).map((value, k) => gauge.position[k] + amount() * value);
       const [x, y] = project(turn, scale, moved), tag = tags[i];
-      // A tag stands above its gauge, and above the tags that are there already.
+      // A tag stands above its gauge and above the tags that are there already, below them where the view ends.
+      const half = tag.offsetWidth / 2;
       let top = y - 26;
-      while (taken.some(([a, b]) => Math.abs(a - x) < 30 && Math.abs(b - top) < 19)) top -= 20;
-      taken.push([x, top]);
+      while (!free(x, top, half)) top -= 6;
+      if (top < 0) for (top = y + 8; !free(x, top, half);) top += 6;
+      taken.push([x, top, half]);
       tag.style.transform = `translate(-50%, 0) translate(${x.toFixed(1)}px, ${top.toFixed(1)}px)`;
       const facing = gauge.normal.reduce((sum, value, k) => sum + value * turn[2][k], 0);
       tag.classList.toggle("behind", gauge.normal.some(Boolean) && facing < 0.02);
@@ -219,17 +222,28 @@ async function start(given) {
   });
 
   const choice = document.querySelector("#space-shape"), hold = document.querySelector("#space-play");
+  // A browser may keep the choice of an earlier visit.
+  if (choice) choice.value = String(state);
+  const bars = [...section.querySelectorAll("#space-bars > div")];
   choice?.addEventListener("change", () => {
     state = Number(choice.value);
     phase = Math.PI / 2;
-    playing = state >= 0 && !still.matches;
-    hold.hidden = state < 0;
+    // A shape goes to and fro; what has a contour is of one instant.
+    const moves = given.states[state]?.largest > 0 && !given.states[state].stops.length;
+    playing = moves && !still.matches;
+    hold.hidden = !moves;
     hold.textContent = playing ? "Hold" : "Move";
+    for (const bar of bars) bar.hidden = Number(bar.dataset.state) !== state;
     ask();
   });
   hold?.addEventListener("click", () => {
     playing = !playing;
     hold.textContent = playing ? "Hold" : "Move";
+    ask();
+  });
+  document.querySelector("#space-true")?.addEventListener("click", ({ target }) => {
+    gauges = gauges === "seen" ? "scale" : "seen";
+    target.setAttribute("aria-pressed", String(gauges === "scale"));
     ask();
   });
   document.querySelector("#space-layout")?.addEventListener("change", ({ target }) => {

@@ -7,11 +7,10 @@ from html import escape
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray
 from strainsight.report.page.markup import measure, picture
 from strainsight.report.page.scale import scale_bar
 from strainsight.report.picture.colours import Scale, scale_of
-from strainsight.report.space.model import Shape
+from strainsight.report.space.model import Shape, contour_of
 from strainsight.report.space.section import space_section
 from strainsight.report.tested.data import Findings, Map, Moment
 from strainsight.report.tested.parts import Parts
@@ -68,28 +67,22 @@ def field_section(parts: Parts) -> str:
 
 
 def space_of(parts: Parts) -> str:
-    """The structure to turn round, coloured by the last map of the moment."""
+    """The structure to turn round, coloured by each map of the moment, the last of them first."""
     report, moment = parts.report, parts.report.moment
     if moment is None:
         return space_section([("", report.layout)])
-    own = moment.maps[-1]
-    shape = Shape(f"at {number(moment.time)} s, displacement × {number(moment.factor)}", moment.shift)
-    values = at_points(own.values, report.layout.faces, len(report.layout.points))
-    return space_section([("", report.layout)], [shape], colours=(values, scale(own)))
+    when, group = f"at {number(moment.time)}\u00a0s", "Strain and stress"
+    shapes = [
+        Shape(f"{own.quantity} {when}", contour=contour_of(own.values, report.layout, scale(own)), group=group)
+        for own in reversed(moment.maps)
+    ]
+    moved = Shape(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Moved")
+    return space_section([("", report.layout)], [*shapes, moved], first=0)
 
 
 def scale(own: Map) -> Scale:
     """From the least to the largest value, about zero where both signs occur."""
     return scale_of(own.quantity, own.unit, own.values)
-
-
-def at_points(values: FloatArray, faces: np.ndarray, points: int) -> FloatArray:
-    """Values (f,) of facets (f, 8), padded with −1, as the mean of the facets about every point (n,); NaN where none is."""
-    facet, column = np.nonzero(faces >= 0)
-    node = faces[facet, column]
-    many = np.bincount(node, minlength=points)
-    total = np.bincount(node, weights=values[facet], minlength=points)
-    return np.where(many > 0, total / np.maximum(many, 1), np.nan)
 
 
 def _said(own: Map) -> str:

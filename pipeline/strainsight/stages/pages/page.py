@@ -61,7 +61,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         name=context.config.name,
         title=f"{context.config.name}: {_number_of_gauges(up)} for {' and '.join(names)}",
         unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
-        layout=measured(layout_of_page(mesh, up, config.loads), shop),
+        layout=measured(layout_of_page(mesh, up, config.loads), shop, config.gauges),
         trend=trend_of(up["place"]),
         histories=tuple(history_of(name, validate) for name in names),
         posteriors=tuple(posterior_of(name, validate) for name in read(Validated, validate).posterior),

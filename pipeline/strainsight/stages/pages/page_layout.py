@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from strainsight.cases.layout.gauge_list import GaugeList
-from strainsight.cases.layout.workshop import Workshop
+from strainsight.cases.layout.workshop import Workshop, foil_at
 from strainsight.cases.structure.at_gauges import notes_at_gauges
 from strainsight.cases.structure.channels import listed_gauges as gauges_of
+from strainsight.config.gauge_types import Typed
 from strainsight.fem.traction import pressure
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -59,14 +60,21 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     )
 
 
-def measured(layout: Layout, shop: Workshop) -> Layout:
-    """The layout in the axes of the workshop, its gauges with their distances to edges."""
+def measured(layout: Layout, shop: Workshop, gauges: Typed) -> Layout:
+    """The layout in the axes of the workshop, its gauges with their distances to edges and the size of their foils.
+
+    gauges: the section of the config, which may name a type.
+    """
     pairs = np.stack([shop.edges.distance, shop.edges.angle], axis=2)
-    gauges = []
+    found = []
     for i, gauge in enumerate(layout.gauges):
-        own = pairs[shop.lines_of(i)][: max(len(gauge.arms), 1)]
-        gauges.append(replace(gauge, edges=own) if np.isfinite(own).any() else gauge)
-    return replace(layout, gauges=tuple(gauges), frame=shop.frame)
+        lines = shop.lines_of(i)
+        own = pairs[lines][: max(len(gauge.arms), 1)]
+        if gauge.unit == "strain" and gauge.facet:
+            foil = foil_at(gauges, shop, lines[0])
+            gauge = replace(gauge, foil=(foil.length, foil.width))
+        found.append(replace(gauge, edges=own) if np.isfinite(own).any() else gauge)
+    return replace(layout, gauges=tuple(found), frame=shop.frame)
 
 
 def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:

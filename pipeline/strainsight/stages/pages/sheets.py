@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.cases.layout.workshop import Workshop
-from strainsight.config.gauge_types import gauge_type
+from strainsight.cases.layout.workshop import Workshop, foil_at
 from strainsight.config.placement import PlacementConfig
-from strainsight.gauges.clearance import carrier
 from strainsight.gauges.outline import edge_lines, seen_from
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -38,13 +36,11 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
         )
         return front, side
 
-    kind, sheets = gauge_type(config.gauges), []
+    sheets = []
     for name, i, directions in _places(shop):
         line, normal = shop.lines[i], frame.turn(shop.lines[i].normal)
         strain, bonded = shop.listed.unit[line.gauge] == "strain", bool(shop.listed.bonded[line.gauge])
-        # What is bonded already may be of another type.
-        own = kind if strain and not bonded else None
-        long, wide = carrier(line.length) if own is None else (own.carrier_length, own.carrier_width)
+        foil = foil_at(config.gauges, shop, i)
         front, side = views(tuple((np.round(normal, 9) + 0.0).tolist()))
         sheets.append(
             Sheet(
@@ -59,9 +55,9 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
                 directions=frame.turn(directions),
                 strain=strain,
                 grid=float(frame.length(line.length)),
-                grid_width=0.0 if own is None else float(frame.length(own.grid_width)),
-                carrier=(float(frame.length(long)), float(frame.length(wide))),
-                carrier_of="assumed" if own is None else str(config.gauges.type),
+                grid_width=0.0 if foil.type is None else float(frame.length(foil.type.grid_width)),
+                carrier=(float(frame.length(foil.length)), float(frame.length(foil.width))),
+                carrier_of="assumed" if foil.type is None else str(config.gauges.type),
                 distance=frame.length(edges.distance[i]),
                 angle=edges.angle[i],
                 foot=frame.place(edges.foot[i]),
