@@ -25,6 +25,7 @@ class What(StrEnum):
 
     mesh = "mesh"
     modes = "modes"
+    strain = "strain"
     candidates = "candidates"
     layout = "layout"
     field = "field"
@@ -39,9 +40,7 @@ class Of(StrEnum):
 
 def view(
     config: ConfigFile,
-    what: Annotated[
-        What | None, typer.Option("--what", help="Default: the furthest of field, layout and mesh that is there.")
-    ] = None,
+    what: Annotated[What | None, typer.Option("--what", help="Default: the layout, else the mesh.")] = None,
     at: Annotated[
         float | None,
         typer.Option("--at", metavar="SECONDS", help="Instant of a field; default: that of the largest stress."),

@@ -61,7 +61,7 @@ def test_candidates_and_the_field_of_a_validation_are_strains_at_their_places(pl
     assert (view.on, view.unit, len(view.dots)) == (DOTS, "µm/m", len(rms))
     strongest = artefacts["train"]["/gauges/position"][np.argmax(rms)]
     assert np.linalg.norm(view.dots[-1] - strongest) < 1e-9 or np.isclose(np.sort(rms)[-1], np.sort(rms)[-2])
-    field = placement()  # the furthest that is there
+    field = placement("field")
     strain = artefacts["validate"]["/field/strain"]
     np.testing.assert_allclose(np.sort(field.panels[0].values), 1e6 * np.sort(strain[np.isfinite(strain)]))
     with pytest.raises(UserError, match="no time"):
@@ -72,13 +72,24 @@ def test_candidates_and_the_field_of_a_validation_are_strains_at_their_places(pl
 def test_the_field_of_a_bench_is_shown_at_its_worst_or_at_the_instant_asked_for(beam):
     done, view = beam
     field = done["field"]
-    shown = view()
+    assert not len(view().panels[0].values)  # the layout
+    shown = view("field")
     assert (shown.on, shown.unit) == (FACETS, "MPa")
     assert len(shown.panels[0].values) == len(shown.layout.faces) == field.summary["facets"]
     assert shown.panels[0].values.max() == pytest.approx(field.summary["von_mises"] / 1e6, rel=1e-6)
     stress = field["/VTKHDF/CellData/von_mises"].reshape(3, -1)
     np.testing.assert_allclose(view("field", at=0.019).panels[0].values, stress[1] / 1e6, rtol=1e-6)
     assert "t = 0.02 s" in view("field", at=0.019).panels[0].title
+    assert view(at=0.019).quantity == "von Mises stress"  # an instant is one of the field
+    strained = view("strain", at=0.019)
+    own = field["/VTKHDF/CellData/strain"].reshape(3, -1, 6)[1].astype(float)
+    tensor = np.empty((len(own), 3, 3))
+    for i, j, k, factor in ((0, 0, 0, 1), (1, 1, 1, 1), (2, 2, 2, 1), (0, 1, 3, 0.5), (1, 2, 4, 0.5), (0, 2, 5, 0.5)):
+        tensor[:, i, j] = tensor[:, j, i] = factor * own[:, k]
+    value = np.linalg.eigvalsh(tensor)
+    largest = np.where(-value[:, 0] > value[:, 2], value[:, 0], value[:, 2])
+    np.testing.assert_allclose(strained.panels[0].values, 1e6 * largest, rtol=1e-5)
+    assert strained.unit == "µm/m"
     # the shift is the displacement of that instant times the factor that the title states
     factor = float(shown.panels[0].title.rpartition("× ")[2])
     moved = field["/VTKHDF/PointData/displacement"].reshape(3, -1, 3)[0]
@@ -134,13 +145,13 @@ def test_what_is_not_there_is_reported_with_what_to_run(tmp_path, config, result
     assert "strainsight rom own.yaml" in str(caught.value)
 
 
-def test_the_furthest_thing_there_is_comes_first(tmp_path, config, results):
+def test_the_layout_comes_first_and_before_it_the_mesh(tmp_path, config, results):
     offers = offers_of(job_of(config, results, *SHORT).model, NAMES)
     for stages, wanted in (
         (("import",), "mesh"),
         (("rom", "train", "screen"), "mesh"),
         (("place",), "layout"),
-        (("validate",), "field"),
+        (("validate",), "layout"),
     ):
         for stage in stages:
             (tmp_path / f"{stage}.h5").touch()

@@ -19,7 +19,7 @@ from strainsight.records.record import read
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
 from strainsight.stages.pages.page_layout import bare
-from strainsight.stages.view.surface import modes_view, stress_view
+from strainsight.stages.view.surface import modes_view, surface_view
 from strainsight.workflow.artefact import Artefact
 
 
@@ -54,10 +54,10 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
     if what == "candidates":
         return _candidates(title, layout, read(BenchPlaced, up["place"]))
     layout = replace(layout, gauges=_gauges(config, body, mesh, up))
-    if what == "field":
+    if what in ("field", "strain"):
         assert config.field is not None
         how = "as simulated" if config.field.of == "simulate" else "as estimated"
-        return stress_view(f"{title}, {how}", up["field"], layout, at)
+        return surface_view(f"{title}, {how}", up["field"], layout, at, strain=what == "strain")
     return View(f"{title}, {len(layout.gauges)} gauges", layout)
 
 

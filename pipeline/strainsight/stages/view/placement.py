@@ -20,7 +20,8 @@ from strainsight.records.validated import Validated
 from strainsight.report.picture.layout import Layout
 from strainsight.report.view.viewed import DOTS, Panel, View
 from strainsight.stages.pages.page_layout import bare, layout_of_page
-from strainsight.stages.view.surface import modes_view, moment_view, stress_view
+from strainsight.stages.view.strain import strain_view, strains_of
+from strainsight.stages.view.surface import modes_view, moment_view, surface_view
 from strainsight.workflow.artefact import Artefact
 
 MICRO = 1e6
@@ -36,6 +37,9 @@ def placement_view(
         return _modes(name, mesh, up["rom"])
     if what == "candidates":
         return _candidates(name, bare(mesh, config.loads), up["train"])
+    if what == "strain":
+        own = layout_of_page(mesh, up, config.loads) if "place" in up else bare(mesh, config.loads)
+        return strain_view(name, replace(own, pool=np.empty((0, 3))), strains_of(config, mesh, up))
     if what == "mesh":
         elements = sum(len(block.nodes) for block in mesh.blocks)
         title = f"{name}: {elements} elements, {len(mesh.node_ids)} nodes"
@@ -66,7 +70,7 @@ def _tested(name: str, layout: Layout, estimate: Artefact, at: float | None, rec
         f", record {shown} of {', '.join(names)}" * bool(shown)
     )
     if "/VTKHDF/Steps" in estimate:
-        return stress_view(title, estimate, layout, at)
+        return surface_view(title, estimate, layout, at)
     then = own.moment
     if then is None:
         raise UserError(

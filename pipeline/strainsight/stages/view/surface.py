@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from strainsight.cases.structure.surface import largest_principal
 from strainsight.errors import UserError
 from strainsight.report.picture.layout import Layout
 from strainsight.report.view.viewed import FACETS, POINTS, Panel, View, exaggerated
+from strainsight.stages.view.strain import MICRO, QUANTITY, UNIT
 from strainsight.workflow.artefact import Artefact
 
 MODES = 6
@@ -16,8 +18,9 @@ MODES = 6
 MEGA = 1e6
 
 
-def stress_view(title: str, artefact: Artefact, layout: Layout, at: float | None) -> View:
-    """Von Mises stress on the deformed surface of a /VTKHDF group at one instant, its displacement exaggerated.
+def surface_view(title: str, artefact: Artefact, layout: Layout, at: float | None, strain: bool = False) -> View:
+    """Von Mises stress, or the principal strain of largest size, on the deformed surface of a /VTKHDF group at one instant, its
+    displacement exaggerated.
 
     layout: what else is drawn. at [s]: the instant nearest to it is taken; None:
     that of the largest stress. Raises UserError for a time outside the record.
@@ -34,10 +37,14 @@ def stress_view(title: str, artefact: Artefact, layout: Layout, at: float | None
     shift = artefact["/VTKHDF/PointData/displacement"].reshape(len(time), -1, 3)[step].astype(float)
     factor = exaggerated(points, shift)
     when = f"t = {time[step]:.4g} s{' (largest stress)' if at is None else ''}"
-    panel = Panel(f"{when}, displacement × {factor:g}", stress[step].astype(float) / MEGA, factor * shift)
+    values, quantity, unit = stress[step].astype(float) / MEGA, "von Mises stress", "MPa"
+    if strain:
+        own = artefact["/VTKHDF/CellData/strain"].reshape(len(time), -1, 6)[step].astype(float)
+        values, quantity, unit = largest_principal(own) * MICRO, QUANTITY, UNIT
+    panel = Panel(f"{when}, displacement × {factor:g}", values, factor * shift)
     nothing = np.empty((0, 3))
     surface = replace(layout, points=points, faces=faces, pool=nothing, fixed=nothing)
-    return View(title, surface, (panel,), "von Mises stress", "MPa", FACETS)
+    return View(title, surface, (panel,), quantity, unit, FACETS)
 
 
 def moment_view(title: str, layout: Layout, stress: np.ndarray, shift: np.ndarray, when: str) -> View:

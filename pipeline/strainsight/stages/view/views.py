@@ -14,17 +14,19 @@ from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.placement import placement_view
 from strainsight.workflow.artefact import Artefact
 
-WHAT = ("mesh", "modes", "candidates", "layout", "field")
-FURTHEST = ("field", "layout", "mesh")
+WHAT = ("mesh", "modes", "strain", "candidates", "layout", "field")
+FURTHEST = ("layout", "mesh")
 """What is shown where nothing is asked for: the first of these that is there."""
 
 
 @dataclass(frozen=True)
 class Offers:
-    """stages: what → stages whose artefacts it is read from, in order; absent: what → why this config has none of it."""
+    """stages: what → stages whose artefacts it is read from, in order; absent: what → why this config has none of it; gauges:
+    stages that have to have run for gauges to be drawn on the strain of a placement."""
 
     stages: Mapping[str, tuple[str, ...]]
     absent: Mapping[str, str]
+    gauges: tuple[str, ...] = ()
 
 
 TEST, VALIDATION = "test", "validation"
@@ -44,11 +46,13 @@ def offers_of(
         {
             "mesh": ("import",),
             "modes": ("import", "rom"),
+            "strain": ("import", "rom", "train"),
             "candidates": ("import", "train"),
             "layout": placed,
             "field": (*placed, STAGE[of]),
         },
         {},
+        placed,
     )
 
 
@@ -67,14 +71,15 @@ def _of_bench(config: BenchConfig, names: Sequence[str], body: str) -> Offers:
     else:
         absent["layout"] = f"there is no gauge on '{body}': give the config a strain sensor, or a section `place`"
     if "field" in names and config.field is not None and config.field.body == body:
-        stages["field"] = ("import", *placed, "field")
+        stages["field"] = stages["strain"] = ("import", *placed, "field")
     else:
         absent["field"] = f"no field of '{body}' is written: give the config a section `field`"
+        absent["strain"] = absent["field"]
     return Offers(stages, absent)
 
 
 def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) -> str:
-    """What to show: what is asked for, or the furthest thing there is.
+    """What to show: what is asked for, else the layout, else the mesh.
 
     Raises UserError for what this config does not have, and for what has not been computed yet with the command to run.
     """
@@ -103,10 +108,10 @@ def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) ->
     return there[0]
 
 
-def opened(offers: Offers, folder: Path, what: str) -> dict[str, Artefact]:
-    """The artefacts that it is read from, verified. Raises ArtefactError for one that is damaged."""
+def opened(stages: Sequence[str], folder: Path) -> dict[str, Artefact]:
+    """The artefacts of these stages, verified. Raises ArtefactError for one that is damaged."""
     found = {}
-    for stage in offers.stages[what]:
+    for stage in stages:
         found[stage] = Artefact(folder / f"{stage}.h5")
         if found[stage].header.stage != stage:
             raise ArtefactError(
@@ -134,8 +139,8 @@ def view_of(
 ) -> tuple[View, tuple[str, ...]]:
     """The view, and the stages that it was read from.
 
-    config, stages: of a placement or a bench; folder: of its results; what: "mesh", "modes", "candidates", "layout", "field",
-    None: the furthest of field, layout and mesh that is there; at [s]: instant of a field in time; body: of a bench; of:
+    config, stages: of a placement or a bench; folder: of its results; what: one of `WHAT`, None: the layout where there is one,
+    else the mesh, and a field where `at`, `of` or `record` is given; at [s]: instant of a field in time; body: of a bench; of:
     "test" or "validation", whose field, None: the test's where there is one; record: of a test of several, None: the first.
     Raises UserError for what the run does not have or has not computed yet.
     """
@@ -147,10 +152,14 @@ def view_of(
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
     there = TEST if (folder / f"{STAGE[TEST]}.h5").is_file() else VALIDATION
     offers = offers_of(config, stages, shown, of or there)
-    picked = chosen(offers, folder, what if of is None else "field", config_file)
+    # Whoever names an instant, a record or a source means the field.
+    named = any(given is not None for given in (at, of, record))
+    picked = chosen(offers, folder, "field" if what is None and named else what, config_file)
     read = offers.stages[picked]
-    up = opened(offers, folder, picked)
-    if at is not None and not (picked == "field" and "/VTKHDF/Steps" in up[read[-1]]):
+    if picked == "strain" and offers.gauges and all((folder / f"{stage}.h5").is_file() for stage in offers.gauges):
+        read = offers.gauges
+    up = opened(read, folder)
+    if at is not None and not (picked in ("field", "strain") and "/VTKHDF/Steps" in up[read[-1]]):
         remedy = (
             "leave it out, or ask for --what field" if picked != "field" else "leave it out: it is of one instant only"
         )
