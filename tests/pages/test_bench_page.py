@@ -31,7 +31,8 @@ def report():
 
 
 def test_its_answer_has_the_numbers_of_the_estimate(look, report):
-    """What does not hold, then how many channels tell which load, with which error, at which claimed σ, in this order."""
+    """What does not hold, then how many channels tell which load, with which error, at which claimed σ; up to which
+    frequency, and the largest stress, in this order."""
     with h5py.File(report.parent / "estimate.h5") as artefact:
         told = artefact["summary"].attrs
         wrong = [name for name in ("Fx", "Fy", "Fz") if told[f"claim.{name}"] == "overconfident"]
@@ -39,6 +40,9 @@ def test_its_answer_has_the_numbers_of_the_estimate(look, report):
         expected.append(told["channels"])
         for name in ("Fx", "Fy", "Fz"):
             expected += [told[f"error.{name}"], told[f"std.{name}"]]
+    for stage, name in (("simulate", "band"), ("field", "von_mises")):
+        with h5py.File(report.parent / f"{stage}.h5") as artefact:
+            expected.append(artefact["summary"].attrs[name])
     numbers = answers.sentence(look(report))
     assert [number.value for number in numbers] == pytest.approx([float(value) for value in expected], rel=1e-12)
 
@@ -65,7 +69,9 @@ def test_the_body_turns_and_its_gauges_are_picked(look, report):
 
 
 def test_its_shapes_move(look, report):
-    space.moves_in_its_shapes(look(report, still=True))
+    found = look(report, still=True)
+    space.shows_strain(found)
+    space.moves_in_its_shapes(found)
 
 
 def test_its_tables_sort_copy_and_save_with_all_digits(look, report):

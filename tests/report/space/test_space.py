@@ -162,8 +162,8 @@ def test_gauges_are_there_as_large_as_they_are_to_be_seen_and_to_scale(cube):
     glued, loose = gauge(foil=(0.008, 0.0045)), gauge(label="A1", position=(-0.5, 0.0, 0.0), kind="accelerometer")
     layout = layout_of(cube, gauges=(glued, loose))
     model = space([layout])
-    parts = {part.gauges: part for part in model.parts if part.gauges}
-    assert set(parts) == {"seen", "scale"}
+    parts = {part.when: part for part in model.parts if part.when in ("seen", "scale")}
+    assert len(parts) == 2
     extent = {}
     for name, part in parts.items():
         own = model.position[np.unique(part.index)]

@@ -77,6 +77,11 @@ class SurfaceField(Section):
     )
     every: int | None = Field(None, ge=1, description="Steps between pictures [-]; null: as many as `instants` says.")
     instants: int | None = Field(None, ge=2, le=10_000, description="Pictures, evenly from start to end [-]; null: 50.")
+    allowable: Positive | None = Field(
+        None,
+        description="Von Mises stress that the body may carry [Pa]; the page compares the largest one with it and begins with it "
+        "where it is exceeded; null: none is stated.",
+    )
 
 
 class BenchConfig(Section):

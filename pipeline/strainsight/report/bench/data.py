@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from strainsight.report.arrays import FloatArray, History
 from strainsight.report.page.run import Run, Scalar
 from strainsight.report.placement.data import Criteria, Metric, Trend
@@ -82,6 +84,24 @@ class BenchMotion:
 
 
 @dataclass(frozen=True)
+class BenchStress:
+    """Von Mises stress on the surface of a body: largest (T,) [Pa] at time (T,) [s]; element in which it is largest of all;
+    allowable [Pa], None where none is stated; estimated: of the estimated motion, else of the simulated one."""
+
+    body: str
+    time: FloatArray
+    largest: FloatArray
+    element: int
+    allowable: float | None = None
+    estimated: bool = False
+
+    @property
+    def share(self) -> float | None:
+        """Of the allowable that the largest stress is."""
+        return None if self.allowable is None else float(np.max(self.largest)) / self.allowable
+
+
+@dataclass(frozen=True)
 class BenchPlacement:
     """Gauges that were placed: position and direction (g, 3), expected: input → its expected σ [unit] with the layout, and
     random: input → the same with every random layout (r,), inf where it is lost; numbers: the summary of place; units: input →
@@ -109,6 +129,7 @@ class BenchRun(Run):
     motion: BenchMotion | None = None
     estimate: BenchEstimate | None = None
     placement: BenchPlacement | None = None
+    stress: BenchStress | None = None
 
     @property
     def summary(self) -> Mapping[str, Scalar]:

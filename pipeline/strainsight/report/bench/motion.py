@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.report.arrays import FloatArray
-from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement
+from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement, BenchStress
 from strainsight.report.bench.figures import line_style
-from strainsight.report.chart.drawing import BLUE, MUTED, Drawing, figure, styled, svg, visible_instants
+from strainsight.report.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
 from strainsight.report.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
-from strainsight.report.text import number, prefix, quantity, short
+from strainsight.report.text import number, percent, prefix, quantity, short
 
 
 def loads_figure(motion: BenchMotion) -> Drawing:
@@ -54,6 +54,32 @@ def bearing_figures(motion: BenchMotion, bearing: BearingMotion) -> list[Drawing
         f"{number(float(np.max(bearing.pressure, initial=0.0)) / 1e6, 4)} MPa.",
     )
     return [moved, pressed]
+
+
+def stress_figure(stress: BenchStress) -> Drawing:
+    """The largest von Mises stress of every picture in time, beside the allowable where one is stated."""
+    largest = stress.largest / 1e6
+    with styled():
+        drawn, axes = figure(2.4)
+        axes.plot(stress.time, largest, **line_style(0), label="largest")
+        if stress.allowable is not None:
+            axes.axhline(stress.allowable / 1e6, color=VERMILION, ls="--", lw=1.4, label="allowable")
+        axes.set_ylim(bottom=0.0)
+        plain_axis(axes)
+        axes.set_ylabel("von Mises stress [MPa]")
+        legend_above(axes)
+        time_axis(axes)
+        image = svg(drawn)
+    caption = f"Largest von Mises stress anywhere on {stress.body}, at {len(stress.time)} instants: {stress_in_words(stress)}."
+    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", image)
+
+
+def stress_in_words(stress: BenchStress) -> str:
+    """The largest stress, where it is, and how much of the allowable."""
+    text = f"at most {quantity(float(np.max(stress.largest)), 'Pa')}, in element {stress.element}"
+    if stress.allowable is None or stress.share is None:
+        return f"{text}; no allowable is stated"
+    return f"{text}, {percent(stress.share)} of the allowable {quantity(stress.allowable, 'Pa')}"
 
 
 def random_figure(placement: BenchPlacement) -> Drawing:

@@ -7,15 +7,27 @@ from html import escape
 
 import numpy as np
 
-from strainsight.report.bench.data import BenchMotion, BenchPlacement, BenchRun, BenchUnknown
+from strainsight.report.bench.data import BenchMotion, BenchPlacement, BenchRun, BenchStress, BenchUnknown
 from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
-from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure
+from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure, stress_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import mismatch_table, placement_table, ratio, runs_table
 from strainsight.report.bench.verdicts import faults, leading
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
-from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, picture, plain, table
+from strainsight.report.page.markup import (
+    bullets,
+    count,
+    data,
+    figure,
+    figures,
+    measure,
+    pairs,
+    picture,
+    plain,
+    share,
+    table,
+)
 from strainsight.report.placement.figures import trend_figure
 from strainsight.report.placement.tables import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline
@@ -55,6 +67,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
             found["placement"] += (random_figure(placement),)
     if (motion := run.motion) is not None:
         drawings = [loads_figure(motion)] if motion.inputs else []
+        drawings += [stress_figure(run.stress)] if run.stress is not None else []
         for bearing in motion.bearings:
             drawings += bearing_figures(motion, bearing)
         shown = {sensor.name for sensor in run.sensors}
@@ -91,7 +104,8 @@ def bench_page(
         sensors = mismatch_table(run)
         sections.append(f'<h2>Does it explain the sensors?</h2><div class="card">{sensors}</div>{cards("sensors")}')
     if pictures:
-        sections.append("<h2>Gauges and stress on the body</h2>" + "".join(_picture(*entry) for entry in pictures))
+        head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
+        sections.append(f"<h2>{head}</h2>" + "".join(_picture(*entry) for entry in pictures))
     sections.append(turned)
     if run.placement is not None:
         sections.append(f"<h2>Where the gauges go</h2>{_placed(run.placement)}{cards('placement')}")
@@ -106,7 +120,8 @@ def bench_page(
     return document(
         "bench",
         run.name,
-        headline((unknown.name, faults(run, unknown.name)) for unknown in run.unknowns) + run.name,
+        headline([*((unknown.name, faults(run, unknown.name)) for unknown in run.unknowns), *_too_high(run)])
+        + run.name,
         _answer(run),
         sections,
         FOOTER,
@@ -161,11 +176,35 @@ def _estimated(run: BenchRun, unknown: BenchUnknown) -> str:
 
 
 def _answer(run: BenchRun) -> str:
+    """What does not hold, what was found, up to which frequency, and how near the stress comes to the allowable."""
+    text = "Nothing was simulated."
     if run.estimate is not None:
-        return run_answer(run)
-    if run.motion is not None:
-        return _moved(run.motion)
-    return "Nothing was simulated."
+        text = run_answer(run)
+    elif run.motion is not None:
+        text = _moved(run.motion)
+    band = None if run.motion is None else run.motion.numbers.get("band")
+    if isinstance(band, int | float):
+        shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
+        text += f" Good for loads up to {shown}."
+    if (stress := run.stress) is None:
+        return text
+    if stress.share is not None and stress.share > 1:
+        return f'<strong class="bad">Stress on {escape(stress.body)}: {_stressed(stress)}.</strong> {text}'
+    return f"{text} Von Mises stress on {escape(stress.body)}: {_stressed(stress)}."
+
+
+def _too_high(run: BenchRun) -> list[tuple[str, list[str]]]:
+    """The stress, where it is beyond the allowable, as `headline` takes it."""
+    beyond = run.stress is not None and run.stress.share is not None and run.stress.share > 1
+    return [("stress", ["beyond the allowable"])] * beyond
+
+
+def _stressed(stress: BenchStress) -> str:
+    """The largest stress beside the allowable."""
+    largest = f"at most {measure(float(np.max(stress.largest)), 'Pa')}"
+    if stress.allowable is None or stress.share is None:
+        return largest
+    return f"{largest}, {share(stress.share)} of the allowable {measure(stress.allowable, 'Pa')}"
 
 
 def _moved(motion: BenchMotion) -> str:

@@ -90,9 +90,10 @@ function drawer(gl, given, bytes) {
     point("colour", states[state]?.colour ?? plain, gl.UNSIGNED_BYTE);
     if (states[state]?.shift) point("shift", states[state].buffer, gl.BYTE);
     else gl.disableVertexAttribArray(at("shift"));
+    const contour = Boolean(given.states[state]?.stops.length);
     const modes = { triangles: gl.TRIANGLES, lines: gl.LINES, points: gl.POINTS };
-    for (const { primitive, buffer, count: size, colour: own, size: dot, group: only, gauges: sized } of parts) {
-      if (only >= 0 && only !== group || sized && sized !== gauges) continue;
+    for (const { primitive, buffer, count: size, colour: own, size: dot, group: only, when } of parts) {
+      if (only >= 0 && only !== group || when && ![gauges, contour ? "" : "plain"].includes(when)) continue;
       (primitive === "triangles" ? gl.enable : gl.disable).call(gl, gl.POLYGON_OFFSET_FILL);
       gl.uniform1f(uniform("plain"), primitive === "triangles" ? 0 : own ? 2 : 1);
       gl.uniform3fv(uniform("own"), own ? [1, 3, 5].map((i) => parseInt(own.slice(i, i + 2), 16) / 255) : [0, 0, 0]);

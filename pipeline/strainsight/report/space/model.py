@@ -48,15 +48,15 @@ class Shape:
 @dataclass(frozen=True)
 class Drawn:
     """One kind of primitive: index (k, 3), (k, 2) or (k,) into the vertices; colour "#rrggbb", "" for the vertices' own;
-    size of a dot [px]; group: number of the layout it belongs to, −1: to all; gauges: "seen" gauges as large as they are to be
-    seen, "scale" gauges as large as they are, "" anything else."""
+    size of a dot [px]; group: number of the layout it belongs to, −1: to all; when: "seen" gauges as large as they are to be
+    seen, "scale" gauges as large as they are, "plain" where the surface has no contour, "" always."""
 
     primitive: Literal["triangles", "lines", "points"]
     index: IntArray
     colour: str = ""
     size: float = 1.0
     group: int = -1
-    gauges: Literal["", "seen", "scale"] = ""
+    when: Literal["", "seen", "scale", "plain"] = ""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def space(layouts: Sequence[Layout]) -> Space:
     loads = [solid(arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]
     solids = np.concatenate([body.triangle + first, *loads])
     parts = [Drawn("triangles", solids)] * bool(len(solids))
-    parts += [Drawn("lines", body.line, LINES)] * bool(len(body.line))
+    parts += [Drawn("lines", body.line, LINES, when="plain")] * bool(len(body.line))
     parts += [Drawn("lines", body.crease, CREASES)] * bool(len(body.crease))
     parts += dots(shared.loose, LINES, 9.0) + dots(shared.fixed, CLAMP, 7.0)
     anchor: list[int] = []
@@ -120,10 +120,8 @@ def space(layouts: Sequence[Layout]) -> Space:
             # What has no foil is drawn alike either way.
             true += marked(gauge, foil(gauge), gauge_colour(i)) or own
         either = any(gauge.foil[0] for gauge in layout.gauges)
-        parts += (
-            [Drawn("triangles", np.concatenate(seen), group=group, gauges="seen" if either else "")] if seen else []
-        )
-        parts += [Drawn("triangles", np.concatenate(true), group=group, gauges="scale")] if either else []
+        parts += [Drawn("triangles", np.concatenate(seen), group=group, when="seen" if either else "")] if seen else []
+        parts += [Drawn("triangles", np.concatenate(true), group=group, when="scale")] if either else []
         parts += dots(layout.pool, POOL, 5.0, group)
     position, normal = map(np.concatenate, zip(*(layout.places for layout in layouts), strict=True))
     eye = views(shared.points, triangles(shared.faces), position, normal)[0]

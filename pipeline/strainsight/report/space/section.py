@@ -76,7 +76,7 @@ def space_section(
         if shape.contour is not None
     )
     bar = f'<div id="space-bars" aria-live="polite">{bars}</div>' if bars else ""
-    true = any(part.gauges == "scale" for part in model.parts)
+    true = any(part.when == "scale" for part in model.parts)
     choices = _choices([caption for caption, _ in layouts], shapes, first) + TRUE_SIZE * true
     gauges = [
         _gauge(gauge, i, group, layout.frame, decimals(layout.points, layout.frame))
@@ -173,7 +173,7 @@ def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Sh
         "eye": model.eye.tolist(),
         "parts": [
             {"count": int(part.index.size)}
-            | {key: getattr(part, key) for key in ("primitive", "colour", "size", "group", "gauges")}
+            | {key: getattr(part, key) for key in ("primitive", "colour", "size", "group", "when")}
             for part in model.parts
         ],
         "surface": model.surface,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -43,6 +43,11 @@ class View:
     dots: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     size: tuple[int, int] = (1400, 900)
     bar: bool = True
+
+
+def untitled(view: View) -> View:
+    """The same without words in the picture but for the scalar bar's."""
+    return replace(view, title="", panels=tuple(replace(panel, title="") for panel in view.panels))
 
 
 def exaggerated(points: FloatArray, shift: FloatArray, share: float = 0.06) -> float:

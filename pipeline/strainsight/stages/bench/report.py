@@ -13,9 +13,11 @@ from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import space_section
+from strainsight.report.view.viewed import View, untitled
 from strainsight.report.view.viewing import screenshot
-from strainsight.stages.pages.bench_run import estimate_of, motion_of, placement_of, warnings_in
+from strainsight.stages.pages.bench_run import estimate_of, motion_of, placement_of, stress_of, warnings_in
 from strainsight.stages.view.bench import bench_view, body_of
+from strainsight.stages.view.surface import field_shape
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -57,11 +59,16 @@ def _body(context: Context[BenchConfig]) -> str | None:
 
 
 def _in_space(context: Context[BenchConfig], body: str) -> str:
-    """The body with its gauges and modes to turn round."""
+    """The body with its gauges, stress, strain and modes to turn round."""
     config, up = context.config, context.upstream
     modes = bench_view(config, "modes", body, up, None)
-    shapes = [Shape(panel.title, panel.shift) for panel in modes.panels]
-    return space_section([("", bench_view(config, "layout", body, up, None).layout)], shapes, body)
+    layout = bench_view(config, "layout", body, up, None).layout
+    fields = [bench_view(config, what, body, up, None) for what in ("field", "strain") if "field" in up]
+    shapes = [
+        *(field_shape(view, layout) for view in fields),
+        *(Shape(panel.title, panel.shift) for panel in modes.panels),
+    ]
+    return space_section([("", layout)], shapes, body, first=0 if fields else -1)
 
 
 def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str, bytes]], str]:
@@ -72,9 +79,16 @@ def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str,
     if not views:
         return [], ""
     try:
-        return [(f"{view.title}; {view.panels[0].title}".rstrip("; "), screenshot(view)) for view in views], ""
+        # The page says below the picture what it is of: not in it, too.
+        return [(_caption(view), screenshot(untitled(view))) for view in views], ""
     except StrainsightError as error:
         return [], f"{error.what}: {error.remedy}"
+
+
+def _caption(view: View) -> str:
+    """What a picture is of, once."""
+    shown = f", {view.quantity} [{view.unit}]" * bool(view.quantity)
+    return f"{view.title}{shown}; {view.panels[0].title}".rstrip("; ")
 
 
 def bench_run(context: Context[BenchConfig]) -> BenchRun:
@@ -90,6 +104,7 @@ def bench_run(context: Context[BenchConfig]) -> BenchRun:
         motion=motion,
         estimate=estimate,
         placement=placement,
+        stress=stress_of(up["field"], context.config.field) if "field" in up and context.config.field else None,
         numbers={stage: artefact.summary for stage, artefact in up.items()},
         warnings=warnings_in(up),
     )

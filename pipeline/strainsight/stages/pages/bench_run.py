@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.config.bench.bench import SurfaceField
 from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
 from strainsight.records.bench_placed import PLACED, BenchPlaced
 from strainsight.records.record import read, unit_of
-from strainsight.records.simulated import Simulated
+from strainsight.records.simulated import Simulated, SurfaceInTime
 from strainsight.report.arrays import History
 from strainsight.report.bench.data import (
     BearingMotion,
@@ -17,6 +18,7 @@ from strainsight.report.bench.data import (
     BenchMotion,
     BenchPlacement,
     BenchSensor,
+    BenchStress,
     BenchUnknown,
 )
 from strainsight.stages.pages.page_numbers import criteria_of, metrics_of, trend_of
@@ -56,6 +58,19 @@ def motion_of(artefact: Artefact) -> BenchMotion:
             BearingMotion(name, ring.displacement, ring.load, ring.pressure) for name, ring in own.bearings.items()
         ),
         numbers=artefact.summary,
+    )
+
+
+def stress_of(artefact: Artefact, settings: SurfaceField) -> BenchStress:
+    """Everything that a page shows of field.h5, but for its pictures."""
+    own = read(SurfaceInTime, artefact)
+    return BenchStress(
+        body=settings.body,
+        time=own.time,
+        largest=own.von_mises,
+        element=int(str(artefact.summary["element"])),
+        allowable=settings.allowable,
+        estimated=settings.of == "estimate",
     )
 
 

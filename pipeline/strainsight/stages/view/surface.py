@@ -8,7 +8,9 @@ import numpy as np
 
 from strainsight.cases.structure.surface import largest_principal
 from strainsight.errors import UserError
+from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.layout import Layout
+from strainsight.report.space.model import Shape, contour_of
 from strainsight.report.view.viewed import FACETS, POINTS, Panel, View, exaggerated
 from strainsight.stages.view.strain import MICRO, QUANTITY, UNIT
 from strainsight.workflow.artefact import Artefact
@@ -45,6 +47,19 @@ def surface_view(title: str, artefact: Artefact, layout: Layout, at: float | Non
     nothing = np.empty((0, 3))
     surface = replace(layout, points=points, faces=faces, pool=nothing, fixed=nothing)
     return View(title, surface, (panel,), quantity, unit, FACETS)
+
+
+def field_shape(view: View, layout: Layout) -> Shape:
+    """What `surface_view` shows, as colours of the whole structure where it is: a state of the view in space.
+
+    layout: of the structure, whose facets have the points of the view in their order.
+    """
+    values = view.panels[0].values
+    own = contour_of(values, view.layout, scale_of(view.quantity, view.unit, values))
+    at = np.full(len(layout.points), np.nan)
+    at[np.unique(layout.faces[layout.faces >= 0])] = own.values
+    when = view.panels[0].title.split(",")[0]
+    return Shape(f"{view.quantity}, {when}", contour=replace(own, values=at), group="Stress and strain of the surface")
 
 
 def moment_view(title: str, layout: Layout, stress: np.ndarray, shift: np.ndarray, when: str) -> View:

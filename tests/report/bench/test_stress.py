@@ -1,0 +1,60 @@
+"""The page of a bench says up to which load frequency it is good and how near the stress comes to what is allowed."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from strainsight.report.bench.data import BenchMotion, BenchRun, BenchStress
+from strainsight.report.bench.motion import stress_figure
+from strainsight.report.bench.page import bench_figures, bench_page
+
+TIME = np.linspace(0.0, 3.0, 7)
+LARGEST = 1e6 * np.array([10.0, 40.0, 30.0, 58.68, 20.0, 5.0, 1.0])
+
+
+def page_of(allowable, picture=()):
+    motion = BenchMotion(TIME, {}, (), (), {"band": 0.39642})
+    stress = BenchStress("hub", TIME, LARGEST, 6338, allowable)
+    run = BenchRun("hubs", "hubs", motion=motion, stress=stress)
+    return bench_page(run, bench_figures(run), (), picture)
+
+
+@pytest.mark.parametrize(
+    ("allowable", "said"),
+    [
+        (None, "Good for loads up to 0.396 Hz. Von Mises stress on hub: at most 58.68 MPa."),
+        (240e6, "Von Mises stress on hub: at most 58.68 MPa, 24 % of the allowable 240 MPa."),
+    ],
+)
+def test_the_first_sentences_have_band_and_stress(allowable, said):
+    page = page_of(allowable)
+    assert said in re.sub(r"<[^>]+>", "", page).replace("\u00a0", " ")
+    assert "beyond the allowable" not in page
+
+
+def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
+    page = page_of(40e6)
+    assert "✕ stress beyond the allowable – hubs" in page
+    answer = page[page.index('class="answer"') :]
+    share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)
+    assert float(share[1]) == pytest.approx(58.68 / 40)
+    assert answer.index('class="bad">Stress on hub: at most') < share.start() < answer.index("Good for loads")
+
+
+def test_the_figure_has_the_allowable_and_says_how_much_of_it():
+    drawn = stress_figure(BenchStress("hub", TIME, LARGEST, 6338, 240e6))
+    text = drawn.caption.replace("\u00a0", " ")
+    assert text.endswith("at 7 instants: at most 58.68 MPa, in element 6338, 24 % of the allowable 240 MPa.")
+    none = stress_figure(BenchStress("hub", TIME, LARGEST, 6338)).caption
+    assert none.endswith("no allowable is stated.")
+
+
+def test_a_heading_announces_stress_where_it_is_shown_and_a_picture_has_one_caption():
+    page = page_of(None, [("hubs: hub, von Mises stress [MPa]", b"png")])
+    assert "<h2>Gauges and stress on the body</h2>" in page
+    assert page.count(">hubs: hub, von Mises stress [MPa]<") == 1
+    run = BenchRun("hubs", "hubs", motion=BenchMotion(TIME, {}, (), (), {}))
+    assert "<h2>Gauges on the body</h2>" in bench_page(run, bench_figures(run), (), [("hubs: hub, 4 gauges", b"png")])
