@@ -11,9 +11,11 @@ import h5py
 import numpy as np
 import pytest
 import pyvista
+from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight.errors import ArtefactError, UserError
 from strainsight.mesh.vtkhdf import unstructured_grid
+from strainsight.records.grids import vtkhdf_datasets
 from strainsight.workflow import store
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Dataset, Output, Table
@@ -120,6 +122,25 @@ def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
     assert (read.n_points, list(read.point_data)) == (3, ["rank"])
     write_artefact(tmp_path / "moved" / "train.h5", Output({}, {}, ""), HEADER)
     assert [path.name for path in sorted((tmp_path / "moved").iterdir())] == ["place.h5", "place.vtkhdf", "train.h5"]
+
+
+def test_arrays_of_the_file_beside_have_their_units_in_their_names_at_every_step(tmp_path):
+    """VTK reads under those names what the artefact has under its own, instant by instant."""
+    time, stress = np.array([0.0, 0.5, 0.75]), np.arange(12.0).reshape(3, 4)
+    grid = unstructured_grid(np.eye(4, 3), (), {"stress": stress, "rank": np.arange(4)}, steps=time)
+    datasets, attributes = vtkhdf_datasets(grid)
+    assert attributes["/VTKHDF/PointData/stress"] == {"units": "Pa"}
+    write_artefact(tmp_path / "field.h5", Output(datasets, {}, "", attributes=attributes), HEADER)
+    with h5py.File(tmp_path / "field.h5") as file:
+        assert set(file["VTKHDF/PointData"]) == {"stress", "rank"}
+    reader = vtkHDFReader()
+    reader.SetFileName(str(tmp_path / "field.vtkhdf"))
+    for step in range(3):
+        reader.SetStep(step)
+        reader.Update()
+        shown = pyvista.wrap(reader.GetOutput())
+        assert set(shown.point_data) == {"stress [Pa]", "rank"}
+        np.testing.assert_array_equal(shown.point_data["stress [Pa]"], stress[step])
 
 
 def test_the_digest_is_of_the_content_alone(tmp_path):

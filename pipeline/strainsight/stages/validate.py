@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from strainsight.cases.filters_compared import comparison_table
 from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.layout.names import layout_labels
@@ -11,6 +13,8 @@ from strainsight.cases.structure.sweeps import sweep_table
 from strainsight.cases.structure.validation import validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
 from strainsight.config.placement import PlacementConfig
+from strainsight.gauges.candidates import STRAIN
+from strainsight.records.grids import STRAIN as STRAIN_UNIT
 from strainsight.records.grids import gauge_grid
 from strainsight.records.record import written
 from strainsight.report.placement.verdicts import OVER, in_words
@@ -41,7 +45,11 @@ def run(context: Context[PlacementConfig]) -> Output:
     doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER}
     units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
-    grid, attributes = gauge_grid(training.candidates.position, field)
+    # Where not all read strain, an array has several units.
+    strains = np.all(training.candidates.quantity == STRAIN)
+    grid, attributes = gauge_grid(
+        training.candidates.position, field, dict.fromkeys(field, STRAIN_UNIT) if strains else {}
+    )
     return Output(
         datasets=grid | written(own, found.units),
         attributes=attributes,
@@ -59,7 +67,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=19,
+    version=20,
     reads=(
         *(
             "seed",

@@ -53,7 +53,7 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     """
     _check(output)
     if any(map(_raw, output.datasets)):
-        output = replace(output, files={**output.files, f"{path.stem}{GRID}": _grid_of(path.name)})
+        output = replace(output, files={**output.files, f"{path.stem}{GRID}": _grid_of(path.name, output)})
     beside = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
     header = replace(header, beside=beside, found=header.found or {})
     size = _most_bytes(output, header)
@@ -84,12 +84,24 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     return written
 
 
-def _grid_of(artefact: str) -> bytes:
-    """A file that ParaView takes by its ending, and whose grid is that of the artefact beside it."""
+def _grid_of(artefact: str, output: Output) -> bytes:
+    """A file that ParaView takes by its ending: the grid of the artefact beside it, link by link, with the units of its arrays in
+    their names, since ParaView shows no other place for them."""
     content = io.BytesIO()
     with h5py.File(content, "w", track_order=False) as file:
-        file[RAW] = h5py.ExternalLink(artefact, RAW)
+        for path in sorted(filter(_raw, output.datasets)):
+            file[_with_unit(path, output.attributes)] = h5py.ExternalLink(artefact, path)
+        for path, attributes in output.attributes.items():
+            if _raw(path) and path not in output.datasets:
+                file.require_group(path).attrs.update(attributes)
     return content.getvalue()
+
+
+def _with_unit(path: str, attributes: Mapping[str, Mapping[str, Any]]) -> str:
+    """ "…/von_mises" → "…/von_mises [Pa]", of a grid's data and of where their steps begin; as it is without a unit."""
+    data = path.replace("/Steps/PointDataOffsets/", "/PointData/").replace("/Steps/CellDataOffsets/", "/CellData/")
+    unit = attributes.get(data, {}).get("units", "")
+    return f"{path} [{unit}]" if unit else path
 
 
 def _beside(path: Path) -> Mapping[str, str]:

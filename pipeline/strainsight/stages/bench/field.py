@@ -14,15 +14,6 @@ from strainsight.stages.bench import inputs
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
-UNITS = {
-    "PointData/displacement": "m",
-    "PointData/motion": "m",
-    "CellData/strain": "1",
-    "CellData/stress": "Pa",
-    "CellData/von_mises": "Pa",
-    "CellData/principal": "Pa",
-}
-
 
 def run(context: Context[BenchConfig]) -> Output:
     """Pictures of the simulated motion or of the estimated one."""
@@ -31,7 +22,6 @@ def run(context: Context[BenchConfig]) -> Output:
     name, motion = settings.body, _motion(settings, context)
     own = pictures(config, inputs.meshes(context)[name], inputs.bodies(context)[name], motion, context)
     grid, attributes = vtkhdf_datasets(own.grid)
-    attributes |= {f"/VTKHDF/{path}": {"units": unit} for path, unit in UNITS.items() if f"/VTKHDF/{path}" in grid}
     count, largest, instant = len(own.found.time), float(own.found.von_mises.max()), float(own.found.time[own.worst])
     return Output(
         datasets=grid | written(own.found),
@@ -60,7 +50,7 @@ def _motion(settings: SurfaceField, context: Context[object]) -> Motion:
 
 
 FIELD = Stage(
-    "field", version=2, reads=("field", "bodies.*.moduli"), upstream=("import", "reduce", "simulate"), files=(), run=run
+    "field", version=3, reads=("field", "bodies.*.moduli"), upstream=("import", "reduce", "simulate"), files=(), run=run
 )
 
 
