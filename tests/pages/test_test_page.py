@@ -59,4 +59,5 @@ def test_the_structure_turns_and_carries_the_stress(look, report):
     found = look(report)
     space.shows_a_structure(found)
     space.turns_under_the_mouse(found)
-    assert found.page.locator(".scale").count() == 3
+    assert found.page.locator(".scale:visible").count() == 3  # two maps and the state in space
+    space.shows_strain(found)

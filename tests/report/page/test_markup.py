@@ -73,3 +73,9 @@ def test_names_and_units_come_out_escaped():
     assert "script" not in outline.tags
     assert names_of_regions(outline)[0] == f"table: {HOSTILE}"
     assert [a["data-unit"] for tag, a in outline.seen if tag == "data"] == [HOSTILE]
+
+
+def test_only_a_word_that_paper_has_no_room_for_may_be_broken_in_a_head():
+    text = table("t", ("expected σ(load) without it", "N" * 30, f"<b>{'x' * 30}</b>"), [["1", "2", "3"]], numeric=(1,))
+    heads = re.findall(r'<th scope="col"( class="[^"]*")?>', text)
+    assert heads == ["", ' class="n v"', ' class="v"']

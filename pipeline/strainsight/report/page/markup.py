@@ -11,6 +11,8 @@ from strainsight.report.chart import drawing
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.text import number, percent, quantity
 
+LONGEST = 20
+"""Letters of a word in a head that paper has room for: a name from a config may be longer."""
 THEME = {
     drawing.BLUE: "var(--blue)",
     drawing.VERMILION: "var(--vermilion)",
@@ -119,7 +121,13 @@ def cell(text: str, *, right: bool = False, across: int = 1) -> str:
 
 
 def _head(names: Sequence[str], right: frozenset[int]) -> str:
-    cells = "".join(f'<th scope="col"{_right(i, right)}>{name}</th>' for i, name in enumerate(names))
+    """Heads of columns; one with a word that no paper is wide enough for may be broken anywhere."""
+    cells = ""
+    for i, name in enumerate(names):
+        longest = max(map(len, re.sub(r"<[^>]*>", " ", name).split()), default=0)
+        kinds = " ".join(["n"] * (i in right) + ["v"] * (longest > LONGEST))
+        kind = f' class="{kinds}"' if kinds else ""
+        cells += f'<th scope="col"{kind}>{name}</th>'
     return f"<thead><tr>{cells}</tr></thead>"
 
 

@@ -33,9 +33,9 @@ def answer(report: Findings) -> str:
 def _found(own: Unknown) -> str:
     name = escape(own.name)
     if own.kind == "parameter":
-        sigma = "σ withheld" if own.std is None else f"± {share(_relative(own))}"
+        sigma = "σ withheld" if own.std is None else f"±\u00a0{share(_relative(own))}"
         return f"{name} {measure(own.estimate, own.unit)} ({sigma})"
-    sigma = "σ withheld" if own.std is None else f"± {measure(own.std, own.unit, 2)}"
+    sigma = "σ withheld" if own.std is None else f"±\u00a0{measure(own.std, own.unit, 2)}"
     top = "" if own.peak is None else f", at most {_peak(own.peak, own.unit)}"
     return f"{name} {measure(own.estimate, own.unit)} RMS{top} ({sigma})"
 
