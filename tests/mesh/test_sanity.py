@@ -104,9 +104,10 @@ def test_what_is_not_used_and_what_may_be_missing_are_warnings():
 
 
 def test_a_structure_without_supports_is_a_warning():
-    said = "nothing is fixed: hold it, or let it hang on soft springs (mesh.supports, stiffness)"
+    said = "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
     for fixed in (np.zeros((0, 2), dtype=np.int64), np.array([[0, 3], [1, 5]])):
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed)) == (said,)
+        assert sanity_warnings(replace(tetrahedron(), fixed=fixed), free=True) == ()
 
 
 def test_a_material_of_the_config_is_named_by_its_key():

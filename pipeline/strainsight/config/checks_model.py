@@ -20,6 +20,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Contradictions between the fields that make the model."""
     yield from _names(config)
     yield from _mesh(config.mesh)
+    yield from _free(config)
     yield from _matrices(config)
     for name, parameter in config.parameters.items():
         yield from _parameter(f"parameters.{name}", parameter, config.name)
@@ -155,6 +156,16 @@ def _mesh(mesh: MeshFile) -> Iterator[Problem]:
         yield Problem(f"mesh.materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")
 
 
+def _free(config: PlacementConfig) -> Iterator[Problem]:
+    """What a structure without supports cannot have: where it is depends on its whole past, and on nothing that is modelled."""
+    if not config.mesh.free:
+        return
+    soft = "use gauges, or hold it on soft springs (mesh.supports, stiffness) without mesh.free"
+    for name, sensors in config.motion_sensors.items():
+        what = "reads the rigid motion, which is left out of a free structure (mesh.free)"
+        yield Problem(f"motion_sensors.{name}", f"{sensors.quantity} {what}", soft, at_key=True)
+
+
 def _springs(key: str, support: Support, mesh: MeshFile) -> Iterator[Problem]:
     """Springs of a support."""
     given = support.stiffness
@@ -179,6 +190,8 @@ def _springs(key: str, support: Support, mesh: MeshFile) -> Iterator[Problem]:
 def _matrices(config: PlacementConfig) -> Iterator[Problem]:
     """Ready matrices carry the parameters that the config names, and no others; without them a parameter has regions."""
     matrices = config.mesh.matrices
+    if matrices is not None and config.mesh.free:
+        yield Problem("mesh.free", "is of an assembled model, and mesh.matrices is given", "remove one of the two keys")
     for name, load in config.loads.items():
         if matrices is not None and (load.gravity or load.rotation):
             what = "the mass is that of mesh.matrices, which says of no place where it is"

@@ -129,5 +129,11 @@ class MeshFile(Section):
     )
     materials: dict[Name, Material] = Field({}, description="Materials that the file lacks, in SI units, by name.")
     supports: tuple[Support, ...] = Field((), description="Supports that the file lacks.")
+    free: bool = Field(
+        False,
+        description="Whether the structure is free: nothing has to hold it. Its rigid motions strain nothing, and are left out; "
+        "its modes are the elastic ones, static responses those with the inertia of the rigid acceleration (inertia relief). For "
+        "gauges only: accelerometers and displacement sensors want `supports` on soft springs.",
+    )
     ties: tuple[Tie, ...] = Field((), description="Rigid and averaging elements that the file lacks.")
     matrices: Matrices | None = Field(None, description="Stiffness and mass from another program.")

@@ -15,7 +15,7 @@ from strainsight.fem.constraints import Constraint, constraint_transform
 from strainsight.fem.modes import modes
 from strainsight.fem.point_masses import point_mass_matrix
 from strainsight.fem.springs import spring_matrix
-from strainsight.fem.support import require_support
+from strainsight.fem.support import require_support, rigid_motions
 from strainsight.fem.turning import turning_nodes
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Mesh
@@ -23,12 +23,14 @@ from strainsight.mesh.model import Mesh
 
 @dataclass(frozen=True)
 class FiniteElementModel:
-    """stiffness Tᵀ K(θ) T and mass Tᵀ M(θ) T: sparse affine operators (n_free, n_free)."""
+    """stiffness Tᵀ K(θ) T and mass Tᵀ M(θ) T: sparse affine operators (n_free, n_free); rigid (n_free, k): the motions
+    without stiffness of a free structure, None of one that is held."""
 
     mesh: Mesh
     constraint: Constraint
     stiffness: AffineOperator
     mass: AffineOperator
+    rigid: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -36,21 +38,25 @@ class FiniteElementModel:
         return int(self.constraint.transform.shape[1])
 
 
-def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True) -> FiniteElementModel:
-    """Assemble, constrain, and make sure that nothing moves freely (`supported=False` leaves that out).
+def build_model(
+    mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True, free: bool = False
+) -> FiniteElementModel:
+    """Assemble, constrain, and make sure that nothing moves freely (`supported=False` leaves that out), or, of a `free`
+    structure, that it moves as one rigid body.
 
         K_free(θ) = Tᵀ (K(θ) + K_s) T,     M_free(θ) = Tᵀ (M(θ) + M_p) T     term by term (5.8)
 
     K_s the springs, M_p the point masses.
 
-    Raises DeckError and UserError of `assemble`, `constraint_transform` and `require_support`.
+    Raises DeckError and UserError of `assemble`, `constraint_transform`, `require_support` and `rigid_motions`.
     """
     if not any(len(block.ids) for block in mesh.blocks):
         raise DeckError("the mesh has no solid elements", remedy=f"give it {FAMILIES}")
     constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
     if constraint.transform.shape[1] == 0:
         raise DeckError("every node is clamped", remedy="free the nodes that are to move")
-    if supported:
+    rigid = rigid_motions(mesh, constraint) if free else None
+    if supported and not free:
         require_support(mesh, constraint, lambda: soft_springs(mesh))
     stiffness, mass = assemble(mesh, parameters)
     T = constraint.transform[: 3 * len(mesh.position)]
@@ -63,7 +69,7 @@ def build_model(mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: 
     if mesh.point_masses:
         points = congruence(point_mass_matrix(mesh, constraint.reference_rows), constraint.transform)
         mass = AffineOperator(mass.constant + points, mass.terms)
-    return FiniteElementModel(mesh, constraint, stiffness, mass)
+    return FiniteElementModel(mesh, constraint, stiffness, mass, rigid)
 
 
 def soft_springs(mesh: Mesh) -> str:
@@ -83,8 +89,9 @@ def soft_springs(mesh: Mesh) -> str:
         return ""
     k = float(f"{mass * (2 * np.pi * first / 10) ** 2:.2g}")
     return (
-        f"; or let it hang free on soft springs, on a face or on nodes that do not lie on a line: `stiffness: {k:g}` [N/m] of "
-        f"mesh.supports keeps its rigid motions at a tenth of its first elastic mode, {first:.3g} Hz"
+        "; of a structure that is free, with gauges only: mesh.free: true"
+        "; or let it hang free on soft springs, on a face or on nodes that do not lie on a line: "
+        f"`stiffness: {k:g}` [N/m] of mesh.supports keeps its rigid motions at a tenth of its first elastic mode, {first:.3g} Hz"
     )
 
 

@@ -1,15 +1,16 @@
-"""Undamped modes of a supported structure."""
+"""Undamped modes of a structure, supported or free."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import eigh
+from scipy.linalg import eigh, null_space
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem.factorisation import Factor, factorise
 from strainsight.fem.memory import require_memory
+from strainsight.fem.relief import Relief, factorise_free, pinned, relief_of
 
 DENSE_LIMIT = 300
 GUARD = 4
@@ -22,7 +23,13 @@ NEARLY = 1e-6
 
 
 def modes(
-    K: sparse.csr_array, M: sparse.csr_array, count: int, *, shift: float = 0.0, factor: Factor | None = None
+    K: sparse.csr_array,
+    M: sparse.csr_array,
+    count: int,
+    *,
+    shift: float = 0.0,
+    factor: Factor | None = None,
+    rigid: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest modes, by Lanczos iterations on (K − σM)⁻¹M (ARPACK, shift-invert, seeded), repeated beside those found:
 
@@ -32,39 +39,54 @@ def modes(
     no rounding chooses among the combinations. Small models, and those of which few unknowns have mass, are solved densely.
     K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M; shift σ ≤ 0
     [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid motions then come first); factor of
-    K − σM, where there is one. Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
+    K − σM, where there is one; rigid (n, k): all motions without stiffness of a free structure, whose elastic modes alone
+    are then found, without a shift, with `factorise_free` as factor.
+
+    Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
     Raises UserError for too large a count, for a mechanism (a mode without stiffness) and where the memory is not enough,
     NumericalError where a mode does not converge or K − σM is not positive definite.
     """
-    massive = int(np.count_nonzero(M.diagonal() > 0))
+    relief = None if rigid is None else relief_of(M, rigid)
+    massive = _massive(M, relief)
     if not 1 <= count <= massive:
+        beside = "" if relief is None else f" beside {relief.shapes.shape[1]} rigid motions"
         raise UserError(
-            f"{count} modes of a model with {massive} unknowns that have mass", remedy=f"ask for 1 to {massive}"
+            f"{count} modes of a model with {massive} unknowns that have mass{beside}", remedy=f"ask for 1 to {massive}"
         )
-    if shift > 0:
-        raise ValueError("the shift must not be positive")
+    if shift > 0 or (shift and relief is not None):
+        raise ValueError("the shift must not be positive, and 0 where the rigid motions are given")
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
-    inverse, shapes = _lowest(A, M, count, factor)
+    inverse, shapes = _lowest(A, M, count, factor, relief)
     inverse, shapes = inverse[:count], (shapes @ turned(inverse, shapes))[:, :count]
     lam = 1.0 / inverse + shift
     _check(A, M, lam - shift, shapes)
     return np.sqrt(np.maximum(lam, 0.0)) / (2 * np.pi), shapes * signs(shapes)
 
 
+def _massive(M: sparse.csr_array, relief: Relief | None) -> int:
+    """The rank of M, of a free structure that of its elastic part."""
+    return int(np.count_nonzero(M.diagonal() > 0)) - (0 if relief is None else relief.shapes.shape[1])
+
+
 def _lowest(
-    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor | None
+    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor | None, relief: Relief | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """1/λ and φ of the modes, and of a few more: until no copy of the last frequency asked for is cut off."""
-    n, massive, guard = A.shape[0], int(np.count_nonzero(M.diagonal() > 0)), GUARD
+    n, massive, guard = A.shape[0], _massive(M, relief), GUARD
     while True:
         wanted = min(count + guard, massive)
         if n <= DENSE_LIMIT or _basis(wanted) > n:
             require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of {n} unknowns")
-            inverse, shapes = _dense(A.toarray(), M.toarray(), count, wanted)
+            if relief is None:
+                inverse, shapes = _dense(A.toarray(), M.toarray(), count, wanted)
+            else:
+                inverse, shapes = _dense_free(A, M, count, wanted, relief)
         else:
-            factor = factor or factorise(A)
-            way = _lanczos if _basis(wanted) <= massive else _condensed
-            inverse, shapes = way(A, M, count, wanted, factor)
+            factor = factor or (factorise(A) if relief is None else factorise_free(A, relief))
+            if _basis(wanted) <= massive:
+                inverse, shapes = _lanczos(A, M, count, wanted, factor)
+            else:
+                inverse, shapes = _condensed(A, M, count, wanted, factor, relief)
         if _frequencies(inverse)[-1] >= count or len(inverse) < count + guard:
             return inverse, shapes
         guard *= 2
@@ -85,16 +107,29 @@ def _dense(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple[np.nd
     return inverse[-found:][::-1], (V[:, -found:] / np.sqrt(inverse[-found:]))[:, ::-1]
 
 
-def _condensed(
-    A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor
+def _dense_free(
+    A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, relief: Relief
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Few unknowns have mass: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y, and no others."""
+    """(M − MR(MR)ᵀ)φ′ = (1/λ) A′φ′ on the springs of `pinned`: φ′ is φ moved so that they are not stretched."""
+    M_elastic = M.toarray() - relief.inertia @ relief.inertia.T
+    inverse, moved = _dense(pinned(A, relief.shapes).toarray(), M_elastic, count, wanted)
+    return inverse, relief.elastic(moved)
+
+
+def _condensed(
+    A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor, relief: Relief | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Few unknowns have mass: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y, and no others; of
+    a free structure to forces on them that balance."""
     n, massive = A.shape[0], np.flatnonzero(M.diagonal() > 0)
     require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of {n} unknowns")
     forces = np.zeros((n, len(massive)))
     forces[massive, np.arange(len(massive))] = 1.0
+    if relief is not None:
+        forces = forces @ null_space(relief.shapes[massive].T)
     Z = factor.solve(forces)
-    inverse, Y = _dense(0.5 * (Z[massive] + Z[massive].T), Z.T @ (M @ Z), count, wanted)
+    flexibility = forces.T @ Z
+    inverse, Y = _dense(0.5 * (flexibility + flexibility.T), Z.T @ (M @ Z), count, wanted)
     return inverse, Z @ Y
 
 

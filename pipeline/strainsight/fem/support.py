@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -18,6 +19,14 @@ AXES = "xyz"
 TOLERANCE = 1e-9
 
 
+@dataclass(frozen=True)
+class FreeMotions:
+    """words for people; vectors (n_free, k) [m or rad per unit], which span the motions."""
+
+    words: tuple[str, ...]
+    vectors: np.ndarray
+
+
 def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
     """Rigid motions that the constraints allow, in words ("translation x", "rotation about z"); empty where none.
 
@@ -31,16 +40,38 @@ def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
     nodes = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     label = np.full(len(mesh.position), -1)
     label[nodes] = 0
-    whole = _free_motions(mesh, constraint, label)
+    whole = _free_motions(mesh, constraint, label).words
     if whole:
         return whole
     parts = _parts(mesh, nodes)
-    count = int(parts.max()) + 1
-    if count > 300:
+    return _free_motions(mesh, constraint, parts).words if parts.max() > 0 else ()
+
+
+def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
+    """R (n_free, k) [m or rad per unit]: a basis of the rigid motions of a structure in one piece that nothing holds.
+
+    They are the null vectors that `rigid_body_motions` names, on the free motions: K R = 0 at any moduli.
+    Raises UserError where the supports hold all of them, and where parts move against each other.
+    """
+    nodes = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    label = np.full(len(mesh.position), -1)
+    label[nodes] = 0
+    whole = _free_motions(mesh, constraint, label)
+    if not whole.words:
         raise UserError(
-            f"the mesh falls into {count} parts that share no node", remedy="merge coincident nodes, then try again"
+            "supports or springs hold every rigid motion of the structure", key="mesh.free", remedy="remove mesh.free"
         )
-    return _free_motions(mesh, constraint, parts) if count > 1 else ()
+    parts = _parts(mesh, nodes)
+    each = _free_motions(mesh, constraint, parts) if parts.max() > 0 else whole
+    if each.vectors.shape[1] > whole.vectors.shape[1]:
+        more = f" and {len(each.words) - 8} more" if len(each.words) > 8 else ""
+        raise UserError(
+            f"the {parts.max() + 1} parts of the structure move against each other, {each.vectors.shape[1]} free motions and not "
+            f"{whole.vectors.shape[1]}: {', '.join(each.words[:8])}{more}",
+            key="mesh.free",
+            remedy="a free structure is one piece: tie the parts (mesh.ties), or merge coincident nodes",
+        )
+    return whole.vectors
 
 
 def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] = str) -> None:
@@ -57,7 +88,10 @@ def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] 
 
 
 def _parts(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:
-    """Connected part of each node, through shared nodes of elements; −1 for a node outside the elements."""
+    """Connected part of each node, through shared nodes of elements; −1 for a node outside the elements.
+
+    Raises UserError for more than 300 parts.
+    """
     n = len(mesh.position)
     rows = np.concatenate([block.nodes[:, :-1].ravel() for block in mesh.blocks])
     columns = np.concatenate([block.nodes[:, 1:].ravel() for block in mesh.blocks])
@@ -65,10 +99,15 @@ def _parts(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:
     _, component = connected_components(graph, directed=False)
     parts = np.full(n, -1)
     parts[nodes] = np.unique(component[nodes], return_inverse=True)[1]
+    count = int(parts.max()) + 1
+    if count > 300:
+        raise UserError(
+            f"the mesh falls into {count} parts that share no node", remedy="merge coincident nodes, then try again"
+        )
     return parts
 
 
-def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> tuple[str, ...]:
+def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> FreeMotions:
     bodies = int(label.max()) + 1
     centre = np.array([mesh.position[label == b].mean(axis=0) for b in range(bodies)])
     radius = np.array([np.linalg.norm(mesh.position[label == b] - centre[b], axis=1).max() for b in range(bodies)])
@@ -101,7 +140,10 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> tupl
         column = null[6 * bodies :]
         rows = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
         words = [describe_row(mesh, constraint, int(row)) + " of a rigid element" for row in rows]
-    return tuple(words)
+    vectors = np.empty((len(free), null.shape[1]))
+    vectors[inside] = R[free[inside]] @ null[: 6 * bodies]
+    vectors[~inside] = null[6 * bodies :] / size[:, None]
+    return FreeMotions(tuple(words), vectors)
 
 
 def _stretched(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:

@@ -74,7 +74,7 @@ def transient(
     mass = None if acceleration_rows is None or not acceleration_rows.shape[0] else _mass_factor(M)
     reach = highest
     if reach is None:
-        reach = max(_reach(K, M, damping, held, h), 0.0 if mass is None else BAND / h)
+        reach = max(_reach(K, M, damping, held, h, model.rigid), 0.0 if mass is None else BAND / h)
     scheme, substeps = choose(2 * np.pi * reach * h)
     step = _Step(K, M, sparse.csr_array(S), damping, scheme, h, substeps, held.shape[1])
     z, v = (np.zeros(K.shape[0]),) * 2 if start is None else start
@@ -215,11 +215,18 @@ def _mass_factor(M: sparse.csr_array) -> Factor:
     return factorise(M)
 
 
-def _reach(K: sparse.csr_array, M: sparse.csr_array, damping: ViscousDamping, held: np.ndarray, h: float) -> float:
+def _reach(
+    K: sparse.csr_array,
+    M: sparse.csr_array,
+    damping: ViscousDamping,
+    held: np.ndarray,
+    h: float,
+    rigid: np.ndarray | None,
+) -> float:
     """The frequency [Hz] up to which periods count: LOAD_SHARE of the loads' power, and the first modes."""
     count = min(FIRST_MODES, int(np.count_nonzero(M.diagonal() > 0)))
     known = damping.frequency[:count] / (2 * np.pi)
-    first = known[-1] if len(known) == count else lowest_modes(K, M, count)[0][-1]
+    first = known[-1] if len(known) == count else lowest_modes(K, M, count, rigid=rigid)[0][-1]
     u = held[:, 0] * np.hanning(len(held) + 2)[1:-1, None]
     power = (np.abs(np.fft.rfft(u, axis=0)) ** 2).sum(axis=1)
     total = np.cumsum(power)

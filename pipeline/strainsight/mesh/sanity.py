@@ -43,10 +43,11 @@ def empty_regions(mesh: Mesh) -> tuple[int, ...]:
     return tuple(i for i in mesh.regions if i not in filled)
 
 
-def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -> tuple[str, ...]:
+def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
     """Warnings: values that speak of a wrong unit, what is not used, what the file has and this model lacks.
 
-    length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense.
+    length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense; free: nothing
+    has to hold it.
     """
     found = []
     for material in mesh.materials.values():
@@ -59,8 +60,10 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg") -
         words = "nodes belong to nothing and are" if unused.size > 1 else "node belongs to nothing and is"
         found.append(f"{unused.size} {words} left out of the model: {shown}")
     found += [f"{mesh.regions[i]} has no elements" for i in empty_regions(mesh)]
-    if not mesh.held.size and not mesh.springs:
-        found.append("nothing is fixed: hold it, or let it hang on soft springs (mesh.supports, stiffness)")
+    if not mesh.held.size and not mesh.springs and not free:
+        found.append(
+            "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
+        )
     found += [
         f"{count} × {card} ignored: the stiffness, mass or tie it may add is missing"
         for card, count in mesh.ignored.items()

@@ -15,7 +15,7 @@ from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import signs, turned
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
 from strainsight.rom.samples import Theta, parameter_samples
-from strainsight.rom.snapshots import Snapshots, only_scales, scaled, snapshots, snapshots_at
+from strainsight.rom.snapshots import Snapshots, only_scales, scaled, shared_by_all, snapshots, snapshots_at
 from strainsight.sweep.sweep import Sweep, serial
 
 DEPENDENT = 1e-10
@@ -87,7 +87,7 @@ def reduce_model(
     first = snapshots(full, S if aside is None else np.hstack([S, aside]), points[0], modes, known)
     K = full.stiffness.at(reference)  # not before: beside the factor there would be two of it
     V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :n_u]]))
-    rest = [found.vectors for found in sweep(snapshots_at, points[1:], (full.stiffness, full.mass, S, modes))]
+    rest = [found.vectors for found in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes))]
     sigma = np.zeros(0)
     if rest:
         V, sigma = _compress(K, V, np.hstack(rest), tolerance)
@@ -116,6 +116,7 @@ def modal_model(
         full.constraint,
         AffineOperator(full.stiffness.at(theta), {}),
         AffineOperator(full.mass.at(theta), {}),
+        full.rigid,
     )
     forces = S if aside is None else np.hstack([S, aside])
     serves = reference is not None and only_scales(full) and len(reference.frequency) >= modes
@@ -137,7 +138,7 @@ def held_out_errors(
         at_reference = Snapshots(reduction.frequency, Psi[:, :0], reduction.static)
         answers = [scaled(full, at_reference, model.reference, theta) for theta in thetas]
     else:
-        answers = sweep(snapshots_at, thetas, (full.stiffness, full.mass, S, count))
+        answers = sweep(snapshots_at, thetas, shared_by_all(full, S, count))
     frequency, static = np.zeros((len(thetas), count)), np.zeros((len(thetas), S.shape[1]))
     for i, (theta, exact) in enumerate(zip(thetas, answers, strict=True)):
         lam, _ = modal_basis(model, theta)

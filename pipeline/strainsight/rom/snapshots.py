@@ -11,6 +11,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
+from strainsight.fem.relief import factorise_free, relief_of
 
 
 @dataclass(frozen=True)
@@ -38,25 +39,33 @@ def snapshots(
     modes: int,
     known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Snapshots:
-    """K(θ)φ = ω²M(θ)φ and K(θ)⁻¹S, from one factorisation.
+    """K(θ)φ = ω²M(θ)φ and K(θ)⁻¹S, from one factorisation; of a free structure elastic modes and K⁺S, by inertia relief.
 
     S (n_free, n_u) [-] input shapes; theta [SI]; known: frequency and shapes at this θ where they have been found already, at
     least `modes` of them. Raises the errors of `modes` and `factorise`.
     """
-    return snapshots_at((full.stiffness, full.mass, S, modes), theta, known)
+    return snapshots_at(shared_by_all(full, S, modes), theta, known)
+
+
+Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int]
+
+
+def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int) -> Shared:
+    """What every task of a sweep over θ needs."""
+    return full.stiffness, full.mass, full.rigid, S, modes
 
 
 def snapshots_at(
-    shared: tuple[AffineOperator, AffineOperator, np.ndarray, int],
+    shared: Shared,
     theta: Mapping[str, float],
     known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Snapshots:
-    """The same as a task of a sweep: shared are stiffness, mass, S and the number of modes."""
-    stiffness, mass, S, modes = shared
+    """The same as a task of a sweep: shared are stiffness, mass, rigid motions, S and the number of modes."""
+    stiffness, mass, rigid, S, modes = shared
     K = stiffness.at(theta)
-    factor = factorise(K)
+    factor = factorise(K) if rigid is None else factorise_free(K, relief_of(mass.at(theta), rigid))
     if known is None:
-        known = lowest_modes(K, mass.at(theta), modes, factor=factor)
+        known = lowest_modes(K, mass.at(theta), modes, factor=factor, rigid=rigid)
     frequency, shapes = known
     return Snapshots(frequency[:modes], shapes[:, :modes], factor.solve(S))
 

@@ -62,7 +62,7 @@ def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
     """Sentences for a warning; with ready matrices the materials and the unused nodes of the file mean nothing."""
     if config.matrices is not None:
         return ()
-    return sanity_warnings(mesh, config.length_unit, config.mass_unit)
+    return sanity_warnings(mesh, config.length_unit, config.mass_unit, config.free)
 
 
 def _grid(mesh: Mesh) -> VtkHdf:

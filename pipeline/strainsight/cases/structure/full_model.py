@@ -10,14 +10,14 @@ from scipy import sparse
 
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.decks.matrices.files import NOTED, read_matrix, read_numbering, symmetric
-from strainsight.errors import DeckError, blame
+from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, build_model
 from strainsight.fem.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
-READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices")
+READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free")
 FILES = ("mesh.matrices.numbering", "mesh.matrices.stiffness.*.file", "mesh.matrices.mass.*.file")
 """What a stage that calls `full_model` declares."""
 
@@ -38,11 +38,26 @@ def full_model(config: MeshFile, mesh: Mesh, parameters: Sequence[Parameter], fi
     """
     if config.matrices is None:
         with blame("mesh.file"), mesh.located():
-            return FullModel(build_model(mesh, parameters))
+            model = build_model(mesh, parameters, free=config.free)
+        if config.free:
+            _whole_mass(model)
+        return FullModel(model)
     ready, said = _read(config.matrices, config, files)
     with blame("mesh.matrices.numbering"), mesh.located():
         built = build_ready_model(mesh, ready)
     return FullModel(built.model, built.motion, (*said, *built.notes))
+
+
+def _whole_mass(model: FiniteElementModel) -> None:
+    """Raises UserError where densities vary that do not scale the whole mass: rigid and elastic motions of a free structure are
+    orthogonal in M at one density of its parts only."""
+    if len(model.mass.terms) > 1 or (model.mass.terms and abs(model.mass.constant).sum() > 0):
+        name = next(iter(model.mass.terms))
+        raise UserError(
+            "the density of a part of a free structure is unknown: its rigid motions would change with it",
+            key=f"parameters.{name}",
+            remedy="give a density of all regions, without point masses, or hold the structure on soft springs (mesh.supports)",
+        )
 
 
 def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tuple[ReadyMatrices, list[str]]:

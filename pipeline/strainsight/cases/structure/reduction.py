@@ -10,11 +10,12 @@ from strainsight.cases.structure.full_model import full_model
 from strainsight.cases.structure.scales import refuse_damping
 from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import blame
+from strainsight.errors import UserError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.misaligned import misalignment_shapes
-from strainsight.fem.model import nodal
+from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.fem.modes import modes as lowest_modes
+from strainsight.fem.relief import relief_of
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import HeldOut, Misaligned, Modes, ReadyBasis, Reduced
@@ -25,6 +26,9 @@ from strainsight.sweep.sweep import watched
 
 HELD_OUT = 3
 """Parameter values, between those the basis was built from, at which the reduced model is checked."""
+
+BALANCED = 1e-9
+"""Share of a load beside its inertia below which it is rounding."""
 
 
 def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
@@ -59,7 +63,7 @@ def _lowest(
     theta = {p.name: p.reference for p in parameters}
     using.progress(f"{count} modes of {model.size} unknowns", 0.2)
     with blame(key):
-        frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count)
+        frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count, rigid=model.rigid)
     return Modes(frequency=frequency, shape=shape)
 
 
@@ -75,12 +79,29 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
     return tuple(found)
 
 
+def _strains(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
+    """Raises UserError for a load, columns of S (n_free, n_u), that a free structure follows as a whole."""
+    reference = dict.fromkeys(model.mass.terms, 1.0)  # of one density, which is a factor of the whole mass
+    left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balanced(S)
+    share = np.linalg.norm(left, axis=0) / np.linalg.norm(S, axis=0)
+    for name, own in zip(config.loads, share, strict=True):
+        if own < BALANCED:
+            raise UserError(
+                f"the load accelerates a free structure (mesh.free) and strains nothing: {own:.1e} of it does not act as its "
+                "own inertia would",
+                key=f"loads.{name}",
+                remedy="remove the load, or hold the structure (mesh.supports) in place of mesh.free",
+            )
+
+
 def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resources) -> Reduced:
     """Assemble, constrain, find the static responses (and the modes off the reference), project, check at held-out values."""
     parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
     using.progress("assembly", 0.0)
     built = full_model(config.mesh, mesh, parameters, using.files)
     S = load_shapes(built.model, config.loads)
+    if built.model.rigid is not None:
+        _strains(config, built.model, S)
     off = misalignment_shapes(built.model, list(point_loads(config.loads).values()))
     reference = {p.name: p.reference for p in parameters}
     ranges = {name: entry.range for name, entry in config.parameters.items()}

@@ -237,13 +237,16 @@ def _full(
 ) -> Truth:
     """modes: how many have the damping ratio of the filter's model."""
     # with solvers that no other truth needs
+    from strainsight.fem.relief import relief_of
     from strainsight.fem.steady import steady_state
     from strainsight.fem.transient import free_rows, transient
     from strainsight.fem.viscous import ViscousDamping, modal_damping
 
     K, M, stated = built.model.stiffness.at(theta), built.model.mass.at(theta), problem.model.damping
+    if built.model.rigid is not None:
+        S = relief_of(M, built.model.rigid).balanced(S)  # the rigid motion drifts away, and no gauge reads it
     if stated.kind == "modal":
-        viscous = modal_damping(K, M, stated.ratio, modes)
+        viscous = modal_damping(K, M, stated.ratio, modes, rigid=built.model.rigid)
     else:
         viscous = ViscousDamping(stated.alpha, stated.beta)
     pool = training.candidates

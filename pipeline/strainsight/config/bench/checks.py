@@ -106,6 +106,10 @@ def _bodies(config: BenchConfig) -> Iterator[Problem]:
                     "a body of a bench is reduced from its solids",
                     "leave mesh.matrices out",
                 )
+            if body.mesh.free:
+                yield Problem(
+                    f"bodies.{name}.mesh.free", "a body of a bench is free in any case", "remove the key", at_key=True
+                )
         else:
             I = body.inertia
             tensor = np.array([[I.xx, I.xy, I.xz], [I.xy, I.yy, I.yz], [I.xz, I.yz, I.zz]])

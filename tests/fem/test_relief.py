@@ -1,0 +1,229 @@
+"""A free structure: rigid motions, elastic modes and inertia relief against closed forms and invariances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.linalg import eigh
+
+from strainsight.errors import StrainsightError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.model import build_model
+from strainsight.fem.modes import modes
+from strainsight.fem.relief import factorise_free, pinned, relief_of
+from strainsight.fem.support import rigid_motions
+from strainsight.mesh.model import PointMass, RigidElement
+
+from .test_support import two_boxes
+
+E, RHO, L, A = 2.1e11, 7850.0, 1.0, 0.02 * 0.03
+FREE = np.array([4.730040745, 7.853204624, 10.995607838])
+"""βL of a free-free beam (Blevins, table 8-1)."""
+
+
+@pytest.fixture(scope="module")
+def bar(module_box):
+    """1 m long, 20 × 30 mm, ν = 0, so that it is a bar and no plate."""
+    return build_model(module_box("hex20", (32, 1, 1), size=(L, 0.02, 0.03), material=(E, 0.0, RHO)), free=True)
+
+
+@pytest.fixture(scope="module")
+def module_box():
+    from .conftest import make_box
+
+    return make_box
+
+
+def at(model):
+    return model.stiffness.constant, model.mass.constant
+
+
+def timoshenko(k, width, height):
+    """ω of the k-th bending mode across `height`: Euler's, lowered by shear and rotary inertia (Han, Benaroya and Wei 1999):
+
+    the roots of the frequency equation of a free-free Timoshenko beam, symmetric for odd k.
+    """
+    from scipy.optimize import brentq
+
+    I, G, kappa = width * height**3 / 12, E / 2, 5 / 6
+    euler = (FREE[k] / L) ** 2 * np.sqrt(E * I / (RHO * A))
+
+    def determinant(omega):
+        """W and ψ in cosh/cos (symmetric) or sinh/sin about the middle; bending moment and shear vanish at L/2."""
+        r2, s2 = I / A, E * I / (kappa * G * A)
+        b2 = RHO * A * omega**2 / (E * I)
+        root = np.sqrt((r2 - s2) ** 2 + 4 / b2)
+        alpha, beta = (np.sqrt(b2 / 2 * (sign * (r2 + s2) + root)) for sign in (-1, 1))
+        # ψ = (α + b²s²/α) sinh αx etc.: from κGA(W″ − ψ′) + ρAω²W = 0
+        a, c = (alpha**2 + b2 * s2) / alpha, (b2 * s2 - beta**2) / beta
+        x = L / 2
+        if k % 2 == 0:  # W = cosh αx + C cos βx,  ψ = a sinh αx + C c sin βx
+            moment = a * alpha * np.cosh(alpha * x), c * beta * np.cos(beta * x)
+            shear = (alpha - a) * np.sinh(alpha * x), -(beta + c) * np.sin(beta * x)
+        else:  # W = sinh αx + C sin βx,  ψ = a cosh αx − C c cos βx
+            moment = a * alpha * np.sinh(alpha * x), c * beta * np.sin(beta * x)
+            shear = (alpha - a) * np.cosh(alpha * x), (beta + c) * np.cos(beta * x)
+        return moment[0] * shear[1] - moment[1] * shear[0]
+
+    return brentq(determinant, 0.8 * euler, 1.01 * euler, rtol=1e-12)
+
+
+def test_bending_modes_are_those_of_a_free_free_beam(bar):
+    K, M = at(bar)
+    frequency, shapes = modes(K, M, 6, rigid=bar.rigid)
+    expected = sorted([timoshenko(k, *size) / (2 * np.pi) for k in range(3) for size in ((0.03, 0.02), (0.02, 0.03))])
+    assert np.allclose(frequency[:5], expected[:5], rtol=2e-3)
+    euler = FREE[0] ** 2 * np.sqrt(E * 0.02**2 / 12 / RHO) / (2 * np.pi)
+    assert frequency[0] == pytest.approx(euler, rel=3e-3)
+    assert np.allclose(shapes.T @ (M @ shapes), np.eye(6), atol=1e-9)
+    assert np.abs(bar.rigid.T @ (M @ shapes)).max() < 1e-9 * np.abs(bar.rigid.T @ (M @ bar.rigid)).max()
+
+
+def test_they_are_the_modes_of_a_shifted_stiffness_behind_six_of_zero(bar):
+    """Another way to the same: K + |σ|M, whose first six modes are the rigid ones."""
+    K, M = at(bar)
+    low = 1e-3 * (2 * np.pi * 100.0) ** 2
+    shifted, _ = modes(K, M, 12, shift=-low)
+    assert np.all(shifted[:6] < 1.0)
+    assert np.allclose(modes(K, M, 6, rigid=bar.rigid)[0], shifted[6:], rtol=1e-8)
+
+
+@pytest.mark.parametrize("counts", [(2, 1, 1), (9, 3, 3)])
+def test_a_dense_and_an_iterative_solution_agree_with_all_eigenvalues(module_box, counts):
+    model = build_model(module_box("hex8", counts, size=(1.0, 0.3, 0.2)), free=True)
+    K, M = at(model)
+    every = eigh(K.toarray(), M.toarray(), eigvals_only=True)
+    assert np.all(np.abs(every[:6]) < 1e-9 * every[6])
+    found, shapes = modes(K, M, 5, rigid=model.rigid)
+    assert np.allclose((2 * np.pi * found) ** 2, every[6:11], rtol=1e-8)
+    assert np.allclose(K @ shapes, (M @ shapes) * every[6:11], atol=1e-6 * abs(K @ shapes).max())
+
+
+def test_few_masses_on_a_massless_body_vibrate_against_each_other():
+    """Two masses and a spring, ω = √(k (1/m₁ + 1/m₂)), in the middle of a long chain of massless links."""
+    n, k, m1, m2 = 400, 1e4, 2.0, 3.0
+    ends = np.ones(n)
+    ends[1:-1] = 2.0
+    K = sparse.csr_array(k * (n - 1) * sparse.diags_array([ends, -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]))
+    mass = np.zeros(n)
+    mass[0], mass[-1] = m1, m2
+    M = sparse.csr_array(sparse.diags_array(mass))
+    found, shapes = modes(K, M, 1, rigid=np.ones((n, 1)))
+    assert 2 * np.pi * found[0] == pytest.approx(np.sqrt(k * (1 / m1 + 1 / m2)), rel=1e-9)
+    assert m1 * shapes[0, 0] + m2 * shapes[-1, 0] == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(UserError, match="2 modes of a model with 1 unknowns that have mass beside 1 rigid motions"):
+        modes(K, M, 2, rigid=np.ones((n, 1)))
+
+
+def test_a_bar_that_an_end_force_accelerates_has_a_strain_that_grows_along_it(bar):
+    """N(x) = F x/L behind the force at x = L: u(x) − u(0) = F x²/(2EAL); the acceleration is F/m, whatever the point."""
+    K, M = at(bar)
+    x = bar.mesh.position
+    end = np.isclose(x[:, 0], L)
+    # consistent forces of a uniform traction on the end of one brick of twenty nodes: −1/12 at corners, 1/3 at mid-sides
+    corner = end & np.isin(np.round(x[:, 1], 6), [0, 0.02]) & np.isin(np.round(x[:, 2], 6), [0, 0.03])
+    f = np.zeros(3 * len(x))
+    f[3 * np.flatnonzero(end & corner)] = -1 / 12
+    f[3 * np.flatnonzero(end & ~corner)] = 1 / 3
+    relief = relief_of(M, bar.rigid)
+    z = factorise_free(K, relief).solve(f)
+    u = z[::3]
+    expected = x[:, 0] ** 2 / (2 * E * A * L)
+    assert np.allclose(u - u[x[:, 0] == 0].mean(), expected, atol=1e-6 * expected.max())
+    acceleration = relief.shapes @ (relief.shapes.T @ f)
+    assert np.allclose(acceleration[::3], 1 / (RHO * A * L), rtol=1e-9)
+    assert np.abs(acceleration[1::3]).max() < 1e-9 * acceleration[::3].max()
+    assert np.allclose(relief.balanced(f[:, None]).sum(), 0.0, atol=1e-9)
+
+
+def test_the_stiffness_of_the_springs_and_where_they_stand_do_not_matter(bar):
+    """K⁺ is that of the pseudo-inverse in the elastic space: KK⁺f = f − MRRᵀf and RᵀMK⁺f = 0 define it."""
+    K, M = at(bar)
+    relief = relief_of(M, bar.rigid)
+    f = np.random.default_rng(3).standard_normal((bar.size, 3))
+    z = factorise_free(K, relief).solve(f)
+    left = K @ z - relief.balanced(f)
+    assert np.abs(left).max() < 1e-7 * np.abs(f).max()
+    assert np.abs(relief.inertia.T @ z).max() < 1e-9 * np.abs(z).max() * np.abs(relief.inertia).sum(axis=0).max()
+    again = relief_of(M, bar.rigid @ np.random.default_rng(5).standard_normal((6, 6)))
+    assert np.allclose(factorise_free(K, again).solve(f), z, atol=1e-7 * np.abs(z).max())
+    assert np.linalg.eigvalsh(pinned(K, bar.rigid).toarray()[:60, :60])[0] > 0
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex8", "wedge15"])
+def test_rigid_motions_are_the_null_space_of_the_stiffness(module_box, kind):
+    """At any modulus: the term of a parameter too."""
+    model = build_model(
+        module_box(kind, (3, 2, 2), distort=0.2), (Parameter("E", "youngs_modulus", (1,), 2.1e11),), free=True
+    )
+    K = model.stiffness.at({"E": 2.1e11})
+    assert model.rigid.shape == (model.size, 6)
+    assert np.linalg.matrix_rank(model.rigid) == 6
+    assert np.abs(K @ model.rigid).max() < 1e-12 * np.abs(K).max() * np.abs(model.rigid).max()
+
+
+def test_what_a_roller_leaves_is_free_and_what_ties_and_masses_carry_moves_along(module_box):
+    mesh = module_box("hex8", (2, 2, 2))
+    bottom = np.array([(i, 2) for i in np.flatnonzero(mesh.position[:, 2] == 0)])
+    assert build_model(replace(mesh, fixed=bottom), free=True).rigid.shape[1] == 3
+    top = np.flatnonzero(mesh.position[:, 2] == 1)
+    mesh = replace(mesh, node_ids=np.arange(1, 29), position=np.vstack([mesh.position, [0.5, 0.5, 2.0]]))
+    mesh = replace(
+        mesh,
+        rigid=(RigidElement(1, 27, top, (0, 1, 2)),),
+        point_masses=(PointMass(1, 27, 5.0, np.zeros(3), np.zeros((3, 3))),),
+    )
+    model = build_model(mesh, free=True)
+    K, M = at(model)
+    assert model.rigid.shape[1] == 6
+    assert np.abs(K @ model.rigid).max() < 1e-12 * np.abs(K).max()
+    relief = relief_of(M, model.rigid)
+    force = np.zeros(model.size)
+    force[0] = 1.0
+    along = relief.shapes @ (relief.shapes.T @ force)
+    # momentum: Σ m a = f
+    everywhere = np.zeros(model.size)
+    everywhere[:] = model.rigid @ np.linalg.lstsq(model.rigid, _unit(model, 0), rcond=None)[0]
+    assert everywhere @ (M @ along) == pytest.approx(1.0, rel=1e-9)
+    assert everywhere @ (M @ everywhere) == pytest.approx(7850.0 + 5.0, rel=1e-9)
+
+
+def _unit(model, axis):
+    """All nodes moved by one along an axis, no rotation."""
+    z = np.zeros(model.constraint.transform.shape[0])
+    z[axis : 3 * len(model.mesh.position) : 3] = 1.0
+    return z[model.constraint.free_rows]
+
+
+def test_loose_parts_and_what_is_held_are_named(module_box):
+    apart = two_boxes(module_box, 0.5)
+    with pytest.raises(
+        UserError, match="the 2 parts of the structure move against each other, 12 free motions"
+    ) as caught:
+        rigid_motions(apart, constraint_transform(apart))
+    assert caught.value.key == "mesh.free"
+    held = module_box("hex8", (1, 1, 1), clamp_root=True)
+    with pytest.raises(UserError, match="hold every rigid motion") as caught:
+        build_model(held, free=True)
+    assert "remove mesh.free" in caught.value.remedy
+
+
+def test_a_hinge_in_a_free_structure_is_a_mechanism(module_box):
+    """Two bricks that share an edge only turn against each other: a seventh motion, without a part of its own."""
+    mesh = module_box("hex8", (2, 2, 1), size=(1.0, 1.0, 0.5))
+    block = mesh.blocks[0]
+    diagonal = replace(block, ids=block.ids[[0, 3]], nodes=block.nodes[[0, 3]], region=block.region[[0, 3]])
+    model = build_model(replace(mesh, blocks=(diagonal,)), free=True)
+    with pytest.raises(StrainsightError, match="mechanism"):
+        modes(*at(model), 2, rigid=model.rigid)
+
+
+def test_without_supports_both_remedies_are_named(module_box):
+    with pytest.raises(UserError, match="can move freely") as caught:
+        build_model(module_box("hex8", (4, 1, 1), size=(1.0, 0.1, 0.1)))
+    assert "mesh.free: true" in caught.value.remedy
+    assert "mesh.supports" in caught.value.remedy
