@@ -159,8 +159,9 @@ def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded(
     )
     # What is dropped for its range crowds out nobody.
     np.testing.assert_array_equal(result.reason, ["range", "", "spacing", ""])
-    with pytest.raises(InfeasibleError, match="all 4 candidates read more than their range"):
+    with pytest.raises(InfeasibleError, match="all 4 candidates read more than their range") as caught:
         screen(np.ones(4), 1.0, on_a_line(np.arange(4)), 3, 0.0, largest=np.array([2, 2, 3, 4]), limit=np.ones(4))
+    assert caught.value.key == "gauges.range"
 
 
 @pytest.mark.parametrize("keep", [None, 25])

@@ -258,3 +258,16 @@ def test_matrices_that_do_not_fit_are_a_message_with_key_and_file(beam, spoil, k
     assert "Traceback" not in said
     assert key in said
     assert says in said
+
+
+def test_a_channel_of_a_gauge_that_is_not_in_the_table_is_refused_before_anything_runs(beam):
+    config = (beam / "beam.yaml").read_text()
+    channels = "[{gauge: 107, channel: a, unit: um/m}, {gauge: 999, channel: b, unit: um/m}]"
+    (beam / "beam.yaml").write_text(f"{config}\nestimate:\n  file: no.csv\n  time_step: 0.001\n  channels: {channels}\n")
+    done = CliRunner().invoke(app, ["import", str(beam / "beam.yaml"), "--results", str(beam / "results")])
+    said = " ".join((done.output + (done.stderr or "")).split())
+    assert done.exit_code == 2, said
+    assert "estimate.channels.1.gauge" in said
+    assert "no gauge '999'" in said
+    assert "107" in said
+    assert not list(beam.rglob("import.h5"))

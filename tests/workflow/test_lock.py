@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from pathlib import Path
 
 import pytest
 
@@ -37,3 +38,18 @@ def test_a_link_in_place_of_a_lock_leaves_the_file_it_names_alone(tmp_path):
     with pytest.raises(OSError, match=COMPUTING), computing(tmp_path, KEY):
         pass
     assert other.read_text() == "mine\n"
+
+
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EPERM])
+def test_a_folder_that_became_read_only_meanwhile_is_no_error(tmp_path, monkeypatch, number):
+    """The run is done, and what it leaves is a lock that nobody holds."""
+
+    def refused(self, missing_ok=False):
+        raise OSError(number, "read-only")
+
+    with monkeypatch.context() as patched, locked(tmp_path):  # the lock is given back first
+        patched.setattr(Path, "unlink", refused)
+    assert (tmp_path / NAME).exists()
+    with locked(tmp_path):
+        pass
+    assert not (tmp_path / NAME).exists()

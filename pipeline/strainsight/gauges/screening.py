@@ -101,7 +101,9 @@ def screen(
     reason[kept] = KEPT
     if not kept:
         raise InfeasibleError(
-            f"all {count} candidates read more than their range", remedy="choose gauges of a larger range"
+            f"all {count} candidates read more than their range",
+            key="gauges.range",
+            remedy="choose gauges of a larger range (gauges.range, or that of gauges.type), or check the amplitude of the loads",
         )
     return Screening(np.sort(np.array(kept, dtype=np.int64)), snr, reason)
 

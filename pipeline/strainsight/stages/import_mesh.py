@@ -77,5 +77,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=6, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=7, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

@@ -82,8 +82,9 @@ def _acquire(path: Path) -> int:
 
 
 def _removed(path: Path) -> bool:
-    """Whether the file is gone: Windows keeps what is open, here or by another run that has just come."""
-    with suppress(PermissionError):
+    """Whether the file is gone: Windows keeps what is open, here or by another run that has just come; a folder may have become
+    read-only."""
+    with suppress(OSError):
         path.unlink(missing_ok=True)
         return True
     return False

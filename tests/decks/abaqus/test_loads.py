@@ -74,7 +74,11 @@ def test_displacements_under_each_load_are_those_of_calculix(tmp_path):
 
 def test_a_moment_of_a_cload_stays_one(read):
     text = bar() + "*CLOAD\n5, 4, 3.\n5, 6, -1.\n*CLOAD\n5, 1, 2.\n"
-    loads = read(text).loads
+    mesh = read(text)
+    loads = mesh.loads
+    assert "*CLOAD of a moment on node 5 without rotations: a couple of forces on the nodes of the elements there" in mesh.notes
+    led = read(bar() + "*NODE\n99, 0., 0., 9.\n*MPC\nBEAM, 5, 99\n*CLOAD\n99, 4, 3.\n5, 1, 2.\n")
+    assert not any("without rotations" in note for note in led.notes)
     np.testing.assert_array_equal(loads["CLOAD-1"].moment, [[3, 0, -1]])
     np.testing.assert_array_equal(loads["CLOAD-1"].force, [[0, 0, 0]])
     assert loads["CLOAD-2"].moment is None

@@ -195,6 +195,22 @@ def test_rigid_ties_in_every_form_move_the_nodes_alike(read, tie):
     assert mesh.ignored == {}
 
 
+@pytest.mark.parametrize("members", ["TIE NSET=TOP", "NSET=TOP", "PIN NSET=TOP"])
+def test_a_rigid_body_without_a_reference_is_led_by_a_node_of_its_own(read, members):
+    """CalculiX adds a node for it: the body turns and moves about any point alike, and the same motions are left."""
+    mesh, other = (read(f"{BRICK}*RIGID BODY, {members}{reference}\n") for reference in ("", ", REF NODE=100"))
+    assert [(own.reference, set(own.nodes.tolist())) for own in mesh.rigid] == [(4, {5, 6, 7})]
+    assert mesh.notes[-1].endswith("*RIGID BODY without REF NODE is led by its first node, 5")
+
+    def motions(mesh):
+        """Projection onto all motions of the brick's nodes that the tie leaves."""
+        T = constraint_transform(mesh).transform[:24].toarray()
+        return T @ np.linalg.pinv(T)
+
+    assert np.linalg.matrix_rank(motions(mesh)) == 12 + 6
+    np.testing.assert_allclose(motions(mesh), motions(other), atol=1e-12)
+
+
 def test_ties_are_numbered_from_one_with_their_lines(read):
     mesh = read(
         BRICK + "*RIGID BODY, REF NODE=100, TIE NSET=TOP\n*NODE\n101, 0.,0.,-1.\n*MPC\nBEAM, 1, 101\nBEAM, 2, 101\n"
@@ -278,7 +294,7 @@ def test_a_pin_of_coincident_nodes_is_imported(read):
         (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
         ("*RIGID BODY, REF NODE=TOP, TIE NSET=TOP", "holds 4 nodes", 1),
         ("*RIGID BODY, REF NODE=100", "holds no node", 1),
-        ("*RIGID BODY, TIE NSET=TOP", "has no REF NODE", 1),
+        ("*RIGID BODY", "has no REF NODE", 1),
         ("*RIGID BODY, REF NODE=101, TIE NSET=TOP", "node 101 is not in the deck", 1),
         ("*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC", "surface 'S' is not in the deck", 1),
         ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),

@@ -69,6 +69,7 @@ def _check_gauges(config: PlacementConfig, base: Path) -> None:
     settings, own = config.estimate, config.gauges
     assert settings is not None
     if own.given is not None:
+        _check_given(config, _there("gauges.given.table", own.given.table, base))
         return
     named = [str(entry.name) for entry in own.fixed if entry.name]
     if own.fixed_file is not None:
@@ -90,6 +91,19 @@ def _check_gauges(config: PlacementConfig, base: Path) -> None:
             raise place_unknown(name)
         if places is not None and name not in places:
             raise not_bonded(key, name, places)
+
+
+def _check_given(config: PlacementConfig, table: Path) -> None:
+    """Given gauges have the numbers of their table for names."""
+    from strainsight.cases.structure.bonded_gauges import absent
+    from strainsight.cases.structure.given_gauges import given_table
+
+    assert config.estimate is not None
+    with blame("gauges.given"):
+        known = [str(number) for number in given_table(table)[0]]
+    for i, entry in enumerate(config.estimate.channels):
+        if str(entry.gauge) not in known:
+            raise absent(f"estimate.channels.{i}.gauge", str(entry.gauge), known)
 
 
 def _check_records(config: PlacementConfig, base: Path) -> None:

@@ -20,7 +20,7 @@ def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -
 
     components (r,) 0-5 of the rows of the matrices. Raises DeckError for files that cannot be read or do not fit together.
     """
-    number, position, direction = _table(table)
+    number, position, direction = given_table(table)
     R = _rows(rows, components, length)
     if R.shape[0] != len(number):
         raise DeckError(
@@ -43,7 +43,8 @@ def _rows(path: Path, components: np.ndarray, length: float) -> sparse.csr_array
     return sparse.csr_array(R @ sparse.diags_array(row_scale(components, length) / length))
 
 
-def _table(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def given_table(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers (m,), positions and directions (m, 3) of the table, in its unit. Errors as `read_given`."""
     number: list[int] = []
     position, direction = [], []
     for line, cells in csv_lines(path, COLUMNS):

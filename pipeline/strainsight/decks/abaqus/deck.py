@@ -23,6 +23,7 @@ from strainsight.decks.abaqus.text import Keyword, read_keywords
 from strainsight.decks.abaqus.ties import Ties, ties
 from strainsight.decks.effects import ENFORCED, effects, spelt
 from strainsight.decks.faults import check_elements
+from strainsight.decks.moments import turning_nodes
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
@@ -96,7 +97,7 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
     origin["tie"] = _origin(np.arange(1, len(made.where) + 1), made.where)
     fixed, enforced = fixed_components(assembly, made.rotations, ignored)
     ignored.update({ENFORCED: len(enforced)} if enforced else {})
-    loads = loads_of(assembly, found, axes, made.rotations, ignored)
+    loads = loads_of(assembly, found, axes, made.rotations, turning_nodes(made.rigid, made.averaging), ignored)
     masses = point_masses(assembly, made.rotations)
     return Mesh(
         node_ids=assembly.node_ids,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.surfaces import Surface, facets_of
 from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.moments import moment_note
 from strainsight.decks.numbers import parse_integer
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import BodyForce, FloatArray, IntArray, NodalForces
@@ -21,17 +22,24 @@ def loads_of(
     found: dict[tuple[str, str], Surface],
     axes: dict[int, FloatArray],
     rotations: dict[int, int],
+    turning: Collection[int],
     ignored: Counter[str],
 ) -> dict[str, NodalForces]:
     """Each *CLOAD, *DLOAD and *DSLOAD as CLOAD-1, CLOAD-2, …, DLOAD-1, …, in the order of the file.
 
-    found: the surfaces; rotations: see `fixed_components`. Loads of other kinds are counted. Raises DeckError for nodes, elements
+    found: the surfaces; rotations: see `fixed_components`; turning: rows of nodes with rotations, a moment on any other becomes a
+    note. Loads of other kinds are counted. Raises DeckError for nodes, elements
     and surfaces that are not there, and for a data line that is incomplete.
     """
-    loads = {}
+    loads: dict[str, NodalForces] = {}
+    loose: set[int] = set()
     for number, (scope, keyword) in enumerate(_keywords(assembly, "CLOAD"), start=1):
         if (load := _concentrated(assembly, scope, keyword, axes, rotations)) is not None:
             loads[f"CLOAD-{number}"] = load
+            if load.moment is not None:
+                loose |= {int(row) for row in load.nodes[load.moment.any(axis=1)] if row not in turning}
+    if loose:
+        assembly.notes.append(moment_note("*CLOAD of a moment", sorted(int(assembly.node_ids[row]) for row in loose)))
     for number, (scope, keyword) in enumerate(_keywords(assembly, "DLOAD"), start=1):
         if (load := _distributed(assembly, scope, keyword, ignored)) is not None:
             loads[f"DLOAD-{number}"] = load

@@ -132,7 +132,6 @@ def _single(components: tuple[int, ...]) -> bool:
 
 
 def _rigid_body(assembly: Assembly, scope: Scope, keyword: Keyword, axes: dict[int, FloatArray], made: Ties) -> None:
-    reference = _reference(assembly, scope, keyword)
     tied, pinned = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for parameter, members in (("TIENSET", tied), ("NSET", tied), ("PINNSET", pinned)):
         if keyword.parameters.get(parameter):
@@ -140,6 +139,15 @@ def _rigid_body(assembly: Assembly, scope: Scope, keyword: Keyword, axes: dict[i
     if keyword.parameters.get("ELSET"):
         rows = assembly.element_set(keyword.parameters["ELSET"], scope, keyword)
         tied.append(assembly.element_nodes(rows))
+    members_of_all = np.concatenate([*tied, *pinned])
+    if keyword.parameters.get("REFNODE") or not members_of_all.size:
+        reference = _reference(assembly, scope, keyword)
+    else:
+        # CalculiX adds a node that nothing else can name: the body moves alike, whichever node of it leads
+        reference = int(members_of_all[0])
+        assembly.notes.append(
+            f"{keyword.where}: *RIGID BODY without REF NODE is led by its first node, {assembly.node_ids[reference]}"
+        )
     if keyword.parameters.get("ROTNODE"):
         turning = _reference(assembly, scope, keyword, "ROT NODE")
         if not np.allclose(axes.get(turning, np.eye(3)), axes.get(reference, np.eye(3))):

@@ -12,6 +12,7 @@ import numpy as np
 
 from strainsight.decks.effects import ENFORCED, effects, spelt
 from strainsight.decks.faults import OR_CONFIG, elastic_fault
+from strainsight.decks.moments import turning_nodes
 from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS, CoordinateSystem
 from strainsight.decks.nastran.grids import read_grids, resolved_system
@@ -21,7 +22,7 @@ from strainsight.decks.nastran.sets import sets
 from strainsight.decks.nastran.solids import SOLIDS, read_solids
 from strainsight.decks.nastran.springs import SPRINGS, springs
 from strainsight.decks.nastran.supports import count_relations, fixed_components
-from strainsight.decks.nastran.ties import averaging_elements, rigid_elements, turning_nodes
+from strainsight.decks.nastran.ties import averaging_elements, rigid_elements
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
 TAKEN = {

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from strainsight.decks.moments import moment_note
 from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
 from strainsight.decks.nastran.pressures import pressure_forces
@@ -90,10 +91,7 @@ def static_loads(
         of(card).body.append(BodyForce(rotation=2 * np.pi * _along(card, 2, 3, grids), centre=centre))
     loose = sorted({int(grids.nodes.ids[row]) for own in sets.values() for row in own.moment if row not in turning})
     if loose:
-        more = f" and {len(loose) - 1} more" if len(loose) > 1 else ""
-        notes.append(
-            f"MOMENT on node {loose[0]}{more} without rotations: a couple of forces on the nodes of the elements there"
-        )
+        notes.append(moment_note("MOMENT", loose))
     named = {
         f"{'FORCE' if own.cards == {'FORCE'} else 'LOAD'}-{number}": own.made() for number, own in sorted(sets.items())
     }

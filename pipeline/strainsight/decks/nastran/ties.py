@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card
@@ -49,12 +47,6 @@ def _references(cards: dict[str, list[Card]]) -> set[int]:
     """Ids of the nodes that an element gives rotations."""
     fields = (("RBE2", 1), ("RBE3", 2))
     return {card.integer(i, "the reference node") for name, i in fields for card in cards.get(name, [])}
-
-
-def turning_nodes(rigid: Sequence[RigidElement], averaging: Sequence[AveragingElement]) -> set[int]:
-    """Rows of the nodes whose rotations count: reference nodes, and what follows one of an RBE2 in rotations."""
-    followers = {int(row) for e in rigid if max(e.components) > 2 for row in e.nodes}
-    return followers | {e.reference for e in rigid} | {e.reference for e in averaging}
 
 
 def averaging_elements(cards: dict[str, list[Card]], nodes: NodeTable) -> tuple[AveragingElement, ...]:
