@@ -106,6 +106,9 @@ def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
             answers,
             material=_ask(f"the deck lacks a material, or its density: {known}", lambda t: material("material", t)),
         )
+    if found.support_sets and answers.spc is None:
+        known = ", ".join(map(str, found.support_sets))
+        answers = replace(answers, spc=_ask(f"which set of supports holds ({known})", lambda t: support_set(t, found)))
     places = _listed(found.places)
     if not found.supports and answers.held is None:
         answers = replace(
@@ -126,6 +129,14 @@ def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
     ):
         answers = replace(answers, find="load")
     return answers
+
+
+def support_set(text: str, found: Suggestion) -> int:
+    """Number of a set of supports of the deck. Raises UserError for anything else."""
+    known = [str(number) for number in found.support_sets]
+    if text.strip() not in known:
+        raise UserError(f"the deck has no set of supports '{text.strip()}'", remedy=f"it has {', '.join(known)}")
+    return int(text)
 
 
 def positive(option: str, text: str) -> float:

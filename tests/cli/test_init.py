@@ -141,6 +141,30 @@ def test_questions_fill_in_what_options_leave_open(init):
     assert blanks() == ["loads.force.signal.frequency", "loads.force.signal.amplitude"]
 
 
+def test_the_set_of_supports_is_asked_for(init):
+    text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
+    text = text.replace("ENDDATA", "SPC1,7,3,1\nENDDATA")
+    code, said = init("-i", answers="2\n7\n1\n0 0 -1\n1e3\n20\nn\n", text=text)
+    assert code == 0, said
+    assert "which set of supports holds (1, 7)" in said
+    assert "the deck has no set of supports '2'" in said
+    assert load_config("own.yaml").model.mesh.spc == 7
+
+
+def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init):
+    text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
+    assert init(*LOAD, text=text)[0] == 0
+    written = Path("own.yaml").read_text()
+    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\) on all mass; with `factor: true`, and no direction"
+    assert re.search(f"#   {weight}", written)
+    assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\) on all mass", written)
+    assert init("--load", "deck_load LOAD-5", "--frequency", "5", text=text)[0] == 0
+    load = load_config("own.yaml").model.loads["force"]
+    assert (load.deck_load, load.factor, load.signal.amplitude, load.direction) == ("LOAD-5", True, 1.0, None)
+    done = CliRunner().invoke(app, ["rom", "own.yaml"])
+    assert done.exit_code == 0, done.output
+
+
 @pytest.mark.parametrize(
     ("options", "what"),
     [

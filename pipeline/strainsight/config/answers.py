@@ -11,13 +11,15 @@ Kind = Literal["deck_load", "node", "set", "face"]
 @dataclass(frozen=True)
 class Place:
     """Where a load or a support may be: name of a load or set of the deck, id of a node, or a point of a face, "[x, y, z]" in
-    m; what it is, in words; whether it is held already; force [N] of a load."""
+    m; what it is, in words; whether it is held already; force [N] of a load; of_mass: a load on all mass, whose force says how
+    often it acts."""
 
     kind: Kind
     name: str
     what: str
     held: bool = False
     force: float | None = None
+    of_mass: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Answers:
 
     material: E [Pa], ν, ρ [kg/m³], for what the deck does not state; held: where, for a deck without supports; load: where it
     acts; direction: "[x, y, z]"; amplitude [N]; frequency [Hz]; find: the modulus from a load that is measured, or the load
-    itself; axis: along which gauges point, "[x, y, z]", None: the direction that strains most.
+    itself; axis: along which gauges point, "[x, y, z]", None: the direction that strains most; spc: set of supports that holds.
     """
 
     material: tuple[float, float, float] | None = None
@@ -81,6 +83,7 @@ class Answers:
     find: Literal["modulus", "load"] = "modulus"
     axis: str | None = None
     keep: int = 4
+    spc: int | None = None
 
 
 MATERIALS = {"steel": (2.1e11, 0.3, 7850.0), "aluminium": (7.0e10, 0.33, 2700.0), "titanium": (1.14e11, 0.34, 4430.0)}

@@ -165,7 +165,7 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
         lines.append("  ignore: []            # ← names from above, or add to the model what they do")
     if found.support_sets:
         sets = ", ".join(map(str, found.support_sets))
-        lines.append(f"  spc:                  # ← set of supports that hold: {sets}")
+        lines.append(f"  spc: {'' if answers.spc is None else answers.spc:<16} # ← set of supports that hold: {sets}")
     if faces := [place for place in found.places if place.kind == "face"]:
         lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
         lines += [f"  #   near: {place.name:<32} # {place.what}{', held' * place.held}" for place in faces[:FACES]]
@@ -205,14 +205,18 @@ def _load(found: Suggestion, answers: Answers) -> str:
     lines = []
     if place is None:
         lines.append("    # ← where it acts, one of")
-        likely = [own for own in found.places if own.kind != "face" and not own.held]
+        likely = [own for own in found.places if own.kind != "face" and not (own.held or own.of_mass)]
         lines += [f"    #   {own.kind}: {_value(own):<20} # {own.what}" for own in likely[:LISTED]]
         lines.append("    #   set: NAME                 # a name of mesh.faces: the force is spread over the face")
+        for own in [own for own in found.places if own.of_mass]:
+            lines.append(f"    #   deck_load: {_value(own):<14} # {own.what}; with `factor: true`, and no direction")
         lines.append("    set:")
     elif place.kind == "face":
         lines.append(f"    set: {found.free('loaded'):<24} # the face above; the force is spread over it")
     else:
         lines.append(f"    {place.kind}: {_value(place):<20}       # {place.what}")
+        if place.of_mass:
+            lines.append("    factor: true                 # the signal is how often it acts, 1.0 as in the deck")
     if place is None or place.kind != "deck_load":
         lines.append(
             f"    direction: {answers.direction or '':<18} # ← [x, y, z]; or `moment`, on a face `bearing`, `pressure: true`"

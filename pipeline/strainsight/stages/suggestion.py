@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from strainsight.decks.reader import read_mesh
 from strainsight.errors import ChoiceError
 from strainsight.gauges.faces import Faces, faces_of
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import BodyForce, Mesh
 from strainsight.mesh.sanity import usual_units
 from strainsight.mesh.units import to_si
 
@@ -73,8 +73,23 @@ def _by_size(mesh: Mesh) -> tuple[str, str] | None:
     return ("mm", "t") if np.ptp(mesh.position, axis=0).max(initial=0.0) > 20 else None
 
 
+def _of_mass(pulls: Sequence[BodyForce]) -> str:
+    """What pulls at all mass, in words."""
+    words = []
+    for own in pulls:
+        if g := float(np.linalg.norm(own.factor * own.acceleration)):
+            words.append(f"gravity of {g:.4g} m/s² along {_unit(own.factor * own.acceleration)}")
+        if speed := float(np.linalg.norm(own.rotation)):
+            words.append(f"rotation at {speed:.4g} rad/s about {_unit(own.rotation)}")
+    return f"{', '.join(words) or 'a pull of nothing'} on all mass"
+
+
+def _unit(v: np.ndarray) -> str:
+    return "(" + ", ".join(f"{round(float(x), 3) + 0.0:g}" for x in v / np.linalg.norm(v)) + ")"
+
+
 def _places(mesh: Mesh, faces: Faces | None) -> Iterator[Place]:
-    """Loads that have a resultant, reference nodes of ties, sets of nodes, faces."""
+    """Loads that have a resultant or pull at all mass, reference nodes of ties, sets of nodes, faces."""
     held = np.zeros(len(mesh.position), dtype=bool)
     held[mesh.held] = True
     for name, load in mesh.loads.items():
@@ -82,6 +97,8 @@ def _places(mesh: Mesh, faces: Faces | None) -> Iterator[Place]:
         if force > 1e-9 * np.abs(load.force).sum():
             loaded = load.nodes[load.force.any(axis=1)]
             yield Place("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].any()), force)
+        elif load.body:
+            yield Place("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
     ties = [(str(tie), tie.reference, len(tie.nodes)) for tie in mesh.rigid]
     ties += [(str(tie), tie.reference, len(tie.nodes)) for tie in mesh.averaging]
     for name, reference, count in ties:
