@@ -1,4 +1,4 @@
-"""One line before a run: how long the stages that solve the whole model will take, and how much memory."""
+"""One line before a run: how long the stages that take longest will, and how much memory."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 GIB = 2.0**30
 FACTOR = "processor time and memory within a factor of two (docs/scaling.md)"
+WITH_PLACE = "processor time and memory within a factor of two, of place of three (docs/scaling.md)"
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:
@@ -34,7 +35,8 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     peak = max(own.memory for own in each.values())
     stages = [f"{name} {in_words(own.seconds)}" for name, own in each.items()]
     listed = " and ".join(filter(None, (", ".join(stages[:-1]), stages[-1])))
-    return f"forecast: {listed} for {size.unknowns} unknowns, {peak:.2g} GiB, {FACTOR}{_short_of(peak)}"
+    factor = WITH_PLACE if "place" in each else FACTOR
+    return f"forecast: {listed} for {size.unknowns} unknowns, {peak:.2g} GiB, {factor}{_short_of(peak)}"
 
 
 def costs_of(
@@ -42,16 +44,19 @@ def costs_of(
 ) -> tuple[Size, dict[str, Cost]] | tuple[()] | None:
     """The size, and the cost of every stage that has a law; empty where none will run; None where the size is not known."""
     from strainsight.cases.structure.cost import SOLVES, cost_of
+    from strainsight.cases.structure.cost_of_place import cost_of_place
     from strainsight.config.placement import PlacementConfig
 
     config = work.job.model
-    names = [stage.name for stage in work.stages if stage.name in SOLVES and stage.name in pending]
+    names = [stage.name for stage in work.stages if stage.name in (*SOLVES, "place") and stage.name in pending]
     if not isinstance(config, PlacementConfig) or config.mesh.matrices is not None or not names:
         return ()
     if imported is None:
         return None
     size = size_in(imported)
-    return size, {name: cost_of(name, config, size) for name in names}
+    each = {name: cost_of(name, config, size) if name in SOLVES else cost_of_place(config) for name in names}
+    known = {name: own for name, own in each.items() if own is not None}
+    return (size, known) if known else ()
 
 
 def size_in(imported: Artefact) -> Size:

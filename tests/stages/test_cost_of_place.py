@@ -1,0 +1,62 @@
+"""The forecast of place against what docs/scaling.md has as measured; it grows with all that is more."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+
+import pytest
+
+from strainsight.cases.structure.cost_of_place import cost_of_place, scenarios_of, states_of
+from strainsight.config.load import load_config
+
+ROOT = Path(__file__).parents[2]
+SCALING = (ROOT / "docs" / "scaling.md").read_text(encoding="utf-8")
+FACTOR = 3
+
+
+def config(*changes):
+    return load_config(ROOT / "configs" / "cantilever-youngs-modulus.yaml", changes).model
+
+
+def of(*changes):
+    return cost_of_place(config(*changes))
+
+
+def measured():
+    """Changes of the config and seconds of the table of whole runs of `place`."""
+    rows = re.findall(r"^\| `(screen\.keep=[^`]*)` \| [^|]* \| ([\d.]+) s \|", SCALING, re.MULTILINE)
+    return [(changes.split(), float(seconds)) for changes, seconds in rows]
+
+
+def test_seconds_as_measured_are_within_a_factor_of_three():
+    assert len(measured()) >= 6
+    for changes, seconds in measured():
+        assert 1 / FACTOR <= of(*changes).seconds / seconds <= FACTOR, changes
+
+
+@pytest.mark.parametrize(
+    ("what", "values"),
+    [
+        ("screen.keep", (4, 10, 100, 20_000)),
+        ("place.instants", (1, 2, 20, 200)),
+        ("place.parameter_samples", (1, 3, 9)),
+        ("rom.modes", (1, 4, 40, 400)),
+    ],
+)
+def test_more_of_anything_costs_more_and_nothing_costs_nothing(what, values):
+    found = [of(f"{what}={value}") for value in values]
+    assert found[0].seconds > 0
+    assert found[0].memory > 0
+    assert all(a.seconds < b.seconds and a.memory <= b.memory for a, b in itertools.pairwise(found))
+
+
+def test_what_is_counted():
+    """Two states for each of ten modes and of the load's static response, and the modulus."""
+    own = config("place.parameter_samples=2")
+    assert (states_of(own), scenarios_of(own)) == (23, 20 * 2)
+
+
+def test_all_candidates_have_no_number_beforehand():
+    assert of("screen.keep=all") is None
