@@ -1,4 +1,4 @@
-"""`python child.py PLAN`: every stage but the page of some configs, in a process of its own.
+"""`python child.py PLAN`: every stage but the pages of some configs, in a process of its own.
 
 PLAN is JSON: results, a folder; runs, pairs of a config and its overrides, those before others that take a guess from them;
 superlu, whether SuperLU solves instead of PARDISO; compatible, whether MKL takes its code for any processor. The environment
@@ -24,6 +24,8 @@ from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
 
 MKL_CBWR_COMPATIBLE = 3
+PAGES = ("report", "test")
+"""Stages that compute nothing: their files hold words and pictures of what the others found."""
 
 
 def run_all(results: Path, runs: Iterable[tuple[str, Sequence[str]]]) -> None:
@@ -32,7 +34,7 @@ def run_all(results: Path, runs: Iterable[tuple[str, Sequence[str]]]) -> None:
         loaded = load_config(Path(config), overrides)
         job = Job(loaded.data, Path(config).parent, results, loaded.locate, loaded.model)
         stages = PLACEMENT if loaded.data["kind"] == "placement" else bench_stages(loaded.data)
-        for _ in run([stage for stage in stages if stage.name != "report"], job):
+        for _ in run([stage for stage in stages if stage.name not in PAGES], job):
             pass
 
 
