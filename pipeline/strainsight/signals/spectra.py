@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
 
 LEAST = 16
 """Samples of the shortest segment."""
@@ -20,6 +19,8 @@ def density(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     density (k,) [unit²/Hz], its integral over frequency the mean square; without the line at zero, which the means took away.
     Both are empty where no stretch of LEAST samples is whole. Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
     """
+    from scipy import signal  # half a second to import, which a run that draws no page need not spend
+
     length = min(LONGEST, max(LEAST, 2 * len(values) // (SEGMENTS + 1)))
     while length >= LEAST:
         if len(values) >= length:
