@@ -13,19 +13,22 @@ for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 HERE = Path(__file__).parent
+LONGEST = ("test_manual.py", "portability/test_portability.py", "stages/test_accuracy.py", "stages/test_sensors.py")
+"""Files of more than a minute and a half by `--times`, the longest first: one worker takes a file alone."""
 START, END = "start-up", "end of session"
 _spent = 0.0
 """[s] processor time of this process when the last phase of a test ended."""
 
 
 def pytest_addoption(parser):
-    parser.addoption("--times", action="store_true", help="processor seconds of rooms and of the dearest tests, in the end")
+    parser.addoption("--times", action="store_true", help="processor seconds of rooms, files and tests, in the end")
 
 
 def pytest_collection_modifyitems(items):
-    """Files with slow tests come first, so that no worker is left alone with one at the end."""
+    """The longest files come first, then those with slow tests, so that no worker is left alone with one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    first = {HERE / name: at for at, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (first.get(item.path, len(first)), item.path not in slow))
 
 
 def pytest_collection_finish(session):
@@ -85,6 +88,11 @@ def pytest_terminal_summary(terminalreporter, config):
         tests, seconds, fast, of_fast = rooms[room]
         say(f"| {room:16} | {tests:5} | {seconds:7.1f} | {fast:10} | {of_fast:7.1f} |")
     say(f"{START} of the workers: {', '.join(f'{seconds:.1f}' for seconds in config.stash.get(_starts, [_spent]))}")
+    files = defaultdict(float)
+    for name, seconds in spent.items():
+        files[name.split("::")[0]] += seconds
+    for name in sorted(files, key=files.__getitem__, reverse=True)[:40]:
+        say(f"{files[name]:7.2f}      {name}")
     for name in sorted(spent, key=spent.__getitem__, reverse=True)[:40]:
         say(f"{spent[name]:7.2f} {'slow' if name in slow else '    '} {name}")
 
