@@ -25,7 +25,7 @@ def sigma():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("case", "noise"), [("cantilever E", 0.01), ("cantilever load", 0.01), ("cantilever load", 0.05)])
+@pytest.mark.parametrize(("case", "noise"), [("cantilever E", 0.01), ("cantilever load", 0.01)])
 def test_the_error_of_drawn_truths_is_that_of_sigma(sigma, case, noise):
     """Of so many draws a ratio of 0.85 to 1.15 leaves the squares between these values of χ² but for one table in a thousand;
     fewer than 17 of 24 lie within 2σ in one table in a thousand where 92 % do."""
