@@ -177,7 +177,7 @@ def test_the_order_of_loads_and_unknowns_in_the_file_changes_nothing(tmp_path):
     for lines, estimate in (((tip, side), "[E, side]"), ((side, tip), "[side, E]")):
         path = tmp_path / f"own{len(found)}.yaml"
         path.write_text(text.replace(tip, "\n".join(lines)).replace("estimate: [E]", f"estimate: {estimate}"))
-        done = finished(job_of(path, tmp_path / f"results{len(found)}", *SHORT, *UNSTUDIED, "screen.keep=50"), PLACEMENT[:-1])
+        done = finished(job_of(path, tmp_path / f"results{len(found)}", *SHORT, *UNSTUDIED, "screen.keep=24"), PLACEMENT[:-1])
         found.append({stage: artefact for stage, (_, _, artefact) in done.items()})
     first, second = found
     assert [str(name) for name in second["place"]["/elimination/unknowns"]] == ["side", "E"]
@@ -186,6 +186,6 @@ def test_the_order_of_loads_and_unknowns_in_the_file_changes_nothing(tmp_path):
             first["validate"].summary[f"estimate.{name}"], rel=1e-6
         )
     # The same results folder too: what the reduced model was built with stays the order of everything that follows.
-    again = finished(job_of(tmp_path / "own1.yaml", tmp_path / "results0", *SHORT, *UNSTUDIED, "screen.keep=50"), PLACEMENT[:-1])
+    again = finished(job_of(tmp_path / "own1.yaml", tmp_path / "results0", *SHORT, *UNSTUDIED, "screen.keep=24"), PLACEMENT[:-1])
     assert again["rom"][0] == "up to date"
     assert again["validate"][2].summary["error.E"] == pytest.approx(first["validate"].summary["error.E"], rel=1e-6)

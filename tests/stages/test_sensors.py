@@ -48,7 +48,7 @@ place:
 validate:
   truth: {model: rich, parameters: {E: 2.0e+11}, modes: 20}
   time_step: 5.0e-4
-  duration: 0.2
+  duration: 0.1
   initial_std: {tip: 0.1, E: 0.1}
   random_sets: 0
   repeats: 1
