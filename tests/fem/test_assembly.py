@@ -11,7 +11,7 @@ import pytest
 from strainsight.errors import DeckError, UserError
 from strainsight.fem import memory
 from strainsight.fem.affine import Parameter
-from strainsight.fem.assembly import assemble, mass_properties
+from strainsight.fem.assembly import assemble, assemble_stiffness, mass_properties
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import PointMass
 
@@ -169,6 +169,13 @@ def test_affine_operators_equal_direct_assembly_at_any_parameter(box, kind):
         assert np.abs((M.at(theta) - M_direct.constant).toarray()).max() < 1e-13 * np.abs(M_direct.constant).max()
     assert set(K.terms) == {"E1"}
     assert set(M.terms) == {"rho2"}
+
+
+def test_the_stiffness_alone_is_that_beside_the_mass_to_the_bit(box):
+    mesh = two_regions(box, "hex8")
+    alone, beside = assemble_stiffness(mesh), assemble(mesh)[0].constant
+    for own, other in ((alone.indptr, beside.indptr), (alone.indices, beside.indices), (alone.data, beside.data)):
+        np.testing.assert_array_equal(own, other)
 
 
 def test_one_parameter_over_two_regions_keeps_each_poisson_ratio(box):

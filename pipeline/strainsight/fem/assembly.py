@@ -63,6 +63,13 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
     return AffineOperator(K0, K), AffineOperator(M0, M)
 
 
+def assemble_stiffness(mesh: Mesh) -> sparse.csr_array:
+    """K (3n, 3n) [N/m] of `assemble` alone, of the moduli that the mesh has. Raises what `assemble` does."""
+    check_mesh(mesh)
+    regions = _targets(mesh, (), "youngs_modulus")[""]
+    return _stiffness(mesh, regions, _pattern(mesh, regions))
+
+
 def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
     """Total mass m = Σ_i m_i and centre of mass x̄ = Σ_i m_i x_i / m, m_i the row sums Σ_j ∫ ρ N_i N_j dV of the elements
     on node i, and the point masses at their centres.

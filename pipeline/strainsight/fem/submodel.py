@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from strainsight.fem.assembly import assemble
+from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.factorisation import factorise
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
@@ -140,7 +140,7 @@ def submodel(patch: Patch, field: np.ndarray, held: np.ndarray, forced: np.ndarr
     where a part of it hangs on nothing.
     """
     given = held | patch.cut[:, None]
-    K = assemble(patch.mesh)[0].constant
+    K = assemble_stiffness(patch.mesh)
     acting = forced[:, None] & ~given
     force = np.where(acting.reshape(-1, 1), K @ field, 0.0) if acting.any() else np.zeros_like(field)
     return Submodel(patch.mesh, _solved(K, given, field, force), given, force)
@@ -153,7 +153,7 @@ def with_spread_forces(own: Submodel, facets: Facets) -> Submodel:
     """
     forced = np.asarray(np.any(own.force.reshape(-1, 3 * own.force.shape[1]) != 0, axis=1))
     force = _spread(own.mesh.position, facets, forced) @ own.force
-    K = assemble(own.mesh)[0].constant
+    K = assemble_stiffness(own.mesh)
     return Submodel(own.mesh, _solved(K, own.held, own.field, force), own.held, force)
 
 
@@ -166,7 +166,7 @@ def refined_submodel(own: Submodel) -> tuple[Submodel, Refined]:
     given = (np.asarray(abs(P) @ free) == 0).reshape(-1, 3)
     force = np.zeros((P.shape[0], own.field.shape[1]))
     force[(3 * _fine_of_coarse(fine)[:, None] + np.arange(3)).ravel()] = own.force
-    K = assemble(fine.mesh)[0].constant
+    K = assemble_stiffness(fine.mesh)
     return Submodel(fine.mesh, _solved(K, given, P @ own.field, force), given, force), fine
 
 
