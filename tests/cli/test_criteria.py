@@ -22,7 +22,7 @@ kind: suite
 name: all
 title: One beam by every criterion
 set: {train.duration: 0.1, screen.keep: 24, place.instants: 2, validate.duration: 0.02, validate.random_sets: 1,
-      validate.repeats: 2, validate.noise_factors: [], validate.truth.modes: 20, rom.parameter_samples: 1}
+      validate.repeats: 2, validate.noise_factors: [], validate.truth.modes: 20, rom.parameter_samples: 1, filter.compare: false}
 runs:
   - {config: CONFIG, name: trace-E, label: trace-E, set: {place.metric_over: [E]}}
   - {config: CONFIG, name: log_determinant, label: log, set: {place.criterion: log_determinant}}
