@@ -47,6 +47,8 @@ UNSTUDIED = (
 """A validation of the layout and the filter alone, without those beside them."""
 PLACED_EXACTLY = tuple(f"tolerances.{name}=0" for name in ("position", "angle", "transverse"))
 """For comparisons with gauges of given rows, which know of no strain beside their place."""
+HUB = "hub"
+"""Runs of the coarse hub, which take what is reduced and placed over."""
 BENCHES = "benches"
 """Runs of benches, which take each other's reduced hub over (`made`)."""
 _held: list[object] = []

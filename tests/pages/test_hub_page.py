@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ..shared import ROOT
+from ..shared import HUB, ROOT
 from . import answers, space, tables
 from .every import (  # noqa: F401  every page has to pass these
     test_every_picture_has_words,
@@ -17,13 +17,13 @@ from .every import (  # noqa: F401  every page has to pass these
 from .runs import shared_page
 
 pytestmark = pytest.mark.slow
-SHORT = ("place.instants=3", "rom.modes=6", "train.duration=0.2", "validate.duration=0.2", "validate.truth.model=rom")
-SHORT += ("validate.random_sets=2", "validate.repeats=2")
+SHORT = ("name=hub-youngs-modulus", "place.instants=3", "validate.truth.modes=20", "validate.truth.model=rom")
+SHORT += ("validate.duration=0.2", "validate.random_sets=2", "validate.repeats=2")
 
 
 @pytest.fixture(scope="module")
 def report():
-    return shared_page(ROOT / "configs" / "hub" / "hub-youngs-modulus.yaml", *SHORT)
+    return shared_page(ROOT / "configs" / "hub" / "hub-youngs-modulus.yaml", *SHORT, beside=HUB)
 
 
 def test_its_numbers_are_those_of_the_artefacts(look, report):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from strainsight.config.suite_runs import runs_of
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..shared import HUB as SHARED
+from ..shared import made
 from .conftest import ROOT, UNSTUDIED
 
 pytestmark = pytest.mark.slow
@@ -22,31 +25,21 @@ pytestmark = pytest.mark.slow
 HUB = ROOT / "configs" / "hub"
 CONFIG = HUB / "hub-youngs-modulus.yaml"
 QUICK = ("place.instants=3", "validate.truth.modes=20", *UNSTUDIED)
-ESTIMATE = """
-estimate:
-  as_placed: true
-  time: {channel: time}
-  channels:
-    - {channel: G1, gauge: G1, unit: m/m}
-    - {channel: G2, gauge: G2, unit: m/m}
-    - {channel: G3, gauge: G3, unit: m/m}
-    - {channel: G4, gauge: G4, unit: m/m}
-  inputs: {x: {channel: x, unit: N}}
-"""
+CHANNELS = ", ".join(f"{{channel: G{i}, gauge: G{i}, unit: m/m}}" for i in (1, 2, 3, 4))
+ESTIMATE = (
+    f"estimate={{as_placed: true, time: {{channel: time}}, channels: [{CHANNELS}], inputs: {{x: {{channel: x, unit: N}}}}}}"
+)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """Results of the shortened run up to validate, and of estimate on what it measured."""
-    made = tmp_path_factory.mktemp("hub")
-    config = made / "hub.yaml"
-    mesh = (ROOT / "meshes" / "hub-coarse.bdf.gz").as_posix()
-    config.write_text(CONFIG.read_text(encoding="utf-8").replace("../../meshes/hub-coarse.bdf.gz", mesh) + ESTIMATE)
-    options = ["--results", str(made / "results"), *(word for value in QUICK for word in ("--set", value))]
-    results = made / "results" / "hub-youngs-modulus"
-    for command in (["validate"], ["estimate", "--no-page", "--measurements", str(results / "measured.csv")]):
-        done = CliRunner().invoke(app, [command[0], str(config), *command[1:], *options])
-        assert done.exit_code == 0, done.output
+    results = tmp_path_factory.mktemp("hub") / "hub-youngs-modulus"
+    shutil.copytree(made(CONFIG, *QUICK, until="validate", beside=SHARED)["validate"].path.parent, results)
+    words = ["estimate", str(CONFIG), "--no-page", "--measurements", str(results / "measured.csv")]
+    options = ["--results", str(results.parent), *(word for value in (*QUICK, ESTIMATE) for word in ("--set", value))]
+    done = CliRunner().invoke(app, [*words, *options])
+    assert done.exit_code == 0, done.output
     return results
 
 
