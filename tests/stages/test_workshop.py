@@ -22,12 +22,12 @@ from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError, DeckError
 
 from ..robustness.small import write_project
-from ..shared import made
+from ..shared import UNSTUDIED, made
 
 SIZE = np.array([1000.0, 100.0, 80.0])
 DATUM = "report.datum={origin: [1000, 0, 80], x: [-1, 0, 0], y: [-1, -2, 0]}"
 """At the tip, on top, x back to the root: x' = 1000 − x, y' = −y, z' = z − 80."""
-SHORT = ("validate.random_sets=0", "validate.repeats=1", "validate.sweeps={}", "validate.noise_factors=[]")
+SHORT = (*UNSTUDIED, "validate.sweeps={}")
 
 
 def in_millimetres(line):
