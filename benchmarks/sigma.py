@@ -41,6 +41,7 @@ CASES = {
     "hub three loads": "hub/hub-input.yaml",
     "hub E + ρ": "hub/hub-youngs-modulus-density.yaml",
     "hub two loads + E, shaker": "hub/hub-input-youngs-modulus-better.yaml",
+    "lug E": "lug/lug-youngs-modulus.yaml",
     "lug three loads": "lug/lug-input.yaml",
     "lug three loads + E": "lug/lug-input-youngs-modulus.yaml",
 }

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, candidates
+from strainsight.gauges.installation import InstallationStd
 from strainsight.gauges.misplaced import installation_axes, misplaced
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows
@@ -132,6 +133,49 @@ def test_the_slope_of_a_cubic_strain_is_its_mean_over_the_normal_distribution_of
         found = sensitivity_rows(position, gauges, z.reshape(-1, 1), std, facets=facets)
         np.testing.assert_allclose(found.along[:, 0], 3 * x**2 + 3 * std**2, rtol=0.1)
         np.testing.assert_allclose(found.across, 0.0, atol=1e-9)
+
+
+def test_second_differences_of_a_quadratic_strain_are_its_second_derivatives(plate, bare):
+    """ε = xy, which these facets hold exactly, and (x − x₀)³ nearly: 1 along both, 6(x − x₀) twice along; the mean over normal
+    places of (x − x₀)² is σ² more than at the gauge."""
+    position, facets = plate("quad8", 16, 6)
+    x, y = position[:, 0], position[:, 1]
+    fields = [x**2 * y / 2, (x - 8) ** 4 / 4, (x - 8) ** 3 / 3]
+    z = np.stack([np.column_stack([field, 0 * position[:, 1:]]).ravel() for field in fields], axis=1)
+    gauges = candidates(bare(position), facets, (1, 0, 0))
+    inner = np.all(np.abs(gauges.position[:, :2] - [8, 3]) < [4, 1], axis=1)
+    gauges, std = gauges.take(np.flatnonzero(inner)), 1.0
+    found = sensitivity_rows(position, gauges, z, std, facets=facets)
+    off = gauges.position[:, 0] - 8
+    np.testing.assert_allclose(found.along_across[:, 0], 1.0, rtol=1e-9)
+    np.testing.assert_allclose(found.along_twice[:, 0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.along_twice[:, 1], 6 * off, atol=0.05 * np.abs(6 * off).max())
+    np.testing.assert_allclose(InstallationStd(position=std).mean(found)[:, 2], std**2, rtol=0.1)
+
+
+def test_a_gauge_that_an_edge_holds_back_on_one_side_has_no_second_difference_across_it(plate, bare):
+    """Strain x³ with an edge nearer than the step on either side: what the ways that are open say is no second derivative."""
+    position, facets = plate("quad8", 4, 3)
+    gauges = candidates(bare(position), facets, (0, 1, 0))
+    z = np.column_stack([0 * position[:, 0], position[:, 1] ** 4 / 4, 0 * position[:, 0]])
+    found = sensitivity_rows(position, gauges, z.reshape(-1, 1), 2.0, facets=facets)
+    np.testing.assert_allclose(found.across_twice, 0.0, atol=1e-13)
+    np.testing.assert_allclose(found.along_across, 0.0, atol=1e-13)
+
+
+def test_the_mean_of_turned_gauges_is_that_of_mohrs_circle(plate, bare):
+    """E[ε(α)] = c + R cos 2φ exp(−2σ²) over normal α: less than the strain along the gauge by 2σ²R cos 2φ to second order."""
+    position, facets = plate("quad8", 5, 4)
+    gauges = candidates(bare(position), facets, (1.0, 0.2, 0.0), (0.0, 30.0))
+    G = np.random.default_rng(3).standard_normal((3, 3))
+    field, sigma = (position @ G.T).reshape(-1, 1), np.deg2rad(2.0)
+    node, weight = np.polynomial.hermite_e.hermegauss(9)
+    turned = [
+        channel_rows(position, gauges, field, facets=facets, rotation=np.full(gauges.gauges, 2.0 * x)) for x in node
+    ]
+    exact = np.einsum("k,kmr->mr", weight / weight.sum(), turned) - channel_rows(position, gauges, field, facets=facets)
+    mean = InstallationStd(angle=sigma).mean(sensitivity_rows(position, gauges, field, 0.0, facets=facets))
+    np.testing.assert_allclose(mean, exact, rtol=2 * sigma**2)
 
 
 HOLE = 0.01

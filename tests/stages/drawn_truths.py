@@ -20,9 +20,9 @@ NOTHING = {"position": 0, "angle": 0, "gain": 0, "transverse": 0, "damping": 1, 
            "load_angle": 0, "load_position": 0, "load_gain": 0}  # fmt: skip
 
 
-def beam_in(folder):
+def beam_in(folder, kind="hex8"):
     """Changes of the small beam's config → its case up to four gauges of its pool, made once."""
-    (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
+    (folder / "beam.bdf").write_text(bricks((6, 2, 2), kind), encoding="ascii")
 
     def made(changes):
         path = folder / "edge.yaml"

@@ -44,8 +44,10 @@ class Beyond:
 
 
 def beyond_of(model: FilterModel, known: np.ndarray, nuisances: Nuisances, offsets: int) -> Beyond:
-    """Of the loads that `Nuisances.load` names; known (T, HOLD, n_known) [N]; offsets: states behind [q, q̇, ζ]."""
-    f = len(nuisances.load)
+    """Of the loads that `Nuisances.load` names, where they are to stand `behind` the states; known (T, HOLD, n_known) [N];
+    offsets: states behind [q, q̇, ζ]."""
+    named = nuisances.load if nuisances.behind else nuisances.load[:0]
+    f = len(named)
     ahead = len(nuisances.sources(model.model.size)) - len(nuisances.source)
-    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[nuisances.load])
+    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[named])
     return Beyond(ahead + np.arange(f), np.pad(rows, [(0, 0), (0, offsets)]), known_instants(known) @ fed.T)

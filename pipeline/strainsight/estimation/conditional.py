@@ -23,14 +23,16 @@ class Nuisances:
     """Constants ν of mean zero and variance one beside the states and the parameters. d of the readings, for the states
     x (n,) = [q, q̇, ζ] of the filter and the loads w₁ known at the instant:
 
-        y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ)
+        y = h(x) + D̄x + Ēw₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Σⱼ νⱼBₖⱼuⱼ)
 
     source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading; E (d, m, n_known + 1) where
     something drifts, with t/T behind the loads in w₁ (`known_ends`). Of the motion: damping, σ of
     ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
     of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
-    are in D and E (`on_loads`). load (f,): the input that each changes, for a smoother that has z = ν u behind its states,
-    to which is in proportion what they displace beyond the coordinates; empty for one that has not.
+    are in D and E (`on_loads`). load (f,): the input u [N] that each changes. To νⱼuⱼ is in proportion what they displace beyond
+    the coordinates; behind: whether a smoother has it behind its states; B (d, m, f) what one of every ν reads of it, a gauge
+    beside its place where that has gradients. D_mean D̄ (m, n), E_mean Ē (m, n_known): the mean of what is of second order in
+    errors of mean zero.
     The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
     corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it; where not, gains of unknown
     loads consider ν (`considers`). discrepancy: σ of what else
@@ -49,6 +51,10 @@ class Nuisances:
     discrepancy: float = 0.0
     shape: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     load: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    behind: bool = False
+    B: np.ndarray | None = None
+    D_mean: np.ndarray = field(default_factory=lambda: np.zeros(()))
+    E_mean: np.ndarray = field(default_factory=lambda: np.zeros(()))
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """What every ν stands for, those of the motion first."""
@@ -83,7 +89,8 @@ def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> 
         sources = [source for source in nuisances.source if source not in renewed]
         sources += [source for source in nuisances.source if source in renewed] * count
         D, E, offset = (stacked(rows) for rows in (nuisances.D, nuisances.E, nuisances.offset))
-        found.append(replace(nuisances, source=tuple(sources), D=D, E=E, offset=offset))
+        B = None if nuisances.B is None else stacked(nuisances.B)
+        found.append(replace(nuisances, source=tuple(sources), D=D, E=E, offset=offset, B=B))
     return tuple(found)
 
 
@@ -137,21 +144,29 @@ def linear_models(
     if model.accelerometers is not None:
         moving = model.accelerometers
         H[:, moving], F[:, moving] = acceleration_rows(model, theta, model.H[moving, : model.model.size])
+    H, F = H + nuisances.D_mean, F + nuisances.E_mean
     motion = _motion_nuisances(model, modal, nuisances)
-    e = motion[0].shape[1]
-    ahead = [
-        np.zeros((e - len(nuisances.shape), *array.shape[1:])) for array in (nuisances.D, nuisances.E, nuisances.offset)
-    ]
+    f = len(nuisances.load) if nuisances.B is not None and nuisances.B.any() else 0
+    beyond = np.zeros((len(nuisances.D), m, 0)) if nuisances.B is None or f == 0 else nuisances.B
+    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[nuisances.load[:f]])
+    D, E, offset, B_nu = (
+        np.concatenate([np.zeros((motion[0].shape[1] - len(nuisances.shape), *array.shape[1:])), array])
+        for array in (nuisances.D, nuisances.E, nuisances.offset, beyond)
+    )
     models = LinearModels(
         A,
         G,
         np.broadcast_to(model.process[:states, :states], A.shape),
         H,
         np.pad(F, [(0, 0), (0, 0), (0, nuisances.E.shape[-1] - F.shape[-1])]),
-        *motion,
-        np.concatenate([ahead[0], nuisances.D]),
-        np.concatenate([ahead[1], nuisances.E]),
-        np.concatenate([ahead[2], nuisances.offset]),
+        A_nu=motion[0],
+        G_nu=motion[1],
+        D=D,
+        E=E,
+        offset=offset,
+        B=B_nu,
+        U=rows,
+        W=np.pad(fed, [(0, 0), (0, nuisances.E.shape[-1] - fed.shape[-1])]),
     )
     return models if biased is None or not len(biased) else _with_offsets(models, biased)
 
@@ -175,6 +190,7 @@ def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
         A_nu=wider(models.A_nu, -1, -2),
         G_nu=wider(models.G_nu, -2),
         D=wider(models.D, -1),
+        U=wider(models.U, -1),
     )
 
 

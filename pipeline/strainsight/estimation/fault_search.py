@@ -354,4 +354,5 @@ def _with_zero(nuisances: Nuisances, fault: Fault, unit: float, known: int) -> N
         D=np.concatenate([nuisances.D, np.zeros((1, m, n))]),
         E=E,
         offset=np.concatenate([nuisances.offset, row]),
+        B=None if nuisances.B is None else np.pad(nuisances.B, [(0, 1), (0, 0), (0, 0)]),
     )

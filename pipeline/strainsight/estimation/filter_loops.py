@@ -14,8 +14,9 @@ UNMOVED, CALM = 1e-13, 20
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def take_steps(span, system, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
+def take_steps(span, system, beyond, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
     AT, G, Q, H, F, A_nu, G_nu, D, E, offset = system
+    B, U, W = beyond
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
     xcs, Pcs, Vcs = considering
     known, known_end, y, R, more = data
@@ -25,6 +26,8 @@ def take_steps(span, system, state, considering, data, keep, out, ahead):  # typ
     before, work, row, row2 = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
     moved, whitened = np.empty((d, n)), np.empty(m)
     sensed, slope, gain_nu, likely = np.empty((m, d)), np.empty(d), np.empty(d), np.empty(n)
+    f, ahead_of_loads = len(U), A_nu.shape[1] - len(U)
+    z = np.empty(f)
     for i in span:
         x, P, V, K, S = xs[i], Ps[i], Vs[i], gains[i], variances[i]
         for t in range(len(y)):
@@ -40,6 +43,9 @@ def take_steps(span, system, state, considering, data, keep, out, ahead):  # typ
                 _predicted(P, AT[i], Q[i], work)
             _corrected(x, V, nus[i], likely)
             _sensed(likely, D, E, offset, known_end[t], sensed)
+            for j in range(f):
+                z[j] = nus[i, ahead_of_loads + j] * (_dot(U[j], likely) + _dot(W[j], known_end[t]))
+            _sensed_beyond(z, B, sensed)
             if keep:
                 if not steady:
                     _innovation_covariance(P, H[i], R[t], row, Ss[i])
@@ -182,6 +188,16 @@ def _sensed(x, D, E, offset, w, out):  # type: ignore[no-untyped-def]
     for k in range(len(D)):
         for c in range(D.shape[1]):
             out[c, k] = offset[k, c] + _dot(D[k, c], x) + _dot(E[k, c], w)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _sensed_beyond(z, B, out):  # type: ignore[no-untyped-def]
+    """What it adds to them of what loads displace beyond the coordinates."""
+    if len(z) == 0:
+        return
+    for k in range(len(B)):
+        for c in range(B.shape[1]):
+            out[c, k] += _dot(B[k, c], z)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})

@@ -16,11 +16,12 @@ KEPT = 4_000_000
 
 @dataclass(frozen=True)
 class LinearModels:
-    """B models  x⁺ = A x + G w + Σₖ νₖ(Aₖx + Gₖw) + noise,   y = H x + F w₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ) + noise
+    """B models  x⁺ = A x + G w + Σₖ νₖ(Aₖx + Gₖw) + noise,   y = H x + F w₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Bₖz) + noise
 
     of one size. ν are d constants that no filter estimates, of mean zero and variance one; the first e of them change the motion.
     A (B, n, n); G (B, n, p) of what is known, w (T, p) in a step; Q (B, n, n) covariance of a step; H (B, m, n); F (B, m, p₁) of
-    what is known at its end, w₁ (T, p₁); A_ν (B, e, n, n), G_ν (B, e, n, p); D (d, m, n), E (d, m, p₁), o (d, m).
+    what is known at its end, w₁ (T, p₁); A_ν (B, e, n, n), G_ν (B, e, n, p); D (d, m, n), E (d, m, p₁), o (d, m). B (d, m, f) on
+    zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f of those that change the motion, U (f, n), W (f, p₁).
     """
 
     A: np.ndarray
@@ -33,10 +34,13 @@ class LinearModels:
     D: np.ndarray
     E: np.ndarray
     offset: np.ndarray
+    B: np.ndarray
+    U: np.ndarray
+    W: np.ndarray
 
     def __post_init__(self) -> None:
         (B, m, n), p, p1, e = self.H.shape, self.G.shape[-1], self.F.shape[-1], self.A_nu.shape[1]
-        d = len(self.D)
+        d, f = len(self.D), len(self.U)
         agree(
             (self.A, (B, n, n)),
             (self.G, (B, n, p)),
@@ -47,6 +51,9 @@ class LinearModels:
             (self.D, (d, m, n)),
             (self.E, (d, m, p1)),
             (self.offset, (d, m)),
+            (self.B, (d, m, f)),
+            (self.U, (f, n)),
+            (self.W, (f, p1)),
         )
 
     @property
@@ -171,7 +178,7 @@ def advance(
 ) -> Passage:
     """Take the filters L steps on, each a prediction and an update by every channel that measured (1.57-1.60):
 
-        V⁻ = A V − (A_ν x̃ + G_ν w),   ε = D x̃⁻ + E w₁ + o − H V⁻,   V = V⁻ + K ε,   x̃ = x̂ − V ν̂
+        V⁻ = A V − (A_ν x̃ + G_ν w),   ε = D x̃⁻ + E w₁ + o + B z̃ − H V⁻,   V = V⁻ + K ε,   x̃ = x̂ − V ν̂
 
     the error that constants ν make in a filter that does not know of them. Its innovations are e = ε ν + white noise, and least
     squares on them give mean ν̂ and covariance of ν (Friedland's separate filter of a bias), and the likelihood of the samples
@@ -221,6 +228,7 @@ def advance(
         take_steps(
             span,
             (AT, models.G, models.Q, models.H, models.F, models.A_nu, models.G_nu, models.D, models.E, models.offset),
+            (models.B, models.U, models.W),
             (
                 filters.x,
                 filters.P,

@@ -39,11 +39,17 @@ class InstallationStd:
 
     @property
     def by_name(self) -> dict[str, float]:
-        """σ of what each array of a `Sensitivity` is the derivative with respect to."""
-        common = dict.fromkeys(("along", "across"), self.position) | dict.fromkeys(
-            ("angle", "tilt_along", "tilt_across"), self.angle
-        )
-        return common | {"gain": self.gain, "transverse": self.transverse}
+        """σ of what each array of a `Sensitivity` is multiplied by: of the error x itself, and for second derivatives of
+        (x² − σ²)/2, which is σ²/√2, and of x₁x₂, which is σ²."""
+        place, turn = self.position, self.angle
+        first = {"along": place, "across": place, "angle": turn, "tilt_along": turn, "tilt_across": turn}
+        twice = {"along_twice": place**2 / 2**0.5, "across_twice": place**2 / 2**0.5, "along_across": place**2}
+        return first | twice | {"turned_twice": turn**2 / 2**0.5, "gain": self.gain, "transverse": self.transverse}
+
+    def mean(self, sensitivity: Sensitivity) -> np.ndarray:
+        """What gauges read on average (g, r) beyond what they are meant to: ½ σ² of every second derivative in one error."""
+        place = sensitivity.along_twice + sensitivity.across_twice
+        return 0.5 * (self.position**2 * place + self.angle**2 * sensitivity.turned_twice)
 
 
 @dataclass(frozen=True)
@@ -109,9 +115,9 @@ def installation_variance(
 
         vⱼ = Σₖ σₖ² mean_t (sₖⱼ·q)² = Σₖ σₖ² sₖⱼ C sₖⱼᵀ,     C = mean_t q qᵀ,   of accelerometers of q̈
 
-    first order, k: place, turns, gain and transverse sensitivity; σ² of an offset is added where strain is read, and a third of
-    that at the end of what grows from nothing, but for what a temperature adds to all gauges. Gauges that are bonded already
-    have errors of gain, K_t, offset and drift alone. The variances of the arms of a bridge add up. still, moving
+    k: place and turns, to second order, gain and transverse sensitivity; σ² of an offset is added where strain is read, and a
+    third of that at the end of what grows from nothing, but for what a temperature adds to all gauges. Gauges that are bonded
+    already have errors of gain, K_t, offset and drift alone. The variances of the arms of a bridge add up. still, moving
     (r, r): C of the coordinates and of their second rates. Returns (m,) [unit² of the channel].
     """
     grids = candidates.grids

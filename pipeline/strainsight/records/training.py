@@ -141,3 +141,8 @@ class Screened:
     family: tuple[str, ...] = dataset(
         "/family", "1", "kind", "name of every kind of sensor, as /gauges/array of train.h5 counts them"
     )
+
+
+def with_missed(basis: np.ndarray, missed: np.ndarray) -> np.ndarray:
+    """Basis (rows, n), and behind it what it misses of misaligned loads (rows, n_u, misalignments) as columns."""
+    return np.hstack([basis, missed.reshape(len(missed), -1)])

@@ -64,7 +64,7 @@ class Filtering:
     @property
     def nuisances(self) -> Nuisances:
         """Of all records; what is zeroed anew acts in this one alone."""
-        own = nuisances_of(self.tolerances, self.model, self.test.channels, beyond=True)
+        own = nuisances_of(self.tolerances, self.model, self.test.channels, behind=True)
         return each_its_own(own, self.records, RENEWED)[self.record]
 
     @property

@@ -19,11 +19,11 @@ from strainsight.estimation.conditional import (
 from strainsight.estimation.model import FilterModel
 from strainsight.gauges.candidates import ACCELERATION, STRAIN, Candidates
 from strainsight.gauges.installation import InstallationStd
-from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
+from strainsight.gauges.sensitivity import COMMON, Sensitivity, given_sensitivity, sensitivity_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
-from strainsight.records.training import Training
+from strainsight.records.training import Training, with_missed
 
 SOURCE = {
     "along": "position",
@@ -33,6 +33,10 @@ SOURCE = {
     "tilt_across": "angle",
     "gain": "gain",
     "transverse": "transverse sensitivity",
+    "along_twice": "position",
+    "across_twice": "position",
+    "along_across": "position",
+    "turned_twice": "angle",
 }
 """Derivative of a reading → what it is one of, in a budget."""
 
@@ -58,8 +62,9 @@ class Tolerated:
 
     channels (k,) of train.h5, ascending; quantity (k,); of each of their g grids (`Candidates.grids`) the channel, 0 to k − 1,
     that reads it, its sign there, and gauge, a number for those that move as one; slope: name → (g, n) per reduced coordinate,
-    those without a tolerance left out; zeros: what is off whatever the motion is; loads: how they act; damping, stiffness,
-    learned, discrepancy: of `Nuisances`.
+    those without a tolerance left out; beyond: the same names → (g, f) of what each error of a load, of σ, displaces beyond the
+    coordinates [1/N]; mean (g, n): what they read on average beyond what they are meant to; zeros: what is off whatever the
+    motion is; loads: how they act; damping, stiffness, learned, discrepancy: of `Nuisances`.
     """
 
     channels: np.ndarray
@@ -68,6 +73,8 @@ class Tolerated:
     sign: np.ndarray
     gauge: np.ndarray
     slope: dict[str, np.ndarray]
+    beyond: dict[str, np.ndarray]
+    mean: np.ndarray
     zeros: tuple[Zero, ...]
     loads: ToleratedLoads
     damping: float
@@ -84,19 +91,24 @@ def tolerated(
     # whole gauges: a sensitivity needs all channels that move as one
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
-    slope, grids = _slopes(mesh, reduced, training, part, wanted, std.position), part.grids
+    found, grids, n = _sensitivity(mesh, reduced, training, part, wanted, std.position), part.grids, reduced.model.size
     free = ~grids.bonded[:, None]
     sigma = {name: value for name, value in std.by_name.items() if value > 0}
-    scaled = {name: value * slope[name] * (free if name in COMMON else 1.0) for name, value in sigma.items()}
+    scaled = {name: value * getattr(found, name) * (free if name in COMMON else 1.0) for name, value in sigma.items()}
+    mean, missed = std.mean(found) * free, training.missed[wanted]
+    loads = tolerated_loads(own, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
+    felt = {name: rows for name, rows in scaled.items() if rows.any()}
     return Tolerated(
         wanted,
         part.quantity,
         part.channel_of_grid,
         part.sign_of_grid,
         grids.gauge,
-        {name: rows for name, rows in scaled.items() if rows.any()},
+        {name: rows[:, :n] for name, rows in felt.items()},
+        {name: loads.of_missed(rows[:, n:].reshape(len(rows), *missed.shape[1:])) for name, rows in felt.items()},
+        mean[:, :n],
         _zeros(std, part),
-        tolerated_loads(own, reduced, training.missed[wanted], part.quantity),
+        loads,
         float(np.log(own.damping)),
         0.0 if modulus_estimated(config) else own.model,
         own.treat == "estimate",
@@ -145,38 +157,46 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
     return tuple(found)
 
 
-def _slopes(
+def _sensitivity(
     mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray, std: float
-) -> dict[str, np.ndarray]:
-    if training.given is None:
-        facets = exterior_facets(mesh)
-        found = sensitivity_rows(mesh.position, part, reduced.basis, std, facets=facets)
-    else:
-        found = given_sensitivity(training.rows[channels])
-    return {name: getattr(found, name) for name in (*COMMON, *OWN)}
+) -> Sensitivity:
+    """Of the coordinates, and behind them of what these miss of misaligned loads."""
+    if training.given is not None:
+        return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
+    field = with_missed(reduced.basis, reduced.misaligned.missed)
+    return sensitivity_rows(mesh.position, part, field, std, facets=exterior_facets(mesh))
 
 
-def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, beyond: bool = False) -> Nuisances:
+def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False) -> Nuisances:
     """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
-    turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. beyond: with
+    turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. behind: with
     what misaligned loads displace beyond the coordinates behind the states of the smoother (`field_beyond`)."""
     at = np.searchsorted(own.channels, channels)
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
     moving = own.quantity[at] == ACCELERATION
     sources, D, E, shape = of_loads(own.loads, model, at, moving)
+    errors = acting(own.loads, model)
+    B = [np.zeros((m, len(errors)))] * len(D)
     offset = [np.zeros(m)] * len(D)
     row_of = np.full(len(own.channels), -1)
     row_of[at] = np.arange(m)
     grids = np.flatnonzero(row_of[own.channel_of_grid] >= 0)
     grids = grids[np.argsort(row_of[own.channel_of_grid[grids]], kind="stable")]
     row, accelerated = row_of[own.channel_of_grid[grids]], own.quantity[own.channel_of_grid[grids]] == ACCELERATION
-    for name, rows in own.slope.items():
+
+    def read(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What grids with these rows on coordinates read of the states and of the known loads."""
         sensed, fed = np.zeros((len(grids), states)), np.zeros((len(grids), len(model.known_inputs)))
         sensed[:, :n] = own.sign[grids, None] * rows[grids]
         if moving.any():
             on_states, on_known = acceleration_rows(model, at_guess, rows[grids][accelerated])
             sensed[accelerated], fed[accelerated] = on_states[0], on_known[0]
+        return sensed, fed
+
+    for name, rows in own.slope.items():
+        sensed, fed = read(rows)
+        beyond = (own.sign[:, None] * own.beyond[name][:, errors])[grids] * ~accelerated[:, None]
         owner = own.gauge[grids] if name in COMMON else np.arange(len(grids))
         for each in np.unique(owner):
             there = owner == each
@@ -185,6 +205,7 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, beyon
             sources.append(SOURCE[name])
             D.append(_rows(m, row[there], sensed[there]))
             E.append(_rows(m, row[there], fed[there]))
+            B.append(_rows(m, row[there], beyond[there]))
             offset.append(np.zeros(m))
     drift = [np.zeros(m)] * len(D)
     for zero in own.zeros:
@@ -195,8 +216,12 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, beyon
             sources.append(zero.source)
             D.append(np.zeros((m, states)))
             E.append(np.zeros((m, len(model.known_inputs))))
+            B.append(np.zeros((m, len(errors))))
             offset.append(np.zeros(m) if zero.drifts else row)
             drift.append(row if zero.drifts else np.zeros(m))
+    mean = [np.zeros((m, width)) for width in (states, len(model.known_inputs))]
+    for total, part in zip(mean, read(own.mean), strict=True):
+        np.add.at(total, row, part)
     on_known, late = stacked(E, (m, len(model.known_inputs))), stacked(drift, (m,))
     return Nuisances(
         tuple(sources),
@@ -208,7 +233,10 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, beyon
         own.learned,
         own.discrepancy,
         stacked(shape, model.model.input_shape.shape),
-        own.loads.load[acting(own.loads, model)] if beyond else np.zeros(0, dtype=int),
+        own.loads.load[errors],
+        behind,
+        stacked(B, (m, len(errors))),
+        *mean,
     )
 
 

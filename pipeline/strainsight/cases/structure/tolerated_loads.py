@@ -30,6 +30,10 @@ class ToleratedLoads:
     shape: np.ndarray
     missed: np.ndarray
 
+    def of_missed(self, rows: np.ndarray) -> np.ndarray:
+        """σ times rows (g, n_u, misalignments), per N (g, f): nothing of a gain, which displaces nothing else."""
+        return np.asarray(self.std * rows[:, self.load, self.way])
+
 
 def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray) -> ToleratedLoads:
     """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""

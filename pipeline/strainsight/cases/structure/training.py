@@ -31,7 +31,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
-from strainsight.records.training import CaseMotion, Screened, Training
+from strainsight.records.training import CaseMotion, Screened, Training, with_missed
 from strainsight.signals.histories import instant_values
 
 AT_A_TIME = 1000
@@ -64,13 +64,13 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
         pool, names = surface.candidates, surface.names
         both = channel_rows(
-            mesh.position, pool, _with_missed(reduced.basis, reduced.misaligned.missed), facets=exterior_facets(mesh)
+            mesh.position, pool, with_missed(reduced.basis, reduced.misaligned.missed), facets=exterior_facets(mesh)
         )
     else:
         pool, given = _given(config, mesh, using)
         names = tuple(str(number) for number in pool.element)
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
-        both = given @ _with_missed(reduced.matrices.basis, reduced.matrices.missed)
+        both = given @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
     reading = _read(stated, reduced, rows, pool)
     found = {}
@@ -142,11 +142,6 @@ def _arm_peak(mesh: Mesh, training: Training, runs: Sequence[_Moved], basis: np.
         for own in runs:
             np.maximum.at(found, channel[part], np.abs(own.x[:, :n] @ rows.T).max(axis=0, initial=0.0))
     return found
-
-
-def _with_missed(basis: np.ndarray, missed: np.ndarray) -> np.ndarray:
-    """Basis (rows, n), and behind it what it misses of misaligned loads (rows, n_u, misalignments) as columns."""
-    return np.hstack([basis, missed.reshape(len(missed), -1)])
 
 
 def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:
