@@ -120,7 +120,7 @@ def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_cla
     rows = [np.concatenate([np.zeros((2, *own.shape[1:])), own]) for own in (both.D, both.E, both.offset)]
     own = replace(
         both, source=("load", "load", *both.source), D=rows[0], E=rows[1], offset=rows[2], shape=changes,
-        load=np.array([0, 1]), learned=learned,
+        load=np.array([0, 1]), behind=True, learned=learned,
     )  # fmt: skip
     first, mean = start(model.size), believed(model)
     y = measured(model, known, first, mean)

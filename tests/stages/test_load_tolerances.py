@@ -110,7 +110,7 @@ def test_under_constant_loads_the_filter_expects_what_the_full_model_strains(bea
     assert max(without_row) > 0.01
 
 
-def test_a_misplaced_gauge_reads_what_a_shifted_load_strains_beside_its_place(tmp_path):
+def test_a_misplaced_gauge_reads_what_a_shifted_load_strains_there(tmp_path):
     """The product of both errors under a constant load, against mixed differences of the full model: 1e-6 of the largest, of
     which the coordinates alone miss a twentieth."""
     std = 0.002

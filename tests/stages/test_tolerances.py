@@ -192,7 +192,7 @@ def test_gains_as_a_noise_are_the_mean_square_of_the_training_readings(beam):
     """With nothing off but the gain, v = σ² times the mean square of a reading; its intensity is τ times that, beside r."""
     trial = beam.validated("tolerances=none").trial
     channels = trial.chosen[:, None]
-    nothing = [f"tolerances.{name}=0" for name in ("position", "angle", "transverse")]
+    nothing = [f"tolerances.{name}=0" for name in ("position", "angle", "transverse", "load_angle", "load_position")]
     r = beam.intensity(trial.problem, channels, 0.02, *nothing, "tolerances.gain=0.05")
     expected = 0.02 * 0.05**2 * np.mean(beam.training.reading[:, trial.chosen] ** 2, axis=0)
     np.testing.assert_allclose(r[trial.chosen], expected, rtol=1e-9)

@@ -30,8 +30,8 @@ class Nuisances:
     ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
     of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
     are in D and E (`on_loads`). load (f,): the input u [N] that each changes. To νⱼuⱼ is in proportion what they displace beyond
-    the coordinates; behind: whether a smoother has it behind its states; B (d, m, f) what one of every ν reads of it, a gauge
-    beside its place where that has gradients. D_mean D̄ (m, n), E_mean Ē (m, n_known): the mean of what is of second order in
+    the coordinates; behind: whether a smoother has it behind its states; B (d, m, f) what one of every ν reads of it, a
+    misplaced gauge where that has gradients. D_mean D̄ (m, n), E_mean Ē (m, n_known): the mean of what is of second order in
     errors of mean zero.
     The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
     corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it; where not, gains of unknown

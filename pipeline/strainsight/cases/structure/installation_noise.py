@@ -36,8 +36,8 @@ def installation_intensity(
 
         r_j = τ v_j,     v_j of `installation_variance`,     C = mean_t q qᵀ + Σₖ mean_t qₖ qₖᵀ
 
-    qₖ is the motion that one σ of an error of a load's direction or point adds: a gauge beside its place reads the strain
-    there of what really moves. What that is beyond the coordinates stands behind them, in proportion to the load.
+    qₖ is the motion that one σ of an error of a load's direction or point adds: a misplaced gauge reads the strain there
+    of what really moves. What that is beyond the coordinates stands behind them, in proportion to the load.
     An error of installation is constant, and its share of a reading moves with the motion: a white noise of the variance v
     that is correlated over τ has the intensity τ v. Correlation between the channels of a gauge is left out.
     channels: rows of train.h5 that are wanted, −1 for none; coherence τ [s]. Returns (m,) [unit² s] for all channels of the

@@ -194,6 +194,9 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
             sensed[accelerated], fed[accelerated] = on_states[0], on_known[0]
         return sensed, fed
 
+    mean = [np.zeros((m, width)) for width in (states, len(model.known_inputs))]
+    for total, part in zip(mean, read(own.mean), strict=True):
+        np.add.at(total, row, part)
     for name, rows in own.slope.items():
         sensed, fed = read(rows)
         beyond = (own.sign[:, None] * own.beyond[name][:, errors])[grids] * ~accelerated[:, None]
@@ -219,9 +222,6 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
             B.append(np.zeros((m, len(errors))))
             offset.append(np.zeros(m) if zero.drifts else row)
             drift.append(row if zero.drifts else np.zeros(m))
-    mean = [np.zeros((m, width)) for width in (states, len(model.known_inputs))]
-    for total, part in zip(mean, read(own.mean), strict=True):
-        np.add.at(total, row, part)
     on_known, late = stacked(E, (m, len(model.known_inputs))), stacked(drift, (m,))
     return Nuisances(
         tuple(sources),
