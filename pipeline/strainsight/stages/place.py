@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=22,
+    version=23,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -67,7 +67,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=20,
+    version=21,
     reads=(
         *(
             "seed",
