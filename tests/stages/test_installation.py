@@ -12,9 +12,15 @@ from scipy.linalg import solve_continuous_are
 from strainsight import api
 from strainsight.cases.layout import placement
 from strainsight.cases.layout.expectation import Expectation, least_expected
+from strainsight.cases.structure.installation_noise import installation_intensity
+from strainsight.cases.structure.nuisances import on_average
 from strainsight.cases.structure.placement import COHERENCE
+from strainsight.cases.structure.problem import filter_model
+from strainsight.gauges.installation import Installation, installed_rows
+from strainsight.mesh.facets import exterior_facets
 
 from ..edges.beam import PLACEMENT_CONFIG, bricks
+from .drawn_truths import NOTHING, beam_in, trial
 
 GAIN = "tolerances={position: 0, angle: 0, transverse: 0, damping: 1, gain: 0.05}"
 
@@ -90,3 +96,38 @@ def test_errors_that_are_none_or_ignored_leave_the_layout_for_exact_gauges(beam)
     assert (one.task.coherence, other.task.coherence) == (0.0, 0.0)
     np.testing.assert_array_equal(np.sort(one.gauges), np.sort(other.gauges))
     assert one.layout.cost == other.layout.cost
+
+
+def test_the_filter_expects_what_gauges_read_on_average(tmp_path):
+    """Rows of the filter against the mean of 400 installations and of those with all errors the other way, 5 mm and 6°."""
+    place, turn = 0.005, 6.0
+    own = beam_in(tmp_path, "hex20")({"tolerances": NOTHING | {"position": place, "angle": turn}})
+    plain = filter_model(own.problem, own.channels, own.problem.h)
+    n, part = own.reduced.model.size, own.training.candidates.take(own.channels)
+    change = (on_average(own.tolerated, plain, own.channels).H - plain.H)[:, :n]
+    still, rng = (np.zeros((4, 2)), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)), np.random.default_rng(1)
+    facets, drawn = exterior_facets(own.mesh), []
+    for _ in range(400):
+        error = rng.standard_normal((4, 3)) * [place, place, np.deg2rad(turn)]
+        for way in (1, -1):
+            as_bonded = Installation(way * error[:, :2], way * error[:, 2], *still)
+            rows, _ = installed_rows(own.mesh.position, part, own.reduced.basis, as_bonded, facets=facets)
+            drawn.append(rows - plain.H[:, :n])
+    C = own.training.moment
+    left, size = (np.einsum("mi,ij,mj->m", rows, C, rows) for rows in (np.mean(drawn, axis=0) - change, change))
+    assert np.all(left < 0.15**2 * size)
+
+
+def test_gauges_are_expected_to_be_off_by_their_share_of_misaligned_loads(tmp_path):
+    """v of gains alone is σ² of the mean square of readings under 600 pulls of drawn direction and point, which bend the beam."""
+    tolerances = NOTHING | {"load_angle": 1.0, "load_position": 0.01}
+    pull = {"loads.tip.direction": [1, 0, 0]}
+    own = beam_in(tmp_path)(pull | {"tolerances": tolerances | {"gain": 0.05}})
+    channels = own.channels[:, None]
+    args = (own.case.config, own.mesh, own.reduced, own.training, own.problem, channels, 1.0)
+    expected = installation_intensity(*args)[own.channels] / 0.05**2
+    exact = trial(beam_in(tmp_path)(pull | {"tolerances": tolerances, "validate.truth.parameters": {}}))
+    squares = np.array([np.mean(exact.again(i) ** 2, axis=0) for i in range(1, 601)])
+    error = squares.std(axis=0) / np.sqrt(len(squares))
+    assert np.all(np.abs(squares.mean(axis=0) - expected) < 4 * error)
+    assert np.any(np.abs(np.mean(own.training.reading[:, own.channels] ** 2, axis=0) - expected) > 8 * error)

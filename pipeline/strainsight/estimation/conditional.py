@@ -23,7 +23,7 @@ class Nuisances:
     """Constants ν of mean zero and variance one beside the states and the parameters. d of the readings, for the states
     x (n,) = [q, q̇, ζ] of the filter and the loads w₁ known at the instant:
 
-        y = h(x) + D̄x + Ēw₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Σⱼ νⱼBₖⱼuⱼ)
+        y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Σⱼ νⱼBₖⱼuⱼ)
 
     source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading; E (d, m, n_known + 1) where
     something drifts, with t/T behind the loads in w₁ (`known_ends`). Of the motion: damping, σ of
@@ -31,8 +31,7 @@ class Nuisances:
     of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
     are in D and E (`on_loads`). load (f,): the input u [N] that each changes. To νⱼuⱼ is in proportion what they displace beyond
     the coordinates; behind: whether a smoother has it behind its states; B (d, m, f) what one of every ν reads of it, a
-    misplaced gauge where that has gradients. D_mean D̄ (m, n), E_mean Ē (m, n_known): the mean of what is of second order in
-    errors of mean zero.
+    misplaced gauge where that has gradients.
     The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
     corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it; where not, gains of unknown
     loads consider ν (`considers`). discrepancy: σ of what else
@@ -53,8 +52,6 @@ class Nuisances:
     load: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     behind: bool = False
     B: np.ndarray | None = None
-    D_mean: np.ndarray = field(default_factory=lambda: np.zeros(()))
-    E_mean: np.ndarray = field(default_factory=lambda: np.zeros(()))
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """What every ν stands for, those of the motion first."""
@@ -144,7 +141,6 @@ def linear_models(
     if model.accelerometers is not None:
         moving = model.accelerometers
         H[:, moving], F[:, moving] = acceleration_rows(model, theta, model.H[moving, : model.model.size])
-    H, F = H + nuisances.D_mean, F + nuisances.E_mean
     motion = _motion_nuisances(model, modal, nuisances)
     f = len(nuisances.load) if nuisances.B is not None and nuisances.B.any() else 0
     beyond = np.zeros((len(nuisances.D), m, 0)) if nuisances.B is None or f == 0 else nuisances.B

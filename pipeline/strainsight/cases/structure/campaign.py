@@ -26,7 +26,7 @@ from strainsight.cases.structure.filtered_test import (
 from strainsight.cases.structure.forecast import forecast_in_words
 from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
-from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, tolerated
+from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
 from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
@@ -217,6 +217,7 @@ def _filterings(
         with in_record(own.name if len(records) > 1 else ""):
             settled = settled_in(problem, test) if settings.start == "settled" else None
             model, tuning = model_of(problem, test, own.settings, start)
+        model = on_average(tolerances, model, test.channels)
         each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
     return each, tuning
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.structure.nuisances import Tolerated, nuisances_of
+from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, on_average
 from strainsight.cases.structure.problem import Problem
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
@@ -57,7 +57,7 @@ def filtered(
     failure: NumericalError | None = None
     for b in range(runs):
         there = sets[b] >= 0
-        own = _of_run(model, b, there)
+        own = on_average(tolerated, _of_run(model, b, there), sets[b][there])
         nuisances = nuisances_of(tolerated, own, sets[b][there])
         try:
             found.append(filter_bank(own, starts[b], covariance, known, data[:, b, there], nuisances, settled=settled))
@@ -155,6 +155,6 @@ def smoothed(
         return smooth(model, found.run)
     bank = found.banks[0]
     assert bank is not None  # a bank that fails alone is refused
-    start = np.zeros(model.size)
+    start, model = np.zeros(model.size), on_average(tolerated, model, channels)
     nuisances = nuisances_of(tolerated, model, channels)
     return smooth_bank(model, start, covariance, known, measured, nuisances, bank, settled=settled)

@@ -71,7 +71,6 @@ def _predicted(given: Filtering, found: Smoothed) -> tuple[np.ndarray, np.ndarra
         theta = theta_at(model, x[-1:, model.parameter_states])
         on_states, on_known = acceleration_rows(model, theta, model.H[moving, : model.model.size])
         H[moving], fed[moving] = on_states[0], on_known[0]
-    H, fed = H + nuisances.D_mean, fed + nuisances.E_mean
     ends = known_ends(test.known, nuisances)[model.every - 1 :: model.every]
     own = np.einsum("dmn,tn->tdm", nuisances.D, x[:, :states]) + np.einsum("dmp,tp->tdm", nuisances.E, ends)
     own += nuisances.offset

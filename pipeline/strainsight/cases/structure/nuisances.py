@@ -3,7 +3,7 @@ tolerances."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -167,6 +167,16 @@ def _sensitivity(
     return sensitivity_rows(mesh.position, part, field, std, facets=exterior_facets(mesh))
 
 
+def on_average(own: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:
+    """The filter with what these channels (m,) of train.h5 read on average over their installations."""
+    at = np.searchsorted(own.channels, channels)
+    rows, n = np.zeros((len(own.channels), own.mean.shape[1])), own.mean.shape[1]
+    np.add.at(rows, own.channel_of_grid, own.sign[:, None] * own.mean)
+    H = model.H.copy()
+    H[:, :n] += rows[at]
+    return replace(model, H=H)
+
+
 def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False) -> Nuisances:
     """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
     turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. behind: with
@@ -194,9 +204,6 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
             sensed[accelerated], fed[accelerated] = on_states[0], on_known[0]
         return sensed, fed
 
-    mean = [np.zeros((m, width)) for width in (states, len(model.known_inputs))]
-    for total, part in zip(mean, read(own.mean), strict=True):
-        np.add.at(total, row, part)
     for name, rows in own.slope.items():
         sensed, fed = read(rows)
         beyond = (own.sign[:, None] * own.beyond[name][:, errors])[grids] * ~accelerated[:, None]
@@ -236,7 +243,6 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
         own.loads.load[errors],
         behind,
         stacked(B, (m, len(errors))),
-        *mean,
     )
 
 
