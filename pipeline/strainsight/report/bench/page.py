@@ -5,34 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-import numpy as np
-
-from strainsight.report.bench.data import BenchMotion, BenchPlacement, BenchRun, BenchStress, BenchUnknown
+from strainsight.report.bench.answer import bench_answer, too_high
+from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
 from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure, stress_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
-from strainsight.report.bench.tables import mismatch_table, placement_table, ratio, runs_table
-from strainsight.report.bench.verdicts import faults, leading
+from strainsight.report.bench.tables import mismatch_table, placement_table, runs_table
+from strainsight.report.bench.verdicts import faults
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import (
     bullets,
-    count,
-    data,
     figure,
     figures,
     measure,
     pairs,
     picture,
     plain,
-    share,
     table,
 )
 from strainsight.report.placement.figures import trend_figure
 from strainsight.report.placement.tables import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline
 from strainsight.report.space.section import STYLE, script
-from strainsight.report.text import number
 
 STYLES = ("bench/bench.css",)
 FOOTER = (
@@ -120,9 +115,8 @@ def bench_page(
     return document(
         "bench",
         run.name,
-        headline([*((unknown.name, faults(run, unknown.name)) for unknown in run.unknowns), *_too_high(run)])
-        + run.name,
-        _answer(run),
+        headline([*((unknown.name, faults(run, unknown.name)) for unknown in run.unknowns), *too_high(run)]) + run.name,
+        bench_answer(run),
         sections,
         FOOTER,
         (*STYLES, STYLE) if turned else STYLES,
@@ -143,79 +137,6 @@ def _placed(placement: BenchPlacement) -> str:
 def _picture(caption: str, png: bytes) -> str:
     shown = picture(png, caption, 1400, 900)
     return f'<figure class="card picture">{shown}<figcaption>{escape(caption)}</figcaption></figure>'
-
-
-def run_answer(run: BenchRun) -> str:
-    """What does not hold, then what the filter made of the unknowns, of a load relative to its largest true value."""
-    estimate = run.estimate
-    if estimate is None:
-        return ""
-    parts = [_estimated(run, unknown) for unknown in estimate.unknowns]
-    channels = run.number("channels")
-    given = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
-    text = f"{count(given)} channels tell {', '.join(parts) or 'nothing'}."
-    elsewhere = [unknown.name for unknown in estimate.unknowns if unknown.there is not None]
-    if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
-        off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
-        listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
-        text = f"These loads make the bench read as the one that was measured, {', '.join(listed)}: {', '.join(parts)}."
-    return leading(run) + text
-
-
-def _estimated(run: BenchRun, unknown: BenchUnknown) -> str:
-    name = f"<strong>{escape(unknown.name)}</strong>"
-    error, std = run.number(f"error.{unknown.name}"), run.number(f"std.{unknown.name}")
-    if error is not None:
-        return f"{name} to {ratio(error)}" + (f" at a claimed σ of {ratio(std)}" if std is not None else "")
-    history = unknown.history
-    late = history.mean[len(history.mean) // 2 :]
-    unit = history.unit.replace("N m", "N·m")
-    if unknown.kind == "parameter":
-        return f"{name} as {measure(float(history.mean[-1]), unit)}"
-    return f"{name} as at most {measure(float(np.max(np.abs(late), initial=0.0)), unit)} in the second half"
-
-
-def _answer(run: BenchRun) -> str:
-    """What does not hold, what was found, up to which frequency, and how near the stress comes to the allowable."""
-    text = "Nothing was simulated."
-    if run.estimate is not None:
-        text = run_answer(run)
-    elif run.motion is not None:
-        text = _moved(run.motion)
-    band = None if run.motion is None else run.motion.numbers.get("band")
-    if isinstance(band, int | float):
-        shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
-        text += f" Good for loads up to {shown}."
-    if (stress := run.stress) is None:
-        return text
-    if stress.share is not None and stress.share > 1:
-        return f'<strong class="bad">Stress on {escape(stress.body)}: {_stressed(stress)}.</strong> {text}'
-    return f"{text} Von Mises stress on {escape(stress.body)}: {_stressed(stress)}."
-
-
-def _too_high(run: BenchRun) -> list[tuple[str, list[str]]]:
-    """The stress, where it is beyond the allowable, as `headline` takes it."""
-    beyond = run.stress is not None and run.stress.share is not None and run.stress.share > 1
-    return [("stress", ["beyond the allowable"])] * beyond
-
-
-def _stressed(stress: BenchStress) -> str:
-    """The largest stress beside the allowable."""
-    largest = f"at most {measure(float(np.max(stress.largest)), 'Pa')}"
-    if stress.allowable is None or stress.share is None:
-        return largest
-    return f"{largest}, {share(stress.share)} of the allowable {measure(stress.allowable, 'Pa')}"
-
-
-def _moved(motion: BenchMotion) -> str:
-    steps = len(motion.time) - 1
-    length = float(motion.time[-1] - motion.time[0])
-    text = f"{number(length)} s in {steps} steps"
-    if motion.bearings:
-        worst = max(motion.bearings, key=lambda bearing: float(np.max(bearing.pressure, initial=0.0)))
-        highest = measure(float(np.max(worst.pressure, initial=0.0)), "Pa")
-        text += f"; the highest contact pressure is {highest}, in {escape(worst.name)}"
-    return f"{text}."
 
 
 def _title(unknown: BenchUnknown) -> str:

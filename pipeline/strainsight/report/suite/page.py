@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
+from strainsight.report.bench.answer import run_answer
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import FOOTER as BENCHES
-from strainsight.report.bench.page import STYLES, run_answer
+from strainsight.report.bench.page import STYLES
 from strainsight.report.bench.tables import MEANINGS
 from strainsight.report.bench.tables import runs_table as benches_table
 from strainsight.report.chart.drawing import Drawing
