@@ -126,7 +126,7 @@ def test_ready_matrices_and_bodies_of_a_bench_are_not_free(tmp_path):
 
 def test_a_weight_strains_nothing_and_a_density_of_a_part_is_refused(tmp_path):
     weight = {"gravity": [0, 0, -9.81], "known": True, "signal": {"type": "sine", "frequency": 20.0, "amplitude": 1.0}}
-    with pytest.raises(UserError, match=r"accelerates a free structure .* and strains nothing") as caught:
+    with pytest.raises(UserError, match=r"accelerates a free structure .* as a whole and strains nothing") as caught:
         finished(tmp_path / "weight", "rom", DECK, {**FREE, "loads.weight": weight})
     assert caught.value.key == "loads.weight"
     carried = DECK.replace("ENDDATA", f"CONM2,77,{TIP},,5.0\nENDDATA")

@@ -79,7 +79,7 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
     return tuple(found)
 
 
-def _strains(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
+def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
     """Raises UserError for a load, columns of S (n_free, n_u), that a free structure follows as a whole."""
     reference = dict.fromkeys(model.mass.terms, 1.0)  # of one density, which is a factor of the whole mass
     left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balanced(S)
@@ -87,8 +87,8 @@ def _strains(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) 
     for name, own in zip(config.loads, share, strict=True):
         if own < BALANCED:
             raise UserError(
-                f"the load accelerates a free structure (mesh.free) and strains nothing: {own:.1e} of it does not act as its "
-                "own inertia would",
+                "the load pulls at all mass alike: it accelerates a free structure (mesh.free) as a whole and strains nothing "
+                f"({own:.1e} of it is left when the inertia is subtracted)",
                 key=f"loads.{name}",
                 remedy="remove the load, or hold the structure (mesh.supports) in place of mesh.free",
             )
@@ -101,7 +101,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     built = full_model(config.mesh, mesh, parameters, using.files)
     S = load_shapes(built.model, config.loads)
     if built.model.rigid is not None:
-        _strains(config, built.model, S)
+        _require_strain(config, built.model, S)
     off = misalignment_shapes(built.model, list(point_loads(config.loads).values()))
     reference = {p.name: p.reference for p in parameters}
     ranges = {name: entry.range for name, entry in config.parameters.items()}
