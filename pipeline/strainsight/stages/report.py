@@ -66,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=18,
+    version=19,
     reads=(
         "name",
         "seed",

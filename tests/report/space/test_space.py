@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.layout import Gauge, Layout, Load
 from strainsight.report.space.model import Shape, contour_of, space, vertex_shift
 from strainsight.report.space.section import SCRIPTS, STYLE, space_section
@@ -136,9 +135,10 @@ def test_a_contour_holds_its_values_to_a_step_of_its_scale(cube):
     layout = layout_of(cube)
     middle = layout.points[layout.faces[:, :3]].mean(axis=1)
     values = 40.0 * middle[:, 0] + 7.0
-    scale = scale_of("strain", "µm/m", values)
+    contour = contour_of(values, layout, "strain", "µm/m")
+    scale = contour.scale
     assert (scale.low, scale.high) == (-values.max(), values.max())  # both signs: about zero
-    shape = Shape("F alone", contour=contour_of(values, layout, scale), group="Strain")
+    shape = Shape("F alone", contour=contour, group="Strain")
     page = space_section([("", layout)], [shape, Shape("mode 1, 12 Hz", layout.points)])
     content, arrays = unpacked(page)
     triangles = np.sum([part["count"] // 3 for part in content["parts"] if part["primitive"] == "triangles"])
@@ -155,6 +155,32 @@ def test_a_contour_holds_its_values_to_a_step_of_its_scale(cube):
     assert 'aria-label="strain from −' in page
     assert page.count('<div data-state="0" hidden>') == 1
     assert [state["largest"] > 0 for state in content["states"]] == [False, True]
+
+
+def strip(last):
+    """Squares of side one in a row, 199 of them, and one that is `last` long."""
+    points = np.array([(x, y, 0.0) for x in [*range(200), 199.0 + last] for y in (0.0, 1.0)])
+    first = 2 * np.arange(200)
+    faces = np.column_stack([first, first + 2, first + 3, first + 1, *[np.full(200, -1)] * 4])
+    return Layout(points, faces, NOTHING, ())
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_peak_on_less_than_a_hundredth_of_the_surface_lies_beyond_the_scale(sign):
+    """1 % of the area are 1.997 squares: the peak and the square beside it may be beyond the end, the next may not."""
+    layout = strip(0.7)
+    values = sign * np.linspace(-10.0, 20.0, 200)
+    values[-1] = sign * 500.0
+    own = contour_of(values, layout, "strain", "µm/m")
+    end = abs(values[-3])
+    assert (own.scale.low, own.scale.high) == pytest.approx((-end, end), rel=1e-12)
+    assert (own.scale.below, own.scale.above) == (sign < 0, sign > 0)
+    assert (own.least, own.largest) == (values.min(), values.max())
+    page = space_section([("", layout)], [Shape("F alone", contour=own)])
+    low, high = re.search(r'class="ends"><span>(.*?)</span>.*<span>(.*?)</span></p>', page).groups()
+    assert ("≤" in low, "≥" in high) == (sign < 0, sign > 0)
+    assert contour_of(values, strip(3.0), "strain", "µm/m").scale.high == 500.0
+    assert contour_of(np.abs(values), layout, "stress", "MPa").scale.low == np.abs(values).min()
 
 
 def test_gauges_are_there_as_large_as_they_are_to_be_seen_and_to_scale(cube):

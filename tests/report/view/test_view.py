@@ -12,9 +12,9 @@ from PIL import Image
 
 from strainsight.errors import StrainsightError, UserError
 from strainsight.report.chart.drawing import gauge_colour
-from strainsight.report.picture.geometry import triangles
+from strainsight.report.picture.geometry import facet_of_triangle, triangles
 from strainsight.report.view import viewing
-from strainsight.report.view.parts import carried, facet_of_triangle, gauge_arrows, plain
+from strainsight.report.view.parts import carried, gauge_arrows, plain
 from strainsight.report.view.viewed import FACETS, Panel, View, exaggerated
 from strainsight.report.view.viewer import fitting
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,24 @@ MAP, DIVERGING = "viridis", "coolwarm"
 """Of values of one sign, and of values about zero."""
 STEPS = 9
 """Colours that a bar on a page is made of."""
+TAIL = 0.01
+"""Share of a surface that may have the colour of an end of its scale and more: a peak leaves the rest pale otherwise."""
+WORTH = 0.8
+"""Of the largest size: a scale that would end above it goes all the way."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """quantity and unit in words; the values low and high at the ends of the bar; name of its colours."""
+    """quantity and unit in words; the values low and high at the ends of the bar; name of its colours; below, above: whether
+    there are values beyond an end, which have its colour."""
 
     quantity: str
     unit: str
     low: float
     high: float
     name: str
+    below: bool = False
+    above: bool = False
 
     def share(self, values: FloatArray) -> FloatArray:
         """Where values are on the scale, 0 to 1."""
@@ -43,6 +50,17 @@ def scale_of(quantity: str, unit: str, values: FloatArray) -> Scale:
     """The scale of these values."""
     low, high = limits(values)
     return Scale(quantity, unit, low, high, DIVERGING if low < 0 < high else MAP)
+
+
+def without_peaks(scale: Scale, values: FloatArray, area: FloatArray) -> Scale:
+    """The scale, its ends no farther from zero than the values (f,) on all but TAIL of the area (f,) [m²]."""
+    order = np.argsort(np.abs(values))
+    size, covered = np.abs(values)[order], np.cumsum(area[order])
+    end = float(size[np.searchsorted(covered, (1 - TAIL) * covered[-1])])
+    low, high = max(scale.low, -end), min(scale.high, end)
+    if end > WORTH * size[-1] or not low < high:
+        return scale
+    return replace(scale, low=low, high=high, below=bool(values.min() < low), above=bool(values.max() > high))
 
 
 def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]:

@@ -23,6 +23,19 @@ def triangles(faces: IntArray) -> IntArray:
     return np.concatenate(parts)
 
 
+def facet_of_triangle(faces: IntArray) -> IntArray:
+    """The facet (t,) that each of these triangles comes from."""
+    count = np.sum(faces >= 0, axis=1)
+    return np.concatenate([np.repeat(np.flatnonzero(count == k), len(local)) for k, local in TRIANGLES.items()])
+
+
+def areas(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Area (f,) [m²] of each facet, that of its triangles."""
+    a, b, c = (points[column] for column in triangles(faces).T)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return np.asarray(np.bincount(facet_of_triangle(faces), weights=area, minlength=len(faces)), dtype=float)
+
+
 def mesh_lines(faces: IntArray) -> IntArray:
     """The facets' outlines (l, 2), through their mid-side nodes, each line once."""
     count = np.sum(faces >= 0, axis=1)

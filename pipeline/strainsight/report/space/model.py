@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour
-from strainsight.report.picture.colours import Scale
-from strainsight.report.picture.geometry import at_points, triangles, views
+from strainsight.report.picture.colours import Scale, scale_of, without_peaks
+from strainsight.report.picture.geometry import areas, at_points, triangles, views
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, foil, marker
 from strainsight.report.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
@@ -128,9 +128,10 @@ def space(layouts: Sequence[Layout]) -> Space:
     return Space(*gathered.arrays(), len(body.position), tuple(parts), tuple(anchor), eye, body.thinned)
 
 
-def contour_of(values: FloatArray, layout: Layout, scale: Scale) -> Contour:
-    """Colours of values (f,) on the layout's facets."""
+def contour_of(values: FloatArray, layout: Layout, quantity: str, unit: str) -> Contour:
+    """Colours of values (f,) [unit] on the layout's facets, on a scale that a peak does not stretch."""
     shown = at_points(values, layout.faces, len(layout.points))
+    scale = without_peaks(scale_of(quantity, unit, values), values, areas(layout.points, layout.faces))
     return Contour(shown, scale, float(values.min()), float(values.max()))
 
 

@@ -73,7 +73,9 @@ def space_of(parts: Parts) -> str:
         return space_section([("", report.layout)])
     when, group = f"at {number(moment.time)}\u00a0s", "Strain and stress"
     shapes = [
-        Shape(f"{own.quantity} {when}", contour=contour_of(own.values, report.layout, scale(own)), group=group)
+        Shape(
+            f"{own.quantity} {when}", contour=contour_of(own.values, report.layout, own.quantity, own.unit), group=group
+        )
         for own in reversed(moment.maps)
     ]
     moved = Shape(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Moved")

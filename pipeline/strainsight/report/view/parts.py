@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
 from strainsight.report.picture.colours import scale_of
-from strainsight.report.picture.geometry import TRIANGLES, mesh_lines
+from strainsight.report.picture.geometry import facet_of_triangle, mesh_lines
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
 from strainsight.report.picture.picture import DRAWN_FACETS
@@ -114,12 +114,6 @@ def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
             "fmt": "%.3g",
         },
     }
-
-
-def facet_of_triangle(faces: IntArray) -> IntArray:
-    """The facet (t,) that each triangle of `geometry.triangles` comes from."""
-    count = np.sum(faces >= 0, axis=1)
-    return np.concatenate([np.repeat(np.flatnonzero(count == k), len(local)) for k, local in TRIANGLES.items()])
 
 
 def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:

@@ -11,7 +11,6 @@ from strainsight.mesh.model import Mesh
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
-from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.layout import Layout
 from strainsight.report.space.model import Shape, contour_of
 from strainsight.report.text import number, quantity
@@ -35,11 +34,11 @@ def strain_view(title: str, layout: Layout, found: Sequence[SurfaceStrain]) -> V
 
 
 def strain_shapes(layout: Layout, found: Sequence[SurfaceStrain]) -> tuple[Shape, ...]:
-    """The same to choose from, each with a scale from its least to its largest strain, about zero where both signs occur."""
+    """The same to choose from, each with a scale of its own."""
     return tuple(
         Shape(
             caption(own),
-            contour=contour_of(own.strain * MICRO, layout, scale_of(QUANTITY, UNIT, own.strain * MICRO)),
+            contour=contour_of(own.strain * MICRO, layout, QUANTITY, UNIT),
             group="Strain of the surface",
         )
         for own in found

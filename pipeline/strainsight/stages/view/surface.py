@@ -8,7 +8,6 @@ import numpy as np
 
 from strainsight.cases.structure.surface import largest_principal
 from strainsight.errors import UserError
-from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.layout import Layout
 from strainsight.report.space.model import Shape, contour_of
 from strainsight.report.view.viewed import FACETS, POINTS, Panel, View, exaggerated
@@ -55,7 +54,7 @@ def field_shape(view: View, layout: Layout) -> Shape:
     layout: of the structure, whose facets have the points of the view in their order.
     """
     values = view.panels[0].values
-    own = contour_of(values, view.layout, scale_of(view.quantity, view.unit, values))
+    own = contour_of(values, view.layout, view.quantity, view.unit)
     at = np.full(len(layout.points), np.nan)
     at[np.unique(layout.faces[layout.faces >= 0])] = own.values
     when = view.panels[0].title.split(",")[0]
