@@ -11,8 +11,10 @@ import yaml
 
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
+from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Modes, Reduced
+from strainsight.stages.pages.page import warnings_of
 
 from ..edges.beam import BENCH_CONFIG, PLACEMENT_CONFIG, SIZE, TIP, E, bricks, config_of, finished
 
@@ -84,6 +86,13 @@ def test_modulus_and_unknown_load_are_found_as_on_soft_springs(free, soft):
     assert found["error.E"] < 0.02
     assert found["error.E"] < 3 * found["std.E"]
     assert "null_direction" not in place
+
+
+def test_no_page_complains_that_nothing_is_fixed(free):
+    """Nothing is, on purpose; of what was not reduced yet it is said."""
+    mesh, loads = mesh_from(free["import"]), {}
+    assert not any("nothing is fixed" in text for text in warnings_of(free, ["E"], mesh, loads))
+    assert any("nothing is fixed" in text for text in warnings_of({"import": free["import"]}, ["E"], mesh, loads))
 
 
 def test_the_pushed_bar_strains_as_inertia_relief_has_it(free):

@@ -66,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=19,
+    version=20,
     reads=(
         "name",
         "seed",
