@@ -189,7 +189,9 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
         on_face = blank or (answers.held is not None and answers.held.kind == "face")
         held = found.free("held") if on_face else _value(answers.held) if answers.held else ""
         node = answers.held is not None and answers.held.kind == "node"
-        lines.append("  supports:             # the file states none; or, where nothing holds it, `free: true` in their place")
+        lines.append(
+            "  supports:             # the file states none; or, where nothing holds it, `free: true` in their place"
+        )
         lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: [1, 2, 3]}}   # ← 1-3 translations")
     return "".join(f"{line}\n" for line in lines)
 
