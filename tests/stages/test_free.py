@@ -11,10 +11,12 @@ import yaml
 
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
+from strainsight.mesh.facets import exterior_facets
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.stages.pages.page import warnings_of
+from strainsight.stages.view.strain import caption, strains_of
 
 from ..edges.beam import BENCH_CONFIG, PLACEMENT_CONFIG, SIZE, TIP, E, bricks, config_of, finished
 
@@ -107,6 +109,19 @@ def test_the_pushed_bar_strains_as_inertia_relief_has_it(free):
     ends = [z[np.isclose(x, at), 0].mean() for at in (0.0, 0.5, 1.0)]
     modulus, area = reduced.model.reference["E"], SIZE[1] * SIZE[2]
     assert ends[1] - ends[0] == pytest.approx(0.125 / (modulus * area), rel=2e-2)
+
+
+def test_a_load_alone_is_shown_against_inertia(free, tmp_path):
+    """The push of 1 MN at x = L: axial strain F x/(EAL), so half of F/(EA) on the facets in the middle, whatever Poisson adds."""
+    model = config(tmp_path, {}).model
+    push = next(own for own in strains_of(model, mesh_from(free["import"]), free) if own.load == "push")
+    assert caption(push).replace("\u00a0", " ") == "push alone, 1 MN against inertia"
+    facets = exterior_facets(mesh_from(free["import"]))
+    corners = free["import"]["/nodes/position"][facets.nodes[:, :4]].mean(axis=1)
+    side = np.isclose(corners[:, 1], SIZE[1]) & (np.abs(corners[:, 0] - 0.5) < 0.1)
+    expected = 1e6 * corners[side, 0] / (model.parameters["E"].guess * SIZE[1] * SIZE[2])
+    assert side.sum() >= 2
+    assert np.allclose(push.strain[side], expected, rtol=0.05)
 
 
 def config(tmp_path, changes):

@@ -76,6 +76,7 @@ REPORT = Stage(
         "validate.truth.model",
         "mesh.file",
         "mesh.length_unit",
+        "mesh.free",
         "gauges.type",
         "gauges.types",
         "report",

@@ -180,6 +180,8 @@ def test_a_peak_on_less_than_a_hundredth_of_the_surface_lies_beyond_the_scale(si
     low, high = re.search(r'class="ends"><span>(.*?)</span>.*<span>(.*?)</span></p>', page).groups()
     assert ("≤" in low, "≥" in high) == (sign < 0, sign > 0)
     assert contour_of(values, strip(3.0), "strain", "µm/m").scale.high == 500.0
+    rest = contour_of(np.where(values * sign > 0, sign * values, -1e-13), layout, "strain", "µm/m")
+    assert (rest.least, rest.scale.low) == (0.0, 0.0)  # rounding has no sign
     assert contour_of(np.abs(values), layout, "stress", "MPa").scale.low == np.abs(values).min()
 
 

@@ -27,7 +27,7 @@ class SurfaceStrain:
     """Principal strain of largest size, with its sign, of every exterior facet at its middle (f,).
 
     load: the one that acts alone, "" : all of a training run; size [unit]: of that load; case: the load case of that run, "" as
-    stated; instant [s] of that run.
+    stated; instant [s] of that run; free: of a structure that the load accelerates as a whole.
     """
 
     strain: np.ndarray
@@ -36,15 +36,16 @@ class SurfaceStrain:
     unit: str = ""
     case: str = ""
     instant: float = 0.0
+    free: bool = False
 
 
 def surface_strains(
-    mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, Load]
+    mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, Load], free: bool = False
 ) -> tuple[SurfaceStrain, ...]:
     """ε = B Ψ q at the guess, of every load alone and of every training run at one instant; none where nothing is solid.
 
-    A load alone: q = K⁻¹ S u at rest, u one of its unit, or as many thousands of it as reach 1 µm/m; of a structure that nothing
-    holds there is none. A run: its coordinates at the instant of its largest strain energy ½ qᵀKq.
+    A load alone: q = K⁻¹ S u at rest, u one of its unit, or as many thousands of it as reach 1 µm/m; of a `free` structure
+    (mesh.free) with the inertia of its rigid acceleration, of matrices that leave it loose none. A run: its coordinates at the instant of its largest strain energy ½ qᵀKq.
     """
     if not mesh.blocks:
         return ()
@@ -64,7 +65,7 @@ def surface_strains(
         while size < MOST and size * np.abs(strain).max(initial=0.0) < LEAST:
             size *= 1000.0
         if size < MOST:
-            found.append(SurfaceStrain(size * strain, name, size, loads[name].unit))
+            found.append(SurfaceStrain(size * strain, name, size, loads[name].unit, free=free))
     for case in sorted(training.cases) or [""]:
         run = training.motion_in(case)
         k = int(np.argmax(np.einsum("ti,ij,tj->t", run.coordinate, K, run.coordinate, optimize=True)))

@@ -21,6 +21,8 @@ from strainsight.report.space.surface import CREASE, surface
 
 LENGTH = 0.034
 """Of a gauge's bar, over the size of the structure."""
+ROUNDING = 1e-9
+"""Of the largest value of a contour: below it is none, and has no sign that a scale would show."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ def space(layouts: Sequence[Layout]) -> Space:
 
 def contour_of(values: FloatArray, layout: Layout, quantity: str, unit: str) -> Contour:
     """Colours of values (f,) [unit] on the layout's facets, on a scale that a peak does not stretch."""
+    values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(initial=0.0), values, 0.0)
     shown = at_points(values, layout.faces, len(layout.points))
     scale = without_peaks(scale_of(quantity, unit, values), values, areas(layout.points, layout.faces))
     return Contour(shown, scale, float(values.min()), float(values.max()))

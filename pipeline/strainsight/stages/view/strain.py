@@ -47,7 +47,7 @@ def strain_shapes(layout: Layout, found: Sequence[SurfaceStrain]) -> tuple[Shape
 
 def strains_of(config: PlacementConfig, mesh: Mesh, up: Mapping[str, Artefact]) -> tuple[SurfaceStrain, ...]:
     """From rom.h5 and train.h5, the first of the loads and of the load cases."""
-    found = surface_strains(mesh, read(Reduced, up["rom"]), read(Training, up["train"]), config.loads)
+    found = surface_strains(mesh, read(Reduced, up["rom"]), read(Training, up["train"]), config.loads, config.mesh.free)
     alone, runs = [own for own in found if own.load], [own for own in found if not own.load]
     return (*alone[:MOST], *runs[:MOST])
 
@@ -57,6 +57,6 @@ def caption(own: SurfaceStrain) -> str:
     if own.load:
         unit = own.unit.replace("N m", "N·m").replace("^2", "²")
         size = f"× {number(own.size)}" if unit == "1" else quantity(own.size, unit)
-        return f"{own.load} alone, {size} at rest"
+        return f"{own.load} alone, {size} {'against inertia' if own.free else 'at rest'}"
     run = f"load case {own.case}" if own.case else "training run"
     return f"{run}, t = {own.instant:.4g} s"
