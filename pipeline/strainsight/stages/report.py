@@ -66,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=20,
+    version=21,
     reads=(
         "name",
         "seed",

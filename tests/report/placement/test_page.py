@@ -63,6 +63,15 @@ def test_every_picture_has_a_text_for_those_who_do_not_see_it(full):
             assert len(attributes["aria-label"]) > 20
 
 
+def test_another_rule_below_the_bound_is_said_to_be_beyond_the_limits(full):
+    """Other rules know neither spacing nor budget: without the words the tile contradicts itself."""
+    report = full()
+    assert "best other rule (log-determinant)" in first_screen(page(report))
+    *others, last = report.criteria
+    below = replace(report, criteria=(*others, replace(last, values=(2.5, 0.04, 1.6))))
+    assert "best other rule, beyond the limits (log-determinant)" in first_screen(page(below))
+
+
 def test_the_exact_numbers_stand_on_the_first_screen(full):
     report = full()
     first = first_screen(page(report))

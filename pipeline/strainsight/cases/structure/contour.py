@@ -45,7 +45,8 @@ def surface_strains(
     """ε = B Ψ q at the guess, of every load alone and of every training run at one instant; none where nothing is solid.
 
     A load alone: q = K⁻¹ S u at rest, u one of its unit, or as many thousands of it as reach 1 µm/m; of a `free` structure
-    (mesh.free) with the inertia of its rigid acceleration, of matrices that leave it loose none. A run: its coordinates at the instant of its largest strain energy ½ qᵀKq.
+    (mesh.free) with the inertia of its rigid acceleration, of matrices that leave it loose none.
+    A run: its coordinates at the instant of its largest strain energy ½ qᵀKq.
     """
     if not mesh.blocks:
         return ()

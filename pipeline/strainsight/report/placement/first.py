@@ -148,7 +148,9 @@ def _bound_tile(report: PlacementReport) -> str:
     others = [entry for entry in report.criteria[1:] if math.isfinite(entry.chosen)]
     if others:
         best = min(others, key=lambda entry: entry.chosen)
-        rows.append((f"best other rule ({escape(best.rule)})", plain(best.chosen)))
+        # what is below the bound is no better layout: other rules know no limits
+        beyond = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
+        rows.append((f"best other rule{', beyond the limits' * beyond} ({escape(best.rule)})", plain(best.chosen)))
     value = "not certified"
     if trend.gap is not None:
         value = f"{share(max(trend.gap, 0.0))} <small>at most</small>"
