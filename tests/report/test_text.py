@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from strainsight.report.text import capital, number, percent, quantity, reading_unit, short
+from strainsight.report.text import capital, listed, number, percent, quantity, reading_unit, short
 
 DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -83,3 +83,7 @@ def test_a_sentence_begins_with_a_capital_letter_and_a_symbol_stays_itself():
     assert capital("the record") == "The record"
     assert capital("σ is withheld") == "σ is withheld"
     assert capital("") == ""
+
+
+def test_words_are_listed_as_in_a_sentence():
+    assert [listed(words) for words in ([], ["x"], ["x", "y"], ["x", "y", "z"])] == ["", "x", "x and y", "x, y and z"]

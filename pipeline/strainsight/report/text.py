@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 READINGS = {"strain": "strain", "m/s^2": "acceleration", "m/s²": "acceleration", "m": "displacement"}
@@ -79,6 +80,11 @@ def ratio(value: float, digits: int = 2) -> str:
 def _grouped(digits: str) -> str:
     """Thin spaces between thousands, from five digits on."""
     return f"{int(digits):,}".replace(",", "\u202f") if len(digits.lstrip("-")) > 4 and "." not in digits else digits
+
+
+def listed(words: Sequence[str]) -> str:
+    """ "x", "x and y", "x, y and z"."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def capital(text: str) -> str:

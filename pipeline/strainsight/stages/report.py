@@ -66,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=21,
+    version=22,
     reads=(
         "name",
         "seed",

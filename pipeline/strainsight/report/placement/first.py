@@ -21,6 +21,7 @@ from strainsight.report.placement.verdicts import (
     leading,
     not_shown,
 )
+from strainsight.report.text import listed
 
 
 def answer(report: PlacementReport) -> str:
@@ -38,9 +39,9 @@ def answer(report: PlacementReport) -> str:
     tell = "tells" if gauges == 1 else "tell"
     if parts:
         names = dict.fromkeys(_name_of_sigma(unknown) for unknown in known)
-        text += f" {tell} {_join(parts)} ({' or '.join(names)})."
+        text += f" {tell} {listed(parts)} ({' or '.join(names)})."
     elif sound:
-        text += f" {tell} {_join([escape(unknown.name) for unknown in sound])}."
+        text += f" {tell} {listed([escape(unknown.name) for unknown in sound])}."
     else:
         text += "."
     if len(known) > 1:
@@ -59,7 +60,9 @@ def _worst_cases(report: PlacementReport) -> str:
         if own.worst_case
     ]
     many = len(report.load_cases)
-    return f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {_join(parts)}, of the amplitude there."
+    return (
+        f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {listed(parts)}, of the amplitude there."
+    )
 
 
 def lost_of(report: PlacementReport) -> frozenset[str]:
@@ -86,10 +89,6 @@ def _sigma(unknown: Unknown) -> float | None:
 
 def _name_of_sigma(unknown: Unknown) -> str:
     return "expected σ" if unknown.std is None else "claimed σ"
-
-
-def _join(parts: Sequence[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
 
 
 def _tile(unknown: Unknown, lost: bool) -> str:
@@ -189,8 +188,8 @@ def _without(report: PlacementReport) -> str:
 def _cautions(report: PlacementReport) -> str:
     """What can be known and what cannot, what was not tested, and how many warnings there are."""
     cards = ""
-    if listed := _observable(report):
-        cards += f'<div class="card notes"><h2>What can be known</h2><ul>{listed}</ul></div>'
+    if known := _observable(report):
+        cards += f'<div class="card notes"><h2>What can be known</h2><ul>{known}</ul></div>'
     if report.not_tested:
         cards += f'<div class="card notes"><h2>Not tested</h2>{bullets(report.not_tested)}</div>'
     if many := len(report.warnings):
@@ -213,7 +212,7 @@ def _observable(report: PlacementReport) -> str:
     gone = [unknown.name for unknown in report.unknowns if math.isinf(_sigma(unknown) or 0.0)]
     items = []
     if gone:
-        items.append(f'<strong class="bad">{_join([escape(name) for name in gone])}: not with these gauges.</strong>')
+        items.append(f'<strong class="bad">{listed([escape(name) for name in gone])}: not with these gauges.</strong>')
     elif asked and asked not in lost and (report.cases or all(u.expected_std is not None for u in report.unknowns)):
         items.append("All unknowns are observable.")
     for names, cases in lost.items():
@@ -221,8 +220,8 @@ def _observable(report: PlacementReport) -> str:
         if any(other < names and where <= {case.excitation for case in others} for other, others in lost.items()):
             continue
         how = "cannot be estimated" if any(math.isinf(case.condition) for case in cases) else "can hardly be estimated"
-        at = "" if where == excitations else f" in {_join([escape(case.excitation) for case in cases])}"
-        text = f"{_join([escape(name) for name in sorted(names)])} {how}{' together' * (len(names) > 1)}{at}."
+        at = "" if where == excitations else f" in {listed([escape(case.excitation) for case in cases])}"
+        text = f"{listed([escape(name) for name in sorted(names)])} {how}{' together' * (len(names) > 1)}{at}."
         items.append(f'<strong class="bad">{text}</strong>' if names == asked else text)
     items += not_shown(report.unknowns)
     return "".join(f"<li>{item}</li>" for item in items)

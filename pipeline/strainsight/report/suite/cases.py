@@ -10,6 +10,7 @@ from html import escape
 from strainsight.report.page.markup import plain, table
 from strainsight.report.placement.data import Case
 from strainsight.report.suite.data import PlacementRun, Suite
+from strainsight.report.text import listed
 
 SINGULAR = 1e13
 """A condition number beyond which its digits are rounding."""
@@ -57,7 +58,7 @@ def groups_of(series: tuple[Series, ...]) -> tuple[str, ...]:
 def numbered(runs: tuple[int, ...]) -> str:
     """Runs by their numbers: "run 1", "runs 1, 3 and 5"."""
     texts = [str(run) for run in runs]
-    return f"run {texts[0]}" if len(texts) == 1 else f"runs {', '.join(texts[:-1])} and {texts[-1]}"
+    return f"run {texts[0]}" if len(texts) == 1 else f"runs {listed(texts)}"
 
 
 def observability_section(report: Suite, cards: Mapping[str, str]) -> str:

@@ -10,7 +10,7 @@ from strainsight.report.page.markup import badge, bullets, count, measure, plain
 from strainsight.report.tested.data import Findings, Peak, Reading, Unknown, peak_of
 from strainsight.report.tested.parts import Parts
 from strainsight.report.tested.readings import reading, rms
-from strainsight.report.text import number
+from strainsight.report.text import listed, number
 
 LOUD = 1.5
 """RMS of what is left over the stated noise from which it is marked."""
@@ -191,7 +191,7 @@ def _row(name: str, what: str, peak: Peak, unit: str, claimed: History | Reading
 
 def title_of(name: str, report_unknowns: tuple[str, ...]) -> str:
     """As "beam: what the test says of side and E"."""
-    return f"{name}: what the test says of {' and '.join(report_unknowns)}" if report_unknowns else f"{name}: the test"
+    return f"{name}: what the test says of {listed(report_unknowns)}" if report_unknowns else f"{name}: the test"
 
 
 def size_in_words(size: int) -> str:

@@ -26,7 +26,7 @@ from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.verdicts import OVER, in_words
-from strainsight.report.text import capital
+from strainsight.report.text import capital, listed
 from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import layout_of_page, measured
 from strainsight.stages.pages.page_numbers import (
@@ -59,7 +59,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
     budget = read(Validated, validate).budget or place.budget
     return PlacementReport(
         name=context.config.name,
-        title=f"{context.config.name}: {_number_of_gauges(up)} for {' and '.join(names)}",
+        title=f"{context.config.name}: {_number_of_gauges(up)} for {listed(names)}",
         unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
         layout=measured(layout_of_page(mesh, up, config.loads), shop, config.gauges),
         trend=trend_of(up["place"]),
