@@ -63,7 +63,7 @@ def test_every_picture_has_a_text_for_those_who_do_not_see_it(full):
             assert len(attributes["aria-label"]) > 20
 
 
-def test_another_rule_below_the_bound_is_said_to_be_beyond_the_limits(full):
+def test_another_rule_below_the_bound_is_marked_as_beyond_the_limits(full):
     """Other rules know neither spacing nor budget: without the words the tile contradicts itself."""
     report = full()
     assert "best other rule (log-determinant)" in first_screen(page(report))
