@@ -127,10 +127,10 @@ def test_without_a_stated_frequency_the_first_modes_and_the_loads_are_resolved()
 
     def highest(frequency):
         held = hold_coefficients([Sine(frequency, 1.0)], 0.0, h, T)
-        return module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, held, h)
+        return module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, held, h, None)
 
     assert highest(2.0) == pytest.approx(f[3], rel=1e-9)
     assert highest(900.0) == pytest.approx(900.0, abs=10)
-    assert module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, np.zeros((5, 1, 1)), h) == pytest.approx(f[3])
+    assert module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, np.zeros((5, 1, 1)), h, None) == pytest.approx(f[3])
     found = transient(model_of(K, M), np.eye(8)[:, :1], {}, NONE, np.zeros((3, 1, 1)), h, np.eye(8), np.eye(8))
     assert found.highest >= 1 / (2.56 * h)

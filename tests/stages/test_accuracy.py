@@ -50,12 +50,13 @@ def test_the_reduced_model_has_the_frequencies_of_the_full_one(run):
 
 
 def test_the_tip_force_with_the_modulus_of_the_run_before(run):
-    """A 20 Hz sine is no random walk: filtered within 0.7 to 1.3 of its own σ, smoothed within 5 % RMS, at h = 0.25 ms."""
+    """A 20 Hz sine is no random walk: filtered within 0.7 to 1.3 of its own σ, smoothed within 5 % RMS, at h = 0.25 ms, beside
+    what the modulus is off by, 1/(1 − (f/f₁)²) of which is the load's."""
     _, modulus = run("youngs-modulus", "rich")
     place, validate = run("input", "rich")
     assert place.summary["riccati_residual"] <= 1e-10
     assert 0.7 <= validate.summary["error.tip"] / validate.summary["std.tip"] <= 1.3
-    assert validate.summary["smoothed.tip"] <= 0.05
+    assert validate.summary["smoothed.tip"] <= np.hypot(0.05, modulus.summary["error.E"] / (1 - (20 / 39.4) ** 2))
     rom = Artefact(place.path.parent / "rom.h5")
     assert rom["/reduced/reference"][0] == modulus.summary["estimate.E"]
 

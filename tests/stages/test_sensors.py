@@ -250,7 +250,7 @@ def test_the_metric_uses_the_input_model_of_the_filter(tmp_path):
         ("gauges.include=[{box: [[5, 5, 5], [6, 6, 6]]}]", "gauges.include", "no facet is left"),
         ("gauges.fixed=[{position: [0.3, 0.5, 0.095], direction: [1, 0, 0]}]", "gauges.fixed.0", "from the surface"),
         ("gauges.fixed=[{position: [0.3, 0.0, 0.095], direction: [0, 0, 1]}]", "gauges.fixed.0", "normal"),
-        ("gauges.range=1.0e-9", "screen.keep", "range"),
+        ("gauges.range=1.0e-9", "gauges.range", "range"),
         ("gauges.grid_length=5.0", "gauges.grid_length", "sharp edge"),
         ("place.symmetry={point: [0, 0, 0.3], normal: [0, 0, 1]}", "place.symmetry", "mirror"),
     ],

@@ -29,7 +29,8 @@ PATIENCE = 90.0
 def display():
     """DISPLAY of an X server of this test's own."""
     reading, writing = os.pipe()
-    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1500x1000x24", "-nolisten", "tcp"]
+    # without -noreset it starts anew whenever its last client goes, as xwininfo does, and refuses who comes meanwhile
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1500x1000x24", "-nolisten", "tcp", "-noreset"]
     server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)
     os.close(writing)
     with os.fdopen(reading) as number:
