@@ -106,7 +106,7 @@ def filtering(
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
     problem = problem_of(case.config, case.files, reduced, training, screened)
     channels = problem.channels.of(gauges)

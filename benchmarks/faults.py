@@ -104,7 +104,7 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = ()) -> Study
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
     problem = problem_of(case.config, case.files, reduced, training, screened)
     truth = truths.truth_of(case.config, mesh, None, reduced, training, problem, case)

@@ -45,7 +45,7 @@ def setting(folder: Path) -> Setting:
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
     problem = problem_of(case.config, case.files, reduced, training, screened)
     channels = problem.channels.of(gauges)

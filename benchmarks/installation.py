@@ -52,7 +52,7 @@ def tried(config: str, draws: int, pool: object) -> list[Tried]:
 
 def _on(case: api.Case, mesh: Mesh, reduced: Reduced, draws: int, pool: object) -> Tried:
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     problem = problem_of(case.config, case.files, reduced, training, screened)
     start = perf_counter()
     placed = api.place(case, mesh, reduced, training, screened)

@@ -75,7 +75,7 @@ def loaded(config: str, noise: float, settings: tuple[str, ...]) -> api.Case:
 def trial_at(config: str, noise: float, settings: tuple[str, ...] = ()) -> Trial:
     """The layout of a config at one noise of its gauges, and its truth."""
     case, (mesh, reduced, training) = loaded(config, noise, settings), before_screening(config, settings)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
     problem = problem_of(case.config, case.files, reduced, training, screened)
     truth = truth_of(case.config, mesh, None, reduced, training, problem, case)

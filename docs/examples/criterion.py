@@ -17,7 +17,7 @@ case = api.load(CONFIG, [*TWO, *FEW])
 mesh = api.mesh(case)
 reduced = api.reduce(case, mesh)
 training = api.train(case, mesh, reduced)
-screened = api.screen(case, mesh, training)
+screened = api.screen(case, mesh, reduced, training)
 
 # The trace weighs the variances, the determinant the area of the ellipse that they span, the worst eigenvalue its longest axis.
 # The determinant makes one force well known at the cost of the other, the worst eigenvalue helps the one that is known least.

@@ -13,7 +13,7 @@ case = api.load("docs/examples/test.yaml")
 mesh = api.mesh(case)
 reduced = api.reduce(case, mesh)
 training = api.train(case, mesh, reduced)
-screened = api.screen(case, mesh, training)
+screened = api.screen(case, mesh, reduced, training)
 test = api.estimate(case, mesh, reduced, training, screened)
 
 # The force at the tip, and whether the innovations are what the stated noise makes of them.

@@ -8,7 +8,7 @@ case = api.load("configs/cantilever-youngs-modulus.yaml")
 mesh = api.mesh(case)
 reduced = api.reduce(case, mesh)
 training = api.train(case, mesh, reduced)
-screened = api.screen(case, mesh, training)
+screened = api.screen(case, mesh, reduced, training)
 layout = api.place(case, mesh, reduced, training, screened)
 
 # Where to bond them, and what they will let you know.

@@ -11,7 +11,7 @@ case = api.load("configs/cantilever-youngs-modulus.yaml", ["place.instants=5"])
 mesh = api.mesh(case)
 reduced = api.reduce(case, mesh)
 training = api.train(case, mesh, reduced)
-screened = api.screen(case, mesh, training)
+screened = api.screen(case, mesh, reduced, training)
 
 # Four places that somebody has drawn on the part, in m: two at a third of its length, two at half of it. Gauges go by number,
 # and the nearest candidate is taken for each; `gauges.fixed` in a config takes the coordinates themselves.

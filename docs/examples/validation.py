@@ -11,7 +11,7 @@ case = api.load("configs/cantilever-youngs-modulus.yaml", ["place.instants=5"])
 mesh = api.mesh(case)
 reduced = api.reduce(case, mesh)
 training = api.train(case, mesh, reduced)
-screened = api.screen(case, mesh, training)
+screened = api.screen(case, mesh, reduced, training)
 layout = api.place(case, mesh, reduced, training, screened)
 
 # The truth has sixty modes, other damping, a modulus 11 % above the guess, and gauges that are off by about 2 mm, 2° and 1 %

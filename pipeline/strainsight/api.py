@@ -6,7 +6,7 @@
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     layout = api.place(case, mesh, reduced, training, screened)
     validation = api.validate(case, mesh, reduced, training, screened, layout.gauges)
 
@@ -138,11 +138,11 @@ def train(case: Case, mesh: Mesh, reduced: Reduced) -> Training:
     return trained(case.config, mesh, reduced, case).training
 
 
-def screen(case: Case, mesh: Mesh, training: Training) -> Screened:
+def screen(case: Case, mesh: Mesh, reduced: Reduced, training: Training) -> Screened:
     """The clearance from edges, supports and loads, the noise of every channel, and which candidates go on."""
-    from strainsight.cases.structure.training import screened_of
+    from strainsight.cases.structure.screening import screened_of
 
-    return screened_of(case.config, mesh, training)
+    return screened_of(case.config, case.files, mesh, reduced, training)
 
 
 def observe(case: Case, reduced: Reduced, training: Training, screened: Screened) -> Observed:

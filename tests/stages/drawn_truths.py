@@ -31,7 +31,7 @@ def beam_in(folder, kind="hex8"):
         mesh = api.mesh(case)
         reduced = api.reduce(case, mesh)
         training = api.train(case, mesh, reduced)
-        screened = api.screen(case, mesh, training)
+        screened = api.screen(case, mesh, reduced, training)
         problem = problem_of(case.config, case.files, reduced, training, screened)
         everything = SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened,
                                      gauges=screened.kept[:4], problem=problem)  # fmt: skip

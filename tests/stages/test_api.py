@@ -33,7 +33,7 @@ def cantilever():
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     layout = api.place(case, mesh, reduced, training, screened)
     return reduced, training, screened, layout
 
@@ -124,7 +124,7 @@ def before_placing(overrides, config=ROOT / "configs" / "cantilever-youngs-modul
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    return case, mesh, reduced, training, api.screen(case, mesh, training)
+    return case, mesh, reduced, training, api.screen(case, mesh, reduced, training)
 
 
 def everything(record):

@@ -147,7 +147,7 @@ def placed(tmp_path_factory):
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    return api.place(case, mesh, reduced, training, api.screen(case, mesh, training)), mesh
+    return api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training)), mesh
 
 
 def test_of_a_cantilever_the_gradient_is_that_of_its_moment(placed):

@@ -132,7 +132,7 @@ def test_a_rosette_comes_back_from_its_file_as_it_was(project, tmp_path):
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    placed = api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
+    placed = api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
     (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, {}, mesh, deck_frame("mm")))
     for row in lines(project / "rosettes.csv"):
         x = np.array([float(row[f"position_{axis}"]) for axis in "xyz"])

@@ -68,7 +68,7 @@ def beam(tmp_path_factory):
 def placed(beam, changes):
     mesh, reduced, of = beam
     case, training = of(changes)
-    return api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
+    return api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
 
 
 def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_helps_where_they_cancel(beam):
@@ -108,7 +108,7 @@ def test_nuisances_of_a_bridge_are_those_of_single_gauges_drawn_by_hand(beam, pa
     stated = {"position": 0.001, "angle": 2.0, "gain": 0.01, "transverse": 0.01}
     case, training = of({"gauges.bridge": pattern, "tolerances": {**ONLY_GAIN, **stated}})
     gauge = training.candidates.gauges // 2
-    problem = problem_of(case.config, case.files, reduced, training, api.screen(case, mesh, training))
+    problem = problem_of(case.config, case.files, reduced, training, api.screen(case, mesh, reduced, training))
     channels = problem.channels.of(np.array([gauge]))[0]
     model = filter_model(problem, channels, problem.h)
     own = nuisances_of(tolerated(case.config, mesh, reduced, training, channels), model, channels)
@@ -139,7 +139,7 @@ def test_a_bridge_that_was_placed_is_found_in_the_file_of_its_layout(beam, tmp_p
     mesh, reduced, of = beam
     channels = [{"channel": "ch 1", "gauge": "G1", "unit": "m/m"}]
     case, training = of({"gauges.bridge": pattern, "estimate": {"channels": channels}})
-    found = api.place(case, mesh, reduced, training, api.screen(case, mesh, training))
+    found = api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
     lines = placement_output(found, mesh, "mm").files["gauges.csv"].decode().splitlines()
     (tmp_path / "bonded.csv").write_text("\n".join(lines))
     assert bonded_gauges(case.config, training, found.gauges, tmp_path / "bonded.csv") == {"G1": found.gauges[0]}
@@ -187,13 +187,13 @@ def test_a_run_with_bridges_goes_through_to_its_page_with_every_arm(tmp_path):
 def test_a_range_limits_the_strain_of_every_arm_and_not_the_output_of_the_bridge(beam):
     """Two and four arms of a beam in bending read twice and four times the strain of one, or nothing: the same places are beyond
     the range as of single gauges."""
-    mesh, _, of = beam
+    mesh, reduced, of = beam
     plain = of({})[1]
     limit = 0.7 * plain.peak.max()
 
     def beyond(pattern):
         case, training = of({"gauges.bridge": pattern, "gauges.range": float(limit)})
-        found = api.screen(case, mesh, training)
+        found = api.screen(case, mesh, reduced, training)
         place = training.candidates.position[training.candidates.first]
         return training, {tuple(np.round(x[:2], 6)) for x in place[found.reason == "range"]}
 

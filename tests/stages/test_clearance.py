@@ -40,7 +40,7 @@ def beam(tmp_path_factory):
     def screened(*overrides):
         case = api.load(folder / "edge.yaml", ["screen.keep=all", "screen.minimum_spacing=0", "place.keep=2", *overrides])
         training = api.train(case, mesh, reduced)
-        return training, api.screen(case, mesh, training)
+        return training, api.screen(case, mesh, reduced, training)
 
     screened.case = lambda *overrides: api.load(folder / "edge.yaml", list(overrides))
     screened.mesh = mesh
@@ -202,7 +202,7 @@ def seated(tmp_path_factory):
     def screened(*overrides):
         case = api.load(folder / "edge.yaml", [seat, *loose, *overrides])
         training = api.train(case, mesh, reduced)
-        return training.candidates, api.screen(case, mesh, training)
+        return training.candidates, api.screen(case, mesh, reduced, training)
 
     return screened
 

@@ -33,7 +33,7 @@ def validated(tmp_path_factory):
     mesh = api.mesh(plain)
     reduced = api.reduce(plain, mesh)
     training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, mesh, training)
+    screened = api.screen(plain, mesh, reduced, training)
 
     def run(*overrides):
         return api.validate(case(*overrides), mesh, reduced, training, screened, screened.kept[:3])
@@ -41,7 +41,7 @@ def validated(tmp_path_factory):
     def problem(*overrides):
         own = case(*overrides)
         trained = api.train(own, mesh, reduced)
-        return problem_of(own.config, own.files, reduced, trained, api.screen(own, mesh, trained))
+        return problem_of(own.config, own.files, reduced, trained, api.screen(own, mesh, reduced, trained))
 
     run.problem = problem
     return run

@@ -35,8 +35,8 @@ def beam(tmp_path_factory):
         return api.load(folder / "edge.yaml", ["place.keep=2", *overrides])
 
     case.mesh = api.mesh(case())
-    reduced = api.reduce(case(), case.mesh)
-    case.train = lambda own: api.train(own, case.mesh, reduced)
+    case.reduced = api.reduce(case(), case.mesh)
+    case.train = lambda own: api.train(own, case.mesh, case.reduced)
     return case
 
 
@@ -50,15 +50,15 @@ def test_clearance_and_spacing_are_those_of_the_carrier(beam):
     case = beam("gauges.type=3/350")
     training = beam.train(case)
     assert np.all(training.candidates.length == 0.00318)
-    found = api.screen(case, beam.mesh, training)
+    found = api.screen(case, beam.mesh, beam.reduced, training)
     assert found.clearance.distance == found.clearance.wanted == pytest.approx(0.5 * np.hypot(0.0107, 0.0069))
     x = training.candidates.position[training.candidates.first][found.kept]
     apart = np.linalg.norm(x[:, None] - x[None], axis=2) + np.eye(len(x))
     assert apart.min() >= 0.0107
-    plain = api.screen(beam(), beam.mesh, training)
+    plain = api.screen(beam(), beam.mesh, beam.reduced, training)
     assert len(found.kept) < len(plain.kept)
     assert np.all(found.range[training.candidates.quantity == 0] == 0.05)
-    stated = api.screen(beam("gauges.type=3/350", "gauges.clearance=0.005"), beam.mesh, training)
+    stated = api.screen(beam("gauges.type=3/350", "gauges.clearance=0.005"), beam.mesh, beam.reduced, training)
     assert (stated.clearance.distance, stated.clearance.rule) == (0.005, "stated")
 
 
@@ -84,13 +84,13 @@ def test_what_bends_tighter_than_the_type_may_is_left_out_and_nothing_else(beam,
     """Of a radius of 0.24 m: the inside but for its ends, of which half is seen beside an edge; not outside and flanks."""
     case, mesh = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", "gauges.clearance=none"), curled(beam.mesh)
     place = training.candidates.position[training.candidates.first] - beam.mesh.position.min(axis=0)
-    found = api.screen(case, mesh, training)
+    found = api.screen(case, mesh, beam.reduced, training)
     inside = (place[:, 2] == 0) & (place[:, 0] > 0.1) & (place[:, 0] < SIZE[0] - 0.1)
     assert np.count_nonzero(inside) > 100
     np.testing.assert_array_equal(found.reason == BEND, inside)
     assert not np.isin(np.flatnonzero(inside), found.kept).any()
     wide = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.19}}}", "gauges.clearance=none")
-    assert not np.any(api.screen(wide, mesh, training).reason == BEND)
+    assert not np.any(api.screen(wide, mesh, beam.reduced, training).reason == BEND)
 
 
 def test_beside_such_a_bend_a_gauge_keeps_its_clearance(beam, training):
@@ -100,9 +100,9 @@ def test_beside_such_a_bend_a_gauge_keeps_its_clearance(beam, training):
     facets = exterior_facets(mesh)
     centre, _ = facet_centres(mesh.position, facets.kind, facets.nodes)
     moved = replace(pool, position=centre[np.searchsorted(facets.key, facet_key(pool.element, pool.facet))])
-    found = api.screen(case, mesh, replace(training, candidates=moved))
+    found = api.screen(case, mesh, beam.reduced, replace(training, candidates=moved))
     assert found.clearance.near["bends"] > np.count_nonzero(found.reason == BEND) > 0
-    flat = api.screen(case, beam.mesh, training)
+    flat = api.screen(case, beam.mesh, beam.reduced, training)
     assert flat.clearance.near["bends"] == 0
 
 
@@ -144,9 +144,10 @@ def test_where_all_bends_too_tightly_the_type_is_refused(beam, training):
 def test_one_that_is_bonded_there_is_kept_with_a_warning(beam):
     along = "direction: [1, 0, 0]"
     fixed = f"[{{name: K1, position: [0.45, 0.045, 0.0], {along}}}, {{position: [0.45, 0.045, 0.08], {along}}}]"
-    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", f"gauges.fixed={fixed}", "gauges.snap_tolerance=0.1")
+    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", f"gauges.fixed={fixed}", "gauges.snap_tolerance=0.1",
+                "place.installation=ignore")
     training, mesh = beam.train(case), curled(beam.mesh)
-    found = api.screen(case, mesh, training)
+    found = api.screen(case, mesh, beam.reduced, training)
     assert {0, 1} <= set(found.kept.tolist())
     said = bent_warning(case.config, training, bent_gauges(case.config, mesh, training))
     assert "K1" in said

@@ -40,7 +40,7 @@ def beam(tmp_path_factory):
     )  # fmt: skip
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    screened = api.screen(case, mesh, training)
+    screened = api.screen(case, mesh, reduced, training)
     return case, mesh, reduced, training, api.place(case, mesh, reduced, training, screened)
 
 

@@ -12,7 +12,7 @@ from scipy.linalg import solve_continuous_are
 from strainsight import api
 from strainsight.cases.layout import placement
 from strainsight.cases.layout.expectation import Expectation, least_expected
-from strainsight.cases.structure.installation_noise import installation_intensity
+from strainsight.cases.structure.installation_noise import installation_variances
 from strainsight.cases.structure.nuisances import on_average
 from strainsight.cases.structure.placement import COHERENCE
 from strainsight.cases.structure.problem import filter_model
@@ -33,16 +33,17 @@ def beam(tmp_path_factory):
     (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
 
     def case(*overrides):
-        return api.load(folder / "edge.yaml", ["screen.keep=12", "place.keep=3", *overrides])
+        return api.load(folder / "edge.yaml", ["screen={keep: 12, by: strength}", "place.keep=3", *overrides])
 
     plain = case()
     mesh = api.mesh(plain)
     reduced = api.reduce(plain, mesh)
     training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, mesh, training)
+    screened = api.screen(plain, mesh, reduced, training)
 
     def placed(*overrides):
-        return api.place(case(*overrides), mesh, reduced, training, screened)
+        own = case(*overrides)
+        return api.place(own, mesh, reduced, training, api.screen(own, mesh, reduced, training))
 
     placed.training, placed.pool = training, screened.kept
     return placed
@@ -123,9 +124,8 @@ def test_gauges_are_expected_to_be_off_by_their_share_of_misaligned_loads(tmp_pa
     tolerances = NOTHING | {"load_angle": 1.0, "load_position": 0.01}
     pull = {"loads.tip.direction": [1, 0, 0]}
     own = beam_in(tmp_path)(pull | {"tolerances": tolerances | {"gain": 0.05}})
-    channels = own.channels[:, None]
-    args = (own.case.config, own.mesh, own.reduced, own.training, own.problem, channels, 1.0)
-    expected = installation_intensity(*args)[own.channels] / 0.05**2
+    args = (own.case.config, own.case.files, own.mesh, own.reduced, own.training, own.gauges)
+    expected = installation_variances(*args)[0, own.channels] / 0.05**2
     exact = trial(beam_in(tmp_path)(pull | {"tolerances": tolerances, "validate.truth.parameters": {}}))
     squares = np.array([np.mean(exact.again(i) ** 2, axis=0) for i in range(1, 601)])
     error = squares.std(axis=0) / np.sqrt(len(squares))

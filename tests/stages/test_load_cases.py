@@ -62,7 +62,7 @@ class Beam:
 
     def trained(self, case):
         training = api.train(case, self.mesh, self.reduced)
-        return training, api.screen(case, self.mesh, training)
+        return training, api.screen(case, self.mesh, self.reduced, training)
 
     def placed(self, cases=None, **place):
         """The layout for these cases."""

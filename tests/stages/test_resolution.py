@@ -23,8 +23,9 @@ def run(tmp_path_factory):
     (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
     case = api.load(folder / "edge.yaml")
     mesh = api.mesh(case)
-    training = api.train(case, mesh, api.reduce(case, mesh))
-    return training, api.screen(case, mesh, training)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    return training, api.screen(case, mesh, reduced, training)
 
 
 def scaled(training, largest):

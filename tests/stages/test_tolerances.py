@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from strainsight import api
 from strainsight.cases.structure.drawn import in_words, installation_of, model_of
-from strainsight.cases.structure.installation_noise import installation_intensity
+from strainsight.cases.structure.installation_noise import installation_variances
 from strainsight.cases.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.cases.structure.scenarios import scenarios_of
 from strainsight.estimation.filter import run_filter
@@ -39,7 +39,7 @@ def beam(tmp_path_factory):
     mesh = api.mesh(plain)
     reduced = api.reduce(plain, mesh)
     training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, mesh, training)
+    screened = api.screen(plain, mesh, reduced, training)
     gauges = screened.kept[:3]
 
     def validated(*overrides, noise=1.0):
@@ -63,8 +63,9 @@ def beam(tmp_path_factory):
         step = 1e-3 * np.eye(len(gauges))
         return np.stack([(estimate(own) - estimate(-own)) / 2e-3 for own in step])
 
-    def intensity(problem, channels, coherence, *overrides):
-        return installation_intensity(case(*overrides).config, mesh, reduced, training, problem, channels, coherence)
+    def intensity(gauges, coherence, *overrides):
+        own = case(*overrides)
+        return coherence * installation_variances(own.config, own.files, mesh, reduced, training, gauges)[0]
 
     return SimpleNamespace(case=case, training=training, validated=validated, intensity=intensity, expected=expected,
                            slopes=slopes)
@@ -193,7 +194,7 @@ def test_gains_as_a_noise_are_the_mean_square_of_the_training_readings(beam):
     trial = beam.validated("tolerances=none").trial
     channels = trial.chosen[:, None]
     nothing = [f"tolerances.{name}=0" for name in ("position", "angle", "transverse", "load_angle", "load_position")]
-    r = beam.intensity(trial.problem, channels, 0.02, *nothing, "tolerances.gain=0.05")
+    r = beam.intensity(trial.gauges, 0.02, *nothing, "tolerances.gain=0.05")
     expected = 0.02 * 0.05**2 * np.mean(beam.training.reading[:, trial.chosen] ** 2, axis=0)
     np.testing.assert_allclose(r[trial.chosen], expected, rtol=1e-9)
     assert np.count_nonzero(r) == len(trial.chosen)
@@ -202,9 +203,9 @@ def test_gains_as_a_noise_are_the_mean_square_of_the_training_readings(beam):
     for one, other in zip(plain, beside, strict=True):
         np.testing.assert_allclose(other.r - one.r, expected, rtol=1e-9)
         np.testing.assert_array_equal(other.H, one.H)
-    everything = beam.intensity(trial.problem, channels, 0.02, "tolerances.gain=0.05")
+    everything = beam.intensity(trial.gauges, 0.02, "tolerances.gain=0.05")
     assert np.all(everything[trial.chosen] > expected)
-    assert not beam.intensity(trial.problem, channels, 0.02, "tolerances=none").any()
+    assert not beam.intensity(trial.gauges, 0.02, "tolerances=none").any()
 
 
 def test_without_tolerances_a_gauge_less_is_a_larger_sigma(beam):

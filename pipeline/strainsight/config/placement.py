@@ -97,6 +97,12 @@ class Screen(Section):
     keep: Annotated[int, Field(ge=1)] | KeepAll = Field(
         "all", description="Candidates to keep of every kind of sensor [-] at most, or 'all'."
     )
+    by: Literal["unknowns", "strength"] = Field(
+        "unknowns",
+        description="Which come first. unknowns: in turn the best for each unknown of `place.estimate` in every load case, by "
+        "what that unknown alone makes them read, over their noise and, where `place.installation` avoids them, over their noise "
+        "and errors of installation; strength: those that read most in training over their noise, as the thesis has it (5.2).",
+    )
     minimum_spacing: NotNegative = Field(
         0.0, description="Least distance between kept candidates [m]. With gauges.type: the longer side of its carrier."
     )

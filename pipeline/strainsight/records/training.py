@@ -126,7 +126,13 @@ class Screened:
     """screen.h5."""
 
     kept: np.ndarray = dataset("/kept", "1", "kept", "number of every kept gauge, ascending")
-    snr: np.ndarray = dataset("/snr", "1", "gauge", "RMS training reading over noise of every gauge")
+    snr: np.ndarray = dataset(
+        "/snr",
+        "1",
+        "gauge",
+        "RMS over noise of what an unknown alone makes every gauge read in training, of the unknown and load case where it is "
+        "largest; by strength: of the training reading",
+    )
     reason: np.ndarray = dataset("/reason", "1", "gauge", "why a gauge was dropped; empty where it was kept")
     clearance: Clearance | None = group("/clearance", default=None)
     noise_std: np.ndarray = dataset(
@@ -134,6 +140,14 @@ class Screened:
         "unit of the channel",
         "channel",
         "noise of one sample of every channel at the training time step",
+    )
+    installation: np.ndarray | None = dataset(
+        "/installation",
+        "square of the unit of the channel",
+        "case × channel",
+        "mean square of what errors of installation add to the readings, in every load case by name, or under the loads as "
+        "stated; zero for what is too near to an edge, a support or a load; where such errors are avoided",
+        default=None,
     )
     range: np.ndarray = dataset(
         "/range", "unit of the channel", "channel", "what every channel can measure; inf: not stated"

@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=23,
+    version=24,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -12,7 +12,7 @@ from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_in_words, clearance_warning
 from strainsight.cases.structure.gauge_practice import type_in_words, type_table
 from strainsight.cases.structure.resolution import quiet_noise
-from strainsight.cases.structure.training import screened_of
+from strainsight.cases.structure.screening import screened_of
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.screening import BEND, BEYOND, CLEARANCE, NEAR
@@ -26,7 +26,7 @@ from strainsight.workflow.stage import Context, Stage
 def run(context: Context[PlacementConfig]) -> Output:
     """Which candidates go on, and why the others do not."""
     config, mesh, training = context.config, inputs.mesh(context), inputs.training(context)
-    found, pool = screened_of(config, mesh, training), training.candidates
+    found, pool = screened_of(config, context.files, mesh, inputs.reduced(context), training), training.candidates
     dropped = Counter(str(code) for code in found.reason if code)
     noise, strain = float(found.noise_std[0]), pool.quantity[0] == 0
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
@@ -81,9 +81,16 @@ def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> It
 
 SCREEN = Stage(
     "screen",
-    version=10,
+    version=11,
     reads=(
         "screen",
+        "train",
+        "tolerances",
+        "process_noise.rule",
+        "place.installation",
+        "place.load_cases",
+        "place.estimate",
+        "loads.*.signal",
         "loads.*.node",
         "loads.*.moment",
         "loads.*.set",
@@ -98,7 +105,7 @@ SCREEN = Stage(
         "motion_sensors.*.noise_std",
         "motion_sensors.*.range",
     ),
-    upstream=("import", "train"),
-    files=(),
+    upstream=("import", "rom", "train"),
+    files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),
     run=run,
 )

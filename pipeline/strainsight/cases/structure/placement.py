@@ -22,7 +22,7 @@ from strainsight.cases.structure.by_case import cases_in_words, cases_of, worst_
 from strainsight.cases.structure.channels import largest_of_quantity, listed_gauges
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.hot_spots import hot_spot_advice, tested_hot_spots
-from strainsight.cases.structure.installation_noise import installation_intensity
+from strainsight.cases.structure.installation_noise import COHERENCE, avoids_errors
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
 from strainsight.cases.structure.pool import pool_of, prices
@@ -31,7 +31,7 @@ from strainsight.cases.structure.resolution import unresolved_gauges
 from strainsight.cases.structure.scenarios import placed_instants, scenarios_of
 from strainsight.cases.structure.start import ringing_in_words
 from strainsight.config.placement import Place, PlacementConfig
-from strainsight.errors import blame
+from strainsight.errors import ConfigError, blame
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
 from strainsight.records.placed import AtGauges, ByCase, HotSpots
@@ -39,11 +39,6 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
 from strainsight.signals.histories import instant_values
-
-COHERENCE = 0.01
-"""Over the length of the training run: how long errors of installation are correlated in the white noise that stands for them. A
-constant error weighs as white noise of its variance over all that is averaged: the record for a parameter, less for a load. Where
-such errors are larger than the noise of a gauge, its size hardly changes the layout."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +79,9 @@ def placement_of(
         limits = layout_limits(settings, pool, mesh, candidates, price)
     ranges = {name: entry.range for name, entry in config.parameters.items()}
 
-    # of one second, of which every other coherence is a multiple
-    installation = [
-        installation_intensity(config, mesh, reduced, training, own.problem, pool.channels, 1.0) for own in posed
-    ]
     covariance = _covariance(posed)
+    variance = _avoided(config, screened, len(posed))
+    avoided = bool(variance.any())
 
     def scenarios(channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
         return [
@@ -98,9 +91,9 @@ def placement_of(
                 settings,
                 ranges,
                 config.seed,
-                share * own.run.duration * noise if share else None,
+                share * own.run.duration * v if share else None,
             )
-            for own, noise in zip(posed, installation, strict=True)
+            for own, v in zip(posed, variance, strict=True)
         ]
 
     def task(share: float) -> Task:
@@ -134,7 +127,6 @@ def placement_of(
         own = tolerated(config, mesh, reduced, training, problem.channels.of(gauges))
         return [expectation(each.problem, gauges, own) for each in posed]
 
-    avoided = settings.installation == "avoid" and not problem.printed and any(own.any() for own in installation)
     found = placed(
         [task(share) for share in ((0.0, COHERENCE) if avoided else (0.0,))],
         lambda gauges: worst_case(expected(gauges), [own.acts for own in posed]),
@@ -169,6 +161,19 @@ def placement_of(
         at_gauges=there,
         by_case=by_case,
     )
+
+
+def _avoided(config: PlacementConfig, screened: Screened, cases: int) -> np.ndarray:
+    """`screened.installation` (cases, m), zero where errors of installation are not to be avoided."""
+    if not avoids_errors(config):
+        return np.zeros((cases, len(screened.noise_std)))
+    if screened.installation is None:
+        raise ConfigError(
+            "the candidates were screened without their errors of installation",
+            key="place.installation",
+            remedy="screen them with this config",
+        )
+    return screened.installation
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ def scenarios_of(
 
     channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
     (lowest, highest) [SI]; installation (m,) [unit² s]: intensity that is added to the noise of every channel of train.h5
-    (`installation_intensity`).
+    (`installation_variances`).
     """
     p = problem
     u = instant_values(p.u)

@@ -1,4 +1,4 @@
-"""The training run: the reduced model under its loads, read by every candidate; and which candidates go on (5.2)."""
+"""The training run: the reduced model under its loads, read by every candidate (5.2)."""
 
 from __future__ import annotations
 
@@ -12,26 +12,22 @@ from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface
 from strainsight.cases.structure.channels import readings
-from strainsight.cases.structure.clearance import bent_gauges, clearance_of
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
-from strainsight.cases.structure.scales import refuse_noise, refuse_readings, refuse_times
-from strainsight.cases.structure.settings import families
+from strainsight.cases.structure.scales import refuse_readings, refuse_times
 from strainsight.cases.structure.start import motion_of
-from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
-from strainsight.config.placement import PlacementConfig, Screen
+from strainsight.config.placement import PlacementConfig
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
 from strainsight.fem.memory import require_memory
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
 from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.screening import BEND, CLEARANCE, Screening, screen
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
-from strainsight.records.training import CaseMotion, Screened, Training, with_missed
+from strainsight.records.training import CaseMotion, Training, with_missed
 from strainsight.signals.histories import instant_values
 
 AT_A_TIME = 1000
@@ -163,88 +159,3 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
         facets = exterior_facets(mesh) if mesh.blocks else None
         given = without(given, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
     return given.pool, given.rows
-
-
-def screened_of(config: PlacementConfig, mesh: Mesh, training: Training) -> Screened:
-    """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the overloaded and what
-    is weak in every load case, thin the clusters."""
-    pool, in_cases, strained = training.candidates, training.rms_in_cases, training.strained
-    rms = in_cases.max(axis=0)
-    noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
-    bent = bent_gauges(config, mesh, training) & ~pool.bonded[pool.first]
-    clearance, near = clearance_of(config, mesh, training)
-    near |= bent
-    clear = ~near[pool.gauge]
-    best = {}
-    for i, (key, family) in enumerate(families(config).items()):
-        own = pool.array == i
-        # Of candidates: one bonded in a loud place, or a corner of no finite strain, must not make all others noisier.
-        free = own & ~pool.bonded & clear if (own & ~pool.bonded).any() else own
-        noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
-        if own.any():
-            best[key] = float(rms[own].max()), float(noise_std[own][0])
-        if family.range is not None:
-            limit[own] = family.range
-    refuse_noise(best)
-    with blame("screen.keep"):
-        result = _screened(config.screen, pool, near, in_cases, strained, noise_std, limit)
-    return Screened(
-        kept=result.kept,
-        snr=result.snr,
-        reason=np.where(bent, BEND, np.asarray(result.reason, dtype=np.str_)),
-        clearance=clearance,
-        noise_std=noise_std,
-        range=limit,
-        family=tuple(key.removeprefix("motion_sensors.") for key in families(config)),
-    )
-
-
-def _screened(
-    settings: Screen,
-    pool: Candidates,
-    near: np.ndarray,
-    rms: np.ndarray,
-    strained: np.ndarray,
-    noise_std: np.ndarray,
-    limit: np.ndarray,
-) -> Screening:
-    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. rms (cases, m); near
-    (gauges,): too near to something for the clearance; strained (m,): largest reading of any grid of a channel."""
-    keep = None if settings.keep == "all" else settings.keep
-    kinds = pool.array[pool.first]
-    kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
-    snr = np.max([np.sqrt(np.bincount(pool.gauge, (own / noise_std) ** 2, pool.gauges)) for own in rms], axis=0)
-    for kind in np.unique(kinds):
-        gauges = np.flatnonzero((kinds == kind) & ~near)
-        own = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
-        part = pool.take(own)
-        further = None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel])
-        found = screen(
-            rms[:, own],
-            noise_std[own],
-            pool.position[own],
-            keep,
-            settings.minimum_spacing,
-            gauge=np.searchsorted(gauges, pool.gauge[own]),
-            bonded=pool.bonded[own],
-            largest=strained[own],
-            limit=limit[own],
-            also_at=further,
-        )
-        kept.append(gauges[found.kept])
-        snr[gauges], reason[gauges] = found.snr, found.reason
-    return Screening(np.sort(np.concatenate(kept)), snr, reason)
-
-
-def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:
-    """σ of a family of sensors: as stated, or a share of its strongest candidate."""
-    if isinstance(stated, AbsoluteNoise):
-        return stated.value
-    strongest = float(rms.max())
-    if strongest <= 0:
-        raise ConfigError(
-            "no candidate reads anything in the training run, of which the noise would be a share",
-            key=key,
-            remedy="give {value: …}, or load the structure",
-        )
-    return stated.relative_to_strongest * strongest
