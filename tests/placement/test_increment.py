@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from strainsight.placement import increment
-from strainsight.placement.increment import addition, gauge_gradients, removal, sharper_bound, slopes
+from strainsight.placement.increment import (
+    addition,
+    gauge_gradients,
+    least_increments,
+    removal,
+    sharper_bound,
+    slopes,
+)
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
 
 
@@ -87,6 +94,28 @@ def test_gradients_are_those_of_the_trace_in_the_gauge_weights(beam_of, scenario
     for g in range(10):
         slope = (trace(g, 1 + 1e-4) - trace(g, 1 - 1e-4)) / 2e-4
         np.testing.assert_allclose(gradient[g], -slope, rtol=1e-4, atol=1e-9)
+
+
+def test_the_least_increments_are_slopes_of_the_covariance_and_no_direction_gets_less(beam_of, scenarios_of):
+    """Oracle: whole pools, one gauge of which has a weight of 1 ± 1e-4, or of nothing."""
+    (scenario,) = scenarios_of(beam_of(10), ("Fz", "Fy"), ("E",))
+    pool = solve_pool(scenario)
+    loop, at = loop_of(pool, np.arange(10), pool.P), pool.metric.states
+    found, doubt = least_increments(loop, pool.rows @ loop.P @ loop.U, at)
+    units = np.outer(pool.scale[at], pool.scale[at])
+
+    def covariance(g, weight):
+        r = scenario.r.copy()
+        r[g] /= weight
+        other = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
+        return other.P[np.ix_(at, at)] * np.outer(other.scale[at], other.scale[at]) / units
+
+    here = covariance(0, 1.0)
+    for g in range(10):
+        slope = (covariance(g, 1 - 1e-4) - covariance(g, 1 + 1e-4)) / 2e-4
+        np.testing.assert_allclose(found[g], slope, rtol=1e-4, atol=1e-8)
+        assert np.linalg.eigvalsh(covariance(g, 1e-12) - here - found[g]).min() > -1e-9
+    assert doubt.max() < 1e-6 * np.abs(found).max()
 
 
 @pytest.mark.parametrize("size", [3, 4, 12, 39])

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from strainsight.ordering import TIE
-from strainsight.placement.increment import Slopes, removal, sharper_bound, slopes, squares
+from strainsight.placement.increment import Slopes, least_increments, removal, sharper_bound, slopes, squares
 from strainsight.placement.information import information
 from strainsight.placement.remaining import Remaining
 from strainsight.placement.riccati import Loop
@@ -55,6 +55,17 @@ class Step:
         found = np.array([squares(self.left.product(i, s.factor)) for i, s in enumerate(self.slopes)])
         return np.where(found > NOTHING * found.max(axis=1, keepdims=True), found, 0.0)
 
+    @cached_property
+    def lifted(self) -> np.ndarray:
+        """The same, of a metric with kinks by all directions and not by that of its slope alone."""
+        found = self.bounds.copy()
+        for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
+            if not pool.metric.smooth:
+                B = self.left.product(i, loop.P @ loop.U)
+                rise = pool.metric.lifts(loop.P, *least_increments(loop, B, pool.metric.states))
+                found[i] = np.maximum(found[i], rise)
+        return found
+
     def together(self, parts: np.ndarray) -> np.ndarray:
         """Rise of the aggregate from that of every scenario (scenarios, ...)."""
         level = self.level.reshape(-1, *[1] * (parts.ndim - 1))
@@ -62,7 +73,7 @@ class Step:
 
     def sharpened(self, at: int, best: float) -> tuple[float, np.ndarray]:
         """A sharper bound of the aggregate's rise and its parts (scenarios,), until it exceeds the best value."""
-        parts = self.bounds[:, at].copy()
+        parts = self.lifted[:, at].copy()
         for i, (pool, s) in enumerate(zip(self.pools, self.slopes, strict=True)):
             if parts[i] > 0:
                 bound = sharper_bound(s, pool.rows[self.left.index[at]])
@@ -93,16 +104,16 @@ def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice |
     relief (m,): the rise counts per relief, and gauges of none stay; 1 where not given.
     """
     left = step.left
-    worth = step.together(step.bounds)
+    worth, least = step.together(step.bounds), step.together(step.lifted)
     per = np.ones(len(worth)) if relief is None else relief
-    waiting = np.divide(worth, per, out=np.full(len(worth), np.inf), where=left.movable & (per > 0))
+    waiting = np.divide(least, per, out=np.full(len(worth), np.inf), where=left.movable & (per > 0))
     exact: dict[int, tuple[float, list[np.ndarray]]] = {}
     best, solves = np.inf, 0
     while best == np.inf:
         at = int(np.argmin(waiting))
         if waiting[at] == np.inf:
             return None, solves, worth
-        value, increments, number = step.exactly(at, step.bounds[:, at], best)
+        value, increments, number = step.exactly(at, step.lifted[:, at], best)
         solves += number
         waiting[left.twins(at)] = np.inf
         if increments is not None:

@@ -56,6 +56,30 @@ def gauge_gradients(loop: Loop, rows: np.ndarray, W: np.ndarray) -> np.ndarray:
     return squares((rows.reshape(-1, rows.shape[-1]) @ slopes(loop, W).factor).reshape(rows.shape))
 
 
+def least_increments(loop: Loop, B: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What every gauge adds at least to the covariance of some states when it leaves, and by how much that may be wrong.
+
+        D ≥ Y,   A Y + Y Aᵀ + B Bᵀ = 0,   B = P hᵀ;     Yᵢⱼ = tr(Bᵀ Xᵢⱼ B),   Aᵀ Xᵢⱼ + Xᵢⱼ A + ½(eᵢeⱼᵀ + eⱼeᵢᵀ) = 0
+
+    As a matrix, because vᵀP v is convex in the gauge weights for every v, as tr(W P) is (`gauge_gradients`), and Y is the slope
+    of P. One Xᵢⱼ serves all gauges. B (m, c, n): h P U of the gauges at unit noise, U of the loop's Schur form; at (k,): the
+    states. Returns Y (m, k, k) and the largest error of an eigenvalue (m,).
+    """
+    m, c, n = B.shape
+    flat, found, doubt = B.reshape(-1, n), np.empty((m, len(at), len(at))), np.zeros(m)
+    length = np.sqrt(squares(B))
+    for i, row in enumerate(at):
+        for j, column in enumerate(at[: i + 1]):
+            unit = np.zeros((n, n))
+            unit[row, column] += 0.5
+            unit[column, row] += 0.5
+            X = loop.U.T @ adjoint_lyapunov(loop, unit) @ loop.U
+            BX = (flat @ X).reshape(m, c, n)
+            found[:, i, j] = found[:, j, i] = np.einsum("mcn,mcn->m", B, BX)
+            doubt = np.maximum(doubt, np.sqrt(squares(BX)) * length)
+    return found, DOUBT * len(at) * doubt
+
+
 def squares(rows: np.ndarray) -> np.ndarray:
     """Sum of the squares of every block (m, c, n)."""
     flat = rows.reshape(len(rows), -1)

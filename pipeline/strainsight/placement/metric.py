@@ -68,6 +68,11 @@ class Metric:
         """Least rise over all D ≥ 0 with tr(∂c/∂P D) ≥ t."""
         return self.criterion.least_rise(self.weighed(P), t)
 
+    def lifts(self, P: np.ndarray, D: np.ndarray, doubt: np.ndarray) -> np.ndarray:
+        """Least rises (m,) over all increments of no less than D (m, k, k) of the weighed states, in whose eigenvalues doubt (m,)
+        is rounding."""
+        return self.criterion.lifts(self.weighed(P), D * self._units, doubt * float(self._units.max()))
+
     def softened(self, temperature: float) -> Metric:
         """The metric without its kinks: see `Criterion`."""
         soft = self.criterion.softened(temperature)

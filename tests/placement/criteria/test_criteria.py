@@ -119,6 +119,24 @@ def test_no_rise_is_less_than_it_says_that_the_slope_makes_sure(criterion, k):
 
 @EVERY
 @pytest.mark.parametrize("k", SIZES)
+def test_no_larger_increment_rises_less_than_it_says_that_one_lifts(criterion, k):
+    nearest = np.inf
+    for seed in range(20):
+        M = drawn(seed, k, 1.0)
+        for D, more in zip(steps(seed, k, 10), steps(seed + 100, k, 10), strict=True):
+            for size in (1e-9, 1e-2, 10.0):
+                own = D * (size * criterion.value(M) / np.trace(D))
+                doubt = 0.1 * np.linalg.eigvalsh(own)[-1]
+                sure, less = criterion.lifts(M, np.array([own, own + doubt * np.eye(k)]), np.array([0.0, doubt]))
+                rise = criterion.rise(M, own)
+                assert criterion.rise(M, own + size * more) >= sure * (1 - 1e-9)
+                assert rise >= max(sure, less) * (1 - 1e-9)
+                nearest = min(nearest, rise / sure if sure else np.inf)
+    assert nearest < 1.1 or type(criterion).lifts is Criterion.lifts
+
+
+@EVERY
+@pytest.mark.parametrize("k", SIZES)
 @pytest.mark.parametrize("temperature", [1e-3, 1.0])
 def test_softened_it_is_near_and_its_gradient_bounds_the_criterion(criterion, k, temperature):
     soft = criterion.softened(temperature)

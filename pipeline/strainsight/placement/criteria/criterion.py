@@ -42,6 +42,11 @@ class Criterion(Protocol):
         solve more; t holds where c is convex in M."""
         return 0.0
 
+    def lifts(self, M: np.ndarray, D: np.ndarray, doubt: np.ndarray) -> np.ndarray:
+        """Least rises (m,) of all increments D' ≥ D − doubt·1, one for every D (m, k, k) ≥ 0 and doubt (m,). Only asked of a
+        criterion with kinks: there its slope says little of a rise. 0 holds always, and makes a search solve more."""
+        return np.zeros(len(D))
+
     def softened(self, temperature: float) -> Criterion:
         """Without the kinks: smooth, no less than c, by no more than temperature · ln k above it. Its gradient W need not have
         tr(W M) = c(M), but tr(W N) ≤ c(N) for every N ≥ 0."""

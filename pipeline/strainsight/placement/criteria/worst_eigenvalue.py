@@ -55,6 +55,11 @@ class WorstEigenvalue(Criterion):
     def least_rise(self, M: np.ndarray, t: float) -> float:
         return t
 
+    def lifts(self, M: np.ndarray, D: np.ndarray, doubt: np.ndarray) -> np.ndarray:
+        """λ₁(M + D) − λ₁(M), less the rounding of a difference: where D turns v₁ that is far more than v₁ᵀD v₁."""
+        after = np.linalg.eigvalsh(M + D)[:, -1]
+        return np.asarray(np.maximum(after * (1 - ROUNDING) - np.linalg.eigvalsh(M)[-1] - doubt, 0.0))
+
     def softened(self, temperature: float) -> WorstEigenvalue:
         return WorstEigenvalue(temperature)
 

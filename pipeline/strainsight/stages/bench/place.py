@@ -23,7 +23,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=9,
+    version=10,
     reads=(
         "seed",
         "bodies",
