@@ -43,44 +43,83 @@ def bank_claim(
     covariance, V0 = start_errors(model, nuisances, covariance, settled)
     whole, parts, Q = starts(model, covariance)
     B, d, n = len(whole), len(source), model.parameter_states.start
-    c, at_p = d + model.size - n, slice(d, None)
+    c = d + model.size - n
     prior = np.ones((B, c))
-    prior[:, at_p] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
-    P, V, root = whole[:, :n, :n], np.tile(V0, (B, 1, 1)), np.eye(c) / np.sqrt(prior[:, None])
-    # parts of [w, z at c = 0]
-    parts, Q = (np.pad(each[:, :n, :n], [(0, 0), (0, c), (0, c)]) for each in (parts, Q))
-    A, kept = np.eye(n + c), np.eye(n + c)
-    considered = _Considered(P, V, parts[:, :n, :n], d) if considers(model, nuisances) else None
-    found = _Found(model.size, len(u) + 1, source, nuisances.learned, prior)
-    found.after(0, P, V, root, parts)
+    prior[:, d:] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
+    P, V, parts, Q = whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n], Q[:, :n, :n]
+    followed = _Followed(prior, 0 if nuisances.learned else d, n)
+    considered = _Considered(P, V, parts, d) if considers(model, nuisances) else None
+    found = _Found(model.size, len(u) + 1, source, followed)
+    found.after(0, P, V, parts)
     for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
-        A[:n, :n] = step.A[:n, :n]
+        A = step.A[:n, :n]
         pushed = np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
-        P, parts = predict(P, A[:n, :n], model.process[:n, :n]), predict(parts, A, Q)
-        V = V @ A[:n, :n].T - pushed
+        P, parts = predict(P, A, model.process[:n, :n]), predict(parts, A, Q)
+        V = V @ A.T - pushed
+        followed.predict(A)
         if considered is not None:
-            considered.predict(A[:n, :n], model.process[:n, :n], Q[:, :n, :n], pushed)
+            considered.predict(A, model.process[:n, :n], Q, pushed)
         if step.sampled:
             H = step.H[..., :n]
             K, L = gain(P, H, step.variance, step.instant)
             read = np.broadcast_to(transposed(step.H[..., n:]), (B, c - d, H.shape[-2]))
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
             slope = read - V @ transposed(H)
-            whitened = np.linalg.solve(L, transposed(slope))
-            turn, root = np.linalg.qr(np.concatenate([root, whitened], axis=1))
-            on_samples = transposed(np.linalg.solve(transposed(L[:1]), turn[:1, c:]))
-            kept[n:, n:] = turn[0, :c].T
-            rows = np.pad(H[:1], [(0, 0), (0, 0), (0, c)])
-            parts = kept @ parts @ kept.T
-            parts = corrected(parts, np.concatenate([K[:1], on_samples], axis=1), rows, by_sensors(step.variance))
+            followed.update(parts, K[0], L, H[0], by_sensors(step.variance), slope)
+            parts = corrected(parts, K[:1], H[:1], by_sensors(step.variance))
             P, V = corrected(P, K, H, step.variance), V + slope @ transposed(K)
             if considered is not None:
                 considered.update(H, step.variance, read)
         if considered is None:
-            found.after(k, P, V, root, parts)
+            found.after(k, P, V, parts)
         else:
-            found.after(k, considered.P, considered.V, root, considered.beside(parts))
+            found.after(k, considered.P, considered.V, considered.parts, beside=True)
     return found.claim()
+
+
+class _Followed:
+    """What the samples say of c constants, of which those from the first on are followed; nothing is kept where none is.
+
+    root R (B, c, c); of z at c = 0 by source in the first set the covariance own (3, c, c), and that with w, across (3, n, c).
+    """
+
+    def __init__(self, prior: np.ndarray, first: int, n: int):
+        self.prior, self.first, c = prior, first, prior.shape[1]
+        self.root = np.eye(c) / np.sqrt(prior[:, None])
+        self.own, self.across = np.zeros((len(WHITE), c, c)), np.zeros((len(WHITE), n, c))
+
+    @property
+    def any(self) -> bool:
+        return self.first < len(self.root[0])
+
+    def predict(self, A: np.ndarray) -> None:
+        if self.any:
+            self.across = A @ self.across
+
+    def update(
+        self, parts: np.ndarray, K: np.ndarray, L: np.ndarray, H: np.ndarray, R: np.ndarray, slope: np.ndarray
+    ) -> None:
+        """[R; L⁻¹ε] = [Q₁; Q₂] R⁺,   z⁺ = Q₁ᵀz + Q₂ᵀL⁻¹(v − H w): its covariance, and that with w⁺ = (1 − K H) w + K v.
+
+        parts (3, n, n) before the update, K (n, m), H (m, n), R (3, m) variance of v by source, slope ε (B, c, m).
+        """
+        if not self.any:
+            return
+        whitened = np.linalg.solve(L, transposed(slope))
+        turn, self.root = np.linalg.qr(np.concatenate([self.root, whitened], axis=1))
+        c = self.prior.shape[1]
+        kept, on_samples = turn[0, :c].T, np.linalg.solve(L[0].T, turn[0, c:]).T
+        own, across, w = kept @ self.own @ kept.T, self.across @ kept.T, parts @ H.T
+        left, noise = np.eye(len(K)) - K @ H, R[:, :, None] * np.eye(R.shape[1])
+        seen = on_samples @ (H @ across)
+        self.own = own - seen - transposed(seen) + on_samples @ (H @ w + noise) @ on_samples.T
+        self.across = left @ across + (K @ noise - left @ w) @ on_samples.T
+
+    def covariance(self) -> tuple[np.ndarray, np.ndarray]:
+        """Λ (B, c, f) of all constants with those that are followed, and T (B, f, f): ĉ = T z of these. R is triangular."""
+        columns = np.linalg.solve(self.root, np.eye(len(self.root[0]))[:, self.first :])
+        tail = columns[:, self.first :]
+        return columns @ transposed(tail), tail
 
 
 class _Considered:
@@ -102,43 +141,41 @@ class _Considered:
         self.P, self.V = corrected(self.P, K, H, R), self.V + slope @ transposed(K)
         self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
 
-    def beside(self, parts: np.ndarray) -> np.ndarray:
-        """Its parts for those of w, with those of z. The bank adds what the two leave: that they share noise is not in its σ."""
-        n = self.P.shape[-1]
-        both = parts.copy()
-        both[:, :n], both[:, :, :n] = 0.0, 0.0
-        both[:, :n, :n] = self.parts
-        return both
-
 
 class _Found:
     """Variances of x* and their parts in the first set, instant by instant."""
 
-    def __init__(self, size: int, instants: int, source: tuple[str, ...], learned: bool, prior: np.ndarray):
-        sets, self.source, self.learned, self.prior = len(prior), source, learned, prior
+    def __init__(self, size: int, instants: int, source: tuple[str, ...], followed: _Followed):
+        sets, constants = followed.prior.shape
+        self.source, self.followed = source, followed
         self.std = np.empty((instants, sets, size))
         self.white = np.empty((instants, len(WHITE), size))
-        self.constant = np.empty((instants, prior.shape[1], size))
+        self.constant = np.empty((instants, constants, size))
 
-    def after(self, k: int, P: np.ndarray, V: np.ndarray, root: np.ndarray, parts: np.ndarray) -> None:
-        """P (B, n, n), V (B, c, n), R (B, c, c), parts (3, n + c, n + c) at instant k."""
-        n, d = P.shape[-1], len(self.source)
-        inverse = np.linalg.inv(root)
-        left = inverse @ transposed(inverse)
-        C = left.copy()
-        if not self.learned:
-            C[:, :d, :d] = np.eye(d)
-        own = np.diagonal(P, axis1=1, axis2=2) + np.sum((C @ V) * V, axis=1)
-        self.std[k, :, :n] = np.sqrt(np.maximum(own, 0.0))
-        self.std[k, :, n:] = standard_deviation(left)[:, d:]
+    def after(self, k: int, P: np.ndarray, V: np.ndarray, parts: np.ndarray, beside: bool = False) -> None:
+        """P (B, n, n), V (B, c, n), parts (3, n, n) at instant k. beside: of a filter beside that of z; that the two share noise
+        is not in the σ of the bank."""
+        n, d, own = P.shape[-1], len(self.source), self.followed
+        at, prior = slice(own.first, None), np.sqrt(own.prior[0])
+        between, tail = own.covariance()
+        # V C Vᵀ: what is not followed has a C of ones
+        free, along = V[:, : own.first], V[:, at]
+        shared = 2 * transposed(between[:, : own.first]) @ free + between[:, at] @ along
+        variance = np.diagonal(P, axis1=1, axis2=2) + np.sum(free**2, axis=1) + np.sum(shared * along, axis=1)
+        self.std[k, :, :n] = np.sqrt(np.maximum(variance, 0.0))
+        p = slice(tail.shape[1] - (V.shape[1] - d), None)
+        self.std[k, :, n:] = standard_deviation(between[:, at])[:, p]
         # what the estimate of c makes of z, and of c itself; ν that is not learned is taken to be nothing
-        followed = inverse[0].copy()
-        drawn = left[0] / np.sqrt(self.prior[0])
-        if not self.learned:
-            followed[:d], drawn[:d] = 0.0, np.eye(len(drawn))[:d]
-        T = np.block([[np.eye(n), -V[0].T @ followed], [np.zeros((len(drawn) - d, n)), inverse[0, d:]]])
-        self.white[k] = np.maximum(np.sum((T @ parts) * T, axis=-1), 0.0)
-        self.constant[k] = np.concatenate([V[0].T @ drawn, left[0, d:] / np.sqrt(self.prior[0])]).T
+        on_z, z = along[0].T @ tail[0], own.own[:, at, at]
+        white = np.diagonal(parts, axis1=1, axis2=2) + np.sum((on_z @ z) * on_z, axis=-1)
+        if not beside:
+            white = white - 2 * np.sum(own.across[:, :, at] * on_z, axis=-1)
+        self.white[k, :, :n] = np.maximum(white, 0.0)
+        self.white[k, :, n:] = np.maximum(np.sum((tail[0, p] @ z) * tail[0, p], axis=-1), 0.0)
+        drawn = between[0] / prior[:, None]
+        self.constant[k, :, :n] = drawn @ along[0]
+        self.constant[k, : own.first, :n] += free[0]
+        self.constant[k, :, n:] = drawn[:, p]
 
     def claim(self) -> Claim:
         d = len(self.source)
