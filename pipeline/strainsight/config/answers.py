@@ -12,7 +12,7 @@ Kind = Literal["deck_load", "node", "set", "face"]
 class Place:
     """Where a load or a support may be: name of a load or set of the deck, id of a node, or a point of a face, "[x, y, z]" in
     m; what it is, in words; whether it is held already; force [N] of a load; of_mass: a load on all mass, whose force says how
-    often it acts."""
+    often it acts; lies_on: what holds a face that probably lies on something."""
 
     kind: Kind
     name: str
@@ -20,6 +20,7 @@ class Place:
     held: bool = False
     force: float | None = None
     of_mass: bool = False
+    lies_on: str = ""
 
 
 @dataclass(frozen=True)

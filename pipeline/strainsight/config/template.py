@@ -122,13 +122,23 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         direction=_direction(answers.axis),
         type=_type(found),
         spacing=SPACING if found.gauge_type else OWN_SPACING.format(spacing=0.009),
-        exclude=CONE.format(axis=answers.axis) if answers.axis else EXCLUDE,
+        exclude=(CONE.format(axis=answers.axis) if answers.axis else EXCLUDE) + _seats(found),
         unknown=unknown,
         pad=" " * (5 - len(unknown)),
         keep=answers.keep,
         pool=POOL[answers.find],
         truth=TRUTH.format(truth=_number(1.05 * E if E else None)) if modulus else "",
         initial="0.1" if modulus else "1.0",
+    )
+
+
+def _seats(found: Suggestion) -> str:
+    """How to leave out the faces that probably lie on something."""
+    seats = [place for place in found.places if place.lies_on]
+    names = [found.free("seat" if len(seats) == 1 else f"seat-{i + 1}") for i in range(len(seats))]
+    return "".join(
+        f"  #   - {name:<25} # {own.lies_on}; with mesh.faces: {{{name}: {{near: {own.name}}}}}\n"
+        for name, own in zip(names, seats, strict=True)
     )
 
 
@@ -168,7 +178,9 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
         lines.append(f"  spc: {'' if answers.spc is None else answers.spc:<16} # ← set of supports that hold: {sets}")
     if faces := [place for place in found.places if place.kind == "face"]:
         lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
-        lines += [f"  #   near: {place.name:<32} # {place.what}{', held' * place.held}" for place in faces[:FACES]]
+        for place in faces[:FACES]:
+            held = f", {place.lies_on}: does something lie on it?" if place.lies_on else ", held" * place.held
+            lines.append(f"  #   near: {place.name:<32} # {place.what}{held}")
         if len(faces) > FACES:
             lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
     if named or blank:

@@ -82,6 +82,12 @@ class AtGauges:
         "RMS change of the strain from end to end of its grid, over its training RMS; NaN as there",
     )
     room: np.ndarray = dataset("/room", "m", "gauge", "free height over it, inf: more than the limit")
+    lies_on: tuple[str, ...] = dataset(
+        "/lies_on",
+        "1",
+        "gauge",
+        "where the face below it is and what holds it, where something probably lies on that face",
+    )
     in_place_limit: float = dataset("/in_place_limit", "1", "", "change in place beyond which the gradient is steep")
     over_grid_limit: float = dataset("/over_grid_limit", "1", "", "change over the grid beyond which it is")
     room_limit: float = dataset("/room_limit", "m", "", "free height that a hand takes")
@@ -99,10 +105,10 @@ class AtGauges:
         return f"steep gradient here: the strain changes {' and '.join(said)}" if said else ""
 
     def access_in_words(self, i: int) -> str:
-        """That access is to be checked at gauge i, with the room over it; empty where it is not."""
-        if self.room[i] > self.room_limit:
-            return ""
-        return f"check access: {1e3 * self.room[i]:.2g} mm of room over it (limit {1e3 * self.room_limit:.2g} mm)"
+        """That access is to be checked at gauge i, with the room over it, or what holds its face; empty where it is not."""
+        said = [f"{1e3 * self.room[i]:.2g} mm of room over it (limit {1e3 * self.room_limit:.2g} mm)"]
+        said = said * bool(self.room[i] <= self.room_limit) + [self.lies_on[i]] * bool(self.lies_on[i])
+        return f"check access: {', and '.join(said)}" if said else ""
 
 
 @record

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from strainsight.cases.structure.contact import contact_warnings
 from strainsight.cases.structure.early import check_files
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.cases.structure.references import READS, check_references, on_one_node
@@ -35,7 +36,12 @@ def run(context: Context[PlacementConfig]) -> Output:
     check_references(context.config, mesh)
     for text in on_one_node(context.config.loads, mesh):
         warnings.warn(f"{text}.", stacklevel=2)
-    faces = faces_of(mesh.position, exterior_facets(mesh)) if mesh.blocks else None
+    found = _warnings(mesh, config)
+    faces = None
+    if mesh.blocks:
+        facets = exterior_facets(mesh)
+        faces = faces_of(mesh.position, facets)
+        found += tuple(contact_warnings(context.config, mesh, facets, faces))
     grid, grid_attributes = vtkhdf_datasets(_grid(mesh))
     count = sum(len(block.ids) for block in mesh.blocks)
     kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.blocks)
@@ -51,7 +57,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         summary=summary,
         message=", ".join(part for part in parts if part),
         tables=(
-            *found_tables(mesh, weight, quality, _warnings(mesh, config)),
+            *found_tables(mesh, weight, quality, found),
             *((faces_table(faces),) if faces else ()),
         ),
         inputs=tuple(Path(name) for name in mesh.included),
@@ -77,5 +83,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=7, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=8, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

@@ -12,6 +12,7 @@ from strainsight.config.gauge_types import fitting_type
 from strainsight.decks.effects import short
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import ChoiceError
+from strainsight.gauges.contact import contact_faces
 from strainsight.gauges.faces import Faces, faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import BodyForce, Mesh
@@ -110,6 +111,9 @@ def _places(mesh: Mesh, faces: Faces | None) -> Iterator[Place]:
     if faces is not None:
         facets = exterior_facets(mesh)
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
+        contact = contact_faces(mesh, facets, faces)
+        lies_on = {int(face): contact.in_words(i) for i, face in enumerate(contact.face)}
         for face in range(len(faces.area)):
             on_support = bool(supported[faces.of == face].all())
-            yield Place("face", faces.near(face), f"{faces.area[face]:.3g} m², {faces.in_words(face)}", on_support)
+            what = f"{faces.area[face]:.3g} m², {faces.in_words(face)}"
+            yield Place("face", faces.near(face), what, on_support, lies_on=lies_on.get(face, ""))

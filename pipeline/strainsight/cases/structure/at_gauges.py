@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from strainsight.cases.structure.contact import held_below
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.gauges.access import room
@@ -51,10 +52,14 @@ def at_gauges(
     owner = part.gauge[part.channel_of_grid]
     height = np.full(part.gauges, np.inf)
     np.minimum.at(height, owner[grids.first], room(skin, grids, HAND))
+    lies_on = [""] * part.gauges
+    for gauge, words in zip(owner, held_below(mesh, grids), strict=True):
+        lies_on[gauge] = lies_on[gauge] or words
     return AtGauges(
         in_place=in_place,
         over_grid=over_grid,
         room=height,
+        lies_on=tuple(lies_on),
         in_place_limit=IN_PLACE,
         over_grid_limit=OVER_GRID,
         room_limit=HAND,
