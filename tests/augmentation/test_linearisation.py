@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import sqrtm
@@ -34,17 +36,21 @@ def augmented_rate(model, unknowns, theta, x_star, known_u):
         C = 2 * model.damping.ratio * M @ sqrtm(np.linalg.solve(M, K)).real
     else:
         C = model.damping.alpha * M + model.damping.beta * K
-    a = np.linalg.solve(M, model.input_shape @ u - C @ v - K @ q)
+    S = model.input_shape + model.input_slope.get("rho", 0.0) * (value["rho"] - model.reference["rho"])
+    a = np.linalg.solve(M, S @ u - C @ v - K @ q)
     return np.concatenate([v, a, np.zeros(len(rest))])
 
 
+@pytest.mark.parametrize("on_mass", [False, True])
 @pytest.mark.parametrize("damping", [Damping("modal", ratio=0.02), Damping("rayleigh", alpha=3.0, beta=1e-4)])
 @pytest.mark.parametrize(
     ("inputs", "parameters"),
     [(("tip",), ()), ((), ("E",)), ((), ("rho",)), (("side", "tip"), ("rho", "E")), (("tip",), ("E", "rho"))],
 )
-def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inputs, parameters):
+def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inputs, parameters, on_mass):
     model = chain_of(damping=damping)
+    if on_mass:  # loads proportional to a density, in part
+        model = replace(model, input_slope={"rho": 0.7 * model.input_shape[::-1] / model.reference["rho"]})
     unknowns = unknowns_of(theta, inputs, parameters)
     rng = np.random.default_rng(1)
     x = rng.normal(size=(3, 2 * model.size)) * np.repeat([1e-3, 1.0], model.size)

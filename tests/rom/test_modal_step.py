@@ -21,12 +21,18 @@ def positive(rng: np.random.Generator, n: int) -> np.ndarray:
     return X @ X.T / n + 0.2 * np.eye(n)
 
 
-def two_materials(seed: int, damping: Damping, n: int = 4, omega: float = 100.0) -> ReducedModel:
-    """Both operators have a constant part and a part that follows a parameter: nothing commutes."""
+def two_materials(seed: int, damping: Damping, n: int = 4, omega: float = 100.0, on_mass: bool = False) -> ReducedModel:
+    """Both operators have a constant part and a part that follows a parameter: nothing commutes. on_mass: loads follow too."""
     rng = np.random.default_rng(seed)
     stiffness = AffineOperator(omega**2 * positive(rng, n), {"E": 0.5 * omega**2 * positive(rng, n)})
     mass = AffineOperator(positive(rng, n), {"rho": 0.5 * positive(rng, n)})
-    return ReducedModel(mass, stiffness, rng.standard_normal((n, 2)), ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping)
+    S = rng.standard_normal((n, 2))
+    slope = {"rho": rng.standard_normal((n, 2))} if on_mass else {}
+    return ReducedModel(mass, stiffness, S, ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping, slope)
+
+
+def shape(model: ReducedModel, theta) -> np.ndarray:
+    return sum((slope * (theta[name] - 1.0) for name, slope in model.input_slope.items()), model.input_shape)
 
 
 def one_material(lam: np.ndarray, damping: Damping) -> ReducedModel:
@@ -39,7 +45,7 @@ def one_material(lam: np.ndarray, damping: Damping) -> ReducedModel:
 
 def system(model: ReducedModel, theta) -> tuple[np.ndarray, np.ndarray]:
     """First-order form ẋ = A x + B u with the damping by a matrix root: no modes anywhere."""
-    K, M, S = model.stiffness.at(theta), model.mass.at(theta), model.input_shape
+    K, M, S = model.stiffness.at(theta), model.mass.at(theta), shape(model, theta)
     n = model.size
     X = np.linalg.solve(M, K)
     d = model.damping
@@ -48,7 +54,7 @@ def system(model: ReducedModel, theta) -> tuple[np.ndarray, np.ndarray]:
 
 
 def system_slope(model: ReducedModel, theta, name: str) -> tuple[np.ndarray, np.ndarray]:
-    K, M, S = model.stiffness.at(theta), model.mass.at(theta), model.input_shape
+    K, M, S = model.stiffness.at(theta), model.mass.at(theta), shape(model, theta)
     dK, dM = model.stiffness.derivative(name), model.mass.derivative(name)
     X = np.linalg.solve(M, K)
     dX = np.linalg.solve(M, dK - dM @ X)
@@ -58,7 +64,8 @@ def system_slope(model: ReducedModel, theta, name: str) -> tuple[np.ndarray, np.
         root = sqrtm(X).real
         dc = 2 * d.ratio * solve_sylvester(root, root, dX)
     zero = np.zeros_like(K)
-    dB = np.vstack([np.zeros_like(S), -np.linalg.solve(M, dM @ np.linalg.solve(M, S))])
+    dS = model.input_slope.get(name, np.zeros_like(S))
+    dB = np.vstack([np.zeros_like(S), np.linalg.solve(M, dS - dM @ np.linalg.solve(M, S))])
     return np.block([[zero, zero], [-dX, -dc]]), dB
 
 
@@ -82,7 +89,7 @@ def scales(model: ReducedModel, theta, n_u: int = 2) -> np.ndarray:
 def test_the_step_is_the_exponential_of_the_first_order_system(damping, h):
     theta = {"E": 1.2, "rho": 0.9}
     for seed in range(3):
-        model = two_materials(seed, damping)
+        model = two_materials(seed, damping, on_mass=seed > 0)
         n = 2 * model.size
         step = modal_step(model, theta, h)
         exact = expm(with_force_states(*system(model, theta), h))
@@ -98,8 +105,8 @@ def test_the_step_is_the_exponential_of_the_first_order_system(damping, h):
 def test_the_parameter_slopes_are_the_frechet_derivative_of_the_exponential(damping, h):
     theta = {"E": 1.2, "rho": 0.9}
     for seed in range(3):
-        model = two_materials(seed, damping)
-        assert_slopes_are_frechet(model, theta, h, 1e-9)
+        for on_mass in (False, True):
+            assert_slopes_are_frechet(two_materials(seed, damping, on_mass=on_mass), theta, h, 1e-9)
 
 
 def assert_slopes_are_frechet(model: ReducedModel, theta, h: float, tolerance: float) -> None:
@@ -158,9 +165,10 @@ def test_one_material_scaled_as_a_whole_has_euler_homogeneous_slopes():
         assert np.max(np.abs(total)) < 1e-10 * np.max(np.abs(slopes))
 
 
+@pytest.mark.parametrize("on_mass", [False, True])
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
-def test_slopes_agree_with_central_differences_of_the_step(damping):
-    model = two_materials(11, damping)
+def test_slopes_agree_with_central_differences_of_the_step(damping, on_mass):
+    model = two_materials(11, damping, on_mass=on_mass)
     theta, h = {"E": 1.1, "rho": 1.3}, 7e-3
     rng = np.random.default_rng(3)
     x, u = rng.standard_normal(8), rng.standard_normal((3, 2))
@@ -195,7 +203,7 @@ def test_slow_and_fast_modes_beside_one_another(omega, damping):
 
 
 def test_a_batch_is_the_loop():
-    model = two_materials(5, DAMPINGS[1])
+    model = two_materials(5, DAMPINGS[1], on_mass=True)
     rng = np.random.default_rng(4)
     E, rho = rng.uniform(0.5, 2, 6), rng.uniform(0.5, 2, 6)
     x, u = rng.standard_normal((6, 8)), rng.standard_normal((6, 3, 2))

@@ -35,10 +35,10 @@ ONLY_SOMETIMES = (
     r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/|/elimination/metric"
     r"|/selected/greedy/load|/clearance/|/load_cases/|/arm_peak"
 )
-"""Where a density is a parameter; where stiffness and mass, or strain rows, come from files (test_ready.py); where
-gauges are bonded already (test_sensors.py) or bridges (test_bridges.py, test_bridge_patterns.py); where sweeps are
-asked for (test_estimate.py); by another criterion than the trace (tests/cli/test_criteria.py); of the final set only;
-where a clearance is kept (test_clearance.py); where load cases are placed for (test_load_cases.py)."""
+"""Where a density is a parameter, or a load acts on it (test_mass_loads.py); where stiffness and mass, or strain rows, come from
+files (test_ready.py); where gauges are bonded already (test_sensors.py) or bridges (test_bridges.py, test_bridge_patterns.py);
+where sweeps are asked for (test_estimate.py); by another criterion than the trace (tests/cli/test_criteria.py); of the final set
+only; where a clearance is kept (test_clearance.py); where load cases are placed for (test_load_cases.py)."""
 
 
 UNITS_OF = {

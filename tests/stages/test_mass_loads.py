@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
+from scipy.sparse.linalg import spsolve
 
+from strainsight.cases.structure.settings import load_shapes, load_slopes, point_loads
 from strainsight.config.load import load_config
+from strainsight.config.loads import Load
 from strainsight.errors import ConfigError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.loads import input_shape
+from strainsight.fem.model import build_model
+from strainsight.mesh.model import Material, PointMass
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
+from strainsight.rom.model import Damping
+from strainsight.rom.reduction import reduce_model
 
 from ..edges.beam import PLACEMENT_CONFIG, RHO, SIZE, E, bricks, config_of, finished
+from ..rom.test_reduction import beam
 
 SLOW = {"type": "sine", "frequency": 1.0}
 LOADS = {
@@ -73,13 +85,86 @@ def test_its_estimate_is_an_acceleration(run):
     assert run["train"].attributes("/input")["units"] == "1 or m/s² or rad²/s²"
 
 
-def test_a_load_of_mass_beside_a_density_that_is_a_parameter_is_refused(tmp_path):
-    rho = {"rho": {"property": "density", "region": 1, "guess": RHO, "range": [7000.0, 9000.0]}}
-    for loads in ({"shake": LOADS["shake"] | {"known": True}}, {"deck": LOADS["deck"]}):
-        with pytest.raises(UserError, match="would change with the density rho") as caught:
-            finished(tmp_path, "import", MESH, CHANGES | {"loads": loads, "parameters": rho, "place.estimate": ["rho"],
-                     "validate.truth": {"model": "rich", "parameters": {"rho": RHO}}, "validate.initial_std": {"rho": 0.1}})
-        assert caught.value.key == f"loads.{next(iter(loads))}"
+def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any_of_them():
+    """Displacement under its own weight and a rotation, with a mass at the tip, against a model assembled anew at the densities;
+    its slope in each of them against differences of that."""
+    densities = (Parameter("heavy", "density", (1,), 7850.0), Parameter("light", "density", (2,), 2700.0))
+    loads = {
+        "weight": Load(gravity=(0, 0.5, -1), known=True, signal=SLOW | {"amplitude": 9.81}),
+        "spin": Load(rotation={"axis": (0, 0, 1), "point": (-0.1, 0, 0)}, known=True, signal=SLOW | {"amplitude": 100.0}),
+    }
+    tip = int(np.argmax(beam().position[:, 0]))
+
+    def whole(theta):
+        materials = Material(1, 2.1e11, 0.3, theta["heavy"]), Material(2, 7.0e10, 0.33, theta["light"])
+        mesh = replace(beam(materials=materials), point_masses=(PointMass(1, tip, 3.0),))
+        model = build_model(mesh)
+        return spsolve(model.stiffness.constant.tocsc(), input_shape(model, tuple(point_loads(loads).values())))
+
+    reference = {own.name: own.reference for own in densities}
+    mesh = replace(beam(), point_masses=(PointMass(1, tip, 3.0),))
+    full = build_model(mesh, densities)
+    ranges = {"heavy": (6000.0, 9000.0), "light": (2000.0, 4000.0)}
+    slopes = load_slopes(full, loads, densities)
+    found = reduce_model(full, load_shapes(full, loads), tuple(loads), reference, ranges, 3, 3, 1e-9, Damping(), slopes=slopes)
+    K, at = found.model.stiffness.at(reference), {"heavy": 6700.0, "light": 3500.0}
+    np.testing.assert_allclose(
+        found.basis @ np.linalg.solve(K, found.model.input_shape_at(at)), whole(at), atol=1e-9 * np.abs(whole(at)).max()
+    )
+    for name in at:
+        near = [whole(at | {name: at[name] + d}) for d in (50.0, -50.0)]
+        slope = (near[0] - near[1]) / 100.0
+        own = found.basis @ np.linalg.solve(K, found.model.input_slope[name])
+        np.testing.assert_allclose(own, slope, atol=1e-7 * np.abs(slope).max())
+
+
+UNKNOWN = {"rho": {"property": "density", "region": 1, "guess": RHO, "range": [6000.0, 10000.0]}}
+WEIGHT = {"weight": {"gravity": [0, 0, -1], "known": True, "signal": SLOW | {"amplitude": 9.81}}}
+TRUE = 1.06 * RHO
+
+
+def of_density(loads):
+    """Changes of a run that looks for the density of the whole beam."""
+    return CHANGES | {
+        "loads": loads,
+        "parameters": UNKNOWN,
+        "place.estimate": ["rho"],
+        "tolerances": "none",
+        "train": {"duration": 1.0, "time_step": 0.01, "settle": "auto"},
+        "validate.truth": {"model": "modes", "modes": 8, "parameters": {"rho": TRUE}},
+        "validate.initial_std": {"rho": 0.1},
+        "validate.time_step": 0.01,
+        "validate.duration": 1.0,
+        "validate.random_sets": 0,
+        "validate.noise_factors": [],
+        "validate.repeats": 8,
+    }
+
+
+def test_a_load_of_the_deck_on_mass_beside_a_density_that_is_a_parameter_is_refused(tmp_path):
+    with pytest.raises(UserError, match="would change with the density rho") as caught:
+        finished(tmp_path, "import", MESH, of_density({"deck": LOADS["deck"]}))
+    assert caught.value.key == "loads.deck"
+
+
+@pytest.fixture(scope="module")
+def weighed(tmp_path_factory):
+    return finished(tmp_path_factory.mktemp("weighed"), "validate", MESH, of_density(WEIGHT))
+
+
+def test_a_density_is_found_by_the_strain_under_its_own_weight(weighed):
+    """At 1 Hz the strain is ρ times what it is for ρ = 1, whatever the mass does otherwise: with noise r of each of the samples
+    1/σ² = 1/σ₀² + Σ ε²/r², relative to ρ. The motion adds (f/f₁)² of it, f₁ 66 Hz."""
+    own = weighed["validate"]
+    strain, std = own["/gauge/true"][1:], 1e-8
+    prior, repeats = 0.1, own["/repeats/std/rho"]
+    expected = 1 / np.sqrt(1 / prior**2 + np.sum(strain**2) / std**2)
+    assert np.abs(strain).max() > 1e-6
+    np.testing.assert_allclose(repeats, expected, rtol=0.002)
+    off = own["/repeats/error/rho"] / repeats
+    assert len(off) == 8
+    assert np.abs(off).max() < 3
+    assert 0.3 < np.sqrt(np.mean(off**2)) < 1.7
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ def linearise(
     """Augmented state matrix at given instants of a known motion.
 
         F* = [[0, I, 0, 0], [−M⁻¹K, −M⁻¹C, M⁻¹S a C_u, c], [0, 0, A_u, 0], [0, 0, 0, 0]]
-        cᵢ = −θᵢ M⁻¹(∂K/∂θᵢ q + ∂C/∂θᵢ q̇ + ∂M/∂θᵢ q̈),      q̈ = M⁻¹(S u − C q̇ − K q)
+        cᵢ = −θᵢ M⁻¹(∂K/∂θᵢ q + ∂C/∂θᵢ q̇ + ∂M/∂θᵢ q̈ − ∂S/∂θᵢ u),      q̈ = M⁻¹(S u − C q̇ − K q)
 
     theta: all parameters of the model [SI]; x (s, 2n) = [q, q̇]; u (s, n_u) [N] all inputs of the model, known ones too;
     a: amplitudes of the unknown inputs; A_u, C_u: their models in time, u = a C_u ζ with C_u = [1, 0, …] for each (a
@@ -34,7 +34,7 @@ def linearise(
     F[:, :n, n : 2 * n] = np.eye(n)
     F[:, n : 2 * n, : 2 * n] = -np.linalg.solve(M, np.hstack([K, C]))
     if n_u:
-        S = model.input_shape[:, unknowns.input_columns(model)]
+        S = model.input_shape_at(theta)[:, unknowns.input_columns(model)]
         F[:, n : 2 * n, inputs] = np.linalg.solve(M, S * unknowns.scale[:n_u])
         F[:, 2 * n : parameters, 2 * n : parameters] = unknowns.rate_matrix()
     forces = parameter_forces(model, unknowns, theta, x, u)
@@ -52,7 +52,7 @@ def parameter_forces(
     n = model.size
     M, K, C = model.mass.at(theta), model.stiffness.at(theta), damping_matrix(model, theta)
     q, v = x[:, :n], x[:, n:]
-    a = np.linalg.solve(M, (u @ model.input_shape.T - v @ C - q @ K).T).T
+    a = np.linalg.solve(M, (u @ model.input_shape_at(theta).T - v @ C - q @ K).T).T
     forces = np.zeros((len(x), n, len(unknowns.parameters)))
     for i, name in enumerate(unknowns.parameters):
         dK, dC, dM = (
@@ -61,6 +61,8 @@ def parameter_forces(
             model.mass.derivative(name),
         )
         forces[:, :, i] = theta[name] * (q @ dK + v @ dC + a @ dM)
+        if name in model.input_slope:
+            forces[:, :, i] -= theta[name] * (u @ model.input_slope[name].T)
     return forces
 
 

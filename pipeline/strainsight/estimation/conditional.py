@@ -217,14 +217,14 @@ def on_loads(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def acceleration_change(model: FilterModel, theta: Mapping[str, np.ndarray], change: np.ndarray) -> np.ndarray:
     """M⁻¹ΔS (B, n, n_u): what a change ΔS (n, n_u) of the input shape adds to q̈ at once."""
-    return _with_batch(acceleration_map(replace(model.model, input_shape=change), theta)).input[..., 0, :]
+    return _with_batch(acceleration_map(model.model.acted_on(change), theta)).input[..., 0, :]
 
 
 def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
     """With an axis of parameter values, also where the model has no parameter at all: `count` times the same then."""
     if modal.transition.ndim > 2:
         return modal
-    own = (modal.transition, modal.input, modal.eigenvalue, modal.modes, modal.dual)
+    own = (modal.transition, modal.input, modal.shape, modal.eigenvalue, modal.modes, modal.dual)
     tables = (np.repeat(each[:, :, None], count, axis=2) for each in (modal.table, modal.table_slope))
     return ModalMap(*(np.repeat(each[None], count, axis=0) for each in own), *tables)
 
@@ -263,16 +263,15 @@ def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances)
         table = nuisances.damping * _slope(lambda s: scheme_step(lam, own.scaled(1 + s), model.h, model.scheme)[0])
         same = first_of_equal(lam)
         slopes += [
-            _step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, table * (same == j)))
+            _step_matrices(model, *modal_blocks(modal.shape, modal.modes, modal.dual, table * (same == j)))
             for j in range(n)
         ]
     if nuisances.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ
         table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), own, model.h, model.scheme)[0])
-        slopes.append(_step_matrices(model, *modal_blocks(model.model, modal.modes, modal.dual, table)))
+        slopes.append(_step_matrices(model, *modal_blocks(modal.shape, modal.modes, modal.dual, table)))
     for change in nuisances.shape:
-        changed = replace(model.model, input_shape=change)
-        moved, pushed = modal_blocks(changed, modal.modes, modal.dual, modal.table)
+        moved, pushed = modal_blocks(change, modal.modes, modal.dual, modal.table)
         slopes.append(_step_matrices(model, np.zeros_like(moved), pushed))
     B, states = len(modal.transition), model.parameter_states.start
     A, G = (

@@ -45,6 +45,20 @@ def with_material(
     return replace(mesh, regions=altered, materials=materials)
 
 
+def with_properties(
+    mesh: Mesh, regions: Sequence[int], youngs_modulus: float | None = None, density: float | None = None
+) -> Mesh:
+    """A mesh whose regions (ids) have this modulus [Pa] and density [kg/m³], each in a material of its own; None: as before."""
+    altered, materials = dict(mesh.regions), dict(mesh.materials)
+    for region in regions:
+        number, own = max(materials) + 1, mesh.materials[mesh.regions[region].material]
+        E = own.youngs_modulus if youngs_modulus is None else youngs_modulus
+        rho = own.density if density is None else density
+        materials[number] = replace(own, id=number, youngs_modulus=E, density=rho)
+        altered[region] = replace(altered[region], material=number)
+    return replace(mesh, regions=altered, materials=materials)
+
+
 def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh:
     """A mesh whose nodes (k,) (indices) are held in components 0-5 too."""
     pairs = np.array([(node, c) for node in nodes for c in components], dtype=np.int64).reshape(-1, 2)

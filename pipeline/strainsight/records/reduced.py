@@ -56,7 +56,12 @@ class ModelTerms:
     stiffness: AffineOperator = group("/stiffness", AffineTerms, "1/s^2", "reduced stiffness")
     damping: AffineOperator = group("/damping", AffineTerms, "1/s", "reduced damping at the reference")
     law: DampingLaw = group("/law")
-    input_shape: np.ndarray = dataset("/input_shape", "kg^-1/2", "coordinate × /inputs", "input shape S")
+    input_shape: np.ndarray = dataset(
+        "/input_shape", "kg^-1/2", "coordinate × /inputs", "input shape S at the reference"
+    )
+    input_slope: dict[str, np.ndarray] = dataset(
+        "/input_slope/<name>", "SI", "coordinate × /inputs", "∂S/∂<name> of a density, where a load acts on its mass"
+    )
     inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every input")
     parameters: tuple[str, ...] = dataset("/parameters", "1", "/parameters", "name of every parameter")
     reference: np.ndarray = dataset(
@@ -73,6 +78,7 @@ class ModelTerms:
             damping=AffineOperator(damping_matrix(model, model.reference), slopes),
             law=DampingLaw(kind=law.kind, ratio=law.ratio, alpha=law.alpha, beta=law.beta),
             input_shape=model.input_shape,
+            input_slope=dict(model.input_slope),
             inputs=model.inputs,
             parameters=model.parameters,
             reference=np.array(list(model.reference.values()), dtype=float),
@@ -88,6 +94,7 @@ class ModelTerms:
             inputs=self.inputs,
             reference=dict(zip(self.parameters, self.reference.tolist(), strict=True)),
             damping=Damping(kind, law.ratio, law.alpha, law.beta),
+            input_slope=self.input_slope,
         )
 
 

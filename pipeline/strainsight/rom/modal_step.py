@@ -19,12 +19,13 @@ class ModalMap:
     J = HOLD and u(τ) = u₀ + u₁(τ/h) + u₂(τ/h)² within the step; of the acceleration, y = q̈ and J = 1.
 
     transition A (..., i n, 2n); input B (..., i n, J, n_u), i = 2 of a step and 1 of the acceleration. The rest is what
-    the derivatives need: eigenvalue λ (..., n), modes Φ (..., n, n), dual ΦᵀM (..., n, n), table T (i, 2 + J, ..., n)
-    of every mode for itself, and dT/dλ.
+    the derivatives need: shape S(θ) (..., n, n_u), without (...) where it is the same at any θ; eigenvalue λ (..., n), modes
+    Φ (..., n, n), dual ΦᵀM (..., n, n), table T (i, 2 + J, ..., n) of every mode for itself, and dT/dλ.
     """
 
     transition: np.ndarray
     input: np.ndarray
+    shape: np.ndarray
     eigenvalue: np.ndarray
     modes: np.ndarray
     dual: np.ndarray
@@ -53,22 +54,21 @@ def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> Mo
     lam, Phi = modal_basis(model, theta)
     dual = np.swapaxes(Phi, -1, -2) @ model.mass.at(theta)
     T, dT = table(lam)
-    return ModalMap(*modal_blocks(model, Phi, dual, T), lam, Phi, dual, T, dT)
+    S = model.input_shape_at(theta)
+    return ModalMap(*modal_blocks(S, Phi, dual, T), S, lam, Phi, dual, T, dT)
 
 
-def modal_blocks(
-    model: ReducedModel, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def modal_blocks(S: np.ndarray, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A (..., i n, 2n) and B (..., i n, J, n_u) of a modal map by its table T (i, 2 + J, ..., n).
 
-    Phi (..., n, n), dual ΦᵀM (..., n, n).
+    S (n, n_u) or (..., n, n_u) input shape; Phi (..., n, n), dual ΦᵀM (..., n, n).
     """
-    n, n_u = model.input_shape.shape
+    n, n_u = S.shape[-2:]
     blocks, held = T.shape[0], T.shape[1] - 2
     batch = Phi.shape[:-2]
     A = np.empty((*batch, blocks * n, 2 * n))
     B = np.empty((*batch, blocks * n, held, n_u))
-    forces = np.swapaxes(Phi, -1, -2) @ model.input_shape
+    forces = np.swapaxes(Phi, -1, -2) @ S
     for i in range(blocks):
         rows = slice(i * n, (i + 1) * n)
         for j in range(2):
@@ -83,7 +83,7 @@ def parameter_slopes(
 ) -> np.ndarray:
     """∂y/∂θᵢ of a modal map at fixed x and u: every block of A is a function f(M⁻¹K), so with the divided differences of f
 
-        df = Φ [G ∘ f[λᵢ, λⱼ]] ΦᵀM,   G = Φᵀ(dK Φ − dM Φ Λ),   d(M⁻¹S) = −Φ(Φᵀ dM Φ)ΦᵀS
+        df = Φ [G ∘ f[λᵢ, λⱼ]] ΦᵀM,   G = Φᵀ(dK Φ − dM Φ Λ),   d(M⁻¹S) = ΦΦᵀ(dS − dM ΦΦᵀS)
 
     x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters. Returns (..., i n, len(names)).
     Source: Daleckii and Krein; Higham, Functions of Matrices, theorem 3.11.
@@ -92,7 +92,7 @@ def parameter_slopes(
     Phi, lam = step.modes, step.eigenvalue
     PhiT = np.swapaxes(Phi, -1, -2)
     state = np.swapaxes(x.reshape(*x.shape[:-1], 2, n), -1, -2)
-    forces = (PhiT @ model.input_shape) @ np.swapaxes(u, -1, -2)
+    forces = (PhiT @ step.shape) @ np.swapaxes(u, -1, -2)
     modal = np.concatenate([step.dual @ state, forces], axis=-1)
     differences = divided_difference(lam, step.table, step.table_slope)
     columns = []
@@ -101,7 +101,10 @@ def parameter_slopes(
         PhiT_dM_Phi = PhiT @ dM @ Phi
         G = PhiT @ dK @ Phi - PhiT_dM_Phi * lam[..., None, :]
         by_block = np.einsum("ij...ab,...ab,...bj->i...a", differences, G, modal, optimize=True)
-        by_mass = np.einsum("ij...a,...aj->i...a", step.table[:, 2:], PhiT_dM_Phi @ forces)
+        inertia = PhiT_dM_Phi @ forces
+        if name in model.input_slope:
+            inertia = inertia - (PhiT @ model.input_slope[name]) @ np.swapaxes(u, -1, -2)
+        by_mass = np.einsum("ij...a,...aj->i...a", step.table[:, 2:], inertia)
         change = np.moveaxis(by_block - by_mass, 0, -1)
         columns.append(np.swapaxes(Phi @ change, -1, -2).reshape(*x.shape[:-1], -1))
     rows = len(step.table) * n

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -54,10 +54,13 @@ def first_of_equal(lam: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ReducedModel:
-    """M(θ)q̈ + C(θ)q̇ + K(θ)q = S u in coordinates where M = I and K = Λ at the reference (5.3).
+    """M(θ)q̈ + C(θ)q̇ + K(θ)q = S(θ) u in coordinates where M = I and K = Λ at the reference (5.3).
 
-    mass, stiffness: dense affine operators (n, n); input_shape S (n, n_u) [1/√kg]; inputs: the names of u;
-    reference: parameter name → value [SI] at which the coordinates are modal.
+    mass, stiffness: dense affine operators (n, n); input_shape S (n, n_u) [1/√kg] at the reference; inputs: the names of u;
+    reference: parameter name → value [SI] at which the coordinates are modal; input_slope: parameter name → ∂S/∂θ (n, n_u) of
+    the densities that loads on mass are proportional to, and nothing of the others:
+
+        S(θ) = S + Σᵢ (θᵢ − θᵢ⁰) ∂S/∂θᵢ
     """
 
     mass: AffineOperator
@@ -66,6 +69,18 @@ class ReducedModel:
     inputs: tuple[str, ...]
     reference: Mapping[str, float]
     damping: Damping
+    input_slope: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def input_shape_at(self, theta: Mapping[str, Any]) -> np.ndarray:
+        """S(θ) (..., n, n_u) for values of shape (...); (n, n_u) where it does not change."""
+        S = self.input_shape
+        for name, slope in self.input_slope.items():
+            S = S + (np.asarray(theta[name]) - self.reference[name])[..., None, None] * slope
+        return S
+
+    def acted_on(self, shape: np.ndarray) -> ReducedModel:
+        """The same model under loads of another input shape (n, n_u), at any θ."""
+        return replace(self, input_shape=shape, input_slope={})
 
     @property
     def parameters(self) -> tuple[str, ...]:

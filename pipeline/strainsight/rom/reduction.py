@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,7 @@ def reduce_model(
     known: tuple[np.ndarray, np.ndarray] | None = None,
     sweep: Sweep = serial,
     aside: np.ndarray | None = None,
+    slopes: Mapping[str, np.ndarray] | None = None,
 ) -> Reduction:
     """Modes and static responses over the parameter box, compressed in the energy inner product ⟨a, b⟩ = aᵀK(θ₀)b:
 
@@ -74,8 +75,9 @@ def reduce_model(
     sample; samples of the box, the reference among them; tolerance [-] beside snapshots of unit energy: every snapshot
     is then held to tolerance·√(number dropped) in the energy norm; known: frequencies [Hz] and shapes of the reference,
     where they have been found; sweep: runs the samples beside the reference; aside (n_free, k): forces whose static
-    responses at the reference are found as well, and left out of Ψ. The reference is never truncated, so its reduced
-    frequencies are the full ones. Where one material is scaled as a whole the snapshots do not change with θ and the
+    responses at the reference are found as well, and left out of Ψ; slopes: name → ∂S/∂θ (n_free, n_u), where S changes with a
+    parameter, S itself being that at the reference: what they load is in Ψ as S is. The reference is never truncated, so its
+    reduced frequencies are the full ones. Where one material is scaled as a whole the snapshots do not change with θ and the
     reference is sampled alone.
     Raises InfeasibleError for a range that is missing or not positive, and the errors of `modes` and `factorise`.
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
@@ -83,16 +85,20 @@ def reduce_model(
     if samples < 1:
         raise InfeasibleError(f"{samples} parameter samples", remedy="take at least 1, the reference")
     points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
-    n_u = S.shape[1]
+    n_u, slopes = S.shape[1], slopes or {}
+    if not only_scales(full):  # where all mass does, S of what acts on it does, too
+        S = np.hstack([S, *(slope[:, slope.any(axis=0)] for slope in slopes.values())])
+    spanned = S.shape[1]
     first = snapshots(full, S if aside is None else np.hstack([S, aside]), points[0], modes, known)
     K = full.stiffness.at(reference)  # not before: beside the factor there would be two of it
-    V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :n_u]]))
+    V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :spanned]]))
     rest = [found.vectors for found in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes))]
     sigma = np.zeros(0)
     if rest:
         V, sigma = _compress(K, V, np.hstack(rest), tolerance)
-    model, basis = _modal_coordinates(full, V, S, inputs, reference, damping)
-    return Reduction(model, basis, first.frequency, first.static[:, :n_u], points, sigma, first.static[:, n_u:])
+    model, basis = _modal_coordinates(full, V, S[:, :n_u], inputs, reference, damping)
+    model = replace(model, input_slope={name: basis.T @ slope for name, slope in slopes.items()})
+    return Reduction(model, basis, first.frequency, first.static[:, :n_u], points, sigma, first.static[:, spanned:])
 
 
 def modal_model(

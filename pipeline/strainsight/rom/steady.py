@@ -29,7 +29,7 @@ def steady_start(
     Raises InfeasibleError where an undamped mode has the frequency of a tone.
     """
     step, n = modal_step(model, theta, h), model.size
-    forces = amplitude @ (step.modes.T @ model.input_shape).T
+    forces = amplitude @ (step.modes.T @ step.shape).T
     stiffness = (
         step.eigenvalue - frequency[:, None] ** 2 + 1j * frequency[:, None] * model.damping.viscous(step.eigenvalue)[0]
     )

@@ -94,7 +94,11 @@ def readings(
 def accelerations(model: ReducedModel, theta: Mapping[str, float], x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """q̈ = M⁻¹(S u − C q̇ − K q) (s, n), arguments as in `readings`."""
     n = model.size
-    force = u @ model.input_shape.T - x[:, :n] @ model.stiffness.at(theta) - x[:, n:] @ damping_matrix(model, theta)
+    force = (
+        u @ model.input_shape_at(theta).T
+        - x[:, :n] @ model.stiffness.at(theta)
+        - x[:, n:] @ damping_matrix(model, theta)
+    )
     return np.asarray(np.linalg.solve(model.mass.at(theta), force.T).T)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from scipy import sparse
@@ -14,6 +14,7 @@ from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, build_model
 from strainsight.fem.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
+from strainsight.mesh.additions import with_properties
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
@@ -32,13 +33,17 @@ class FullModel:
 
 
 def full_model(config: MeshFile, mesh: Mesh, parameters: Sequence[Parameter], files: Mapping[str, Path]) -> FullModel:
-    """Assemble, or read matrices where `mesh.matrices` says so; either way constrained and affine in the parameters.
+    """Assemble, or read matrices where `mesh.matrices` says so; either way constrained and affine in the parameters. The mesh of
+    an assembled model has the densities of the parameters' references.
 
     config: the section `mesh`, of which READS are read.
     """
     if config.matrices is None:
         with blame("mesh.file"), mesh.located():
             model = build_model(mesh, parameters, free=config.free)
+            for own in parameters:  # loads that act on mass are those of the densities at the reference
+                if own.property == "density":
+                    model = replace(model, mesh=with_properties(model.mesh, own.regions, density=own.reference))
         if config.free:
             _whole_mass(model)
         return FullModel(model)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from strainsight.cases.structure.clearance import loaded_nodes
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.gauges.hot_spots import hot_spots
-from strainsight.mesh.additions import region_ids
+from strainsight.mesh.additions import region_ids, with_properties
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.placed import HotSpots
@@ -54,15 +53,11 @@ def share_of(config: PlacementConfig) -> float:
 
 def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:
     """The mesh with the moduli at which training was simulated."""
-    regions, materials = dict(mesh.regions), dict(mesh.materials)
     for name, entry in config.parameters.items():
         if entry.property == "youngs_modulus":
-            for number in region_ids(mesh, named_regions(entry.region)):
-                own = max(materials) + 1
-                material = mesh.materials[mesh.regions[number].material]
-                materials[own] = replace(material, id=own, youngs_modulus=reduced.model.reference[name])
-                regions[number] = replace(regions[number], material=own)
-    return replace(mesh, regions=regions, materials=materials)
+            regions = region_ids(mesh, named_regions(entry.region))
+            mesh = with_properties(mesh, regions, youngs_modulus=reduced.model.reference[name])
+    return mesh
 
 
 def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,5 +107,5 @@ def _motions(
     for i, way in np.argwhere((off.shape.any(axis=0) | off.missed.any(axis=0)) & (std > 0)):
         shape, missed = np.zeros_like(reduced.model.input_shape), nothing.copy()
         shape[:, i], missed[:, i, way] = std[way] * off.shape[:, i, way], std[way] * own.load[:, i]
-        model = replace(reduced.model, input_shape=shape)
+        model = reduced.model.acted_on(shape)
         yield model, motion_of(model, model.reference, loading), missed

@@ -8,7 +8,7 @@ from strainsight.cases.material import damping_of, named_regions
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.full_model import full_model
 from strainsight.cases.structure.scales import refuse_damping
-from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
+from strainsight.cases.structure.settings import load_shapes, load_slopes, parameters_of, point_loads
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, blame
 from strainsight.fem.affine import Parameter
@@ -120,6 +120,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
             (modes.frequency, modes.shape),
             watched(using.sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
             off.reshape(len(off), -1),
+            load_slopes(built.model, config.loads, parameters),
         )
     refuse_damping(found.model.damping, found.frequency)
     using.progress("held-out errors", 0.7)

@@ -50,7 +50,9 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     for name, load in point_loads(config.loads).items():
         with blame(f"loads.{name}"):
             if load.moment is None:
-                _check_mass(config, mesh, nodal_forces(mesh, load))
+                forces = nodal_forces(mesh, load)
+                if not load.of_mass:
+                    _check_mass(config, mesh, forces)
             else:
                 loaded_nodes(mesh, load)
     if not mesh.blocks or config.gauges.given is not None:
@@ -66,7 +68,8 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
 
 
 def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
-    """Raise UserError where a load is made by mass of a density that is a parameter: its shape would have to change with it."""
+    """Raise UserError where a load of the deck is made by mass of a density that is a parameter: its forces have been summed up
+    with those of the deck."""
     for name, parameter in config.parameters.items():
         if (
             load.regions
@@ -74,8 +77,8 @@ def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
             and set(region_ids(mesh, named_regions(parameter.region))) & {*load.regions}
         ):
             raise UserError(
-                f"it acts on mass, and would change with the density {name}, which is a parameter: that is not supported",
-                remedy="state the density in mesh.materials, or leave the load out where it changes little",
+                f"it is a load of the deck on mass, and would change with the density {name}, which is a parameter",
+                remedy="state it as `gravity` or `rotation` in place of `deck_load`, or the density in mesh.materials",
             )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,7 +146,7 @@ def _alone(
             loading = run.loading()
         for name in config.place.estimate:
             if name in inputs:
-                alone = replace(model, input_shape=model.input_shape * (np.array(inputs) == name))
+                alone = model.acted_on(model.input_shape * (np.array(inputs) == name))
                 found = _rms(training, _motion(alone, model.reference, loading))
             else:
                 more, less = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from strainsight.errors import ArtefactError, ConfigError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
-from strainsight.mesh.additions import region_ids
+from strainsight.mesh.additions import region_ids, with_properties
 from strainsight.mesh.model import Mesh
 from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
@@ -129,6 +130,24 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.nda
         with blame(f"loads.{name}"):
             columns.append(input_shape(model, (load,)))
     return np.hstack(columns)
+
+
+def load_slopes(
+    model: FiniteElementModel, config: Mapping[str, Load], parameters: Sequence[Parameter]
+) -> dict[str, np.ndarray]:
+    """∂S/∂ρᵢ (n_free, n_u) [1/(kg/m³)] of every density that a load on mass is proportional to: S is affine in densities as the
+    mass is, so that a difference is exact. The mesh of the model has the densities at which its loads act."""
+    on_mass = [i for i, load in enumerate(point_loads(config).values()) if load.of_mass]
+    found = {}
+    for own in parameters if on_mass else ():
+        if own.property == "density":
+            doubled = replace(model, mesh=with_properties(model.mesh, own.regions, density=2 * own.reference))
+            names = [list(config)[i] for i in on_mass]
+            change = [load_shapes(each, {name: config[name] for name in names}) for each in (doubled, model)]
+            slope = np.zeros((model.size, len(config)))
+            slope[:, on_mass] = (change[0] - change[1]) / own.reference
+            found[own.name] = slope
+    return found
 
 
 def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:

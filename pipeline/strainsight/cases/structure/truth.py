@@ -152,7 +152,7 @@ def truth_of(
             rows, held = installed(gauges, installation)
         own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
         if loads_vary(config):
-            own = replace(own, input_shape=basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
+            own = own.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
         truth = _modal(theta, words, held, own, rows, part, installation)
         return replace(truth, field=partial(nodal, built.model, basis))
 
