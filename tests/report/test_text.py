@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from strainsight.report.text import capital, listed, number, percent, quantity, reading_unit, short
+from strainsight.report.text import capital, digits_apart, listed, number, percent, quantity, reading_unit, short
 
 DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -87,3 +87,17 @@ def test_a_sentence_begins_with_a_capital_letter_and_a_symbol_stays_itself():
 
 def test_words_are_listed_as_in_a_sentence():
     assert [listed(words) for words in ([], ["x"], ["x", "y"], ["x", "y", "z"])] == ["", "x", "x and y", "x, y and z"]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "most", "shown"),
+    [
+        (25.2, 3.2145, ("25", "3.21")),
+        (3.2199, 3.2145, ("3.22", "3.21")),
+        (3.2149, 3.2141, ("3.215", "3.214")),
+        (2.0, 2.0, ("2", "2")),
+    ],
+)
+def test_what_lies_above_a_limit_looks_so(ratio, most, shown):
+    digits = digits_apart(ratio, most, 2)
+    assert (number(ratio, digits), number(most, max(digits, 3))) == shown

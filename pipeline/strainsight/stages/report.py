@@ -66,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=22,
+    version=23,
     reads=(
         "name",
         "seed",

@@ -68,7 +68,7 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
 
 SUITE = Stage(
     "suite",
-    version=9,
+    version=10,
     reads=("name", "title", "runs", "studies", "claims"),
     upstream=(),
     files=("runs.*.artefacts.*",),

@@ -61,7 +61,7 @@ def _pictures(report: Findings) -> tuple[list[bytes], str]:
 
 TEST = Stage(
     "test",
-    version=7,
+    version=8,
     reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),

@@ -13,6 +13,8 @@ from strainsight.report.picture.layout import Gauge, Layout, Load
 from strainsight.report.space.model import Shape, contour_of, space, vertex_shift
 from strainsight.report.space.section import SCRIPTS, STYLE, space_section
 from strainsight.report.space.surface import straight, surface
+from strainsight.report.view.parts import _colours
+from strainsight.report.view.viewed import FACETS, Panel, View
 
 NOTHING = np.empty((0, 3))
 
@@ -176,6 +178,9 @@ def test_a_peak_on_less_than_a_hundredth_of_the_surface_lies_beyond_the_scale(si
     assert (own.scale.low, own.scale.high) == pytest.approx((-end, end), rel=1e-12)
     assert (own.scale.below, own.scale.above) == (sign < 0, sign > 0)
     assert (own.least, own.largest) == (values.min(), values.max())
+    window = _colours(View("", layout, quantity="strain", unit="µm/m", on=FACETS), Panel("", values), 0)
+    assert window["clim"] == (own.scale.low, own.scale.high)
+    assert f"beyond its ends {values[-1]:.3g}" in window["scalar_bar_args"]["title"]
     page = space_section([("", layout)], [Shape("F alone", contour=own)])
     low, high = re.search(r'class="ends"><span>(.*?)</span>.*<span>(.*?)</span></p>', page).groups()
     assert ("≤" in low, "≥" in high) == (sign < 0, sign > 0)

@@ -7,7 +7,7 @@ from html import escape
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.page.markup import plain
 from strainsight.report.placement.verdicts import DIVERGED, LOST, OVER
-from strainsight.report.text import number
+from strainsight.report.text import digits_apart, number
 
 
 def faults(run: BenchRun, name: str) -> tuple[str, ...]:
@@ -38,4 +38,5 @@ def _why(run: BenchRun, name: str, fault: str) -> str:
     ratio, most = (run.number(f"claim_{key}.{name}") for key in ("ratio", "most"))
     if fault != OVER or ratio is None or most is None:
         return fault
-    return f"{OVER} (error {plain(ratio, 2)} times the claimed σ, at most {plain(most, 3)} where it holds)"
+    digits = digits_apart(ratio, most, 2)
+    return f"{OVER} (error {plain(ratio, digits)} times the claimed σ, at most {plain(most, max(digits, 3))} where it holds)"

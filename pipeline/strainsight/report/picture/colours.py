@@ -46,13 +46,17 @@ def limits(values: FloatArray) -> tuple[float, float]:
     return low, high if high > low else low + 1.0
 
 
-def scale_of(quantity: str, unit: str, values: FloatArray) -> Scale:
-    """The scale of these values."""
+def scale_of(quantity: str, unit: str, values: FloatArray, area: FloatArray | None = None) -> Scale:
+    """The scale of these values; area (f,) [m²] of the facets that they are on: one that a peak does not stretch."""
     low, high = limits(values)
-    return Scale(quantity, unit, low, high, DIVERGING if low < 0 < high else MAP)
+    whole = Scale(quantity, unit, low, high, DIVERGING if low < 0 < high else MAP)
+    if area is None or not np.isfinite(values).any():
+        return whole
+    known = np.isfinite(values)
+    return _without_peaks(whole, values[known], area[known])
 
 
-def without_peaks(scale: Scale, values: FloatArray, area: FloatArray) -> Scale:
+def _without_peaks(scale: Scale, values: FloatArray, area: FloatArray) -> Scale:
     """The scale, its ends no farther from zero than the values (f,) on all but TAIL of the area (f,) [m²]."""
     order = np.argsort(np.abs(values))
     size, covered = np.abs(values)[order], np.cumsum(area[order])

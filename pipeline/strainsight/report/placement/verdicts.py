@@ -9,7 +9,7 @@ from html import escape
 from strainsight.report.page.filters import HELD as HELD
 from strainsight.report.page.markup import plain, share
 from strainsight.report.placement.data import Claim, Unknown
-from strainsight.report.text import number
+from strainsight.report.text import digits_apart, number
 
 OVER, CAUTIOUS = "overconfident", "too cautious"
 LOST, DIVERGED = "not identified", "diverged"
@@ -22,8 +22,10 @@ Shown = Callable[[float, int], str]
 def in_words(claim: Claim, shown: Shown = number, *, limit: bool = True) -> str:
     """As "overconfident (error 6.6 times the claimed σ, at most 3.21 where it holds)"; limit: whether the most is named."""
     what = {"test": "error", "smoothed": "smoothed error"}.get(claim.of, "RMS error of the repeats")
-    most = f", at most {shown(claim.band[1], 3)} where it holds" * (limit and claim.verdict == OVER)
-    return f"{claim.verdict} ({what} {shown(claim.ratio, 2)} times the claimed σ{most})"
+    limit &= claim.verdict == OVER
+    digits = digits_apart(claim.ratio, claim.band[1], 2) if limit else 2
+    most = f", at most {shown(claim.band[1], max(digits, 3))} where it holds" * limit
+    return f"{claim.verdict} ({what} {shown(claim.ratio, digits)} times the claimed σ{most})"
 
 
 def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, ...]:

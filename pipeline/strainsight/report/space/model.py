@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour
-from strainsight.report.picture.colours import Scale, scale_of, without_peaks
+from strainsight.report.picture.colours import Scale, scale_of
 from strainsight.report.picture.geometry import areas, at_points, triangles, views
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, foil, marker
@@ -134,7 +134,7 @@ def contour_of(values: FloatArray, layout: Layout, quantity: str, unit: str) -> 
     """Colours of values (f,) [unit] on the layout's facets, on a scale that a peak does not stretch."""
     values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(initial=0.0), values, 0.0)
     shown = at_points(values, layout.faces, len(layout.points))
-    scale = without_peaks(scale_of(quantity, unit, values), values, areas(layout.points, layout.faces))
+    scale = scale_of(quantity, unit, values, areas(layout.points, layout.faces))
     return Contour(shown, scale, float(values.min()), float(values.max()))
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from strainsight.report.page.markup import measure, picture
 from strainsight.report.page.scale import scale_bar
 from strainsight.report.picture.colours import Scale, scale_of
+from strainsight.report.picture.geometry import areas
+from strainsight.report.picture.layout import Layout
 from strainsight.report.space.model import Shape, contour_of
 from strainsight.report.space.section import space_section
 from strainsight.report.tested.data import Findings, Map, Moment
@@ -57,8 +59,8 @@ def field_section(parts: Parts) -> str:
     for own, png in zip(moment.maps, parts.pictures, strict=False):
         cards += (
             f'<figure class="card"><h3>{escape(own.quantity)}</h3><div class="scene" tabindex="0" role="region" '
-            f'aria-label="picture: {escape(own.quantity)}">{picture(png, _alt(own, moment), *SIZE)}</div>'
-            f"{scale_bar(scale(own))}<figcaption>{_said(own)}</figcaption></figure>"
+            f'aria-label="picture: {escape(own.quantity)}">{picture(png, _alt(own, moment, parts.report.layout), *SIZE)}</div>'
+            f"{scale_bar(scale(own, parts.report.layout))}<figcaption>{_said(own)}</figcaption></figure>"
         )
     if not parts.pictures:
         said = f"<p><strong>No picture.</strong> {escape(parts.problem)}</p>" if parts.problem else ""
@@ -82,9 +84,9 @@ def space_of(parts: Parts) -> str:
     return space_section([("", report.layout)], [*shapes, moved], first=0)
 
 
-def scale(own: Map) -> Scale:
-    """From the least to the largest value, about zero where both signs occur."""
-    return scale_of(own.quantity, own.unit, own.values)
+def scale(own: Map, layout: Layout) -> Scale:
+    """That of the picture: about zero where both signs occur, a peak beyond its ends."""
+    return scale_of(own.quantity, own.unit, own.values, areas(layout.points, layout.faces))
 
 
 def _said(own: Map) -> str:
@@ -97,8 +99,8 @@ def _said(own: Map) -> str:
     return f"{span}{f'; {largest}' if largest else ''}, by facets at their middles."
 
 
-def _alt(own: Map, moment: Moment) -> str:
-    low, high = float(own.values.min()), float(own.values.max())
+def _alt(own: Map, moment: Moment, layout: Layout) -> str:
+    low, high = scale(own, layout).low, scale(own, layout).high
     return (
         f"{own.quantity} of the surface at {number(moment.time)} s, in colours from {number(low, 3)} to "
         f"{number(high, 3)} {own.unit}."

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
 from strainsight.report.picture.colours import scale_of
-from strainsight.report.picture.geometry import facet_of_triangle, mesh_lines
+from strainsight.report.picture.geometry import areas, facet_of_triangle, mesh_lines
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
 from strainsight.report.picture.picture import DRAWN_FACETS
 from strainsight.report.text import short
-from strainsight.report.view.viewed import DOTS, POINTS, Panel, View
+from strainsight.report.view.viewed import DOTS, FACETS, POINTS, Panel, View
 
 STEEL, LINES, POOL, CLAMP, INK = "#c3ccd6", "#5d6a79", "#7b8794", "#8a4fb5", "#1c2430"
 LENGTH = 0.07
@@ -88,11 +88,15 @@ def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: 
 
 
 def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
-    """How values are coloured, about zero where they have both signs, with a scalar bar of their own."""
-    scale = scale_of(view.quantity, view.unit, panel.values)
+    """How values are coloured, about zero where they have both signs, with a scalar bar of their own; on facets a peak lies
+    beyond its ends, and the title says how large it is."""
+    area = areas(view.layout.points, view.layout.faces) if view.on == FACETS else None
+    scale = scale_of(view.quantity, view.unit, panel.values, area)
     # VTK keeps one bar a title: spaces, which nobody sees, distinguish the panels' bars. The line feed keeps the title off
     # the numbers.
-    title = f"{view.quantity} [{view.unit}]{' ' * (bar or 0)}\n"
+    ends = np.array([np.nanmin(panel.values), np.nanmax(panel.values)])[[scale.below, scale.above]]
+    beyond = f", beyond its ends {' and '.join(f'{end:.3g}' for end in ends)}" if len(ends) else ""
+    title = f"{view.quantity} [{view.unit}]{beyond}{' ' * (bar or 0)}\n"
     return {
         "cmap": scale.name,
         "clim": (scale.low, scale.high),

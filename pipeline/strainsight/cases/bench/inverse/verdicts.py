@@ -10,6 +10,7 @@ from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
 from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
+from strainsight.report.text import digits_apart, number
 
 Scalar = float | str
 """Of a summary."""
@@ -37,9 +38,10 @@ def warnings_of(
     for name in (*estimate.inputs, *free):
         std, claim = _float(numbers, f"std.{name}"), claims.get(name)
         if claim is not None and claim.verdict == OVERCONFIDENT:
+            digits = digits_apart(claim.ratio, claim.band[1], 2)
             yield (
-                f"{name} is {OVERCONFIDENT} (error {claim.ratio:.2g} times the claimed σ, at most {claim.band[1]:.3g} where it "
-                "holds)"
+                f"{name} is {OVERCONFIDENT} (error {number(claim.ratio, digits)} times the claimed σ, at most "
+                f"{number(claim.band[1], max(digits, 3))} where it holds)"
             )
         if name in estimate.inputs and std > HARDLY:
             yield (
