@@ -14,6 +14,7 @@ from strainsight.fem.submodel import (
     patch_around,
     refined_submodel,
     submodel,
+    tractions,
     with_spread_forces,
 )
 from strainsight.mesh.facets import Facets, exterior_facets
@@ -29,7 +30,8 @@ def part(mesh, field, nodes, forced=(), layers=2):
     everywhere = forced_nodes(mesh)
     everywhere[list(forced)] = True
     own = field.reshape(len(mesh.position), 3, -1)[patch.nodes].reshape(3 * len(patch.nodes), -1)
-    return patch, own, submodel(patch, own, held_components(mesh)[patch.nodes], everywhere[patch.nodes])
+    none = tractions(patch, own, exterior_facets(mesh), *np.zeros((2, len(mesh.position)), dtype=bool))
+    return patch, own, submodel(patch, own, held_components(mesh)[patch.nodes], everywhere[patch.nodes], none)
 
 
 def with_extra_node(mesh, position):

@@ -11,7 +11,7 @@ from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.zones import NormalCone
 from strainsight.mesh.facets import exterior_facets
 
-from ..bodies import E, body, held, moved
+from ..bodies import NU, E, body, held, moved
 
 SHARE = 0.05
 
@@ -24,8 +24,8 @@ def gauges_at(mesh, places, normal, axis, within=10.0):
     return every.take(np.array([int(np.argmin(each)) for each in apart]))
 
 
-def found(mesh, field, gauges, loaded=()):
-    return hot_spots(mesh, gauges, field, np.eye(1), np.array(loaded, dtype=int))
+def found(mesh, field, gauges, loaded=(), pressed=()):
+    return hot_spots(mesh, gauges, field, np.eye(1), np.array(loaded, dtype=int), np.array(pressed, dtype=int))
 
 
 def cantilever(kind, n):
@@ -44,6 +44,24 @@ def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
     own = found(mesh, field, gauges_at(mesh, [(0.45, 0.05, 0.1), (0.55, 0.0, 0.1)], (0, 0, 1), (1, 0, 0)), end)
     assert np.abs(own.refined).max() < SHARE
     assert np.abs(own.spread).max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10", "wedge6", "wedge15"])
+def test_beside_a_uniform_traction_uniform_strain_stays(kind):
+    """Patch test: a block pulled along z, u = σ/E (−νx, −νy, z), by a traction on its top, of which each node has its share.
+    Forces at nodes on parts of the elements would be another load."""
+    size = np.array([0.3, 0.2, 0.1])
+    mesh = body(kind, (6, 4, 3), lambda u, v, w: size * (u / 6, v / 4, w / 3))
+    x, y, z = mesh.position.T
+    mesh, top = held(mesh, z < 1e-9), np.flatnonzero(z > 0.1 - 1e-9)
+    field = 1e-3 * np.column_stack([-NU * x, -NU * y, z]).reshape(-1, 1)
+    on_top = gauges_at(mesh, [(0.125, 0.125, 0.1), (0.29, 0.19, 0.1), (0.15, 0.01, 0.1)], (0, 0, 1), (1, 0, 0))
+    beside = gauges_at(mesh, [(0.3, 0.125, 0.09), (0.3, 0.19, 0.09)], (1, 0, 0), (0, 0, 1))
+    for gauges in (on_top, beside):
+        own = found(mesh, field, gauges, top, top)
+        assert np.abs(own.refined).max() < 1e-10
+        assert np.abs(own.spread).max() < 1e-10
+    assert np.abs(found(mesh, field, on_top, top).refined).max() > SHARE
 
 
 @pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10", "wedge6", "wedge15"])

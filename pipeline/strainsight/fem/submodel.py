@@ -12,6 +12,7 @@ from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.factorisation import factorise
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.kinds.kind import with_midsides
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.subdivision import Refined, refined
 
@@ -115,59 +116,139 @@ def forced_nodes(mesh: Mesh) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Tractions:
+    """What acts on facets: kind (f,) indices into FACETS, nodes (f, 8) padded with −1, value (f, 8, 3, r) [Pa] at them."""
+
+    kind: np.ndarray
+    nodes: np.ndarray
+    value: np.ndarray
+
+    def within(self, patch: Patch) -> Tractions:
+        """On the facets that have all their nodes in a patch, with its node numbers."""
+        nodes = patch.local(self.nodes)
+        own = np.all((nodes >= 0) | (self.nodes < 0), axis=1)
+        return Tractions(self.kind[own], np.where(self.nodes[own] < 0, -1, nodes[own]), self.value[own])
+
+    def cut(self, fine: Refined) -> Tractions:
+        """The same on the parts of the facets in a finer mesh."""
+        found = [(self.kind[:0], self.nodes[:0], self.value[:0])]
+        for code in np.unique(self.kind):
+            own, kind = self.kind == code, FACETS[code]
+            for name, corners in kind.split:
+                number = next(i for i, each in enumerate(FACETS) if each.name == name)
+                xi = with_midsides(corners, FACETS[number].edges)
+                nodes, value = np.full((own.sum(), 8), -1), np.zeros((own.sum(), *self.value.shape[1:]))
+                nodes[:, : len(xi)] = fine.nodes_at(kind, self.nodes[own][:, : len(kind.nodes)], xi)
+                value[:, : len(xi)] = np.einsum("qa,eacr->eqcr", kind.shape(xi), self.value[own][:, : len(kind.nodes)])
+                found.append((np.full(own.sum(), number), nodes, value))
+        return Tractions(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+    def forces(self, position: np.ndarray) -> np.ndarray:
+        """f_a = ∫ N_a p dA at nodes (k,): (3k, r) [N]."""
+        f = np.zeros((len(position), *self.value.shape[2:]))
+        for rule in _quadrature(position, self.kind, self.nodes):
+            p = np.einsum("qa,eacr->eqcr", rule.shape, self.value[rule.which][:, : rule.nodes.shape[1]])
+            np.add.at(f, rule.nodes, np.einsum("eq,qa,eqcr->eacr", rule.area, rule.shape, p))
+        return f.reshape(3 * len(position), -1)
+
+
+def tractions(patch: Patch, field: np.ndarray, facets: Facets, loaded: np.ndarray, otherwise: np.ndarray) -> Tractions:
+    """The tractions τ that make the forces f = K z at nodes, on facets of which all nodes are loaded:
+
+        M τ = f,     M_ab = ∫ N_a N_b dA,     τ = t + M⁺(f − M t)
+
+    by rows of the nodes that elements outside of the patch do not share, t the uniform traction of the same resultant: of a
+    uniform one it is that. field z (3k, r) at the nodes of the patch; facets, loaded (n,) of the whole mesh; otherwise (n,):
+    nodes on which other forces act. Valid a layer away from the cut; nodes numbered as in the whole mesh.
+    """
+    nodes = patch.local(facets.nodes)
+    own = np.all(((nodes >= 0) & loaded[facets.nodes]) | (facets.nodes < 0), axis=1)
+    kind, nodes = facets.kind[own], np.where(facets.nodes[own] < 0, -1, nodes[own])
+    value = np.zeros((own.sum(), 8, 3, field.shape[1]))
+    on = np.unique(nodes[nodes >= 0])
+    known = ~patch.cut[on] & ~otherwise[patch.nodes[on]]
+    if known.any():
+        position = patch.mesh.position
+        f = (assemble_stiffness(patch.mesh) @ field).reshape(len(position), -1)[on[known]]
+        M = np.zeros((len(on), len(on)))
+        for rule in _quadrature(position, kind, nodes):
+            at = np.searchsorted(on, rule.nodes)
+            np.add.at(
+                M, (at[:, :, None], at[:, None, :]), np.einsum("eq,qa,qb->eab", rule.area, rule.shape, rule.shape)
+            )
+        M = M[known]
+        uniform = np.tile(f.sum(axis=0) / M.sum(), (len(on), 1))
+        tau = uniform + np.linalg.lstsq(M, f - M @ uniform, rcond=1e-9)[0]
+        value = np.where((nodes >= 0)[:, :, None], tau[np.searchsorted(on, np.maximum(nodes, on[0]))], 0.0)
+        value = value.reshape(len(nodes), 8, 3, -1)
+    return Tractions(kind, facets.nodes[own], value)
+
+
+@dataclass(frozen=True)
 class Submodel:
-    """A patch in equilibrium: its mesh; field z (3k, r); held (k, 3): what is given; force (3k, r) at nodes, zero where held."""
+    """A patch in equilibrium: its mesh; field z (3k, r); held (k, 3): what is given; force (3k, r) at nodes, zero where held;
+    applied: tractions, which make some of it."""
 
     mesh: Mesh
     field: np.ndarray
     held: np.ndarray
     force: np.ndarray
+    applied: Tractions
 
     def part(self, patch: Patch) -> Submodel:
         """Some of its elements by themselves, moved at their cut boundary as it is."""
         held = self.held[patch.nodes] | patch.cut[:, None]
         rows = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
-        return Submodel(patch.mesh, self.field[rows], held, np.where(held.reshape(-1, 1), 0.0, self.force[rows]))
+        force = np.where(held.reshape(-1, 1), 0.0, self.force[rows])
+        return Submodel(patch.mesh, self.field[rows], held, force, self.applied.within(patch))
+
+    @property
+    def concentrated(self) -> np.ndarray:
+        """What no traction makes of the forces (3k, r) at nodes, zero where held."""
+        return np.where(self.held.reshape(-1, 1), 0.0, self.force - self.applied.forces(self.mesh.position))
 
 
-def submodel(patch: Patch, field: np.ndarray, held: np.ndarray, forced: np.ndarray) -> Submodel:
+def submodel(patch: Patch, field: np.ndarray, held: np.ndarray, forced: np.ndarray, applied: Tractions) -> Submodel:
     """The patch for the motion of what is cut or held, under the forces that the field needs at forced nodes:
 
         K_ii z_i = f − K_ib z_b,     f = (K z)_i at forced nodes, zero elsewhere
 
     so that inertia within the patch is left out, which on the scale of a few elements bends nothing.
-    field z (3k, r) of the whole model at the nodes of the patch; held (k, 3) and forced (k,) of its nodes. Raises NumericalError
-    where a part of it hangs on nothing.
+    field z (3k, r) of the whole model at the nodes of the patch; held (k, 3) and forced (k,) of its nodes; applied: `tractions`
+    of the whole mesh. Raises NumericalError where a part of it hangs on nothing.
     """
     given = held | patch.cut[:, None]
     K = assemble_stiffness(patch.mesh)
     acting = forced[:, None] & ~given
     force = np.where(acting.reshape(-1, 1), K @ field, 0.0) if acting.any() else np.zeros_like(field)
-    return Submodel(patch.mesh, _solved(K, given, field, force), given, force)
+    return Submodel(patch.mesh, _solved(K, given, field, force), given, force, applied.within(patch))
 
 
 def with_spread_forces(own: Submodel, facets: Facets) -> Submodel:
-    """The same with the force of each node as a traction of its resultant and moment over the exterior facets around it.
+    """The same with the concentrated force of each node as a traction of its resultant and moment over the facets around.
 
     facets: exterior ones of the whole mesh that lie in it, with its node numbers.
     """
-    forced = np.asarray(np.any(own.force.reshape(-1, 3 * own.force.shape[1]) != 0, axis=1))
-    force = _spread(own.mesh.position, facets, forced) @ own.force
+    f = own.concentrated
+    forced = np.asarray(np.any(f.reshape(-1, 3 * f.shape[1]) != 0, axis=1))
+    force = _spread(own.mesh.position, facets, forced) @ f + own.applied.forces(own.mesh.position)
     K = assemble_stiffness(own.mesh)
-    return Submodel(own.mesh, _solved(K, own.held, own.field, force), own.held, force)
+    return replace(own, field=_solved(K, own.held, own.field, force), force=force)
 
 
 def refined_submodel(own: Submodel) -> tuple[Submodel, Refined]:
-    """The same on a mesh of parts of its elements: what is held moves as its shape functions say, x_b = P z, forces stay at their
-    nodes. A new node is held where all nodes that it is a mean of are."""
+    """The same on a mesh of parts of its elements: what is held moves as its shape functions say, x_b = P z, tractions act on
+    the parts of their facets, other forces stay at their nodes. A new node is held where all nodes that it is a mean of are."""
     fine = refined(own.mesh)
     P = sparse.csr_array(sparse.kron(fine.interpolation, sparse.eye_array(3), format="csr"))
     free = (~own.held).ravel().astype(float)
     given = (np.asarray(abs(P) @ free) == 0).reshape(-1, 3)
     force = np.zeros((P.shape[0], own.field.shape[1]))
-    force[(3 * _fine_of_coarse(fine)[:, None] + np.arange(3)).ravel()] = own.force
+    force[(3 * _fine_of_coarse(fine)[:, None] + np.arange(3)).ravel()] = own.concentrated
+    applied = own.applied.cut(fine)
+    force = np.where(given.reshape(-1, 1), 0.0, force + applied.forces(fine.mesh.position))
     K = assemble_stiffness(fine.mesh)
-    return Submodel(fine.mesh, _solved(K, given, P @ own.field, force), given, force), fine
+    return Submodel(fine.mesh, _solved(K, given, P @ own.field, force), given, force, applied), fine
 
 
 def _fine_of_coarse(fine: Refined) -> np.ndarray:
@@ -198,39 +279,58 @@ def _spread(position: np.ndarray, facets: Facets, forced: np.ndarray) -> sparse.
 
     so that resultant and moment stay: without β a force at the end of a beam would move along it.
     """
-    parts, entries = list(_quadrature(position, facets, forced)), []
+    near = np.any(forced[facets.nodes] & (facets.nodes >= 0), axis=1)
+    rules, entries = list(_quadrature(position, facets.kind[near], facets.nodes[near])), []
     for node in np.flatnonzero(forced).tolist():
-        around = [(own, on) for own in parts if (on := np.any(own[0] == node, axis=1)).any()]
+        around = _around(position, rules, node)
         if not around:
             entries.append((np.array([node]), np.array([node]), np.ones(1)))
-            continue
-        size = max(float(np.abs(x[on] - position[node]).max()) for (_, x, _, _), on in around)
-        base = [
-            np.concatenate([np.ones((*dA[on].shape, 1)), (x[on] - position[node]) / size], axis=2)
-            for (_, x, dA, _), on in around
-        ]
-        gram = np.zeros((4, 4))
-        for own, ((_, _, dA, _), on) in zip(base, around, strict=True):
-            gram += np.einsum("eqi,eq,eqj->ij", own, dA[on], own)
-        factor = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)[:, 0]
-        for own, ((nodes, _, dA, N), on) in zip(base, around, strict=True):
-            share = np.einsum("eqi,i,eq,qa->ea", own, factor, dA[on], N)
-            entries.append((nodes[on].ravel(), np.full(share.size, node), share.ravel()))
+        for rule, on, factor, size in around:
+            base = _linear(rule.points[on], position[node], size)
+            share = np.einsum("eqi,i,eq,qa->ea", base, factor, rule.area[on], rule.shape)
+            entries.append((rule.nodes[on].ravel(), np.full(share.size, node), share.ravel()))
     target, source, value = (np.concatenate(column) for column in zip(*entries, strict=True))
     S = sparse.coo_array((value, (target, source)), shape=(len(position), len(position)))
     return sparse.csr_array(sparse.kron(S, sparse.eye_array(3), format="csr"))
 
 
-def _quadrature(
-    position: np.ndarray, facets: Facets, forced: np.ndarray
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Of the facets that have a forced node, kind by kind: nodes (e, a), points (e, q, 3) [m] with their areas (e, q) [m²], shape
+@dataclass(frozen=True)
+class _Rule:
+    """Facets of one kind, by their numbers which (e,): nodes (e, a), points (e, q, 3) [m] with their area (e, q) [m²], shape
     functions (q, a)."""
-    for code in np.unique(facets.kind):
-        kind = FACETS[code]
-        nodes = facets.nodes[facets.kind == code][:, : len(kind.nodes)]
-        nodes = nodes[np.any(forced[nodes], axis=1)]
+
+    which: np.ndarray
+    nodes: np.ndarray
+    points: np.ndarray
+    area: np.ndarray
+    shape: np.ndarray
+
+
+def _quadrature(position: np.ndarray, kinds: np.ndarray, nodes: np.ndarray) -> Iterator[_Rule]:
+    """Of facets, kinds (f,), nodes (f, 8), kind by kind."""
+    for code in np.unique(kinds):
+        kind, which = FACETS[code], np.flatnonzero(kinds == code)
+        own = nodes[which][:, : len(kind.nodes)]
         xi, w = kind.mass
-        N, J = kind.shape(xi), np.einsum("qka,ekc->eqca", kind.gradient(xi), position[nodes])
+        N, J = kind.shape(xi), np.einsum("qka,ekc->eqca", kind.gradient(xi), position[own])
         area = w * np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=-1)
-        yield nodes, np.einsum("qk,ekc->eqc", N, position[nodes]), area, N
+        yield _Rule(which, own, np.einsum("qk,ekc->eqc", N, position[own]), area, N)
+
+
+def _around(position: np.ndarray, rules: list[_Rule], node: int) -> list[tuple[_Rule, np.ndarray, np.ndarray, float]]:
+    """The facets around a node, rule by rule: which of them (e,), (α, β size) of `_spread`, and the size that x − x₀ is over."""
+    around = [(rule, on) for rule in rules if (on := np.any(rule.nodes == node, axis=1)).any()]
+    if not around:
+        return []
+    size = max(float(np.abs(rule.points[on] - position[node]).max()) for rule, on in around)
+    gram = np.zeros((4, 4))
+    for rule, on in around:
+        base = _linear(rule.points[on], position[node], size)
+        gram += np.einsum("eqi,eq,eqj->ij", base, rule.area[on], base)
+    factor = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)[:, 0]
+    return [(rule, on, factor, size) for rule, on in around]
+
+
+def _linear(x: np.ndarray, about: np.ndarray, size: float) -> np.ndarray:
+    """(1, (x − x₀)/size) of points (..., 3)."""
+    return np.concatenate([np.ones((*x.shape[:-1], 1)), (x - about) / size], axis=-1)

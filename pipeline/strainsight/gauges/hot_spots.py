@@ -15,6 +15,7 @@ from strainsight.fem.submodel import (
     patch_around,
     refined_submodel,
     submodel,
+    tractions,
     with_spread_forces,
 )
 from strainsight.gauges.candidates import STRAIN, Candidates
@@ -53,7 +54,13 @@ class HotSpots:
 
 
 def hot_spots(
-    mesh: Mesh, gauges: Candidates, field: np.ndarray, moment: np.ndarray, loaded: np.ndarray, layers: int = LAYERS
+    mesh: Mesh,
+    gauges: Candidates,
+    field: np.ndarray,
+    moment: np.ndarray,
+    loaded: np.ndarray,
+    pressed: np.ndarray,
+    layers: int = LAYERS,
 ) -> HotSpots:
     """The submodel of every strain gauge as it is, refined, and with its forces spread, each moved at its cut as the model is:
 
@@ -61,14 +68,18 @@ def hot_spots(
 
     with the sign of Δ C εᵀ. The second refinement is of the parts around the gauge alone, a submodel of the first. Sensors of
     motion do not change. What a finer mesh changes in the motion of the boundary is not seen: the test is of what is local,
-    such as corners, ends of supports, loads at nodes, holes and fillets in large elements.
+    such as corners, ends of supports, loads at nodes, holes and fillets in large elements. Loads on faces are tractions, and stay
+    that on their parts.
 
     mesh with the moduli at which the field is a solution; gauges: m channels; field (3n, r) displacements per coordinate; moment
-    C (r, r) of the coordinates, mean q qᵀ; loaded: nodes (indices) on which loads act.
+    C (r, r) of the coordinates, mean q qᵀ; loaded: nodes (indices) on which loads act; pressed: those of
+    them on which a traction does.
     """
     facets = exterior_facets(mesh)
     skin, incidence = surface_of(mesh.position, gauges, facets), Incidence.of(mesh)
     held, forced = held_components(mesh), forced_nodes(mesh)
+    under, otherwise = np.zeros(len(mesh.position), dtype=bool), forced | held.any(axis=1)
+    under[pressed] = True
     forced[loaded] = True
     motion = field @ _root(moment)
     refined, spread = np.zeros((gauges.gauges, DEPTH)), np.zeros(gauges.gauges)
@@ -78,7 +89,9 @@ def hot_spots(
             continue
         points = points_within(mesh.position, own, skin)
         try:
-            readings, apart = _readings(mesh, facets, incidence, held, forced, points, len(own), motion, layers)
+            readings, apart = _readings(
+                mesh, facets, incidence, held, forced, (under, otherwise), points, len(own), motion, layers
+            )
         except (NumericalError, DeckError):  # all of a body that nothing holds; parts of an element at its limits
             refined[g] = spread[g] = np.nan
             continue
@@ -94,16 +107,21 @@ def _readings(
     incidence: Incidence,
     held: np.ndarray,
     forced: np.ndarray,
+    pressed: tuple[np.ndarray, np.ndarray],
     points: Points,
     channels: int,
     z: np.ndarray,
     layers: int,
 ) -> tuple[list[np.ndarray], np.ndarray | None]:
     """What the channels of one gauge read of a field (c, r): on the submodel, refined once, twice; with forces spread, None where
-    there are none."""
-    patch = patch_around(mesh, incidence, np.unique(points.nodes[points.nodes >= 0]), layers)
-    field = z.reshape(len(mesh.position), 3, -1)[patch.nodes].reshape(3 * len(patch.nodes), -1)
-    own = submodel(patch, field, held[patch.nodes], forced[patch.nodes])
+    there are none. pressed: nodes (n,) under a traction, and those on which other forces act."""
+    nodes = np.unique(points.nodes[points.nodes >= 0])
+    patch, around = (patch_around(mesh, incidence, nodes, count) for count in (layers, layers + 1))
+    field, more = (
+        z.reshape(len(mesh.position), 3, -1)[part.nodes].reshape(3 * len(part.nodes), -1) for part in (patch, around)
+    )
+    applied = tractions(around, more, facets, *pressed)
+    own = submodel(patch, field, held[patch.nodes], forced[patch.nodes], applied)
     at = replace(points, nodes=patch.local(points.nodes))
     rows = matrix_of(patch.mesh.position, at, channels)
     found, spread = [rows @ own.field], None

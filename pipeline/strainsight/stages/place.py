@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=24,
+    version=25,
     reads=(
         "seed",
         "mesh.length_unit",

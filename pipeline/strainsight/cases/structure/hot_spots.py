@@ -40,10 +40,23 @@ def tested_hot_spots(
         reduced.basis,
         training.moment,
         loaded_nodes(config, mesh, exterior_facets(mesh)),
+        _pressed_nodes(config, mesh),
     )
     left = np.full(len(gauges) - len(tested), np.nan)
     refined, spread = np.append(found.change, left), np.append(found.spread, left)
     return HotSpots(refined=refined, spread=spread, share=share_of(config))
+
+
+def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
+    """Nodes (indices) of the faces that loads act on, and those of loads of the deck: facets that have such nodes alone carry a
+    traction. Of a set that is no face the nodes have equal parts."""
+    found = np.zeros(len(mesh.position), dtype=bool)
+    for load in config.loads.values():
+        if load.deck_load is not None:
+            found[mesh.loads[load.deck_load].nodes] = True
+        elif load.set in mesh.faces:
+            found[np.isin(mesh.node_ids, mesh.node_sets[str(load.set)])] = True
+    return np.flatnonzero(found)
 
 
 def share_of(config: PlacementConfig) -> float:
