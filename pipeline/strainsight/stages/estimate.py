@@ -63,7 +63,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=28,
+    version=29,
     reads=(
         "seed",
         "loads",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.structure.filtered_test import Filtering
-from strainsight.cases.structure.nuisances import nuisances_of, tolerated
+from strainsight.cases.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.fault_search import Suspect
@@ -80,8 +80,11 @@ def suspect_of(
         rows, missed = np.array(training.rows), np.array(training.missed)
         rows[channel], missed[channel] = turning.rows[j, k], turning.missed[j, k]
         as_turned = replace(training, candidates=_turned(training.candidates, one), rows=rows, missed=missed)
+        own = tolerated(config, mesh, reduced, as_turned, channels)
+        # the others have what they read on average over their installations already
+        H[j] = on_average(own, replace(constant, H=H), channels).H[j]
         changed = replace(constant, H=H)
-        return changed, nuisances_of(tolerated(config, mesh, reduced, as_turned, channels), changed, channels)
+        return changed, nuisances_of(own, changed, channels)
 
     return Suspect(
         model=constant,
