@@ -7,7 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from strainsight.report.text import capital, digits_apart, listed, number, percent, quantity, reading_unit, short
+from strainsight.report.text import (
+    capital,
+    digits_apart,
+    listed,
+    number,
+    percent,
+    quantity,
+    reading_unit,
+    short,
+    unbroken,
+)
 
 DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -101,3 +111,7 @@ def test_words_are_listed_as_in_a_sentence():
 def test_what_lies_above_a_limit_looks_so(ratio, most, shown):
     digits = digits_apart(ratio, most, 2)
     assert (number(ratio, digits), number(most, max(digits, 3))) == shown
+
+
+def test_no_line_ends_between_a_number_and_its_unit():
+    assert unbroken("gain 0.5 %, point 2 mm, 3 modes of it") == "gain 0.5\u00a0%, point 2\u00a0mm, 3 modes of it"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
@@ -85,6 +86,11 @@ def ratio(value: float, digits: int = 2) -> str:
 def _grouped(digits: str) -> str:
     """Thin spaces between thousands, from five digits on."""
     return f"{int(digits):,}".replace(",", "\u202f") if len(digits.lstrip("-")) > 4 and "." not in digits else digits
+
+
+def unbroken(text: str) -> str:
+    """Text in which no line ends between a number and its per cent or millimetres."""
+    return re.sub(r"(?<=\d) (?=%|mm\b|m\b|s\b|Hz\b)", "\u00a0", text)
 
 
 def listed(words: Sequence[str]) -> str:

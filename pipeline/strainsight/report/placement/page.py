@@ -18,6 +18,7 @@ from strainsight.report.placement.verdicts import HELD, faults, headline
 from strainsight.report.sheets.section import sheets_section
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import STYLE, script, space_section
+from strainsight.report.text import unbroken
 
 FOOTER = (
     "σ is one standard deviation. Errors and σ are relative: of a parameter to its true value, of a load to its own true RMS "
@@ -111,7 +112,9 @@ def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     signals = _chosen(drawings, lambda key: key.startswith("signal-"), unfolded=12)
     if not shown and not signals:
         return ""
-    lead = f'<p class="lead">Truth: {escape(report.truth_description)}.</p>' if report.truth_description else ""
+    lead = (
+        f'<p class="lead">Truth: {unbroken(escape(report.truth_description))}.</p>' if report.truth_description else ""
+    )
     text = f"<h2>What they tell</h2>{lead}{shown}"
     if signals:
         strains = all(signal.unit == "strain" for signal in report.gauge_signals)

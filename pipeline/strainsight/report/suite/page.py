@@ -20,6 +20,7 @@ from strainsight.report.suite import statements, summary
 from strainsight.report.suite.cases import observability_section
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 from strainsight.report.suite.layouts import gauges_section, suite_space
+from strainsight.report.text import unbroken
 
 Cards = Mapping[str, str]
 """Key of a drawing → its card."""
@@ -117,7 +118,9 @@ def _placements(suite: Suite, cards: Cards) -> str:
         # Three in a row, or two where three would leave a hole.
         grid = "multiples" if (1 + shown.count("<figure")) % 3 == 0 else "figures"
         words = f"<p>{summary.run_answer(run)}</p>"
-        words += f'<p class="note">Truth: {escape(run.truth_description)}.</p>' if run.truth_description else ""
+        words += (
+            f'<p class="note">Truth: {unbroken(escape(run.truth_description))}.</p>' if run.truth_description else ""
+        )
         words += _remarks(run)
         text += (
             f'<section id="run-{index}"><h3 class="run">{index}. {escape(run.label)} '

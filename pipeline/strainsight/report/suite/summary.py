@@ -49,7 +49,8 @@ def _links(places: Sequence[int]) -> str:
 def runs_table(report: Suite) -> str:
     """A block a run, a row an unknown."""
     metrics = metrics_of(run for _, run in report.placements)
-    columns = tuple(metric_name(metrics) if column == METRIC else column for column in COLUMNS)
+    symbol = metric_name(metrics).replace(" ", "\u00a0")  # which no end of a line may take apart
+    columns = tuple(symbol if column == METRIC else column for column in COLUMNS)
     caption = f"{metric_words(metrics)}, with the whole pool → with the chosen gauges, and their ratio. " * bool(
         metrics
     )

@@ -37,7 +37,7 @@ def _found(own: Unknown) -> str:
         return f"{name} {measure(own.estimate, own.unit)} ({sigma})"
     sigma = "σ withheld" if own.std is None else f"±\u00a0{measure(own.std, own.unit, 2)}"
     top = "" if own.peak is None else f", at most {_peak(own.peak, own.unit)}"
-    return f"{name} {measure(own.estimate, own.unit)} RMS{top} ({sigma})"
+    return f"{name} {measure(own.estimate, own.unit)} RMS ({sigma}){top}"
 
 
 def _peak(peak: Peak, unit: str) -> str:
