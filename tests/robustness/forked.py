@@ -30,6 +30,7 @@ NEEDED = (
     "scipy.optimize",
     "scipy.signal",
     "scipy.spatial",
+    "scipy.stats",
 )
 
 

@@ -121,9 +121,9 @@ def solver_of(kind: int) -> Any:
     MKL takes its branch before its first computation only, so that no other solver may be made. Raises ImportError or OSError
     where PARDISO cannot be loaded.
     """
+    name_mkl()  # first: the import makes a solver, too
     from pypardiso import PyPardisoSolver
 
-    name_mkl()
     solver = PyPardisoSolver(mtype=kind)
     if solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AVX2) != 0:
         solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AUTO)
