@@ -29,9 +29,11 @@ from strainsight.workflow.stage import Stage
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "test-artefacts"
 SOURCES = (Path(strainsight.__file__).parent, Path(strainsight_cli.__file__).parent, ROOT / "configs", ROOT / "meshes")
+FEW = ("screen.keep=40", "place.instants=3")
+"""A smaller pool of places, and fewer instants to place for: elimination takes as the square of the pool."""
 SHORT = (
     "train.duration=0.2",
-    "place.instants=3",
+    FEW[1],
     "validate.duration=0.2",
     "validate.random_sets=2",
     "validate.repeats=2",
@@ -39,6 +41,7 @@ SHORT = (
 )
 """A placement, shortened where length does not matter."""
 UNSTUDIED = (
+    FEW[0],
     "filter.compare=false",
     "validate.random_sets=0",
     "validate.repeats=1",

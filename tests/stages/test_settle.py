@@ -13,7 +13,7 @@ from strainsight.errors import ConfigError, UserError
 from strainsight.workflow.artefact import Artefact
 
 from ..edges.beam import PLACEMENT_CONFIG, E, bricks, finished
-from ..shared import HUB
+from ..shared import FEW, HUB
 from .conftest import ROOT, made
 
 COUNTS = (6, 2, 2)
@@ -181,7 +181,7 @@ def hub():
     """settle → artefacts of E and ρ of the hub under 20 Hz, up to place, with gauges installed exactly."""
     config = ROOT / "configs" / "hub" / "hub-youngs-modulus-density.yaml"
     return {
-        s: made(config, f"train.settle={s}", "tolerances=none", until="place", beside=HUB) for s in ("auto", "none")
+        s: made(config, f"train.settle={s}", "tolerances=none", *FEW, until="place", beside=HUB) for s in ("auto", "none")
     }
 
 
