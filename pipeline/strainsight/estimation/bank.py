@@ -19,6 +19,7 @@ from strainsight.estimation.bank_filters import (
     BankProblem,
     BankRecord,
     LinearStanding,
+    about_samples,
     bank_record,
     entered,
     filtered_at,
@@ -54,8 +55,8 @@ class BankRun:
     """What the bank found.
 
     run: as a filter's, of one run; its σ holds what the nuisances add. point (B, k) and weight (B,): the posterior of the
-    parameters at the end; nu (B, d) and left (B, d, d): mean and covariance of ν at each point; laid: how often the lattice was;
-    step (k,): its steps along every parameter, infinite of columns.
+    parameters at the end; nu (B, d) and left (B, d, d): mean and covariance of ν at each point; about (d,): where the motion is
+    linear in ν; laid: how often the lattice was; step (k,): its steps along every parameter, infinite of columns.
     """
 
     run: FilterRun
@@ -63,6 +64,7 @@ class BankRun:
     weight: np.ndarray
     nu: np.ndarray
     left: np.ndarray
+    about: np.ndarray
     laid: int
     step: np.ndarray
 
@@ -106,9 +108,10 @@ def filter_bank(
     t = 0 is the periodic one, at all parameters and ν, in place of that in mean and covariance. keep: "all" keeps the covariance
     of every instant; progress: called with the share of the steps that are done.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
-    narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Raises NumericalError where
-    a lattice would need more than MOST_POINTS points, where no columns follow the posterior, and where that leaves the guess by
-    a factor of exp(LOST).
+    narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Where all samples speak for
+    a damping that a slope does not reach, all of this is done again, linear about that (`about_samples`). Raises NumericalError
+    where a lattice would need more than MOST_POINTS points, where no columns follow the posterior, and where that leaves the
+    guess by a factor of exp(LOST).
     """
     own = no_nuisances(model) if nuisances is None else nuisances
     record = bank_record(model, known, measurement, own, settled)
@@ -148,9 +151,22 @@ def filter_records(
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
     problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, threads, keep, progress)
+    if not problem.uncertain_damping:
+        return _covered(problem)
+    tell = progress or (lambda share: None)
+    found = _covered(replace(problem, progress=lambda share: tell(0.5 * share)))
+    again = about_samples(problem, found[0].posterior[0], found[0].nuisances[0])
+    if again is not problem:
+        found = _covered(replace(again, progress=lambda share: tell(0.5 + 0.5 * share)))
+    tell(1.0)
+    return found
+
+
+def _covered(problem: BankProblem) -> tuple[BankRun, ...]:
+    """By a lattice over few parameters, by columns over more."""
     if len(problem.model.unknowns.parameters) <= FEW:
         at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-        bank = Bank[LinearStanding[Lattice]](problem.prior, spacing, depth, at, one_standing, refuse)
+        bank = Bank[LinearStanding[Lattice]](problem.prior, problem.spacing, problem.depth, at, one_standing, refuse)
         return _filtered(problem, first_lattice(bank), partial(next_lattice, bank))
     return _filtered(problem, first_columns(problem), partial(next_columns, problem), at_end=True)
 
@@ -191,7 +207,9 @@ def _filtered(
             last = slice(now.step - before - 1, now.step - before)
             mixture.states(last, now.cover.point, now.weights, now.filters.states, now.models, data.known_end[last])
     point, weight, nu, left = now.weights.sampled(now.filters.nu, now.filters.left)
-    return tuple(BankRun(own.finished(), point, weight, nu, left, laid, now.cover.step) for own in mixtures)
+    about = now.models.about
+    nu = nu + about
+    return tuple(BankRun(own.finished(), point, weight, nu, left, about, laid, now.cover.step) for own in mixtures)
 
 
 def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
@@ -199,5 +217,5 @@ def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
     own = problem.records[now.record]
     mixture = Mixture(own.model, problem.mean, problem.covariance, own.steps, own.nuisances.learned, problem.keep)
     if now.record or own.settled is not None:
-        mixture.begin(now.cover.point, now.weights, now.filters, informed=now.record > 0)
+        mixture.begin(now.cover.point, now.weights, now.filters, now.models, informed=now.record > 0)
     return mixture

@@ -16,12 +16,21 @@ from strainsight.estimation.conditional import (
     known_ends,
     linear_models,
 )
+from strainsight.estimation.lattice import one_point
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT, Filters, LinearModels, Passage, advance, filters_of
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
 from strainsight.estimation.settled import Settled, beginning
 from strainsight.estimation.standing import C, Standing, log_normal
+
+MOVED = 0.05
+"""Of ln c of a mode: half its square is what a slope in it leaves out, a thousandth of the damping."""
+FARTHEST = 4.0
+"""Of ν of the damping, in σ: beyond it samples contradict the model."""
+TURNS, NOTICED = 8, 0.1
+"""Most dampings about which samples are taken to be linear, one after the other; and the change of their log-likelihood below
+which it is nothing to them."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +93,11 @@ class BankProblem:
         at = self.model.parameter_states
         return self.mean[at], self.covariance[at, at]
 
+    @property
+    def uncertain_damping(self) -> bool:
+        """Whether parameters are judged beside a damping that is not exact."""
+        return self.records[0].nuisances.damping > 0 and bool(self.model.unknowns.parameters)
+
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
         return log_normal(point, *self.prior)
@@ -139,6 +153,29 @@ def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
     models, filters = _begun(problem, now.cover, now.record + 1)
     kept = replace(filters, nu=now.filters.nu, left=now.filters.left)
     return replace(now, models=models, filters=kept, record=now.record + 1)
+
+
+def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> BankProblem:
+    """Linear about the damping that all samples speak for; the same where that is hardly MOVED from where it is linear.
+
+    point (k,), nu (d,): means of the parameters and of ν. Slopes at the mean of ν, again and again, are the way of Gauss and
+    Newton to the most likely ν, here at the mean of the parameters. The normal density there is Laplace's: the parameters are off
+    by what second order does with what is left of ν, and not with all that it was before the samples.
+    Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
+    """
+    here, n, fit = one_point(point), problem.model.model.size, np.inf
+    for _ in range(TURNS):
+        own = problem.records[0].nuisances
+        about = np.clip(nu[:n], -FARTHEST, FARTHEST)
+        if own.damping * np.abs(about - (own.about if len(own.about) else 0.0)).max() <= MOVED:
+            break
+        records = (replace(one, nuisances=replace(one.nuisances, about=about)) for one in problem.records)
+        problem = replace(problem, records=tuple(records))
+        found = filtered_at(problem, here, problem.first[-1])
+        if abs(found.fit[0] - fit) <= NOTICED:
+            break
+        nu, fit = found.filters.nu[0] + found.models.about, float(found.fit[0])
+    return problem
 
 
 def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passage:

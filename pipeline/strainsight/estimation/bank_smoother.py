@@ -13,6 +13,7 @@ from strainsight.estimation.biased import Biased
 from strainsight.estimation.conditional import (
     Nuisances,
     conditional_states,
+    damped,
     discrepancy,
     known_ends,
     linear_models,
@@ -87,7 +88,7 @@ def _mixed(
     cov = np.zeros((L, n + k, n + k))
     cov[:, :n, :n] = P.mean(axis=0) + np.einsum("bta,btc->tac", off, off, optimize=True) / points
     # ν has a covariance with itself and with the parameters that the samples leave
-    off_nu, off_p = bank.nu - found.nu, bank.point - found.centre
+    off_nu, off_p = bank.nu - bank.nuisances[0], bank.point - found.centre
     with_p = (off_p * bank.weight[:, None]).T @ off_nu
     joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)
     cov[:, :n, :n] += np.swapaxes(V, 1, 2) @ (found.left @ V) - joint - np.swapaxes(joint, 1, 2)
@@ -102,7 +103,8 @@ class AtPoints:
     """What a smoother at b points (b, k) of the parameters goes by.
 
     centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. nu (d,) and left
-    (d, d): mean and covariance of ν that σ holds. model: with the discrepancy in its noise; models: linear at the points and
+    (d, d): mean and covariance of ν that σ holds. model: with the discrepancy in its noise, and the damping from which ν is
+    counted where it is learned; models: linear at the points and
     behind them at the centre, with start (x₀, P₀, V₀); known (T, p), known_end (T, p₁) and samples (T, m) of every step;
     considered: by gains that consider ν; beyond: what stands behind the states.
     """
@@ -160,6 +162,9 @@ def points_of(
     if considered:
         # what the samples say of ν is neither in the motion nor in its σ
         left = left + removed_of(left)
+    else:
+        model = damped(model, replace(nuisances, about=bank.about[: model.model.size]))
+        nu = nu - bank.about
     models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, offsets)
     start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
     held = known.reshape(steps, -1), known_ends(known, nuisances)

@@ -38,6 +38,9 @@ class Nuisances:
     a reading is off by, over its RMS, white: second order of all these, and what the model leaves out. It matters where
     parameters are estimated under known loads from readings of small noise, which would be believed beyond what the model can
     say of them.
+    about (n,), or none for zeros: ν of the damping of every mode about which the motion is linear in it. ln c has a σ of 0.4
+    where nobody has measured it, over which a resonance is far from linear; samples often know it to a hundredth
+    (`about_samples`).
     """
 
     source: tuple[str, ...]
@@ -52,6 +55,7 @@ class Nuisances:
     load: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     behind: bool = False
     B: np.ndarray | None = None
+    about: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """What every ν stands for, those of the motion first."""
@@ -132,7 +136,8 @@ def linear_models(
 
     biased (b,): channels with an offset of their own, b states more behind [q, q̇, ζ].
     """
-    theta, B = theta_at(model, point), len(point)
+    theta, B, process = theta_at(model, point), len(point), model.process
+    model = damped(model, nuisances)
     states, m = model.parameter_states.start, model.H.shape[-2]
     modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
     A, G = _step_matrices(model, modal.transition, modal.input)
@@ -152,7 +157,7 @@ def linear_models(
     models = LinearModels(
         A,
         G,
-        np.broadcast_to(model.process[:states, :states], A.shape),
+        np.broadcast_to(process[:states, :states], A.shape),
         H,
         np.pad(F, [(0, 0), (0, 0), (0, nuisances.E.shape[-1] - F.shape[-1])]),
         A_nu=motion[0],
@@ -163,6 +168,7 @@ def linear_models(
         B=B_nu,
         U=rows,
         W=np.pad(fed, [(0, 0), (0, nuisances.E.shape[-1] - fed.shape[-1])]),
+        about=np.pad(nuisances.about, (0, len(D) - len(nuisances.about))),
     )
     return models if biased is None or not len(biased) else _with_offsets(models, biased)
 
@@ -188,6 +194,15 @@ def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
         D=wider(models.D, -1),
         U=wider(models.U, -1),
     )
+
+
+def damped(model: FilterModel, nuisances: Nuisances) -> FilterModel:
+    """With the damping about which the nuisances are linear, c exp(σν) of every mode."""
+    if not nuisances.about.any():
+        return model
+    own = model.model.damping
+    factors = np.exp(nuisances.damping * nuisances.about) * (np.array(own.factors) if own.factors else 1.0)
+    return replace(model, model=replace(model.model, damping=own.scaled(factors.tolist())))
 
 
 def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:

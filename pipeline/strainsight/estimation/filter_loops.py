@@ -16,7 +16,7 @@ UNMOVED, CALM = 1e-13, 20
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
 def take_steps(span, system, beyond, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
     AT, G, Q, H, F, A_nu, G_nu, D, E, offset = system
-    B, U, W = beyond
+    B, U, W, about = beyond
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
     xcs, Pcs, Vcs = considering
     known, known_end, y, R, more = data
@@ -35,13 +35,13 @@ def take_steps(span, system, beyond, state, considering, data, keep, out, ahead)
             if not complete or (t > 0 and (R[t] != R[t - 1]).any()):
                 calms[i] = 0
             steady = calms[i] >= CALM
-            _corrected(x, V, nus[i], likely)
+            _corrected(x, V, nus[i], about, likely)
             _moved_nuisances(likely, V, AT[i], A_nu[i], G_nu[i], known[t], moved)
             _moved_mean(x, AT[i], G[i], known[t], row)
             if not steady:
                 before[:] = P
                 _predicted(P, AT[i], Q[i], work)
-            _corrected(x, V, nus[i], likely)
+            _corrected(x, V, nus[i], about, likely)
             _sensed(likely, D, E, offset, known_end[t], sensed)
             for j in range(f):
                 z[j] = nus[i, ahead_of_loads + j] * (_dot(U[j], likely) + _dot(W[j], known_end[t]))
@@ -201,13 +201,14 @@ def _sensed_beyond(z, B, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
-    """x less what ν makes of it."""
+def _corrected(x, V, nu, about, out):  # type: ignore[no-untyped-def]
+    """x less what ν makes of it; ν that is counted from elsewhere than zero has its slopes there."""
     for a in range(len(x)):
         out[a] = x[a]
     for k in range(len(nu)):
-        for a in range(len(x)):
-            out[a] -= V[k, a] * nu[k]
+        if about[k] == 0.0:
+            for a in range(len(x)):
+                out[a] -= V[k, a] * nu[k]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})

@@ -157,6 +157,12 @@ def lattice_about(mean: np.ndarray, covariance: np.ndarray, spacing: float, radi
     return Lattice(np.asarray(mean, dtype=float), spacing * np.linalg.cholesky(covariance), ball, spacing)
 
 
+def one_point(point: np.ndarray) -> Lattice:
+    """A lattice of one point (k,)."""
+    k = len(point)
+    return Lattice(point, np.eye(k), np.zeros((1, k), dtype=int))
+
+
 def moments(point: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (..., B) of sum one, mean (..., k) and covariance (..., k, k) of points (B, k) with log-weights (..., B)."""
     w = np.exp(log_weight - log_weight.max(axis=-1, keepdims=True))

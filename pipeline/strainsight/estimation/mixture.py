@@ -54,14 +54,16 @@ class Mixture:
         self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive[:, at], own)
         self.gauge_variance[span] += np.diagonal(among, axis1=1, axis2=2)
         if not self.learned:
-            self._as_they_read(after, weights, found, models.H, covariance)
+            self._as_they_read(after, weights, found, models, covariance)
         self._keep(after, covariance)
 
-    def begin(self, point: np.ndarray, weights: Weights, filters: Filters, informed: bool) -> None:
+    def begin(
+        self, point: np.ndarray, weights: Weights, filters: Filters, models: LinearModels, informed: bool
+    ) -> None:
         """At t = 0, of points (B, k) with their weights; informed: whether records before said something of ν."""
         covariance = self._moments(slice(0, 1), point, weights, filters.states)[-1]
         if informed and not self.learned:
-            self._motion_as_read(slice(0, 1), weights, filters.states, covariance)
+            self._motion_as_read(slice(0, 1), weights, filters.states, models.about, covariance)
         self._keep(slice(0, 1), covariance)
 
     def _moments(
@@ -89,25 +91,27 @@ class Mixture:
             self.covariance[at] = covariance
 
     def _as_they_read(
-        self, after: slice, weights: Weights, found: States, H: np.ndarray, covariance: np.ndarray
+        self, after: slice, weights: Weights, found: States, models: LinearModels, covariance: np.ndarray
     ) -> None:
         """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:
 
         x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
         """
         span, w = slice(after.start - 1, after.stop - 1), weights.mean
-        nu, gone = self._motion_as_read(after, weights, found, covariance)
-        sensed = np.einsum("tb,bmn,btdn->tdm", w, H, found.V, optimize=True)
+        nu, gone = self._motion_as_read(after, weights, found, models.about, covariance)
+        sensed = np.einsum("tb,bmn,btdn->tdm", w, models.H, found.V, optimize=True)
         self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
         self.gauge_variance[span] += np.einsum("tdm,tdk,tkm->tm", sensed, gone, sensed, optimize=True)
 
     def _motion_as_read(
-        self, at: slice, weights: Weights, found: States, covariance: np.ndarray
+        self, at: slice, weights: Weights, found: States, about: np.ndarray, covariance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Motion and loads, and their covariance (L, n + k, n + k) in place; returns ν̂ (L, d) and 1 − Λ (L, d, d)."""
+        """Motion and loads, and their covariance (L, n + k, n + k) in place; returns ν̂ (L, d), with what it is counted from, and
+        1 − Λ (L, d, d)."""
         states, w = self.states_of_filters, weights.mean
         nu = np.einsum("tb,btd->td", w, found.nu)
         left = np.einsum("tb,btdk->tdk", weights.positive, found.left) + weights.covariance(found.nu, nu)
+        nu = nu + about
         gone = removed_of(left)
         V = np.einsum("tb,btda->tda", w, found.V)
         self.mean[at, :states] += np.einsum("tda,td->ta", V, nu)

@@ -22,6 +22,7 @@ class LinearModels:
     A (B, n, n); G (B, n, p) of what is known, w (T, p) in a step; Q (B, n, n) covariance of a step; H (B, m, n); F (B, m, p₁) of
     what is known at its end, w₁ (T, p₁); A_ν (B, e, n, n), G_ν (B, e, n, p); D (d, m, n), E (d, m, p₁), o (d, m). B (d, m, f) on
     zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f of those that change the motion, U (f, n), W (f, p₁).
+    about (d,): ν is counted from there, so that its mean is −about; where that is not zero slopes are those there.
     """
 
     A: np.ndarray
@@ -37,6 +38,7 @@ class LinearModels:
     B: np.ndarray
     U: np.ndarray
     W: np.ndarray
+    about: np.ndarray
 
     def __post_init__(self) -> None:
         (B, m, n), p, p1, e = self.H.shape, self.G.shape[-1], self.F.shape[-1], self.A_nu.shape[1]
@@ -54,6 +56,7 @@ class LinearModels:
             (self.B, (d, m, f)),
             (self.U, (f, n)),
             (self.W, (f, p1)),
+            (self.about, (d,)),
         )
 
     @property
@@ -157,7 +160,7 @@ def filters_of(
         np.zeros((B, m)),
         np.zeros((B, m, m)),
         np.zeros(B, dtype=np.int64),
-        np.zeros((B, models.nuisances)),
+        np.tile(-models.about, (B, 1)),
         np.tile(np.eye(models.nuisances), (B, 1, 1)),
         x[:second].copy(),
         P[:second].copy(),
@@ -228,7 +231,7 @@ def advance(
         take_steps(
             span,
             (AT, models.G, models.Q, models.H, models.F, models.A_nu, models.G_nu, models.D, models.E, models.offset),
-            (models.B, models.U, models.W),
+            (models.B, models.U, models.W, models.about),
             (
                 filters.x,
                 filters.P,

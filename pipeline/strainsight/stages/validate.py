@@ -67,7 +67,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=21,
+    version=22,
     reads=(
         *(
             "seed",
