@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from ..edges.beam import finished
 from ..solids import SOLIDS
+from .test_mass_loads import MESH, WEIGHT, of_density
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 STAGES = (
@@ -32,13 +34,14 @@ BELOW_KIND = {
     "<case>": r"[\w+]+",
 }
 ONLY_SOMETIMES = (
-    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/mass/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/|/elimination/metric"
-    r"|/selected/greedy/load|/clearance/|/load_cases/|/arm_peak"
+    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/(mass|input_slope)/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/"
+    r"|/elimination/metric|/selected/greedy/load|/clearance/|/load_cases/|/arm_peak|^/installation$"
 )
-"""Where a density is a parameter, or a load acts on it (test_mass_loads.py); where stiffness and mass, or strain rows, come from
-files (test_ready.py); where gauges are bonded already (test_sensors.py) or bridges (test_bridges.py, test_bridge_patterns.py);
-where sweeps are asked for (test_estimate.py); by another criterion than the trace (tests/cli/test_criteria.py); of the final set
-only; where a clearance is kept (test_clearance.py); where load cases are placed for (test_load_cases.py)."""
+"""Where a density is a parameter, and a load acts on it, or errors of installation are avoided (a test of their own below); where
+stiffness and mass, or strain rows, come from files (test_ready.py); where gauges are bonded already (test_sensors.py) or bridges
+(test_bridges.py, test_bridge_patterns.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
+(tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where load cases are placed
+for (test_load_cases.py)."""
 
 
 UNITS_OF = {
@@ -47,6 +50,7 @@ UNITS_OF = {
     "unit of the intensity": ("strain^2 s", "(strain or m/s^2)^2 s"),
     "unit of the row": ("strain/(kg^1/2 m)", "(strain or m)/(kg^1/2 m)"),
     "unit of the biased channel": ("strain",),
+    "unit of the variance": ("strain^2",),
     "unit of the candidate": ("strain", "strain or m"),
     "unit of input <name>": ("N", "N m"),
     "unit of the loads": ("N", "N m", "N or N m"),
@@ -76,17 +80,27 @@ def every(artefacts, bench):
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_every_dataset_is_listed_with_its_rank_and_unit(every, stage):
+    paths = [path for path in every[stage].paths() if not path.startswith("/VTKHDF")]
+    assert_listed(stage, every[stage], paths)
+
+
+def assert_listed(stage, artefact, paths):
+    """Each once, with its rank and unit."""
     listed = rows(stage)
-    for path in every[stage].paths():
-        if path.startswith("/VTKHDF"):
-            continue
+    for path in paths:
         matching = [(rank, unit) for pattern, rank, unit in listed if re.fullmatch(pattern, path)]
         assert len(matching) == 1, path
         rank, unit = matching[0]
-        assert every[stage][path].ndim == rank, path
-        attributes = every[stage].attributes(path)
+        assert artefact[path].ndim == rank, path
+        attributes = artefact.attributes(path)
         assert attributes["description"]
         assert attributes["units"] in UNITS_OF.get(unit, (unit,)), path
+
+
+def test_what_a_density_under_its_weight_and_avoided_errors_add_is_listed(tmp_path):
+    run = finished(tmp_path, "screen", MESH, of_density(WEIGHT) | {"tolerances": {"gain": 0.01}})
+    assert_listed("rom", run["rom"], ["/reduced/mass/rho", "/reduced/input_slope/rho"])
+    assert_listed("screen", run["screen"], ["/installation"])
 
 
 @pytest.mark.parametrize("stage", STAGES)

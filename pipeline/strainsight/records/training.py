@@ -143,7 +143,7 @@ class Screened:
     )
     installation: np.ndarray | None = dataset(
         "/installation",
-        "square of the unit of the channel",
+        "unit of the variance",
         "case × channel",
         "mean square of what errors of installation add to the readings, in every load case by name, or under the loads as "
         "stated; zero for what is too near to an edge, a support or a load; where such errors are avoided",

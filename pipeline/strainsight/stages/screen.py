@@ -81,7 +81,7 @@ def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> It
 
 SCREEN = Stage(
     "screen",
-    version=11,
+    version=12,
     reads=(
         "screen",
         "train",

@@ -52,7 +52,8 @@ def size_in_words(size: float, unit: str) -> str:
 def training_units(quantity: np.ndarray) -> dict[str, str]:
     """Of what is written of channels of these quantities (m,), a row of which is strain or displacement per coordinate."""
     still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)
-    return {"the channel": units_in_words(quantity), "the row": f"{grouped(units_in_words(still))}/(kg^1/2 m)"}
+    unit, row = units_in_words(quantity), f"{grouped(units_in_words(still))}/(kg^1/2 m)"
+    return {"the channel": unit, "the variance": f"{grouped(unit)}^2", "the row": row}
 
 
 def channels_of(training: Training, screened: Screened) -> Channels:
