@@ -26,7 +26,7 @@ def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
-    problem = problem_of(case.config, {}, reduced, training, api.screen(case, mesh, training))
+    problem = problem_of(case.config, {}, reduced, training, api.screen(case, mesh, reduced, training))
     pool = training.candidates
     one = int(np.flatnonzero((pool.angle == 0) & (pool.normal[:, 2] > 0.99) & (np.abs(pool.position[:, 0] - 0.25) < 0.05))[0])
     (twin,) = np.flatnonzero((pool.angle == TURN) & (pool.element == pool.element[one]) & (pool.facet == pool.facet[one]))
