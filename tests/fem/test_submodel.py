@@ -7,16 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.fem.submodel import (
-    Incidence,
-    forced_nodes,
-    held_components,
-    patch_around,
-    refined_submodel,
-    submodel,
-    tractions,
-    with_spread_forces,
-)
+from strainsight.fem.patch import Incidence, forced_nodes, held_components, patch_around
+from strainsight.fem.patch_forces import tractions
+from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import AveragingElement, RigidElement
 

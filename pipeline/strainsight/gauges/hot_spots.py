@@ -7,17 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import DeckError, NumericalError
-from strainsight.fem.submodel import (
-    Incidence,
-    Patch,
-    forced_nodes,
-    held_components,
-    patch_around,
-    refined_submodel,
-    submodel,
-    tractions,
-    with_spread_forces,
-)
+from strainsight.fem.patch import Incidence, Patch, forced_nodes, held_components, patch_around
+from strainsight.fem.patch_forces import tractions
+from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
 from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.points import Points, surface_of
 from strainsight.gauges.rows import matrix_of, points_within
