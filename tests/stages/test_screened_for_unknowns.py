@@ -10,7 +10,7 @@ import yaml
 
 from strainsight import api
 from strainsight.cases.structure.installation_noise import COHERENCE
-from strainsight.errors import ConfigError
+from strainsight.errors import ConfigError, InfeasibleError
 
 from ..edges.beam import PLACEMENT_CONFIG, TIP, bricks, config_of
 
@@ -114,3 +114,17 @@ def test_a_placement_that_avoids_errors_wants_them_screened(screened):
     with pytest.raises(ConfigError, match="screened without their errors") as error:
         api.place(case, mesh, reduced, training, replace(found, installation=None))
     assert "screen them with this config" in str(error.value)
+
+
+def test_an_unknown_that_does_nothing_in_training_is_refused(screened, tmp_path):
+    """Its record is zero all along; beside it a known load acts."""
+    still = tmp_path / "still.csv"
+    still.write_text("t,F\n0,0\n1,0\n", encoding="utf-8")
+    own = load([0, 0, 1], STRONG) | {
+        "signal": {"type": "csv", "file": str(still), "time_column": "t", "value_column": "F"},
+        "process_noise": {"frequency": 10.0, "amplitude": STRONG},
+    }
+    loads = {"down": own, "aside": load([0, 1, 0], STRONG, known=True)}
+    with pytest.raises(InfeasibleError, match="of down alone every candidate reads 0") as error:
+        screened(TWO | {"loads": loads, "place.estimate": ["down"], "validate.initial_std": {"down": 0.1}})
+    assert error.value.key == "place.estimate"

@@ -16,7 +16,7 @@ from strainsight.cases.structure.settings import families
 from strainsight.cases.structure.start import Loading, motion_of
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
-from strainsight.errors import ConfigError, blame
+from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.gauges.candidates import ACCELERATION, Candidates
 from strainsight.gauges.screening import BEND, CLEARANCE, Screening, screen
 from strainsight.mesh.model import Mesh
@@ -122,8 +122,14 @@ def _by_unknowns(
         √(σ² + τ v/h)
 
     σ of a sample of the white noise that has the intensity of both; v (cases, m) of `installation_variances`. A placement has
-    layouts for either, of which it takes the better."""
+    layouts for either, of which it takes the better. Raises InfeasibleError where no unknown makes any channel read anything."""
     alone = list(_alone(config, files, reduced, training))
+    if not alone:
+        raise InfeasibleError(
+            f"of {' and '.join(config.place.estimate)} alone every candidate reads 0 in the training run",
+            key="place.estimate",
+            remedy="train with loads that show them: a recorded signal that is 0 says nothing of its load",
+        )
     ratio = [rms / noise_std for _, rms in alone]
     if v is not None:
         tau = np.array([COHERENCE * own.time[-1] for own in training.motions])
