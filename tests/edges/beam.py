@@ -153,14 +153,14 @@ def deck(cards: list[list[Any]], modulus: float, density: float) -> str:
 
 
 def config_of(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The config with dotted keys changed."""
+    """The config with dotted keys changed; nothing of what is handed in is written to."""
     config = copy.deepcopy(dict(base))
     for key, value in changes.items():
         *path, last = key.split(".")
         section = config
         for part in path:
             section = section.setdefault(part, {})
-        section[last] = value
+        section[last] = copy.deepcopy(value)
     return config
 
 
