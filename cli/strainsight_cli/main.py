@@ -179,6 +179,8 @@ def init(
         asking.checked(found, answers)
         if interactive:
             answers = asking.asked(found, answers, find=find is not None)
+            if answers.spc is not None:
+                found = suggestion(deck, answers.spc)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(template(relative, found, answers), encoding="utf-8")
         try:

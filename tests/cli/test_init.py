@@ -151,6 +151,20 @@ def test_the_set_of_supports_is_asked_for(init):
     assert load_config("own.yaml").model.mesh.spc == 7
 
 
+def test_the_set_that_holds_says_which_faces_are_left_out(init):
+    """One facet of the bottom is held by set 7, the whole end by set 1, which is taken where none has been chosen."""
+    text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
+    text = text.replace("ENDDATA", "SPC1,7,123,19,22,28,31\nENDDATA")
+    for chosen, faces in (("7", {"seat"}), ("1", set()), ("", set())):
+        code, said = init("-i", answers=f"{chosen}\n1\n0 0 -1\n1e3\n20\nn\n", text=text)
+        assert code == 0, said
+        own = yaml.safe_load(Path("own.yaml").read_text())
+        assert own["mesh"].get("faces", {}).keys() == faces
+        assert set(own["gauges"].get("exclude", ())) == faces
+    assert init("-i", answers="7\n1\n0 0 -1\n1e3\n20\nn\n", text=text)[0] == 0
+    assert "# ← held on 1 of its facets, supports of set 7: " in Path("own.yaml").read_text()
+
+
 def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init):
     text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
     assert init(*LOAD, text=text)[0] == 0

@@ -46,6 +46,30 @@ def radius(mesh):
 DOWN, UP = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
 
 
+def instead(mesh):
+    """Normals (of a face, of the one in place of which it may be that on which the part lies)."""
+    facets = exterior_facets(mesh)
+    faces = faces_of(mesh.position, facets)
+    found = contact_faces(mesh, facets, faces)
+    pairs = zip(found.face, found.instead_of, strict=True)
+    return {tuple(map(tuple, faces.normal[[a, b]].round(6).tolist())) for a, b in pairs if b >= 0}
+
+
+def test_of_both_sides_of_a_plate_one_is_in_place_of_the_other_unless_it_is_known():
+    """A bore that ends on something higher, facets that are held: what lies there is known, and the other side is in doubt."""
+    plate, higher = half_disc(0), half_disc(2)
+    bolted = held(plate, radius(plate) < 1.01)
+    ((first, other),) = instead(bolted)
+    assert {first, other} == {UP, DOWN}
+    assert instead(held(higher, radius(higher) < 1.01)) == set()
+    for level, side in ((0.0, DOWN), (2.0, UP)):
+        foot = (np.abs(plate.position[:, 2] - level) < 0.01) & (radius(plate) > 3.9)
+        assert instead(held(bolted, foot)) == {(UP if side == DOWN else DOWN, side)}
+    both = held(bolted, (np.abs(plate.position[:, 2] - 1.0) > 0.9) & (radius(plate) > 3.9))
+    assert instead(both) == set()
+    assert set(of(both)) == {UP, DOWN}
+
+
 @pytest.mark.parametrize("kind", ["hex8", "tet10"])
 @pytest.mark.parametrize(("rise", "faces"), [(0, {DOWN: (1, 0), UP: (1, 0)}), (2, {DOWN: (1, 0)})])
 def test_a_bolted_plate_may_lie_on_both_sides_and_what_stands_on_it_says_which(rise, faces, kind):

@@ -126,13 +126,24 @@ def test_the_advice_names_them_with_a_remedy_where_one_is_left():
     """A gauge that is bonded has been reached, and stays."""
     labels = ("G1", "G2", "G3", "A1")
     said = list(advice_at_gauges(NOTED, labels, [False] * 4))
-    assert [text.split(",")[0] for text in said] == ["G2", "G3", "A1"]
+    assert [text.split(",")[0] for text in said] == ["G2", "G3", "A1", "A1"]
     assert said[0].endswith("place it by a template, take a shorter grid, or move it.")
     assert "gauges.exclude" in said[1]
     bonded = list(advice_at_gauges(NOTED, labels, [True] * 4))
     assert [text.split(",")[0] for text in bonded] == ["G2"]
     assert bonded[0].endswith("(limit 20 %).")
     assert list(advice_at_gauges(None, labels, [False] * 4)) == []
+
+
+def test_a_face_that_lies_on_something_has_one_sentence_with_the_gauges_on_it():
+    below, side = "the face about (0, 0, 0) m is held by 4 bores", "the face about (1, 0, 0) m is held by 1 bore"
+    own = replace(NOTED, in_place=np.zeros(4), over_grid=np.zeros(4), lies_on=(below, side, below, below))
+    said = list(advice_at_gauges(own, ("G1", "G2", "G3", "B1"), [False, False, False, True]))
+    assert [text.split(": see")[0] for text in said] == [
+        f"G1, G3, check access: {below}",
+        f"G2, check access: {side}",
+        "G3, check access: 12 mm of room over it (limit 60 mm)",
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
@@ -41,24 +41,25 @@ def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
 @pytest.mark.parametrize("seat", [True, False])
 def test_each_gauge_on_that_face_says_what_holds_it(seat):
     mesh = api.mesh(api.load(LUG))
-    pool = candidates(mesh, exterior_facets(mesh), None, (0.0,))
+    facets = exterior_facets(mesh)
+    pool = candidates(mesh, facets, None, (0.0,))
     below = pool.normal[:, 2] < -0.99
     below &= pool.position[:, 2] < 1e-9
-    said = held_below(mesh, pool)
+    said = held_below(mesh, facets, pool)
     want = "the face about (0, 0, 0) m is held by 4 bores" if seat else ""
     assert below.any()
     assert {text for text, own in zip(said, below == seat, strict=True) if own} == {want}
 
 
-def test_init_lists_it_and_writes_the_lines_as_comments_that_hold():
+def test_init_leaves_it_out_as_the_warning_says_and_the_example_does():
     found = suggestion(DECK)
     (own,) = [place for place in found.places if place.lies_on]
     assert own.lies_on == "held by 4 bores"
     text = template("lug.bdf.gz", found)
     assert "held by 4 bores: does something lie on it?" in text
-    (line,) = [line for line in text.splitlines() if "#   - seat " in line]
-    name, faces = line.split("- ")[1].split()[0], line.split("mesh.faces: ")[1]
+    written = yaml.safe_load(text)
     (said,) = warned()
-    assert said.endswith(f"mesh.faces: {faces} and gauges.exclude: [{name}]")
-    point = yaml.safe_load(faces)[name]["near"]
-    assert np.abs(point[2]) < 1e-9
+    assert said.endswith(f"mesh.faces: {{seat: {{near: {own.name}}}}} and gauges.exclude: [seat]")
+    assert (written["mesh"]["faces"], written["gauges"]["exclude"]) == ({"seat": {"near": json.loads(own.name)}}, ["seat"])
+    shipped = yaml.safe_load((LUG.parent / "lug-youngs-modulus.yaml").read_text())
+    assert all(shipped[of][key] == written[of][key] for of, key in (("mesh", "faces"), ("gauges", "exclude")))

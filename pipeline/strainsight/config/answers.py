@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +13,8 @@ Kind = Literal["deck_load", "node", "set", "face"]
 class Place:
     """Where a load or a support may be: name of a load or set of the deck, id of a node, or a point of a face, "[x, y, z]" in
     m; what it is, in words; whether it is held already; force [N] of a load; of_mass: a load on all mass, whose force says how
-    often it acts; lies_on: what holds a face that probably lies on something."""
+    often it acts; lies_on: what holds a face that probably lies on something; picked: what `mesh.faces` picks
+    that by, "near: [x, y, z]"; instead_of: the point of another of which it is as likely, the other side of the same bores."""
 
     kind: Kind
     name: str
@@ -21,6 +23,8 @@ class Place:
     force: float | None = None
     of_mass: bool = False
     lies_on: str = ""
+    picked: str = ""
+    instead_of: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Suggestion:
     supports, solids: whether the deck has any; support_sets: ids of its sets of supports, where it does not say which holds;
     unsupported: name for `mesh.ignore`, number, and file:line of the first, of what the model is not the same without;
     places: where its loads and supports may be, the likely ones first; taken: names of its sets; gauge_type: that suits its
-    largest face.
+    largest face; face_at: the point by which `places` has the face that a point is on, or the point again where there is none.
     """
 
     length_unit: str = "m"
@@ -58,6 +62,7 @@ class Suggestion:
     places: tuple[Place, ...] = ()
     taken: tuple[str, ...] = ()
     gauge_type: str | None = "3/350"
+    face_at: Callable[[str], str] = str
 
     def free(self, name: str) -> str:
         """The name, or one like it that no set of the deck has."""

@@ -99,6 +99,10 @@ EXCLUDE = """\
   # exclude:                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
   #   - NAME                       # a face of mesh.faces, or a set, that something lies on, with the clearance around it
 """
+ON_SEATS = """\
+  exclude: [                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
+{lines}  ]
+"""
 LISTED, FACES = 12, 24
 """Places for a load, and faces, that a config lists."""
 
@@ -122,7 +126,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         direction=_direction(answers.axis),
         type=_type(found),
         spacing=SPACING if found.gauge_type else OWN_SPACING.format(spacing=0.009),
-        exclude=(CONE.format(axis=answers.axis) if answers.axis else EXCLUDE) + _seats(found),
+        exclude=_exclude(found, answers),
         unknown=unknown,
         pad=" " * (5 - len(unknown)),
         keep=answers.keep,
@@ -132,14 +136,36 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
     )
 
 
-def _seats(found: Suggestion) -> str:
-    """How to leave out the faces that probably lie on something."""
+def _named(found: Suggestion, answers: Answers) -> dict[str, str]:
+    """The faces that the user has named, name → point."""
+    return {
+        found.free(role): place.name
+        for role, place in (("held", answers.held), ("loaded", answers.load))
+        if place is not None and place.kind == "face"
+    }
+
+
+def _seats(found: Suggestion, answers: Answers) -> dict[str, Place]:
+    """The faces that probably lie on something, by the user's name where there is one."""
+    own = {found.face_at(point): name for name, point in _named(found, answers).items()}
     seats = [place for place in found.places if place.lies_on]
     names = [found.free("seat" if len(seats) == 1 else f"seat-{i + 1}") for i in range(len(seats))]
-    return "".join(
-        f"  #   - {name:<25} # {own.lies_on}; with mesh.faces: {{{name}: {{near: {own.name}}}}}\n"
-        for name, own in zip(names, seats, strict=True)
-    )
+    return {own.get(place.name, name): place for name, place in zip(names, seats, strict=True)}
+
+
+def _exclude(found: Suggestion, answers: Answers) -> str:
+    """Zones without gauges, written so that each line may be taken out by itself."""
+    cone = CONE.format(axis=answers.axis) if answers.axis else ""
+    lines = ""
+    for name, place in _seats(found, answers).items():
+        entry = f"- {name}" if cone else f"{name},"
+        if place.instead_of:
+            lines += f"    # {entry:<27} # the other side of the same bores: put it in if something lies there\n"
+        else:
+            lines += f"    {entry:<29} # ← {place.lies_on}: something lies on it; take the line out if nothing does\n"
+    if not lines:
+        return cone or EXCLUDE
+    return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)
 
 
 def _type(found: Suggestion) -> str:
@@ -160,11 +186,8 @@ def run_name(deck: str) -> str:
 
 def _mesh(found: Suggestion, answers: Answers) -> str:
     """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
-    named = {
-        found.free(role): place.name
-        for role, place in (("held", answers.held), ("loaded", answers.load))
-        if place is not None and place.kind == "face"
-    }
+    named = _named(found, answers)
+    seats = {name: place for name, place in _seats(found, answers).items() if name not in named}
     blank = not found.supports and answers.held is None
     lines = [f"  # {found.odd}: state mesh.materials too, or correct the deck"] if found.odd else []
     if found.unsupported:
@@ -183,9 +206,10 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
             lines.append(f"  #   near: {place.name:<32} # {place.what}{held}")
         if len(faces) > FACES:
             lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
-    if named or blank:
+    if named or seats or blank:
         lines.append("  faces:")
         lines += [f"    {role}: {{near: {point}}}" for role, point in named.items()]
+        lines += [f"    {name}: {{{own.picked}}}    # {own.lies_on}" for name, own in seats.items()]
         if blank:
             lines.append(
                 f"    {found.free('held')}: {{near: }}        # ← [x, y, z] of a point of the face that is held"

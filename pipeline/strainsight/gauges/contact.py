@@ -21,11 +21,13 @@ LEVEL = 1e-6
 @dataclass(frozen=True)
 class ContactFaces:
     """Faces (c,) that probably lie on something, by their numbers in `Faces`, ascending; bores (c,): how many held bores run into
-    each; places (c,): how many of its facets are held themselves."""
+    each; places (c,): how many of its facets are held themselves; instead_of (c,): the face at the other end of its bores, where
+    it is one of the two that the part lies on and nothing says which, of the later one of them; −1 otherwise."""
 
     face: np.ndarray
     bores: np.ndarray
     places: np.ndarray
+    instead_of: np.ndarray
 
     def in_words(self, i: int) -> str:
         """What holds face i of these."""
@@ -41,7 +43,7 @@ def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
     - where some facets of it, but not all, have all their nodes held: what holds them lies on the face;
     - where a bore runs into it at a right angle, and nodes of that are held, as by a bolt. Of the faces into which such a bore
       runs it is the one over which the least of the part rises, max n·(x − c) over its nodes, n the outward normal: a part stands
-      on the face from which nothing sticks out. Of a plate it is both.
+      on the face from which nothing sticks out. Of a plate both are found, of which it is probably one.
 
     Held is a node with a support, on a spring, or tied to a reference node that is held. A bore is one as `Faces` finds it.
     A face that is held as a whole has no place for a gauge, and its nodes make no bore held: a plane of symmetry cuts bores.
@@ -58,6 +60,8 @@ def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
 
     nodes = [np.unique(each[each >= 0]) for each in _split(facets.nodes, faces.of, len(faces.area))]
     bores = np.zeros(len(faces.area), dtype=int)
+    sides: list[tuple[int, int]] = []
+    sure = whole | (places > 0)
     used = np.unique(facets.nodes[on])
     size = float(np.linalg.norm(np.ptp(mesh.position[used], axis=0)))
     for bore in np.flatnonzero(faces.hollow):
@@ -66,9 +70,18 @@ def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
         across = flat & (np.abs(faces.normal @ faces.axis[bore]) > ALONG)
         ends = [f for f in np.flatnonzero(across) if len(np.intersect1d(nodes[f], nodes[bore])) >= RIM]
         above = np.array([np.max((mesh.position[used] - faces.centre[f]) @ faces.normal[f]) for f in ends])
-        bores[[f for f, h in zip(ends, above, strict=True) if h <= above.min() + LEVEL * size]] += 1
+        lowest = [int(f) for f, h in zip(ends, above, strict=True) if h <= above.min() + LEVEL * size]
+        bores[lowest] += 1
+        sides += [(lowest[0], f) for f in lowest[1:]]
+        sure[lowest] |= len(lowest) == 1
+    instead_of = np.full(len(faces.area), -1)
+    for one, other in sides:
+        if not sure[other]:
+            instead_of[other] = one
+        elif not sure[one]:
+            instead_of[one] = other
     chosen = np.flatnonzero(flat & ~whole & ((bores > 0) | (places > 0)))
-    return ContactFaces(chosen, bores[chosen], places[chosen])
+    return ContactFaces(chosen, bores[chosen], places[chosen], instead_of[chosen])
 
 
 def _held(mesh: Mesh) -> np.ndarray:

@@ -127,6 +127,16 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     return np.flatnonzero(found)
 
 
+def pointed_at(face: int, faces: Faces, position: np.ndarray, facets: Facets) -> str:
+    """What `mesh.faces` picks a flat face by: "near: [x, y, z]", with its normal where another face touches it there."""
+    point = faces.near(face)
+    try:
+        picked(Pick(near=(tuple(faces.point[face].tolist()),)), faces, position, facets)
+    except UserError:
+        return f"near: {point}, normal: [" + ", ".join(f"{x:.6g}" for x in faces.normal[face].round(6) + 0.0) + "]"
+    return f"near: {point}"
+
+
 def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) -> int:
     """The face nearest to a point (3,) [m]; of two as near, as where parts touch, the one that is among the likely ones."""
     long = float(np.linalg.norm(np.ptp(skin.position, axis=0)))

@@ -104,10 +104,14 @@ class AtGauges:
         ]
         return f"steep gradient here: the strain changes {' and '.join(said)}" if said else ""
 
+    def access(self, i: int) -> tuple[str, ...]:
+        """Why access is to be checked at gauge i: the room over it, what holds its face; empty where it is not."""
+        room = f"{1e3 * self.room[i]:.2g} mm of room over it (limit {1e3 * self.room_limit:.2g} mm)"
+        return (*[room] * bool(self.room[i] <= self.room_limit), *filter(None, [self.lies_on[i]]))
+
     def access_in_words(self, i: int) -> str:
-        """That access is to be checked at gauge i, with the room over it, or what holds its face; empty where it is not."""
-        said = [f"{1e3 * self.room[i]:.2g} mm of room over it (limit {1e3 * self.room_limit:.2g} mm)"]
-        said = said * bool(self.room[i] <= self.room_limit) + [self.lies_on[i]] * bool(self.lies_on[i])
+        """That access is to be checked at gauge i, and why; empty where it is not."""
+        said = self.access(i)
         return f"check access: {', and '.join(said)}" if said else ""
 
 

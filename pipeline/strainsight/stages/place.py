@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=25,
+    version=26,
     reads=(
         "seed",
         "mesh.length_unit",

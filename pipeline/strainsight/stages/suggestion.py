@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,32 +12,37 @@ from strainsight.config.answers import Lacking, Place, Suggestion
 from strainsight.config.gauge_types import fitting_type
 from strainsight.decks.effects import short
 from strainsight.decks.reader import read_mesh
-from strainsight.errors import ChoiceError
+from strainsight.errors import ChoiceError, UserError
 from strainsight.gauges.contact import contact_faces
-from strainsight.gauges.faces import Faces, faces_of
-from strainsight.mesh.facets import exterior_facets
+from strainsight.gauges.faces import Faces, Pick, faces_of, picked, pointed_at
+from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import BodyForce, Mesh
 from strainsight.mesh.sanity import usual_units
 from strainsight.mesh.units import to_si
 
 
-def suggestion(path: Path) -> Suggestion:
+def suggestion(path: Path, spc: int | None = None) -> Suggestion:
     """Units that suit the deck's materials, its largest region, what the config has to add, and where loads and supports may be.
 
+    spc: set of supports that holds, of a deck that does not say which; by default its first.
     Raises DeckError where the deck cannot be read.
     """
     sets: tuple[int, ...] = ()
+    by_which = ""
     try:
         mesh = read_mesh(path, solids=False, materials=False)  # in the deck's own numbers
     except ChoiceError as error:
         sets = error.sets
-        mesh = read_mesh(path, solids=False, materials=False, spc=sets[0])
+        chosen = sets[0] if spc is None else spc
+        by_which = f", supports of set {chosen}"
+        mesh = read_mesh(path, solids=False, materials=False, spc=chosen)
     count = {number: sum(int(np.sum(b.region == number)) for b in mesh.blocks) for number in mesh.regions}
     region = max(count, key=lambda number: count[number]) if count else 1
     material = mesh.materials.get(mesh.regions[region].material) if count else None
     units = usual_units(material.youngs_modulus, material.density) if material else _by_size(mesh) or ("m", "kg")
     converted = to_si(mesh, *units) if units else mesh
-    faces = faces_of(converted.position, exterior_facets(converted)) if converted.blocks else None
+    facets = exterior_facets(converted) if converted.blocks else None
+    faces = None if facets is None else faces_of(converted.position, facets)
     return Suggestion(
         *(units or ("", "")),
         odd=f"E {material.youngs_modulus:.4g} and ρ {material.density:.4g} fit no usual units"
@@ -47,14 +53,26 @@ def suggestion(path: Path) -> Suggestion:
         lacking=tuple(_lacking(converted)),
         supports=len(mesh.held) > 0,
         solids=bool(mesh.blocks),
-        places=tuple(_places(converted, faces)) if units else (),
+        places=tuple(_places(converted, facets, faces, by_which)) if units else (),
         support_sets=sets,
         unsupported=tuple(
             (short(card), mesh.ignored[card], where.rpartition("/")[2]) for card, where in mesh.unsupported.items()
         ),
         taken=(*mesh.node_sets, *mesh.element_sets),
         gauge_type=fitting_type(float(np.sqrt(faces.area.max()))) if units and faces is not None else None,
+        face_at=str if facets is None or faces is None else _face_at(converted, facets, faces),
     )
+
+
+def _face_at(mesh: Mesh, facets: Facets, faces: Faces) -> Callable[[str], str]:
+    def at(point: str) -> str:
+        try:
+            found = picked(Pick(near=(json.loads(point),)), faces, mesh.position, facets)
+        except UserError:  # `import` names what is wrong with it
+            return point
+        return faces.near(int(faces.of[found[0]]))
+
+    return at
 
 
 def _lacking(mesh: Mesh) -> Iterator[Lacking]:
@@ -89,8 +107,11 @@ def _unit(v: np.ndarray) -> str:
     return "(" + ", ".join(f"{round(float(x), 3) + 0.0:g}" for x in v / np.linalg.norm(v)) + ")"
 
 
-def _places(mesh: Mesh, faces: Faces | None) -> Iterator[Place]:
-    """Loads that have a resultant or pull at all mass, reference nodes of ties, sets of nodes, faces."""
+def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[Place]:
+    """Loads that have a resultant or pull at all mass, reference nodes of ties, sets of nodes, faces.
+
+    by_which: of several sets of supports, to say of a face what holds it.
+    """
     held = np.zeros(len(mesh.position), dtype=bool)
     held[mesh.held] = True
     for name, load in mesh.loads.items():
@@ -108,12 +129,21 @@ def _places(mesh: Mesh, faces: Faces | None) -> Iterator[Place]:
         own = np.isin(mesh.node_ids, ids)
         if own.any():
             yield Place("set", name, f"{np.count_nonzero(own)} nodes", bool(held[own].all()))
-    if faces is not None:
-        facets = exterior_facets(mesh)
+    if facets is not None and faces is not None:
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)
-        lies_on = {int(face): contact.in_words(i) for i, face in enumerate(contact.face)}
+        lies_on = {int(face): f"{contact.in_words(i)}{by_which}" for i, face in enumerate(contact.face)}
+        by = {face: pointed_at(face, faces, mesh.position, facets) for face in lies_on}
+        instead = {int(f): faces.near(int(g)) for f, g in zip(contact.face, contact.instead_of, strict=True) if g >= 0}
         for face in range(len(faces.area)):
             on_support = bool(supported[faces.of == face].all())
             what = f"{faces.area[face]:.3g} m², {faces.in_words(face)}"
-            yield Place("face", faces.near(face), what, on_support, lies_on=lies_on.get(face, ""))
+            yield Place(
+                "face",
+                faces.near(face),
+                what,
+                on_support,
+                lies_on=lies_on.get(face, ""),
+                picked=by.get(face, ""),
+                instead_of=instead.get(face, ""),
+            )

@@ -90,7 +90,7 @@ def moved_in_words(exact: Expectation, found: Expectation, over: Collection[str]
     name = max(over, key=lambda key: exact.std[key] / found.std[key])
     return (
         "Placed with errors of installation as noise: off the steep gradients σ of "
-        f"{name} is expected to be {exact.std[name] / found.std[name]:.2f} times lower than on the layout for exact gauges."
+        f"{name} is expected to be {exact.std[name] / found.std[name]:.3g} times lower than on the layout for exact gauges."
     )
 
 

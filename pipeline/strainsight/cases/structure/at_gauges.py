@@ -53,7 +53,7 @@ def at_gauges(
     height = np.full(part.gauges, np.inf)
     np.minimum.at(height, owner[grids.first], room(skin, grids, HAND))
     lies_on = [""] * part.gauges
-    for gauge, words in zip(owner, held_below(mesh, grids), strict=True):
+    for gauge, words in zip(owner, held_below(mesh, skin.facets, grids), strict=True):
         lies_on[gauge] = lies_on[gauge] or words
     return AtGauges(
         in_place=in_place,
@@ -99,12 +99,18 @@ def notes_at_gauges(found: AtGauges | None, count: int) -> tuple[str, ...]:
 
 
 def advice_at_gauges(found: AtGauges | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
-    """A sentence for each gauge with such a note."""
+    """A sentence for each gauge in a steep gradient, and for those to which access is to be checked alike, as on one face."""
     if found is None:
         return
+    alike: dict[str, list[str]] = {}
     for i, label in enumerate(labels):
         if said := found.steep_in_words(i):
             remedy = "" if bonded[i] else ": place it by a template, take a shorter grid, or move it"
             yield f"{label}, {said}{remedy}."
-        if (said := found.access_in_words(i)) and not bonded[i]:
-            yield f"{label}, {said}: see whether a hand gets there, or leave the place out (gauges.exclude)."
+        if not bonded[i]:
+            for said in found.access(i):
+                alike.setdefault(said, []).append(label)
+    for said, own in alike.items():
+        yield (
+            f"{', '.join(own)}, check access: {said}: see whether a hand gets there, or leave the place out (gauges.exclude)."
+        )

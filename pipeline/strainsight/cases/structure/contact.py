@@ -13,8 +13,8 @@ from strainsight.errors import InfeasibleError
 from strainsight.gauges.admissible import admissible
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.contact import contact_faces
-from strainsight.gauges.faces import Faces, faces_of
-from strainsight.mesh.facets import Facets, exterior_facets, facet_key
+from strainsight.gauges.faces import Faces, faces_of, pointed_at
+from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 
 
@@ -36,16 +36,18 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
         name = next((name for name, its in named.items() if its == keys), "")
         lines = f"gauges.exclude: [{name or 'seat'}]"
         if not name:
-            lines = f"mesh.faces: {{seat: {{near: {faces.near(face)}}}}} and {lines}"
+            lines = f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}} and {lines}"
         yield (
             f"the flat face of {faces.area[face]:.3g} m² about {_point(faces.centre[face])} is {found.in_words(i)}: if it "
             f"lies on something, no gauge can sit there; leave it out with {lines}"
         )
 
 
-def held_below(mesh: Mesh, grids: Candidates) -> tuple[str, ...]:
-    """For every grid (g,) on a face that probably lies on something, where that is and what holds it; "" for the others."""
-    facets = exterior_facets(mesh)
+def held_below(mesh: Mesh, facets: Facets, grids: Candidates) -> tuple[str, ...]:
+    """For every grid (g,) on a face that probably lies on something, where that is and what holds it; "" for the others.
+
+    facets: the exterior ones.
+    """
     faces = faces_of(mesh.position, facets)
     found = contact_faces(mesh, facets, faces)
     of = dict(zip(facets.key.tolist(), faces.of.tolist(), strict=True))
