@@ -1,0 +1,209 @@
+"""Stiffness, mass and strain of many straight beams and rods at once, rows 6·node + component along the basic axes.
+
+The motions of an end are three translations and three rotations. x of a beam's axes runs from A to B, and its section is
+about x: centroid, shear centre and centre of mass are one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.fem.beam_flexibility import end_stiffness
+from strainsight.fem.beam_properties import (
+    BeamProperties,
+    bending_axes,
+    check_properties,
+    properties_of,
+    require,
+    require_positive,
+)
+
+__all__ = [
+    "BeamProperties",
+    "beam_masses",
+    "beam_stiffnesses",
+    "beam_strain_rows",
+    "properties_of",
+    "rod_masses",
+    "rod_stiffnesses",
+]
+
+
+def beam_stiffnesses(
+    position: np.ndarray,
+    axes: np.ndarray,
+    properties: BeamProperties,
+    offset: np.ndarray,
+    released: np.ndarray,
+    ids: np.ndarray,
+) -> np.ndarray:
+    """Stiffness of beams with unit Young's modulus, from the flexibility of the beam that is clamped at A:
+
+        K = Tᵀ B F⁻¹ Bᵀ T,    F = ∫ b(x)ᵀ C(x) b(x) dx,
+
+    C(x) = diag(1/A, 1/(G k A), 1/(G J), S⁻¹) of the section, b(x) its forces from those at B, B those at both ends, T the
+    rigid arms from the nodes. A taper is exact: A, S and J are linear in x. What a section does not resist (J = 0, I1 or I2 = 0)
+    has no stiffness. A motion that is released carries no force, K − K_r K_rr⁻¹ K_rᵀ; one that is left without stiffness so
+    has none. Warping is free (St Venant).
+
+    position (e, 2, 3) of the nodes [m]; axes (e, 3, 3) x, y, z in columns; offset (e, 2, 3) [m] of the ends from the nodes,
+    along the basic axes; released (e, 2, 6) of the ends, along the axes of the beam; ids (e,) for the error message.
+    Returns (e, 12, 12) [m, m², m³], to be multiplied with E. Raises DeckError for a beam without length or orientation,
+    and what `check_properties` does.
+    """
+    length = _lengths(position, axes, offset, ids)
+    check_properties(properties, ids)
+    return _seen_from_nodes(end_stiffness(length, properties, released), _arms(axes, offset))
+
+
+def beam_masses(
+    position: np.ndarray,
+    axes: np.ndarray,
+    per_length: np.ndarray,
+    offset: np.ndarray,
+    ids: np.ndarray,
+    rotary: np.ndarray | None = None,
+) -> np.ndarray:
+    """Consistent mass of beams, from the kinetic energy
+
+        ½ ∫ m |u̇|² + (−θ̇_z, θ̇_y) R (−θ̇_z, θ̇_y)ᵀ + tr(R) θ̇_x² dx
+
+    with u linear along the beam and cubic across it (Hermite), and the rotations θ of the sections linear between the ends.
+    θ is not the slope of u, so that R of a beam that shears moves with its rotations alone. A released end is taken to move
+    with its node.
+
+    per_length (e, 2) at A and B, linear in between [kg/m]; rotary R (e, 2, 2, 2) = ρ ∫ (y, z)ᵀ (y, z) dA at both ends [kg m],
+    left out by default, as CBAR does. The rest as `beam_stiffnesses`. Returns (e, 12, 12) [kg, kg m, kg m²].
+    Raises DeckError for a beam without length or orientation.
+    """
+    length = _lengths(position, axes, offset, ids)
+    points, weights = np.polynomial.legendre.leggauss(4)
+    xi, w = 0.5 * (points + 1), 0.5 * weights
+    N, L = np.stack([1 - xi, xi]), length[:, None]
+    mass = (per_length @ N) * w * L
+    across = np.zeros((len(length), len(xi), 4))  # of v at A, θ_z at A, and those at B; of w and −θ_y the same
+    across[:, :, 0], across[:, :, 2] = 1 - 3 * xi**2 + 2 * xi**3, 3 * xi**2 - 2 * xi**3
+    across[:, :, 1], across[:, :, 3] = L * (xi - 2 * xi**2 + xi**3), L * (xi**3 - xi**2)
+    M = np.zeros((len(length), 12, 12))
+    _add(M, [0, 6], np.einsum("eq,aq,bq->eab", mass, N, N, optimize=True))
+    bending = np.einsum("eq,eqa,eqb->eab", mass, across, across, optimize=True)
+    _add(M, [1, 5, 7, 11], bending)
+    turned = np.array([1.0, -1.0, 1.0, -1.0])
+    _add(M, [2, 4, 8, 10], bending * np.outer(turned, turned))
+    if rotary is not None:
+        R = np.einsum("eijk,iq,q,aq,bq->eabjk", rotary * length[:, None, None, None], N, w, N, N, optimize=True)
+        _add(M, [3, 9], R[..., 0, 0] + R[..., 1, 1])
+        turns = [5, 4, 11, 10]  # θ_z, θ_y at A and at B, the first with its sign changed
+        sign = np.array([-1.0, 1.0, -1.0, 1.0])
+        _add(M, turns, R.transpose(0, 1, 3, 2, 4).reshape(-1, 4, 4) * np.outer(sign, sign))
+    return _seen_from_nodes(M, _arms(axes, offset))
+
+
+def rod_stiffnesses(
+    position: np.ndarray, area: np.ndarray, torsion: np.ndarray, poisson_ratio: np.ndarray, ids: np.ndarray
+) -> np.ndarray:
+    """Stiffness of rods with unit Young's modulus: A/L of the elongation, J/(2(1 + ν) L) of the twist.
+
+    position (e, 2, 3) [m]; area (e,) [m²]; torsion J (e,) [m⁴], 0 where the rod does not resist it; ids (e,).
+    Returns (e, 12, 12) [m, m³], to be multiplied with E. Raises DeckError for a rod without length, area ≤ 0 or J < 0.
+    """
+    x, length = _directions(position, ids)
+    require_positive("area", area, ids, "m²")
+    require(
+        torsion >= 0,
+        torsion,
+        ids,
+        "has the torsion constant J {value:g} m⁴",
+        "give its property a torsion constant J ≥ 0",
+    )
+    along = np.stack([area / length, torsion / (2 * (1 + poisson_ratio) * length)], axis=1)
+    pair = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    blocks = np.einsum("em,mn,ij,ec,ed->eimcjnd", along, np.eye(2), pair, x, x, optimize=True)
+    return blocks.reshape(-1, 12, 12)
+
+
+def rod_masses(position: np.ndarray, per_length: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Consistent mass of rods, (m L/6) [[2, 1], [1, 2]] ⊗ I₃ of the translations; their sections have no inertia of turning.
+
+    position (e, 2, 3) [m]; per_length (e,) [kg/m]; ids (e,). Returns (e, 12, 12) [kg]. Raises DeckError for a rod without
+    length.
+    """
+    _, length = _directions(position, ids)
+    pair = np.zeros((12, 12))
+    for component in range(3):
+        pair[np.ix_([component, 6 + component], [component, 6 + component])] = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
+    return (per_length * length)[:, None, None] * pair
+
+
+def beam_strain_rows(
+    position: np.ndarray,
+    axes: np.ndarray,
+    properties: BeamProperties,
+    offset: np.ndarray,
+    released: np.ndarray,
+    at: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+) -> np.ndarray:
+    """Strain along beams from the motions of their nodes, ε = rows · u:
+
+        ε = N/(E A) + (y, z) S⁻¹ m/E,    m(x) = m_B − (L − x) (V_y, V_z),    m = (−M_z, M_y),
+
+    which is u' − y θ_z' + z θ_y' (u' − y v'' − z w'' of a beam that does not shear), from the forces at B, so that it is exact
+    for loads at the ends, with a taper too. Bending that the section does not resist leaves no strain.
+
+    at (e,) share of the length from A; y, z (e,) place on the section [m]; the rest as `beam_stiffnesses`, which is to have
+    accepted it. Returns (e, 12) [1/m, 1].
+    """
+    length = _lengths(position, axes, offset, np.arange(len(position)))
+    forces = end_stiffness(length, properties, released)[:, 6:]
+    area = (1 - at) * properties.area[:, 0] + at * properties.area[:, 1]
+    v, ends, _, _ = bending_axes(properties.second)
+    inverse = np.einsum("eij,ej,ekj->eik", v, 1 / ((1 - at)[:, None] * ends[..., 0] + at[:, None] * ends[..., 1]), v)
+    moment = np.stack([-forces[:, 5], forces[:, 4]], axis=1) - ((1 - at) * length)[:, None, None] * forces[:, 1:3]
+    rows = forces[:, 0] / area[:, None] + np.einsum("ei,eij,ejn->en", np.stack([y, z], axis=1), inverse, moment)
+    return np.matmul(rows[:, None], _arms(axes, offset))[:, 0]
+
+
+def _arms(axes: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """T (e, 12, 12): motions of the nodes → of the ends along the axes of the beam, Xᵀ(u + θ × offset) and Xᵀθ."""
+    T = np.zeros((len(axes), 12, 12))
+    X = axes.swapaxes(1, 2)
+    for node in range(2):
+        at = 6 * node
+        T[:, at : at + 3, at : at + 3] = T[:, at + 3 : at + 6, at + 3 : at + 6] = X
+        # x · (θ × r) = θ · (r × x)
+        T[:, at : at + 3, at + 3 : at + 6] = np.cross(offset[:, node, None, :], X)
+    return T
+
+
+def _seen_from_nodes(K: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Tᵀ K T, symmetric to the last digit."""
+    K = T.swapaxes(1, 2) @ K @ T
+    return 0.5 * (K + K.swapaxes(1, 2))
+
+
+def _add(M: np.ndarray, at: list[int], part: np.ndarray) -> None:
+    rows = np.array(at)
+    M[:, rows[:, None], rows] += part
+
+
+def _directions(ends: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (e, 3) from A to B and lengths (e,) [m] of ends (e, 2, 3). Raises DeckError where a length is zero."""
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    what = "has the length {value:g} m from its end A to its end B"
+    remedy = "check its two nodes and its offsets, or let an RBE2 join nodes that lie in one place"
+    require(length > 1e-12 * np.abs(ends).max(axis=(1, 2)), length, ids, what, remedy)
+    return along / length[:, None], length
+
+
+def _lengths(position: np.ndarray, axes: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Lengths (e,) [m] of beams. Raises DeckError where one is zero, and where the orientation left no axes (not a number)."""
+    x, length = _directions(position + offset, ids)
+    what = "has its orientation along its own axis: its plane 1 is not defined"
+    remedy = "give it an orientation vector or node that is off the line from its end A to its end B"
+    require(np.isfinite(axes).all(axis=(1, 2)), length, ids, what, remedy)
+    assert np.allclose(axes.swapaxes(1, 2) @ axes, np.eye(3), atol=1e-9)
+    assert np.allclose(axes[:, :, 0], x, atol=1e-6)
+    return length

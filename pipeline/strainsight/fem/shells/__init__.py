@@ -1,0 +1,8 @@
+"""Flat shells of 3 and 4 nodes, "tri3" and "quad4", with six motions a node: many elements of one kind at once."""
+
+from __future__ import annotations
+
+from strainsight.fem.shells.matrices import shell_masses, shell_stiffnesses, shell_strain_rows
+from strainsight.fem.shells.plane import shell_axes
+
+__all__ = ["shell_axes", "shell_masses", "shell_stiffnesses", "shell_strain_rows"]

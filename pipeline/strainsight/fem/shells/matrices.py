@@ -1,0 +1,145 @@
+"""Stiffness, mass and strain of flat shells on their planes, and from there to the motions of their nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.fem.shells.laminate import in_shear
+from strainsight.fem.shells.plane import plane_of, rows_to_basic, to_basic
+from strainsight.fem.shells.quad import GAUSS, quad_shape, quad_strains
+from strainsight.fem.shells.tria import POINTS, WEIGHTS, tria_strains
+
+DRILLING = 6.0
+"""What holds the rotation about the normal of a quad is this times D₃₃/area: at an edge between two planes it takes up the
+bending moment that turns the other element about its normal, and is as stiff as that is. It is none to a thin shell, which
+a part of A₃₃ alone would lock where it is curved both ways."""
+
+LEAST_DRILLING, MOST_DRILLING = 1e-4, 0.1
+"""And these times A₃₃: for membranes, and where elements are smaller than the shell is thick."""
+
+TWIST, MOST_TWIST = 0.1, 0.01
+"""The d of MITC3+ is the first times √(D₃₃/(S area)), which is a part of t/h: the motion that it alone resists is then held by
+some hundredths of the stiffness in bending, and nothing locks however thin the shell is; and at most the second."""
+
+
+def shell_stiffnesses(
+    position: np.ndarray,
+    A: np.ndarray,
+    B: np.ndarray,
+    D: np.ndarray,
+    S: np.ndarray,
+    offset: np.ndarray,
+    ids: np.ndarray,
+) -> np.ndarray:
+    """Stiffness of flat shells with the forces N = A ε + B κ, moments M = B ε + D κ and shear forces Q = S γ:
+
+        K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c (θ_z − ω)² dA,     c = min(6 D₃₃/area, A₃₃/10) + 10⁻⁴ A₃₃
+
+    with ε, κ, γ and θ_z − ω of `quad_strains` and `tria_strains`, and A₃₃ and D₃₃ of `in_shear`; c is zero for three nodes,
+    whose membrane turns with its nodes. Inner motions are condensed, K_uu − K_ui K_ii⁻¹ K_iu: K scales with (A, B, D, S)
+    together and is no sum over them.
+
+    position (e, k, 3) [m], k = 3 or 4; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes` in the order xx, yy, xy,
+    γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite (a shell that does not shear: a thousand times that of one that does;
+    nothing locks); offset (e,) [m] of the middle surface from the nodes along the normal, by rigid arms; ids (e,) for the error
+    message. Returns (e, 6k, 6k), rows 6·node + component, three translations [m] and three rotations [rad] along the basic axes.
+    Assumes small strain; nodes of a warped quad are linked to its mean plane by rigid arms. Raises what `shell_axes` does.
+    """
+    plane = plane_of(position, offset, ids)
+    e, k = position.shape[:2]
+    C = np.zeros((e, 9, 9))
+    C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
+    if k == 4:
+        G, weight = quad_strains(plane.xy, GAUSS[None])
+        inside, across = in_shear(A), in_shear(D)
+        drilling = np.minimum(DRILLING * across / weight.sum(axis=1), MOST_DRILLING * inside)
+        C[:, 8, 8] = drilling + LEAST_DRILLING * inside
+    else:
+        G, area = tria_strains(plane.xy, POINTS[None], _poisson(A), _twist(plane.xy, D, S))
+        C, weight = C[:, :8, :8], area[:, None] * WEIGHTS
+    return to_basic(_condensed(_integral(G, C, weight), 6 * k), plane)
+
+
+def shell_masses(
+    position: np.ndarray, per_area: np.ndarray, rotary: np.ndarray, offset: np.ndarray, ids: np.ndarray
+) -> np.ndarray:
+    """Consistent mass of flat shells, of linear or bilinear functions N:
+
+        M_ab = ∫ N_a N_b dA (m I on translations of the middle surface, ρt³/12 (I − z zᵀ) on rotations)
+
+    Where the nodes of a flat mesh lie on the middle surface, rotation about the normal has no inertia, and M is singular.
+    position (e, k, 3) [m]; per_area m (e,) [kg/m²]; rotary ρt³/12 (e,) [kg]; offset (e,) [m] as in `shell_stiffnesses`;
+    ids (e,). Returns (e, 6k, 6k) [kg, kg m, kg m²]. Raises what `shell_axes` does.
+    """
+    plane = plane_of(position, offset, ids)
+    e, k = position.shape[:2]
+    if k == 4:
+        N, slopes = quad_shape(GAUSS)
+        det = np.linalg.det(np.matmul(slopes.swapaxes(1, 2), plane.xy[:, None]))
+        m = np.einsum("eq,qa,qb->eab", det, N, N)
+    else:
+        area = np.linalg.det(plane.xy[:, 1:] - plane.xy[:, :1]) / 2
+        m = area[:, None, None] * (np.ones((3, 3)) + np.eye(3)) / 12
+    M = np.zeros((e, k, 6, k, 6))
+    for c in (0, 1, 2):
+        M[:, :, c, :, c] = per_area[:, None, None] * m
+    for c in (3, 4):
+        M[:, :, c, :, c] = rotary[:, None, None] * m
+    return to_basic(M.reshape(e, 6 * k, 6 * k), plane)
+
+
+def shell_strain_rows(
+    position: np.ndarray, at: np.ndarray, height: np.ndarray, offset: np.ndarray, ids: np.ndarray, nu: float = 0.3
+) -> np.ndarray:
+    """Rows of ε_xx, ε_yy, γ_xy along the axes of `shell_axes` at a height z above the middle surface, ε + z κ.
+
+    position (e, k, 3) [m]; at (e, 2) natural coordinates, ξ, η in −1 … 1 of four nodes, area coordinates of the second and third
+    of three nodes; height z (e,) [m]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,); nu Poisson's ratio. At the centre
+    of an element, (0, 0) or (1/3, 1/3), these are the strains of its stiffness and nu is without effect; elsewhere those of an
+    isotropic one without the curvature that varies within a triangle, whose mean is zero. Returns (e, 3, 6k) [1/m, 1].
+    Raises what `shell_axes` does.
+    """
+    plane = plane_of(position, offset, ids)
+    e, k = position.shape[:2]
+    if k == 4:
+        inside, weight = quad_strains(plane.xy, GAUSS[None])
+        C = np.zeros((e, 9, 9))
+        C[:, :3, :3] = np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
+        K = _integral(inside, C, weight)
+        G = quad_strains(plane.xy, at[:, None])[0][:, 0, :6]
+        rows = G[..., :24] - G[..., 24:] @ np.linalg.solve(K[:, 24:, 24:], K[:, 24:, :24])
+    else:
+        rows = tria_strains(plane.xy, at[:, None], np.full(e, nu), np.zeros(e))[0][:, 0, :6, :18]
+    return rows_to_basic(rows[:, :3] + height[:, None, None] * rows[:, 3:], plane)
+
+
+def _twist(xy: np.ndarray, D: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """d of triangles."""
+    area = np.linalg.det(xy[:, 1:] - xy[:, :1]) / 2
+    return np.minimum(TWIST * np.sqrt(_ratio(in_shear(D), area * (S[:, 0, 0] + S[:, 1, 1]) / 2)), MOST_TWIST)
+
+
+def _poisson(A: np.ndarray) -> np.ndarray:
+    """A₁₂/A₁₁ (e,) of the mean of A over all axes."""
+    a, b = A[:, 0, 0] + A[:, 1, 1], A[:, 0, 1]
+    return _ratio(a + 6 * b - 4 * A[:, 2, 2], 3 * a + 2 * b + 4 * A[:, 2, 2])
+
+
+def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a/b, and 0 where b is."""
+    return np.divide(a, b, out=np.zeros(len(a)), where=b > 0)
+
+
+def _integral(G: np.ndarray, C: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Σ_q w_q G_qᵀ C G_q (e, n, n) of rows G (e, q, r, n) with C (e, r, r) and w (e, q)."""
+    e, q, r, n = G.shape
+    stress = np.matmul(C[:, None], G) * weight[:, :, None, None]
+    return np.matmul(G.reshape(e, q * r, n).swapaxes(1, 2), stress.reshape(e, q * r, n))
+
+
+def _condensed(K: np.ndarray, kept: int) -> np.ndarray:
+    """K_uu − K_ui K_ii⁻¹ K_iu (e, kept, kept); inner motions that nothing resists stay out."""
+    inner = K[:, kept:, kept:].copy()
+    i = np.arange(inner.shape[1])
+    inner[:, i, i] += inner[:, i, i] == 0
+    return K[:, :kept, :kept] - K[:, :kept, kept:] @ np.linalg.solve(inner, K[:, kept:, :kept])

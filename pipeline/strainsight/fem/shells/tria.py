@@ -1,0 +1,122 @@
+"""Strains of shells of three nodes on their plane: the optimal membrane triangle in it, MITC3+ across."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_A, _B = 0.445948490915965, 0.091576213509771
+POINTS = np.array([[_A, _A], [1 - 2 * _A, _A], [_A, 1 - 2 * _A], [_B, _B], [1 - 2 * _B, _B], [_B, 1 - 2 * _B]])
+WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
+"""Points (r, s) and shares of the area, a rule of fourth degree (Dunavant 1985)."""
+
+BETA = np.array([[1.0, 2.0, 1.0], [0.0, 1.0, -1.0], [-1.0, -1.0, -2.0]])
+"""β₁ … β₉ of the optimal triangle; Q₁ but for lengths, and Q₂, Q₃ by turning nodes and sides."""
+
+LEAST_BETA0 = 0.01
+"""Of ν near 1/2, where (1 − 4ν²)/2 vanishes and with it what holds the rotations of the nodes (Felippa 2003)."""
+
+
+def tria_strains(xy: np.ndarray, at: np.ndarray, nu: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The eight rows (ε_xx, ε_yy, γ_xy; κ_xx, κ_yy, κ_xy; γ_xz, γ_yz) of motions of three nodes and two inner rotations.
+
+    xy (e, 3, 2) [m] anticlockwise; at (e or 1, q, 2) area coordinates r, s of the second and third node; nu (e,) Poisson's
+    ratio; twist d (e,), see `_shear`. Returns (e, q, 8, 18 + 2), columns 6·node + component and the inner ones, and the area
+    (e,) [m²].
+    """
+    e, q = len(xy), at.shape[1]
+    area, mean, varying = _membrane(xy, np.maximum((1 - 4 * nu**2) / 2, LEAST_BETA0))
+    J = xy[:, 1:] - xy[:, :1]
+    inverse = np.stack([J[:, 1, 1], -J[:, 0, 1], -J[:, 1, 0], J[:, 0, 0]], axis=-1).reshape(e, 2, 2)
+    inverse /= 2 * area[:, None, None]
+    r, s = at[..., 0], at[..., 1]
+    zeta = np.stack([1 - r - s, r, s], axis=-1)
+
+    G = np.zeros((e, q, 8, 20))
+    strain = mean[:, None] + np.matmul(zeta, varying.reshape(e, 3, 27)).reshape(e, q, 3, 9)
+    u, v, w, x, y, z = (G[..., c:18:6] for c in range(6))
+    u[:, :, :3], v[:, :, :3], z[:, :, :3] = strain[..., 0::3], strain[..., 1::3], strain[..., 2::3]
+    linear = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
+    _curve(x, y, np.matmul(linear, inverse.swapaxes(1, 2))[:, None])
+    bubble = 27 * np.stack([s * (1 - 2 * r - s), r * (1 - r - 2 * s)], axis=-1)
+    _curve(G[..., 18:19], G[..., 19:20], np.matmul(bubble[:, :, None], inverse.swapaxes(1, 2)[:, None]))
+    shear = _shear(xy, at, inverse, twist)
+    w[:, :, 6:], x[:, :, 6:], y[:, :, 6:] = shear[..., 0:9:3], shear[..., 1:9:3], shear[..., 2:9:3]
+    G[:, :, 6:, 18:] = shear[..., 9:]
+    return G, area
+
+
+def _membrane(xy: np.ndarray, beta0: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """ε_xx, ε_yy and γ_xy in triangles that move by u, v and a rotation θ about the normal at each node:
+
+        ε(ζ) = ε̄ + Σᵢ ζᵢ εᵢ,     ε̄ = Lᵀq/area,     εᵢ = (3/2) √β₀ T_e Q_i θ̃,     Σᵢ εᵢ = 0
+
+    ε̄ is what lumps constant stress into forces on the nodes, sides moved along a cubic by θ (α_b = 3/2), and θ̃ the rotations
+    of the nodes less that of the triangle with linear u, v. ∫ εᵀAε has a rank of 9 − 3; a rectangle of two bends in its plane
+    as a beam does at any slenderness if β₀ = (1 − 4ν²)/2.
+
+    Returns area (e,) [m²], ε̄ (e, 3, 9) and εᵢ (e, 3, 3, 9) with i second, columns u₁ v₁ θ₁ u₂ …. Source: C. A. Felippa,
+    A study of optimal membrane triangles with drilling freedoms, Comput. Methods Appl. Mech. Engrg. 192 (2003) 2125-2168.
+    """
+    e = len(xy)
+    side = np.roll(xy, -1, axis=1) - np.roll(xy, -2, axis=1)
+    X, Y = side[..., 0], side[..., 1]  # x₂₃, x₃₁, x₁₂: the side opposite each node
+    area = 0.5 * (X[:, 1] * Y[:, 2] - X[:, 2] * Y[:, 1])
+    Xb, Yb, Xa, Ya = (np.roll(part, by, axis=1) for by in (-1, -2) for part in (X, Y))
+    mean = np.zeros((e, 3, 3, 3))
+    mean[:, 0, :, 0] = mean[:, 2, :, 1] = Y
+    mean[:, 1, :, 1] = mean[:, 2, :, 0] = -X
+    mean[:, 0, :, 2] = Y * (Ya - Yb) / 4
+    mean[:, 1, :, 2] = X * (Xa - Xb) / 4
+    mean[:, 2, :, 2] = (Xa * Ya - Xb * Yb) / 2
+    mean /= (2 * area)[:, None, None, None]
+
+    turned = np.zeros((e, 3, 3, 3))
+    turned[..., :2] = -side[:, None] / (4 * area)[:, None, None, None]
+    turned[:, range(3), range(3), 2] = 1.0
+
+    # T_e diag(l²): strains along the sides 12, 23, 31; 1/l² stands in Q
+    natural = np.stack([-Y * Yb, -X * Xb, Y * Xb + X * Yb], axis=1) * (np.sqrt(beta0) / (4 * area))[:, None, None]
+    Q = np.stack([np.roll(BETA, i, axis=(0, 1)) for i in range(3)])
+    varying = np.matmul(np.matmul(natural[:, None], Q).reshape(e, 9, 3), turned.reshape(e, 3, 9))
+    return area, mean.reshape(e, 3, 9), varying.reshape(e, 3, 3, 9)
+
+
+def _curve(x: np.ndarray, y: np.ndarray, g: np.ndarray) -> None:
+    """κ = (θ_y,x, −θ_x,y, θ_y,y − θ_x,x) of functions with the slopes g (e, q, n, 2), into rows of θ_x, θ_y (e, q, 8, n)."""
+    y[:, :, 3] = g[..., 0]
+    x[:, :, 4] = -g[..., 1]
+    y[:, :, 5] = g[..., 1]
+    x[:, :, 5] = -g[..., 0]
+
+
+def _shear(xy: np.ndarray, at: np.ndarray, inverse: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """γ (e, q, 2, 11) of w₁ θx₁ θy₁ w₂ … and of rotations b within, w linear and θ linear with 27 r s (1 − r − s) b besides.
+
+    Shear along r and s is held to
+
+        e_r = 2/3 (e_r − e_s/2)(B) + 1/3 (e_r + e_s)(C) + ĉ (3s − 1)/3,
+        e_s = 2/3 (e_s − e_r/2)(A) + 1/3 (e_r + e_s)(C) + ĉ (1 − 3r)/3,     ĉ = 3d (e_r,s − e_s,r),
+
+    A (1/6, 2/3), B (2/3, 1/6), C (1/6, 1/6). d alone resists rotations θ = c (x, y) about the centre of a triangle: with d = 1,
+    as in MITC3, it locks. Source: Y. Lee, P.-S. Lee & K.-J. Bathe, The MITC3+ shell element and its performance, Comput.
+    Struct. 138 (2014) 12-23, who take d = 10⁻⁴ of all.
+    """
+    A, B, C = (_covariant(xy, r, s) for r, s in ((1 / 6, 2 / 3), (2 / 3, 1 / 6), (1 / 6, 1 / 6)))
+    ends = _covariant(xy, 0.0, 0.0), _covariant(xy, 1.0, 0.0), _covariant(xy, 0.0, 1.0)
+    vary = twist[:, None] * ((ends[2][:, 0] - ends[0][:, 0]) - (ends[1][:, 1] - ends[0][:, 1]))
+    both = (C[:, 0] + C[:, 1]) / 3
+    tied = np.stack([(2 * B[:, 0] - B[:, 1]) / 3 + both, (2 * A[:, 1] - A[:, 0]) / 3 + both], axis=1)
+    by = np.stack([3 * at[..., 1] - 1, 1 - 3 * at[..., 0]], axis=-1)
+    return np.matmul(inverse[:, None], tied[:, None] + by[..., None] * vary[:, None, None])
+
+
+def _covariant(xy: np.ndarray, r: float, s: float) -> np.ndarray:
+    """(e_r, e_s) = w,r + x,r θ_y − y,r θ_x and along s (e, 2, 11), of the rotations at a point."""
+    J = xy[:, 1:] - xy[:, :1]
+    found = np.zeros((len(xy), 2, 11))
+    found[:, :, 0] = -1.0
+    found[:, 0, 3] = found[:, 1, 6] = 1.0
+    for column, N in ((1, 1 - r - s), (4, r), (7, s), (9, 27 * r * s * (1 - r - s))):
+        found[:, :, column] = -N * J[:, :, 1]
+        found[:, :, column + 1] = N * J[:, :, 0]
+    return found

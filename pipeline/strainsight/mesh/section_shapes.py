@@ -1,0 +1,256 @@
+"""Sections of beams by the names and dimensions that PBARL and PBEAML give them.
+
+Dimensions: MSC Nastran Quick Reference Guide, PBARL. y is up and z to the right in its figures. Moments are about the centroid;
+that some shapes have their shear centre beside it is left out, as PBARL does. J is that of the NX Nastran Element Library
+Reference: Σ ℓ t³/3 of the middle lines of open walls (up to 10 % high where a wall is less than four times as long as thick),
+Bredt's 4 A²/∮ ds/t of closed ones. Shear factors are shares of the area: of the webs along y, of the flanges along z (5/6 of
+those of I, T, H and Z), 5/6 of a rectangle, 9/10 of a circle, 1/2 of a tube. MSC Nastran 2022 solves for J and the shear factors
+by finite elements instead, unless MDLPRM,TWBRBML,1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from strainsight.errors import DeckError, did_you_mean
+from strainsight.mesh.section_parts import NoFit, Part, Shape, block, corners, section_from, solid, walls
+from strainsight.mesh.thin import BeamSection
+
+
+def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
+    """Area A = Σ A_i, moments ∫ (y, z)ᵀ (y, z) dA = Σ I_i + A_i r_i r_iᵀ about the centroid, J, shear factors and the points
+    C, D, E, F of a shape.
+
+    kind "ROD", "TUBE", "I", …; dimensions DIM1, DIM2, … [m]. Raises DeckError for a shape that is not known, a wrong number of
+    dimensions, and dimensions that are not positive or do not fit.
+    """
+    if kind not in SHAPES:
+        remedy = f"give a PBAR or PBEAM instead; known are {', '.join(SHAPES)}"
+        raise DeckError(
+            f"the section {kind} is not known", remedy=remedy if kind in OTHERS else did_you_mean(kind, SHAPES, remedy)
+        )
+    count, build = SHAPES[kind]
+    given = ", ".join(f"{value:g}" for value in dimensions)
+    if len(dimensions) != count:
+        raise DeckError(
+            f"the section {kind} has {len(dimensions)} dimensions ({given}) instead of {count}",
+            remedy="give each of them, as the figure of the PBARL has them",
+        )
+    try:
+        if not (np.array(dimensions) > 0).all():
+            raise NoFit
+        return section_from(build(*map(float, dimensions)))
+    except NoFit:
+        raise DeckError(
+            f"the section {kind} cannot have the dimensions {given}: they are not positive, or a wall has no length left",
+            remedy="check them against the figure of the PBARL, or give a PBAR",
+        ) from None
+
+
+def _round(outer: float, inner: float, factor: float) -> Shape:
+    if not 0 <= inner < outer:
+        raise NoFit
+    area, moment = np.pi * (outer**2 - inner**2), np.pi * (outer**4 - inner**4) / 4
+    points = (outer, 0.0), (0.0, outer), (-outer, 0.0), (0.0, -outer)
+    return Shape((Part(area, 0.0, 0.0, moment, moment),), 2 * moment, (factor * area,) * 2, points)
+
+
+def _bar(width: float, height: float) -> Shape:
+    area = width * height
+    half = (-width / 2, width / 2)
+    points = corners(height / 2, -height / 2, half, half)
+    return Shape((block(-height / 2, -width / 2, height, width),), solid(width, height), (5 / 6 * area,) * 2, points)
+
+
+def _box1(width: float, height: float, top: float, bottom: float, right: float, left: float) -> Shape:
+    clear, between = height - top - bottom, width - left - right
+    parts = (
+        block(0, 0, bottom, width),
+        block(height - top, 0, top, width),
+        block(bottom, 0, clear, left),
+        block(bottom, width - right, clear, right),
+    )
+    b, h = width - (left + right) / 2, height - (top + bottom) / 2
+    J = 4 * (b * h) ** 2 / (b / top + b / bottom + h / left + h / right)
+    sheared = clear * (left + right), between * (top + bottom)
+    return Shape(parts, J, sheared, corners(height, 0, (0, width), (0, width)))
+
+
+def _i(height: float, bottom: float, top: float, web: float, below: float, above: float) -> Shape:
+    clear = height - below - above
+    parts = (
+        block(0, -bottom / 2, below, bottom),
+        block(below, -web / 2, clear, web),
+        block(height - above, -top / 2, above, top),
+    )
+    J = walls((bottom, below), (top, above), (height - (below + above) / 2, web))
+    sheared = clear * web, 5 / 6 * (bottom * below + top * above)
+    return Shape(parts, J, sheared, corners(height, 0, (-top / 2, top / 2), (-bottom / 2, bottom / 2)))
+
+
+def _i1(overhang: float, web: float, clear: float, height: float) -> Shape:
+    flange, width = (height - clear) / 2, overhang + web
+    return _i(height, width, width, web, flange, flange)
+
+
+def _chan(width: float, height: float, web: float, flange: float) -> Shape:
+    """Open to the right."""
+    clear, overhang = height - 2 * flange, width - web
+    parts = (
+        block(0, 0, height, web),
+        block(0, web, flange, overhang),
+        block(height - flange, web, flange, overhang),
+    )
+    J = walls((width - web / 2, flange), (width - web / 2, flange), (height - flange, web))
+    if not clear > 0:
+        raise NoFit
+    return Shape(parts, J, (clear * web, 2 * overhang * flange), corners(height, 0, (0, width), (0, width)))
+
+
+def _chan1(overhang: float, web: float, clear: float, height: float) -> Shape:
+    return _chan(overhang + web, height, web, (height - clear) / 2)
+
+
+def _chan2(leg: float, web: float, height: float, width: float) -> Shape:
+    """Open to the top."""
+    clear, overhang = width - 2 * leg, height - web
+    parts = block(0, 0, web, width), block(web, 0, overhang, leg), block(web, width - leg, overhang, leg)
+    J = walls((height - web / 2, leg), (height - web / 2, leg), (width - leg, web))
+    if not clear > 0:
+        raise NoFit
+    return Shape(parts, J, (2 * overhang * leg, clear * web), corners(height, 0, (0, width), (0, width)))
+
+
+def _t(width: float, height: float, flange: float, web: float) -> Shape:
+    """Flange at the top."""
+    clear = height - flange
+    parts = block(clear, -width / 2, flange, width), block(0, -web / 2, clear, web)
+    J = walls((width, flange), (height - flange / 2, web))
+    points = (height, 0.0), (height, width / 2), (0.0, 0.0), (height, -width / 2)
+    return Shape(parts, J, (clear * web, 5 / 6 * width * flange), points)
+
+
+def _t1(height: float, web: float, flange: float, thickness: float) -> Shape:
+    """Flange at the right, upright."""
+    parts = block(-height / 2, web, height, flange), block(-thickness / 2, 0, thickness, web)
+    J = walls((height, flange), (web + flange / 2, thickness))
+    right = web + flange
+    points = (0.0, right), (-height / 2, right), (0.0, 0.0), (height / 2, right)
+    return Shape(parts, J, (5 / 6 * height * flange, web * thickness), points)
+
+
+def _t2(width: float, height: float, flange: float, web: float) -> Shape:
+    """Flange at the bottom."""
+    clear = height - flange
+    parts = block(0, -width / 2, flange, width), block(flange, -web / 2, clear, web)
+    J = walls((width, flange), (height - flange / 2, web))
+    points = corners(height, 0, (-web / 2, web / 2), (-width / 2, width / 2))
+    return Shape(parts, J, (clear * web, 5 / 6 * width * flange), points)
+
+
+def _l(width: float, height: float, flange: float, web: float) -> Shape:
+    """Web at the left, flange at the bottom."""
+    parts = block(0, 0, flange, width), block(flange, 0, height - flange, web)
+    J = walls((width - web / 2, flange), (height - flange / 2, web))
+    if not width > web:
+        raise NoFit
+    sheared = (height - flange) * web, (width - web) * flange
+    return Shape(parts, J, sheared, corners(height, 0, (0, web), (0, width)))
+
+
+def _h(web: float, flanges: float, height: float, thickness: float) -> Shape:
+    """DIM2 is the thickness of both flanges together."""
+    flange, width = flanges / 2, web + flanges
+    parts = (
+        block(-height / 2, -width / 2, height, flange),
+        block(-height / 2, web / 2, height, flange),
+        block(-thickness / 2, -web / 2, thickness, web),
+    )
+    J = walls((height, flange), (height, flange), (web + flange, thickness))
+    half = (-width / 2, width / 2)
+    sheared = 5 / 6 * 2 * height * flange, web * thickness
+    return Shape(parts, J, sheared, corners(height / 2, -height / 2, half, half))
+
+
+def _cross(overhangs: float, upright: float, height: float, level: float) -> Shape:
+    """DIM1 is the length of both arms beside the upright together."""
+    width, arm = overhangs + upright, overhangs / 2
+    parts = (
+        block(-height / 2, -upright / 2, height, upright),
+        block(-level / 2, -width / 2, level, arm),
+        block(-level / 2, upright / 2, level, arm),
+    )
+    points = (height / 2, 0.0), (0.0, width / 2), (-height / 2, 0.0), (0.0, -width / 2)
+    J = walls((height, upright), (overhangs, level))
+    return Shape(parts, J, (5 / 6 * height * upright, 5 / 6 * width * level), points)
+
+
+def _z(overhang: float, web: float, clear: float, height: float) -> Shape:
+    """Upper flange to the left, lower flange to the right."""
+    flange, width = (height - clear) / 2, overhang + web
+    parts = (
+        block(-height / 2, -web / 2, flange, width),
+        block(-clear / 2, -web / 2, clear, web),
+        block(clear / 2, web / 2 - width, flange, width),
+    )
+    J = walls((overhang + web / 2, flange), (overhang + web / 2, flange), (height - flange, web))
+    points = corners(height / 2, -height / 2, (web / 2 - width, web / 2), (-web / 2, width - web / 2))
+    return Shape(parts, J, (clear * web, 5 / 6 * 2 * width * flange), points)
+
+
+def _hexa(point: float, width: float, height: float) -> Shape:
+    """A rectangle with an isosceles triangle on either side; J of the rectangle as wide as it is on average."""
+    inner, area = width - 2 * point, point * height / 2
+    side, own = inner / 2 + point / 3, (area * height**2 / 24, area * point**2 / 18)
+    middle = block(-height / 2, -inner / 2, height, inner)
+    parts = middle, Part(area, 0.0, side, *own), Part(area, 0.0, -side, *own)
+    points = (height / 2, 0.0), (-height / 2, 0.0), (0.0, width / 2), (0.0, -width / 2)
+    whole = 5 / 6 * (middle.area + 2 * area)
+    return Shape(parts, solid(width - point, height), (whole, whole), points)
+
+
+def _hat(height: float, t: float, top: float, brim: float) -> Shape:
+    """Walls of one thickness; the brims reach outward at the bottom."""
+    clear = height - 2 * t
+    parts = (
+        block(height - t, -top / 2, t, top),
+        block(t, -top / 2, clear, t),
+        block(t, top / 2 - t, clear, t),
+        block(0, -top / 2 - brim, t, brim + t),
+        block(0, top / 2 - t, t, brim + t),
+    )
+    J = walls((top - t, t), (2 * (height - t), t), (2 * brim + t, t))
+    if not top > 2 * t:
+        raise NoFit
+    points = corners(height, 0, (-top / 2, top / 2), (-top / 2 - brim, top / 2 + brim))
+    return Shape(parts, J, (2 * clear * t, 0.0), points)
+
+
+SHAPES: dict[str, tuple[int, Callable[..., Shape]]] = {
+    "ROD": (1, lambda radius: _round(radius, 0.0, 0.9)),
+    "TUBE": (2, lambda outer, inner: _round(outer, inner, 0.5)),
+    "TUBE2": (2, lambda outer, t: _round(outer, outer - t, 0.5)),
+    "BAR": (2, _bar),
+    "BOX": (4, lambda width, height, level, upright: _box1(width, height, level, level, upright, upright)),
+    "BOX1": (6, _box1),
+    "I": (6, _i),
+    "I1": (4, _i1),
+    "T": (4, _t),
+    "T1": (4, _t1),
+    "T2": (4, _t2),
+    "L": (4, _l),
+    "CHAN": (4, _chan),
+    "CHAN1": (4, _chan1),
+    "CHAN2": (4, _chan2),
+    "H": (4, _h),
+    "CROSS": (4, _cross),
+    "HEXA": (3, _hexa),
+    "Z": (4, _z),
+    "HAT": (4, _hat),
+}
+"""Number of dimensions, and the shape of them."""
+
+OTHERS = ("HAT1", "DBOX")
+"""Shapes of PBARL that are left out: HAT1 is closed by a plate, DBOX has two cells."""

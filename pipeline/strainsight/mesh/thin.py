@@ -1,0 +1,92 @@
+"""Shells, beams and rods of a mesh: elements on a surface or a line, with the sections that make them solid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strainsight.mesh.laminates import Laminate
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+SHELL_KINDS = ("quad4", "tri3")
+BEAM_KINDS = ("beam", "rod")
+
+
+@dataclass(frozen=True)
+class ShellSection:
+    """Thickness t [m] of a homogeneous shell; what its stiffness in bending is of t³/12 (12 I/t³ of a PSHELL, 0 of a
+    membrane), and in shear of G t (t_s/t, 5/6 of a homogeneous one, infinite where it does not shear); mass that is not of its
+    material [kg/m²]."""
+
+    thickness: float
+    bending: float = 1.0
+    shear: float = 5 / 6
+    nonstructural: float = 0.0
+
+
+@dataclass(frozen=True)
+class BeamSection:
+    """Section of a beam at its end A, and at B where it is another, linear in between; axes y and z across the beam.
+
+    area A [m²]; second (2, 2) ∫ (y, z)ᵀ (y, z) dA [m⁴], so that I1 of a PBAR is its yy; torsion J [m⁴]; shear (2,) areas over A
+    along y and z (K1, K2; 0 where it does not shear); points (p, 2) y and z where its strain is asked for [m]; mass that is not
+    of its material [kg/m]; sides: on which of the sides +y, +z, −y and −z of the box about its points it has material in the
+    middle, so that a gauge can sit there.
+    """
+
+    area: float
+    second: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+    torsion: float = 0.0
+    shear: tuple[float, float] = (0.0, 0.0)
+    points: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    nonstructural: float = 0.0
+    at_b: BeamSection | None = None
+    sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
+
+
+Section = ShellSection | Laminate | BeamSection
+
+
+@dataclass(frozen=True)
+class ShellBlock:
+    """Shells of one kind, "quad4" or "tri3": ids (n,) of the file, nodes (n, k) indices in order around the element, region
+    (n,) ids; offset (n,) [m] of the middle of the shell from its nodes, along the normal that the order of nodes gives; axis
+    (n, 3) a vector whose projection on the shell is x of its material, NaN where that is the side from the first node to the
+    second; on_faces (n, 2, k) indices of the nodes on its upper and lower face, where they are there."""
+
+    kind: str
+    ids: IntArray
+    nodes: IntArray
+    region: IntArray
+    offset: FloatArray
+    axis: FloatArray
+    on_faces: IntArray = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class BeamBlock:
+    """Straight elements of one kind, "beam" or "rod" (which has neither bending nor shear): ids (n,), nodes (n, 2) indices of
+    ends A and B, region (n,) ids; axes (n, 3, 3) x, y, z of the beam, one in a column, x from A to B where the offsets have
+    moved them; offset (n, 2, 3) [m] of the ends of the beam from their nodes, along the basic axes; released (n, 2, 6) motions
+    of each end, along those axes of the beam, that it does not hand on to its node (pin flags); on_sides (n, 4, 4) indices of
+    the nodes on its sides, −1 where it has none."""
+
+    kind: str
+    ids: IntArray
+    nodes: IntArray
+    region: IntArray
+    axes: FloatArray
+    offset: FloatArray
+    released: NDArray[np.bool_]
+    on_sides: IntArray = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))
+
+
+def nodes_that_turn(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
+    """Indices, ascending, of the nodes whose rotations shells and beams resist; rods and solids resist none."""
+    own = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
+    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in own)]))

@@ -1,0 +1,84 @@
+"""Lines of beams, assembled densely, for tests of their element matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+from strainsight.fem.beam_matrices import BeamProperties, beam_masses, beam_stiffnesses
+
+
+def axes_of(ends, towards):
+    """x, y, z in columns of beams between ends (e, 2, 3), y towards (e, 3) or (3,)."""
+    x = ends[:, 1] - ends[:, 0]
+    x = x / np.linalg.norm(x, axis=1)[:, None]
+    z = np.cross(x, np.broadcast_to(towards, x.shape))
+    z /= np.linalg.norm(z, axis=1)[:, None]
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def properties(count, area, second, torsion, shear=(0.0, 0.0), nu=0.3):
+    """The same section in all beams, or with ends given: area (2,), second (2, 2, 2), torsion (2,)."""
+    two = np.broadcast_to(np.asarray(second, float), (2, 2, 2))
+    return BeamProperties(
+        np.tile(np.broadcast_to(np.asarray(area, float), 2), (count, 1)),
+        np.tile(two, (count, 1, 1, 1)),
+        np.tile(np.broadcast_to(np.asarray(torsion, float), 2), (count, 1)),
+        np.tile(np.asarray(shear, float), (count, 1)),
+        np.full(count, nu),
+    )
+
+
+def rectangle(count, along_y, along_z, shear=(0.0, 0.0), nu=0.3, torsion=None):
+    a, b = max(along_y, along_z), min(along_y, along_z)
+    J = a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12)) if torsion is None else torsion
+    second = np.diag([along_z * along_y**3, along_y * along_z**3]) / 12
+    return properties(count, along_y * along_z, second, J, shear, nu)
+
+
+class Frame:
+    """Beams between nodes (n, 3): dense K and M of all motions."""
+
+    def __init__(self, nodes, pairs, towards, own, E, density=0.0, rotary=False, offset=None, released=None):
+        self.nodes, self.pairs = np.asarray(nodes, float), np.asarray(pairs)
+        e = len(self.pairs)
+        self.own, self.E = own, E
+        self.position = self.nodes[self.pairs]
+        self.offset = np.zeros((e, 2, 3)) if offset is None else offset
+        self.released = np.zeros((e, 2, 6), bool) if released is None else released
+        self.axes = axes_of(self.position + self.offset, towards)
+        ids = np.arange(1, e + 1)
+        K = E * beam_stiffnesses(self.position, self.axes, own, self.offset, self.released, ids)
+        turning = density * own.second if rotary else None
+        M = beam_masses(self.position, self.axes, density * own.area, self.offset, ids, turning)
+        self.rows = (6 * self.pairs[:, :, None] + np.arange(6)).reshape(e, 12)
+        self.K, self.M = np.zeros((6 * len(self.nodes),) * 2), np.zeros((6 * len(self.nodes),) * 2)
+        for rows, k, m in zip(self.rows, K, M, strict=True):
+            self.K[np.ix_(rows, rows)] += k
+            self.M[np.ix_(rows, rows)] += m
+
+    def free(self, fixed):
+        """Motions but for these: {node: components}."""
+        held = [6 * node + component for node, components in fixed.items() for component in components]
+        return np.setdiff1d(np.arange(len(self.K)), held)
+
+    def solve(self, fixed, loads):
+        """Motions (n, 6) under loads {(node, component): value}."""
+        f, u = np.zeros(len(self.K)), np.zeros(len(self.K))
+        for (node, component), value in loads.items():
+            f[6 * node + component] += value
+        free = self.free(fixed)
+        u[free] = np.linalg.solve(self.K[np.ix_(free, free)], f[free])
+        return u.reshape(-1, 6)
+
+    def frequencies(self, fixed, count):
+        free = self.free(fixed)
+        # M may be singular (no inertia of turning), K is not
+        inverse = linalg.eigvalsh(self.M[np.ix_(free, free)], self.K[np.ix_(free, free)])
+        return 1 / np.sqrt(inverse[::-1][:count]) / (2 * np.pi)
+
+
+def line(count, length, direction=(1.0, 0.0, 0.0)):
+    """Nodes and pairs of a straight line of beams."""
+    nodes = np.linspace(0, length, count + 1)[:, None] * np.asarray(direction)
+    return nodes, np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)

@@ -1,0 +1,137 @@
+"""Natural frequencies of frames: NAFEMS free vibration benchmarks (Abbassian, Dawswell, Knowles 1987) and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+from strainsight.fem.beam_matrices import beam_masses, rod_masses, rod_stiffnesses
+
+from ..beams import Frame, axes_of, line, properties, rectangle
+
+E, DENSITY = 200e9, 8000.0
+
+
+def timoshenko_pinned(n, length, E, G, density, area, second, k):
+    """Frequencies [Hz] of a simply supported Timoshenko beam: v = V sin(nπx/L), θ = Θ cos(nπx/L), the lower branch."""
+    a = n * np.pi / length
+    K = np.array([[k * G * area * a**2, -k * G * area * a], [-k * G * area * a, k * G * area + E * second * a**2]])
+    M = np.diag([density * area, density * second])
+    return np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).min()) / (2 * np.pi)
+
+
+def test_pin_ended_double_cross_fv2():
+    """NAFEMS FV2: eight arms of 5 m, 0.125 m square, in their plane, four elements an arm."""
+    nodes, pairs, fixed = [np.zeros(3)], [], {}
+    for arm in range(8):
+        along = np.array([np.cos(arm * np.pi / 4), np.sin(arm * np.pi / 4), 0.0])
+        last = 0
+        for step in range(1, 5):
+            nodes.append(1.25 * step * along)
+            pairs.append((last, len(nodes) - 1))
+            last = len(nodes) - 1
+        fixed[last] = (0, 1)
+    for node in range(len(nodes)):
+        fixed[node] = (*fixed.get(node, ()), 2, 3, 4)
+    frame = Frame(nodes, pairs, (0.0, 0.0, 1.0), rectangle(32, 0.125, 0.125), E, DENSITY)
+    target = np.array([11.336, *[17.709] * 7, 45.345, *[57.390] * 7])
+    found = frame.frequencies(fixed, 16)
+    np.testing.assert_allclose(found, target, rtol=0.01)
+
+
+def test_cantilever_with_masses_off_its_centre_fv4():
+    """NAFEMS FV4: 10 m, 0.5 m round, 10 t and 1 t at ±2 m beside its tip, five elements."""
+    nodes, pairs = line(5, 10.0)
+    second = np.pi * 0.25**4 / 4
+    own = properties(5, np.pi * 0.25**2, np.diag([second] * 2), 2 * second)
+    frame = Frame(nodes, pairs, (0.0, 1.0, 0.0), own, E, DENSITY)
+    for mass, y in ((10_000.0, 2.0), (1_000.0, -2.0)):
+        G = np.zeros((3, 6))  # u + θ × r
+        G[:, :3] = np.eye(3)
+        G[:, 3:] = np.array([[0, 0, -y], [0, 0, 0], [y, 0, 0]])
+        frame.M[30:, 30:] += mass * G.T @ G
+    target = np.array([1.723, 1.727, 7.413, 9.972, 18.155, 26.957])
+    found = frame.frequencies({0: range(6)}, 6)
+    np.testing.assert_allclose(found, target, rtol=0.01)
+
+
+@pytest.fixture(scope="module")
+def deep():
+    """NAFEMS FV5, 10 m, 2 m square, J of its polar moment as the target of its torsion has it; shear factor 5/6."""
+
+    def build(count):
+        own = rectangle(count, 2.0, 2.0, shear=(5 / 6, 5 / 6), torsion=2 * 16 / 12)
+        frame = Frame(*line(count, 10.0), (0.0, 1.0, 0.0), own, E, DENSITY, rotary=True)
+        return frame.frequencies({0: (0, 1, 2, 3), count: (1, 2)}, 9)
+
+    return build
+
+
+def test_deep_simply_supported_beam_fv5(deep):
+    target = np.array([42.649, 42.649, 77.542, 125.0, 148.31, 148.31, 233.10, 284.55, 284.55])
+    np.testing.assert_allclose(deep(20), target, rtol=0.01)
+
+
+def test_deep_beam_converges_on_timoshenko(deep):
+    exact = [timoshenko_pinned(n, 10.0, E, E / 2.6, DENSITY, 4.0, 16 / 12, 5 / 6) for n in (1, 2, 3)]
+    errors = np.array([deep(count)[[0, 4, 7]] / exact - 1 for count in (10, 20, 40)])
+    assert (np.abs(errors[2]) < 1e-3).all()
+    assert (np.abs(errors[1]) < 0.3 * np.abs(errors[0])).all()
+    assert (np.abs(errors[2]) < 0.3 * np.abs(errors[1])).all()
+
+
+def test_euler_beam_without_shear_or_rotary_inertia():
+    """A clamped-free beam: cos βL cosh βL = −1."""
+    own = rectangle(12, 0.02, 0.05)
+    frame = Frame(*line(12, 2.0, (0.6, 0.0, 0.8)), (0.0, 1.0, 0.0), own, E, DENSITY)
+    found = frame.frequencies({0: range(6)}, 4)
+    beta = [optimize.brentq(lambda b: np.cos(b) + 1 / np.cosh(b), x - 0.5, x + 0.5) for x in (1.875, 4.694, 7.855)]
+    root = np.sqrt(E / DENSITY / 12) / (2 * np.pi * 2.0**2)
+    exact = np.sort([b**2 * h * root for b in beta for h in (0.02, 0.05)])[:4]
+    np.testing.assert_allclose(found, exact, rtol=1e-4)
+
+
+def test_mass_of_a_rigid_motion_is_that_of_the_body():
+    """Tᵀ M T of the six rigid motions against the integral over the line, tapered and with offsets."""
+    rng = np.random.default_rng(4)
+    position, offset = rng.normal(size=(3, 2, 3)), 0.2 * rng.normal(size=(3, 2, 3))
+    ends = position + offset
+    axes, m = axes_of(ends, (0.3, 0.2, 0.9)), rng.uniform(1, 3, (3, 2))
+    half = rng.normal(size=(3, 2, 2, 2))
+    rotary = half @ half.swapaxes(2, 3)
+    M = beam_masses(position, axes, m, offset, np.arange(3), rotary)
+    cross = lambda r: np.array([[0, r[2], -r[1]], [-r[2], 0, r[0]], [r[1], -r[0], 0]])  # noqa: E731  θ × r
+    simpson = {0.0: 1 / 6, 0.5: 4 / 6, 1.0: 1 / 6}  # exact: the integrand is cubic
+    for e in range(3):
+        rigid = np.zeros((12, 6))
+        for node in range(2):
+            rigid[6 * node : 6 * node + 3] = np.hstack([np.eye(3), cross(position[e, node])])
+            rigid[6 * node + 3 : 6 * node + 6, 3:] = np.eye(3)
+        L, exact = np.linalg.norm(ends[e, 1] - ends[e, 0]), np.zeros((6, 6))
+        for t, w in simpson.items():
+            G = np.hstack([np.eye(3), cross((1 - t) * ends[e, 0] + t * ends[e, 1])])
+            exact += w * L * ((1 - t) * m[e, 0] + t * m[e, 1]) * G.T @ G
+            S = (1 - t) * rotary[e, 0] + t * rotary[e, 1]
+            inertia = np.zeros((3, 3))  # ∫ ρ (r² I − r rᵀ) of r = (0, y, z)
+            inertia[0, 0], inertia[1:, 1:] = np.trace(S), np.trace(S) * np.eye(2) - S
+            exact[3:, 3:] += w * L * axes[e] @ inertia @ axes[e].T
+        np.testing.assert_allclose(rigid.T @ M[e] @ rigid, exact, rtol=1e-12, atol=1e-12)
+        assert np.linalg.eigvalsh(M[e]).min() > 0
+
+
+def test_rod_in_a_line_rings_at_a_quarter_of_its_wave():
+    count, L = 40, 3.0
+    nodes, pairs = line(count, L, (0.48, 0.6, 0.64))
+    ones = np.ones(count)
+    k = E * rod_stiffnesses(nodes[pairs], 1e-4 * ones, 0 * ones, 0.3 * ones, np.arange(count))
+    m = rod_masses(nodes[pairs], DENSITY * 1e-4 * ones, np.arange(count))
+    K, M = np.zeros((3 * count + 3,) * 2), np.zeros((3 * count + 3,) * 2)
+    own = np.array([0, 1, 2, 6, 7, 8])
+    for i in range(count):
+        K[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += k[i][np.ix_(own, own)]
+        M[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += m[i][np.ix_(own, own)]
+    along = np.kron(np.eye(count + 1), np.array([[0.48], [0.6], [0.64]]))[:, 1:]
+    squares = np.linalg.eigvals(np.linalg.solve(along.T @ M @ along, along.T @ K @ along))
+    assert np.sqrt(squares.real.min()) / (2 * np.pi) == pytest.approx(np.sqrt(E / DENSITY) / (4 * L), rel=1e-4)
+    assert m[0].sum(axis=1)[0] == pytest.approx(DENSITY * 1e-4 * L / count / 2)
