@@ -10,10 +10,19 @@ import pytest
 
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, UserError
-from strainsight.fem.assembly import mass_properties
+from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.mesh.additions import node_index, with_material, with_node, with_rigid_element
-from strainsight.mesh.model import AveragingElement, CellBlock, Material, Mesh, PointMass, Region, RigidElement
+from strainsight.mesh.model import (
+    AveragingElement,
+    CellBlock,
+    Material,
+    Mesh,
+    PointMass,
+    Region,
+    Relation,
+    RigidElement,
+)
 from strainsight.mesh.sanity import empty_regions, sanity_warnings, unused_nodes
 from strainsight.mesh.units import to_si
 
@@ -108,6 +117,9 @@ def test_a_structure_without_supports_is_a_warning():
     for fixed in (np.zeros((0, 2), dtype=np.int64), np.array([[0, 3], [1, 5]])):
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed)) == (said,)
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed), free=True) == ()
+    one, two = (Relation(1, np.arange(n), np.zeros(n, int), np.ones(n)) for n in (1, 2))
+    assert sanity_warnings(replace(tetrahedron(), fixed=fixed, relations=(one,))) == ()
+    assert sanity_warnings(replace(tetrahedron(), fixed=fixed, relations=(two,))) == (said,)
 
 
 def test_a_material_of_the_config_is_named_by_its_key():

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.fem.assembly import assemble, mass_properties
+from strainsight.fem.assembly import assemble
+from strainsight.fem.mass import mass_properties
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import with_midsides

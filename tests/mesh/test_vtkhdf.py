@@ -55,6 +55,8 @@ def test_cell_types_are_those_of_vtk():
     assert {
         "vertex": kinds.VERTEX,
         "line": kinds.LINE,
+        "beam": kinds.LINE,
+        "rod": kinds.LINE,
         "tri3": kinds.TRIANGLE,
         "tri6": kinds.QUADRATIC_TRIANGLE,
         "quad4": kinds.QUAD,

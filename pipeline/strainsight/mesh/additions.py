@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.facets import Facets
+from strainsight.mesh.laminates import scaled
 from strainsight.mesh.model import AveragingElement, IntArray, Material, Mesh, RigidElement
 
 
@@ -30,33 +32,97 @@ def region_ids(mesh: Mesh, wanted: Sequence[int | str]) -> tuple[int, ...]:
     return tuple(found)
 
 
+def spring_names(mesh: Mesh, wanted: Sequence[str]) -> tuple[str, ...]:
+    """Names of springs, "CELAS2 12" or a pattern of names as "CELAS2 *". Raises UserError for one that no spring has."""
+    known = list(dict.fromkeys(own.name for own in mesh.springs))
+    found: dict[str, None] = {}
+    for name in wanted:
+        fitting = [own for own in known if own == name or fnmatchcase(own, name)]
+        if not fitting:
+            more = [f"and {len(known) - 8} more"] if len(known) > 8 else []
+            listed = f"it has {', '.join([*known[:8], *more])}" if known else "it has none"
+            raise UserError(f"the mesh has no spring {name!r}", remedy=did_you_mean(name, known, listed))
+        found |= dict.fromkeys(fitting)
+    return tuple(found)
+
+
 def with_material(
     mesh: Mesh, regions: Sequence[int | str] | None, E: float, nu: float, rho: float, name: str = ""
 ) -> Mesh:
     """A mesh whose regions (None: all) are of the material E [Pa], ν [-], ρ [kg/m³].
 
-    Raises UserError for a region that the mesh does not have.
+    Raises UserError for a region that the mesh does not have, and for a laminate.
     """
-    number = max([0, *mesh.materials]) + 1
+    number = _free_material(mesh)
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
+    if of_plies := sorted(i for i in chosen if mesh.laminate(i)):
+        raise UserError(
+            f"{mesh.regions[of_plies[0]]} is a laminate, whose plies have materials of their own",
+            remedy="name the regions that are none, and state materials of plies in the deck (MAT8, MAT1)",
+        )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
-    used = {region.material for region in altered.values()}
+    used = {region.material for region in altered.values()} | _of_plies(mesh)
     materials = {i: m for i, m in mesh.materials.items() if i in used} | {number: Material(number, E, nu, rho, name)}
     return replace(mesh, regions=altered, materials=materials)
 
 
 def with_properties(
-    mesh: Mesh, regions: Sequence[int], youngs_modulus: float | None = None, density: float | None = None
+    mesh: Mesh,
+    regions: Sequence[int],
+    youngs_modulus: float | None = None,
+    density: float | None = None,
+    stiffness_factor: float = 1.0,
 ) -> Mesh:
-    """A mesh whose regions (ids) have this modulus [Pa] and density [kg/m³], each in a material of its own; None: as before."""
-    altered, materials = dict(mesh.regions), dict(mesh.materials)
+    """A mesh whose regions (ids) have this modulus [Pa] and density [kg/m³], each in a material of its own; None: as before;
+    and whose moduli are multiplied by a factor. Of a laminate, density is the mean over its thickness, and its plies keep
+    their ratios; its moduli go by a factor alone."""
     for region in regions:
-        number, own = max(materials) + 1, mesh.materials[mesh.regions[region].material]
+        if mesh.laminate(region):
+            assert youngs_modulus is None
+            mesh = _with_plies(mesh, region, density, stiffness_factor)
+            continue
+        number, own = _free_material(mesh), mesh.materials[mesh.regions[region].material]
         E = own.youngs_modulus if youngs_modulus is None else youngs_modulus
         rho = own.density if density is None else density
-        materials[number] = replace(own, id=number, youngs_modulus=E, density=rho)
-        altered[region] = replace(altered[region], material=number)
-    return replace(mesh, regions=altered, materials=materials)
+        material = replace(own, id=number, youngs_modulus=stiffness_factor * E, density=rho)
+        mesh = replace(
+            mesh,
+            regions={**mesh.regions, region: replace(mesh.regions[region], material=number)},
+            materials={**mesh.materials, number: material},
+        )
+    return mesh
+
+
+def _with_plies(mesh: Mesh, region: int, density: float | None, stiffness: float) -> Mesh:
+    """A mesh whose laminate (region id) has plies of materials of its own."""
+    laminate, mean = mesh.laminate(region), mesh.density_of(region)
+    assert laminate is not None
+    assert mean is not None
+    laminae, materials, plies = dict(mesh.laminae), dict(mesh.materials), []
+    number = _free_material(mesh)
+    for ply in laminate.plies:
+        heavier = 1.0 if density is None or mean == 0 else density / mean
+        if ply.material in laminae:
+            own = scaled(replace(laminae[ply.material], id=number), stiffness, heavier)
+            laminae[number] = replace(own, density=density) if density is not None and mean == 0 else own
+        else:
+            old = materials[ply.material]
+            rho = density if density is not None and mean == 0 else heavier * old.density
+            materials[number] = replace(old, id=number, youngs_modulus=stiffness * old.youngs_modulus, density=rho)
+        plies.append(replace(ply, material=number))
+        number += 1
+    sections = {**mesh.sections, region: replace(laminate, plies=tuple(plies))}
+    return replace(mesh, laminae=laminae, materials=materials, sections=sections)
+
+
+def _free_material(mesh: Mesh) -> int:
+    return max([0, *mesh.materials, *mesh.laminae]) + 1
+
+
+def _of_plies(mesh: Mesh) -> set[int]:
+    """Ids of the materials of plies."""
+    laminates = [laminate for region in mesh.regions if (laminate := mesh.laminate(region))]
+    return {ply.material for laminate in laminates for ply in laminate.plies}
 
 
 def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh:
@@ -69,8 +135,16 @@ def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:
     """A mesh with one node more, at position (3,) [m]. Raises UserError for an id that is taken."""
     if node_id in mesh.node_ids:
         raise UserError(f"node {node_id} is in the mesh already", remedy="take another id, or leave its position out")
-    ids = np.append(mesh.node_ids, np.int64(node_id))
-    return replace(mesh, node_ids=ids, position=np.vstack([mesh.position, np.asarray(position, dtype=float)]))
+    own = mesh.own_nodes
+    ids = np.insert(mesh.node_ids, own, node_id)
+    return replace(
+        mesh,
+        node_ids=ids,
+        position=np.insert(mesh.position, own, position, axis=0),
+        arms=mesh.arms + np.array([1, 0]),
+        shells=tuple(replace(block, on_faces=block.on_faces + 1) for block in mesh.shells),
+        beams=tuple(replace(block, on_sides=block.on_sides + (block.on_sides >= 0)) for block in mesh.beams),
+    )
 
 
 def with_rigid_element(mesh: Mesh, reference: int, nodes: IntArray, components: Sequence[int], name: str = "") -> Mesh:
@@ -102,7 +176,7 @@ def node_indices(mesh: Mesh, name: str) -> IntArray:
     """Indices of the nodes of a set, ascending. Raises UserError for a set that is not there or is empty."""
     if name not in mesh.node_sets:
         raise UserError(f"the mesh has no node set {name!r}", remedy=_suggestion(name, list(mesh.node_sets)))
-    found = np.flatnonzero(np.isin(mesh.node_ids, mesh.node_sets[name]))
+    found = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], mesh.node_sets[name]))
     if not found.size:
         raise UserError(f"node set {name!r} is empty", remedy="name another set")
     return found

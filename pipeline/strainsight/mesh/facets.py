@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FACETS, kind_of
-from strainsight.mesh.model import IntArray, Mesh
+from strainsight.mesh.model import CellBlock, IntArray, Mesh
+from strainsight.mesh.thin import BeamBlock, ShellBlock
+
+CODE = {kind.name: code for code, kind in enumerate(FACETS)}
+UPPER, LOWER = 1, 2
+"""Local numbers of the faces of a shell: the one on the side of its normal, and the other."""
+TOUCHING = 1e-7
+"""Of the size of the structure: places that are the same."""
+OUTWARD = {3: [0, 2, 1], 4: [0, 3, 2, 1]}
+"""Corners of a shell as seen from below."""
 
 
 @dataclass(frozen=True)
@@ -16,7 +31,8 @@ class Facets:
     """Facets of cells, sorted by element id, then facet.
 
     element_id (f,) of the file; facet (f,) local number from 1; kind (f,) index into FACETS; nodes (f, 8) indices
-    padded with −1, corners first, normal outward; region (f,) id.
+    padded with −1, corners first, normal outward; region (f,) id; corners (f, 4) what facets that go on into each other have
+    in common at their corners: the nodes, or where sides of two beams meet the first of their nodes there.
     """
 
     element_id: IntArray
@@ -24,11 +40,24 @@ class Facets:
     kind: IntArray
     nodes: IntArray
     region: IntArray
+    corners: IntArray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if not len(self.corners):
+            object.__setattr__(self, "corners", self.nodes[:, :4])
+
+    def some(self, chosen: NDArray[np.bool_] | IntArray) -> Facets:
+        """Those that are chosen, by a mask (f,) or their indices."""
+        return Facets(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
 
     @property
     def key(self) -> IntArray:
         """(f,): one number for element and local number."""
         return facet_key(self.element_id, self.facet)
+
+    def of(self, blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> NDArray[np.bool_]:
+        """Which facets (f,) are those of some elements."""
+        return np.isin(self.element_id, np.concatenate([np.zeros(0, dtype=np.int64), *(block.ids for block in blocks)]))
 
 
 def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
@@ -37,7 +66,7 @@ def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
 
 
 def all_facets(mesh: Mesh) -> Facets:
-    """Every facet of every cell."""
+    """Every facet of every cell, the two faces of every shell, and the four sides of beams."""
     ids, facet, kind, nodes, region = [], [], [], [], []
     for block in mesh.blocks:
         count = len(block.ids)
@@ -49,16 +78,55 @@ def all_facets(mesh: Mesh) -> Facets:
             kind.append(np.full(count, FACETS.index(facet_kind)))
             nodes.append(padded)
             region.append(block.region)
+    for shell in (block for block in mesh.shells if len(block.on_faces)):
+        for number, own in enumerate(np.moveaxis(shell.on_faces, 1, 0), start=UPPER):
+            count, corners = own.shape
+            padded = np.full((count, 8), -1, dtype=np.int64)
+            # the lower face is seen from below
+            padded[:, :corners] = own if number == UPPER else own[:, OUTWARD[corners]]
+            ids.append(shell.ids)
+            facet.append(np.full(count, number))
+            kind.append(np.full(count, CODE[shell.kind]))
+            nodes.append(padded)
+            region.append(shell.region)
+    for beam in mesh.beams:
+        for number, own in enumerate(np.moveaxis(beam.on_sides, 1, 0), start=1):
+            there = np.flatnonzero(own[:, 0] >= 0)
+            padded = np.full((len(there), 8), -1, dtype=np.int64)
+            padded[:, :4] = own[there]
+            ids.append(beam.ids[there])
+            facet.append(np.full(len(there), number))
+            kind.append(np.full(len(there), CODE["quad4"]))
+            nodes.append(padded)
+            region.append(beam.region[there])
     nodes.append(np.zeros((0, 8), dtype=np.int64))
     parts = ([*part, np.zeros(0)] for part in (ids, facet, kind, region))
     *columns, last = (np.concatenate(part).astype(np.int64) for part in parts)
     columns += [np.concatenate(nodes), last]
     order = np.lexsort((columns[1], columns[0]))
-    return Facets(*(column[order] for column in columns))
+    found = Facets(*(column[order] for column in columns))
+    return replace(found, corners=_meeting(mesh)[found.nodes[:, :4]]) if mesh.beams else found
+
+
+def _meeting(mesh: Mesh) -> IntArray:
+    """Of every node, and of −1 at the end, the node (n + 1,) that it is one with as a corner: those on sides of beams that follow
+    the same node from the same place."""
+    same = np.append(np.arange(len(mesh.position)), -1)
+    sides = np.unique(np.concatenate([block.on_sides[block.on_sides >= 0] for block in mesh.beams]))
+    if len(sides):
+        follows = mesh.arms[sides - mesh.own_nodes, 1]
+        size = float(np.ptp(mesh.position, axis=0).max())
+        pairs = cKDTree(mesh.position[sides]).query_pairs(TOUCHING * size, output_type="ndarray")
+        a, b = pairs[follows[pairs[:, 0]] == follows[pairs[:, 1]]].T
+        graph = sparse.csr_array((np.ones(len(a)), (a, b)), shape=(len(sides),) * 2)
+        _, group = connected_components(graph, directed=False)
+        same[sides] = sides[np.unique(group, return_index=True)[1]][group]
+    return same
 
 
 def exterior_facets(mesh: Mesh) -> Facets:
-    """The facets whose corner nodes occur once among all facets of all cells.
+    """The facets whose corner nodes occur once among all facets of all cells, but for those of shells and beams inside of solids,
+    and those of solids that shells lie on.
 
     Raises DeckError where three or more elements share a facet, and where two that share one do not share all its nodes
     (linear beside quadratic, mid-side nodes not merged): their displacements would part there.
@@ -81,8 +149,54 @@ def exterior_facets(mesh: Mesh) -> Facets:
         )
     _check_conforming(facets, order, new)
     outside = times[group] == 1
-    columns = (facets.element_id, facets.facet, facets.kind, facets.nodes, facets.region)
-    return Facets(*(column[outside] for column in columns))
+    if mesh.blocks and mesh.thin:
+        outside &= ~_covered(mesh, facets, key, outside)
+    return facets.some(outside)
+
+
+def _covered(mesh: Mesh, facets: Facets, key: IntArray, outside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which facets (f,) are covered where shells and beams meet solids; key (f, 4) sorted corners.
+
+    All of a shell or beam with a node that only facets between solids have, or whose corners are some of those of such a facet.
+    Where they are those of an exterior facet of a solid, that one, and the face of the shell that looks into the solid.
+    """
+    thin = facets.of(mesh.thin)
+    own, between = outside & ~thin, ~outside & ~thin
+    deep = np.zeros(len(mesh.position), dtype=bool)
+    for block in mesh.blocks:
+        deep[block.nodes] = True
+    deep[facets.nodes[own]] = False
+    hidden = np.concatenate([block.ids[deep[block.nodes].any(axis=1)] for block in mesh.thin])
+    on_shell = np.zeros(len(mesh.position) + 1, dtype=bool)
+    on_shell[np.concatenate([[-1], *(shell.nodes.ravel() for shell in mesh.shells)])] = True
+    likely = np.flatnonzero(~thin & on_shell[key].all(axis=1))
+    solid: dict[tuple[int, ...], int] = {}
+    for i, corners in zip(likely.tolist(), key[likely].tolist(), strict=True):
+        solid[tuple(corners)] = i
+        # two triangles may lie on a quadrilateral
+        solid |= {(-1, *three): i for three in combinations(corners, 3) if -1 not in corners}
+    covered = np.zeros(len(thin), dtype=bool)
+    inner: list[int] = []
+    for shell in mesh.shells:
+        corners = np.full((len(shell.ids), 4), -1)
+        corners[:, : shell.nodes.shape[1]] = shell.nodes
+        for number, nodes, around in zip(
+            shell.ids.tolist(), shell.nodes, np.sort(corners, axis=1).tolist(), strict=True
+        ):
+            i = solid.get(tuple(around), -1)
+            if i >= 0 and between[i]:
+                inner += [number * 8 + UPPER, number * 8 + LOWER]
+            elif i >= 0:
+                covered[i] = True
+                inner.append(number * 8 + (LOWER if _turn(facets.nodes[i], nodes) else UPPER))
+    return covered | (thin & (np.isin(facets.element_id, hidden) | np.isin(facets.key, inner)))
+
+
+def _turn(around: IntArray, nodes: IntArray) -> bool:
+    """Whether corners (k,) of a facet's corners run around it the way that these do."""
+    known = around.tolist()
+    at = [known.index(node) for node in nodes.tolist()]
+    return sum(b > a for a, b in zip(at, [*at[1:], at[0]], strict=True)) > len(at) / 2
 
 
 def _check_conforming(facets: Facets, order: np.ndarray, new: np.ndarray) -> None:

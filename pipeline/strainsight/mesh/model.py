@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.errors import DeckError
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
+from strainsight.mesh.laminates import Lamina, Laminate
+from strainsight.mesh.thin import BeamBlock, Section, ShellBlock, nodes_that_turn
+from strainsight.mesh.thin import FloatArray as FloatArray
+from strainsight.mesh.thin import IntArray as IntArray
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class Material:
 
 @dataclass(frozen=True)
 class Region:
-    """A property that elements refer to (a PSOLID, an element set, a physical group); material id, 0 where the file has none."""
+    """A property that elements refer to (a PSOLID, an element set, a physical group); material id, 0 where the file has none, and
+    of a laminate, whose plies have theirs."""
 
     id: int
     name: str
@@ -75,7 +77,7 @@ class AveragingElement:
 
     weight (k,) ≥ 0; directions (k, 3) which translations of each node count, None for all; dependent (c, 2) pairs (node
     index, component) that the c equations are solved for, as many as components, None for the reference's own; name: in the
-    words of the file.
+    words of the file; rotations (k, 3) which of each node count, None for none.
     """
 
     id: int
@@ -86,21 +88,69 @@ class AveragingElement:
     directions: NDArray[np.bool_] | None = None
     dependent: IntArray | None = None
     name: str = ""
+    rotations: NDArray[np.bool_] | None = None
 
     def __str__(self) -> str:
         return self.name or f"averaging element {self.id}"
+
+    @property
+    def turned(self) -> IntArray:
+        """Nodes whose rotations count."""
+        return self.nodes[:0] if self.rotations is None else self.nodes[self.rotations.any(axis=1)]
+
+
+@dataclass(frozen=True)
+class Relation:
+    """MPC, *EQUATION: Σ value z[node, component] = 0 over its terms, the motion of the first one follows the others.
+
+    node (k,) indices, component (k,) 0-5 along the axes of the node; value (k,) [-, m at the rotations]. name: in the words of
+    the file, as in "MPC 7" or "*EQUATION".
+    """
+
+    id: int
+    node: IntArray
+    component: IntArray
+    value: FloatArray
+    name: str = ""
+
+    def __str__(self) -> str:
+        return self.name or f"relation {self.id}"
+
+    @property
+    def follower(self) -> tuple[int, int]:
+        """Node and component of the motion that follows."""
+        return int(self.node[0]), int(self.component[0])
+
+    @property
+    def turned(self) -> IntArray:
+        """Nodes whose rotations are in it."""
+        return np.unique(self.node[(self.component > 2) & (self.value != 0)])
 
 
 @dataclass(frozen=True)
 class PointMass:
     """CONM2: mass [kg] on a node (index); its centre lies at offset (3,) [m] from the node, inertia (3, 3) [kg m²] about
-    that centre, both along the basic axes."""
+    that centre, both along the basic axes. Or a mass that is another one along another axis (CONM1, CMASS): matrix (6, 6)
+    [kg, kg m, kg m²] on the motions of the node along the basic axes, in place of offset and inertia; mass is then the mean over
+    the axes, as it counts in the weight."""
 
     id: int
     node: int
     mass: float
     offset: FloatArray = field(default_factory=lambda: np.zeros(3))
     inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    matrix: FloatArray | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether it resists rotations of its node."""
+        own = (self.offset, self.inertia, np.zeros(1) if self.matrix is None else self.matrix[3:])
+        return any(bool(np.any(part)) for part in own)
+
+
+def matrix_mass(number: int, node: int, M: FloatArray) -> PointMass:
+    """A point mass of a matrix (6, 6)."""
+    return PointMass(number, node, float(np.trace(M[:3, :3])) / 3, matrix=M)
 
 
 @dataclass(frozen=True)
@@ -171,14 +221,17 @@ class Origin:
 class Mesh:
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
-    node_ids (n,) of the file; position (n, 3) [m]; blocks of cells; fixed (f, 2) pairs (node index, component 0-5) that are
-    held at zero; axes: node index → (3, 3) axes, one in a column, that the components of fixed, rigid and averaging mean at
-    that node (CD of a GRID), the basic ones where it has none; node_sets and element_sets name → ids of the file; faces:
-    name → facets (k, 2) as element id and local number, of which the nodes are a node set of that name; loads: name →
-    forces of the file; ignored: card or the like that is not supported → count; effect: "structure" for those that may add
+    node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams, and sections of these: region id → its
+    own; laminae: orthotropic materials of plies, whose ids no other material has; arms (a, 2): the last a nodes, which lie on
+    faces of shells and sides of beams, and the node of these that each follows as a rigid arm, whose id it bears too; fixed
+    (f, 2) pairs (node index, component 0-5) that are held at zero; axes: node index → (3, 3) axes, one in a column, that the
+    components of fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where it has none;
+    node_sets and element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number, of which the
+    nodes are a node set of that name; loads: name → forces of the file; ignored: card or the like that is not supported →
+    count; effect: "structure" for those that may add
     stiffness, mass or a tie, "none" for those that change none of them; unsupported: those of them that are elements, ties or
     loads → file:line of the first; notes: sentences on how something was read;
-    included: files that the deck takes in; origin: "node", "element", "tie" → lines.
+    included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
     """
 
     node_ids: IntArray
@@ -189,8 +242,14 @@ class Mesh:
     fixed: IntArray
     rigid: tuple[RigidElement, ...] = ()
     averaging: tuple[AveragingElement, ...] = ()
+    relations: tuple[Relation, ...] = ()
     point_masses: tuple[PointMass, ...] = ()
     springs: tuple[Springs, ...] = ()
+    shells: tuple[ShellBlock, ...] = ()
+    beams: tuple[BeamBlock, ...] = ()
+    sections: Mapping[int, Section] = field(default_factory=dict)
+    laminae: Mapping[int, Lamina] = field(default_factory=dict)
+    arms: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     axes: Mapping[int, FloatArray] = field(default_factory=dict)
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
     element_sets: Mapping[str, IntArray] = field(default_factory=dict)
@@ -205,13 +264,91 @@ class Mesh:
     origin: Mapping[str, Origin] = field(default_factory=dict)
 
     @property
+    def connectivity(self) -> tuple[IntArray, ...]:
+        """Nodes (e, k) of the elements of every block of solids, shells and beams."""
+        return tuple(block.nodes for block in self.elements)
+
+    @property
+    def elements(self) -> tuple[CellBlock | ShellBlock | BeamBlock, ...]:
+        """Blocks of all elements: solids, shells, beams."""
+        return (*self.blocks, *self.thin)
+
+    @property
+    def thin(self) -> tuple[ShellBlock | BeamBlock, ...]:
+        """Blocks of shells and beams."""
+        return (*self.shells, *self.beams)
+
+    def of_kind(self, kind: str) -> tuple[CellBlock | ShellBlock | BeamBlock, ...]:
+        """Blocks of "solids", "shells" or "beams"."""
+        if kind == "solids":
+            return self.blocks
+        return self.shells if kind == "shells" else self.beams
+
+    @property
+    def thin_nodes(self) -> IntArray:
+        """Indices of the nodes of shells and beams, ascending."""
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(block.nodes.ravel() for block in self.thin)]))
+
+    @property
+    def nodes_of_elements(self) -> IntArray:
+        """Indices of the nodes that an element has, ascending."""
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in self.connectivity)]))
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether there is something that a gauge can be bonded on: solids, shells or sides of beams."""
+        return bool(self.blocks or self.shells or any((block.on_sides >= 0).any() for block in self.beams))
+
+    @property
+    def own_nodes(self) -> int:
+        """How many nodes the file has: those before the ones on faces of shells."""
+        return len(self.position) - len(self.arms)
+
+    def above(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Chosen nodes (n,), with those on faces of shells that follow one of them."""
+        found = chosen.copy()
+        found[self.arms[chosen[self.arms[:, 1]], 0]] = True
+        return found
+
+    def laminate(self, region: int) -> Laminate | None:
+        """The plies of a region (id); None for any other section, and for solids."""
+        section = self.sections.get(region)
+        return section if isinstance(section, Laminate) else None
+
+    def ply_materials(self, region: int) -> tuple[Lamina | Material | None, ...]:
+        """The material of every ply of a laminate (region id), None where it is not there."""
+        laminate = self.laminate(region)
+        ids = [ply.material for ply in laminate.plies] if laminate else []
+        return tuple(self.laminae.get(number) or self.materials.get(number) for number in ids)
+
+    def material_of(self, region: int) -> Material | None:
+        """The isotropic material of a region (id); None where it has none, and for a laminate."""
+        return None if self.laminate(region) else self.materials.get(self.regions[region].material)
+
+    def density_of(self, region: int) -> float | None:
+        """Density of a region (id) [kg/m³], of a laminate the mean over its thickness, Σ ρt/Σ t; None where a material lacks."""
+        if (laminate := self.laminate(region)) is None:
+            material = self.material_of(region)
+            return None if material is None else material.density
+        density = [own.density for own in self.ply_materials(region) if own is not None]
+        if len(density) < len(laminate.plies):
+            return None
+        mass = sum(rho * ply.thickness for rho, ply in zip(density, laminate.plies, strict=True))
+        return mass / laminate.thickness
+
+    @property
+    def turning(self) -> IntArray:
+        """Indices of the nodes whose elements resist rotations: those of shells, and of beams that are no rods."""
+        return nodes_that_turn(self.shells, self.beams)
+
+    @property
     def held(self) -> IntArray:
-        """(k,) rows of the nodes that are held: in a translation, or a rotation, which nodes of solids do not have."""
-        of_solids = np.zeros(len(self.position), dtype=bool)
-        for block in self.blocks:
-            of_solids[block.nodes] = True
+        """(k,) rows of the nodes that are held: in a translation, or a rotation, which nodes of solids and rods alone lack."""
+        still = np.zeros(len(self.position), dtype=bool)
+        still[self.nodes_of_elements] = True
+        still[self.turning] = False
         node, component = self.fixed.reshape(-1, 2).T
-        return np.unique(node[(component < 3) | ~of_solids[node]])
+        return np.unique(node[(component < 3) | ~still[node]])
 
     def node_index(self, node_id: int) -> int:
         """Index of the node with this id of the file; KeyError where there is none."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from strainsight.mesh.model import AveragingElement, IntArray, Material, Mesh, RigidElement
+import numpy as np
+from numpy.typing import NDArray
+
+from strainsight.mesh.model import AveragingElement, IntArray, Mesh, RigidElement
 from strainsight.mesh.units import length_factor, mass_factor
 
 MODULUS = (1e6, 1e13)
@@ -22,24 +25,49 @@ USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft
 
 
 def unused_nodes(mesh: Mesh) -> IntArray:
-    """Indices of the nodes that no cell, rigid or averaging element, mass, spring or support refers to."""
+    """Indices of the nodes that no element, rigid or averaging element, relation, mass, spring or support refers to."""
+    used = _attached(mesh)
+    used[[point.node for point in mesh.point_masses]] = True
+    return np.flatnonzero(~used)
+
+
+def without_loose_masses(mesh: Mesh) -> Mesh:
+    """The mesh without point masses on nodes that nothing else refers to, which move nothing; and a note on them."""
+    held = _attached(mesh)
+    loose = [point for point in mesh.point_masses if not held[point.node]]
+    if not loose:
+        return mesh
+    shown = ", ".join(str(mesh.node_ids[point.node]) for point in loose[:5]) + (", …" if len(loose) > 5 else "")
+    some = f"{len(loose)} point masses" if len(loose) > 1 else "a point mass"
+    note = (
+        f"{some} of {sum(point.mass for point in loose):.4g} kg on nodes that no element, tie, spring or support holds, left "
+        f"out: node {shown}"
+    )
+    kept = tuple(point for point in mesh.point_masses if held[point.node])
+    return replace(mesh, point_masses=kept, notes=(*mesh.notes, note))
+
+
+def _attached(mesh: Mesh) -> NDArray[np.bool_]:
+    """Nodes (n,) that an element, tie, spring or support refers to."""
     used = np.zeros(len(mesh.node_ids), dtype=bool)
-    for block in mesh.blocks:
+    used[mesh.arms[:, 0]] = True
+    for block in mesh.elements:
         used[block.nodes] = True
     ties = [(e.reference, e.nodes) for e in mesh.rigid] + [(e.reference, e.nodes) for e in mesh.averaging]
     for reference, nodes in ties:
         used[nodes] = True
         used[reference] = True
-    used[[point.node for point in mesh.point_masses]] = True
+    for relation in mesh.relations:
+        used[relation.node] = True
     for own in mesh.springs:
         used[own.node] = True
     used[mesh.fixed[:, 0]] = True
-    return np.flatnonzero(~used)
+    return used
 
 
 def empty_regions(mesh: Mesh) -> tuple[int, ...]:
-    """Ids of the regions that no cell belongs to."""
-    filled = {int(i) for block in mesh.blocks for i in np.unique(block.region)}
+    """Ids of the regions that no element belongs to."""
+    filled = {int(i) for block in mesh.elements for i in np.unique(block.region)}
     return tuple(i for i in mesh.regions if i not in filled)
 
 
@@ -51,7 +79,9 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     """
     found = []
     for material in mesh.materials.values():
-        found += _material_warnings(material, length_unit, mass_unit)
+        found += _material_warnings(str(material), material.youngs_modulus, material.density, length_unit, mass_unit)
+    for lamina in mesh.laminae.values():
+        found += _material_warnings(str(lamina), lamina.e1, lamina.density, length_unit, mass_unit)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
     found += _outside("the structure's extent", extent, EXTENT, "m", "check mesh.length_unit")
     found += _far_references(mesh)
@@ -60,7 +90,8 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
         words = "nodes belong to nothing and are" if unused.size > 1 else "node belongs to nothing and is"
         found.append(f"{unused.size} {words} left out of the model: {shown}")
     found += [f"{mesh.regions[i]} has no elements" for i in empty_regions(mesh)]
-    if not mesh.held.size and not mesh.springs and not free:
+    grounded = any(len(own.node) == 1 for own in mesh.relations)
+    if not mesh.held.size and not mesh.springs and not grounded and not free:
         found.append(
             "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
         )
@@ -73,25 +104,25 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
 
 
 def _far_references(mesh: Mesh) -> list[str]:
-    """Reference nodes that lie farther from the nodes of their tie than three times the size of the solids."""
-    nodes = [block.nodes.ravel() for block in mesh.blocks]
+    """Reference nodes that lie farther from the nodes of their tie than three times the size of the structure."""
+    nodes = [block.nodes.ravel() for block in mesh.elements]
     if not nodes:
         return []
     size = float(np.linalg.norm(np.ptp(mesh.position[np.unique(np.concatenate(nodes))], axis=0)))
+    of = "elements" if mesh.shells or mesh.beams else "solids"
     ties: list[RigidElement | AveragingElement] = [*mesh.rigid, *mesh.averaging]
     found = []
     for tie in ties:
         distance = float(np.linalg.norm(mesh.position[tie.nodes] - mesh.position[tie.reference], axis=1).min())
         if distance > 3 * size:
             found.append(
-                f"node {mesh.node_ids[tie.reference]} of {tie} lies {distance:.3g} m from its nodes, the solids are {size:.3g} m "
+                f"node {mesh.node_ids[tie.reference]} of {tie} lies {distance:.3g} m from its nodes, the {of} are {size:.3g} m "
                 "long: positions in the config are in m, whatever the unit of the file"
             )
     return found
 
 
-def _material_warnings(material: Material, length_unit: str, mass_unit: str) -> list[str]:
-    name, E, rho = str(material), material.youngs_modulus, material.density
+def _material_warnings(name: str, E: float, rho: float, length_unit: str, mass_unit: str) -> list[str]:
     own = name.startswith("mesh.materials.")
     remedy = "values of the config are in Pa and kg/m³" if own else _likely_units(E, rho, length_unit, mass_unit)
     found = _outside(f"{name}: Young's modulus", E, MODULUS, "Pa", remedy)

@@ -70,6 +70,7 @@ def refined(mesh: Mesh) -> Refined:
         fixed=np.zeros((0, 2), dtype=np.int64),
         rigid=(),
         averaging=(),
+        relations=(),
         point_masses=(),
         axes={},
         node_sets={},

@@ -9,7 +9,9 @@ from difflib import get_close_matches
 import numpy as np
 
 from strainsight.errors import UserError
+from strainsight.mesh.laminates import scaled
 from strainsight.mesh.model import Mesh, Springs
+from strainsight.mesh.resized import relations_resized, resized_matrix, with_thin_resized
 
 LENGTH: Mapping[str, float] = {
     "m": 1.0,
@@ -63,6 +65,7 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
 
         x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²],   moments [M L²/s²],   a [L/s²],   k [M/s², M L²/s²]
 
+    and sections of shells and beams as `resized` has them; what multiplies a rotation in a relation is a length.
     So millimetres go with tonnes where moduli are in MPa. Weights of averaging elements are ratios and stay.
     Raises UserError for an unknown unit.
     """
@@ -71,8 +74,15 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         i: replace(m, youngs_modulus=m.youngs_modulus * M / L, density=m.density * M / L**3)
         for i, m in mesh.materials.items()
     }
+    laminae = {i: scaled(own, M / L, M / L**3) for i, own in mesh.laminae.items()}
     masses = tuple(
-        replace(point, mass=point.mass * M, offset=point.offset * L, inertia=point.inertia * M * L**2)
+        replace(
+            point,
+            mass=point.mass * M,
+            offset=point.offset * L,
+            inertia=point.inertia * M * L**2,
+            matrix=resized_matrix(point.matrix, L, M),
+        )
         for point in mesh.point_masses
     )
     springs = tuple(_in_si(own, L, M) for own in mesh.springs)
@@ -86,7 +96,14 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         for name, load in mesh.loads.items()
     }
     return replace(
-        mesh, position=mesh.position * L, materials=materials, point_masses=masses, springs=springs, loads=loads
+        with_thin_resized(mesh, L, M),
+        position=mesh.position * L,
+        materials=materials,
+        laminae=laminae,
+        relations=relations_resized(mesh, L),
+        point_masses=masses,
+        springs=springs,
+        loads=loads,
     )
 
 

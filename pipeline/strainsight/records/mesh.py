@@ -8,8 +8,10 @@ import numpy as np
 
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import CellBlock, Material, Mesh, NodalForces, PointMass, Region, Springs
+from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, Section
 from strainsight.records.lists import ALL, OFFSET, floats, ints, joined, split
 from strainsight.records.record import Source, dataset, group, read, record
+from strainsight.records.thin import Beams, BeamSections, Laminae, Laminates, Shells, ShellSections
 from strainsight.records.ties import Axes, Constraints, SpringColumns
 
 
@@ -51,6 +53,9 @@ class PointMasses:
     mass: np.ndarray = dataset("/mass", "kg", "mass", "mass of every point mass")
     offset: np.ndarray = dataset("/offset", "m", "mass × 3", "its centre from the node")
     inertia: np.ndarray = dataset("/inertia", "kg m^2", "mass × 3 × 3", "its inertia about the centre of mass")
+    matrix: np.ndarray = dataset(
+        "/matrix", "SI", "mass × 6 × 6", "of one that is another mass along another axis (CONM1, CMASS), else 0"
+    )
 
 
 @record
@@ -99,7 +104,19 @@ class MeshColumns:
 
     nodes: Nodes = group("/nodes")
     cells: dict[str, Cells] = group("/cells/<name>")
+    shells: dict[str, Shells] = group("/shells/<name>")
+    beams: dict[str, Beams] = group("/beams/<name>")
+    arms: np.ndarray = dataset(
+        "/arms",
+        "1",
+        "arm × 2",
+        "node on a face of a shell or a side of a beam, and the node that it follows as a rigid arm",
+    )
     regions: Regions = group("/regions")
+    shell_sections: ShellSections | None = group("/sections/shells")
+    beam_sections: BeamSections | None = group("/sections/beams")
+    laminates: Laminates | None = group("/sections/laminates")
+    laminae: Laminae | None = group("/laminae")
     materials: Materials = group("/materials")
     constraints: Constraints = group("/constraints")
     masses: PointMasses = group("/masses")
@@ -123,6 +140,13 @@ class MeshColumns:
         return cls(
             nodes=Nodes(id=mesh.node_ids, position=mesh.position),
             cells={b.kind: Cells(id=b.ids, nodes=b.nodes, region=b.region) for b in mesh.blocks},
+            shells={b.kind: Shells.of(b) for b in mesh.shells},
+            beams={b.kind: Beams.of(b) for b in mesh.beams},
+            arms=mesh.arms,
+            shell_sections=ShellSections.of(mesh.sections),
+            beam_sections=BeamSections.of(mesh.sections),
+            laminates=Laminates.of(mesh.sections),
+            laminae=Laminae.of(mesh.laminae),
             regions=Regions(
                 id=ints([r.id for r in regions]),
                 name=tuple(r.name for r in regions),
@@ -139,6 +163,7 @@ class MeshColumns:
                 fixed=mesh.fixed.reshape(-1, 2),
                 rigid=mesh.rigid,
                 averaging=mesh.averaging,
+                relations=mesh.relations,
                 axes=Axes(node=ints(list(mesh.axes)), direction=floats(list(mesh.axes.values()), (3, 3))),
             ),
             masses=PointMasses(
@@ -147,6 +172,7 @@ class MeshColumns:
                 mass=floats([p.mass for p in masses]),
                 offset=floats([p.offset for p in masses], (3,)),
                 inertia=floats([p.inertia for p in masses], (3, 3)),
+                matrix=floats([np.zeros((6, 6)) if p.matrix is None else p.matrix for p in masses], (6, 6)),
             ),
             springs=mesh.springs,
             loads=Loads(
@@ -175,9 +201,9 @@ class MeshColumns:
         properties = (materials.youngs_modulus, materials.poisson_ratio, materials.density)
         tabled = zip(materials.id.tolist(), *(column.tolist() for column in properties), materials.name, strict=True)
         named = zip(regions.id.tolist(), regions.name, regions.material.tolist(), strict=True)
-        weights = zip(
-            masses.id.tolist(), masses.node.tolist(), masses.mass.tolist(), masses.offset, masses.inertia, strict=True
-        )
+        matrices = [own if own.any() else None for own in masses.matrix]
+        numbers = masses.id.tolist(), masses.node.tolist(), masses.mass.tolist()
+        weights = zip(*numbers, masses.offset, masses.inertia, matrices, strict=True)
         columns = (
             split(loads.nodes, loads.nodes_offset),
             split(loads.force, loads.force_offset),
@@ -185,6 +211,9 @@ class MeshColumns:
             [tuple(own.tolist()) for own in split(loads.regions, loads.regions_offset)],
         )
         axes = self.constraints.axes
+        sections: dict[int, Section] = {}
+        for own in (self.shell_sections, self.beam_sections, self.laminates):
+            sections |= own.made() if own is not None else {}
         return Mesh(
             node_ids=self.nodes.id,
             position=self.nodes.position,
@@ -198,8 +227,14 @@ class MeshColumns:
             fixed=self.constraints.fixed,
             rigid=self.constraints.rigid,
             averaging=self.constraints.averaging,
+            relations=self.constraints.relations,
             point_masses=tuple(PointMass(*row) for row in weights),
             springs=self.springs,
+            shells=tuple(self.shells[kind].made(kind) for kind in SHELL_KINDS if kind in self.shells),
+            beams=tuple(self.beams[kind].made(kind) for kind in BEAM_KINDS if kind in self.beams),
+            arms=self.arms,
+            laminae={} if self.laminae is None else self.laminae.made(),
+            sections={number: sections[number] for number in regions.id.tolist() if number in sections},
             axes=dict(zip(axes.node.tolist(), axes.direction, strict=True)),
             node_sets=_members(self.node_sets),
             element_sets=_members(self.element_sets),

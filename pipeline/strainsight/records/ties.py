@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.mesh.model import AveragingElement, RigidElement, Springs
+from strainsight.mesh.model import AveragingElement, Relation, RigidElement, Springs
 from strainsight.records.lists import ALL, OFFSET, components, ints, joined, letters, split
 from strainsight.records.record import dataset, group, record
 
@@ -65,6 +65,7 @@ class AveragingElements:
         "/directions", "1", "averaged node × 3", "1 where a translation of a node counts" + ALL
     )
     directions_offset: np.ndarray = dataset("/directions_offset", "1", "averaging element + 1", OFFSET)
+    rotations: np.ndarray = dataset("/rotations", "1", "averaged node × 3", "1 where a rotation of a node counts" + ALL)
     dependent: np.ndarray = dataset(
         "/dependent",
         "1",
@@ -76,6 +77,7 @@ class AveragingElements:
     @classmethod
     def of(cls, elements: Sequence[AveragingElement]) -> AveragingElements:
         counted = [np.ones((len(e.nodes), 3), bool) if e.directions is None else e.directions for e in elements]
+        turned = [np.zeros((len(e.nodes), 3), bool) if e.rotations is None else e.rotations for e in elements]
         solved = [np.zeros((0, 2), np.int64) if e.dependent is None else e.dependent for e in elements]
         nodes, nodes_offset = joined([e.nodes for e in elements], int)
         weight, weight_offset = joined([e.weight for e in elements], float)
@@ -92,6 +94,7 @@ class AveragingElements:
             weight_offset=weight_offset,
             directions=directions,
             directions_offset=directions_offset,
+            rotations=joined(turned, int, (3,))[0],
             dependent=dependent,
             dependent_offset=dependent_offset,
         )
@@ -106,8 +109,39 @@ class AveragingElements:
             [entry.astype(bool) for entry in split(self.directions, self.directions_offset)],
             [entry if len(entry) else None for entry in split(self.dependent, self.dependent_offset)],
             self.name,
+            [entry.astype(bool) if entry.any() else None for entry in split(self.rotations, self.directions_offset)],
         )
         return tuple(AveragingElement(*row) for row in zip(*columns, strict=True))
+
+
+@record
+class Relations:
+    """MPC, *EQUATION: the sum of value times motion is zero, the first motion follows the others."""
+
+    id: np.ndarray = dataset("/id", "1", "relation", "number of every relation (MPC, *EQUATION)")
+    name: tuple[str, ...] = dataset("/name", "1", "relation", "its name in the words of the file")
+    node: np.ndarray = dataset("/node", "1", "term", "node index of every motion" + ALL)
+    component: np.ndarray = dataset(
+        "/component", "1", "term", "component of that motion, along the axes of its node: 0-2 motions, 3-5 rotations"
+    )
+    value: np.ndarray = dataset("/value", "SI", "term", "what multiplies that motion; of a rotation in m")
+    term_offset: np.ndarray = dataset("/term_offset", "1", "relation + 1", OFFSET)
+
+    @classmethod
+    def of(cls, relations: Sequence[Relation]) -> Relations:
+        node, term_offset = joined([own.node for own in relations], int)
+        return cls(
+            id=ints([own.id for own in relations]),
+            name=tuple(own.name for own in relations),
+            node=node,
+            component=joined([own.component for own in relations], int)[0],
+            value=joined([own.value for own in relations], float)[0],
+            term_offset=term_offset,
+        )
+
+    def made(self) -> tuple[Relation, ...]:
+        terms = [split(own, self.term_offset) for own in (self.node, self.component, self.value)]
+        return tuple(Relation(*row) for row in zip(self.id.tolist(), *terms, self.name, strict=True))
 
 
 @record
@@ -130,6 +164,7 @@ class Constraints:
     )
     rigid: tuple[RigidElement, ...] = group("/rigid", RigidElements)
     averaging: tuple[AveragingElement, ...] = group("/averaging", AveragingElements)
+    relations: tuple[Relation, ...] = group("/relations", Relations)
     axes: Axes = group("/axes")
 
 

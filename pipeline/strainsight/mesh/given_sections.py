@@ -1,0 +1,118 @@
+"""Sections that are given to regions of a file that states none, and the shells, beams and rods that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.errors import DeckError
+from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.resized import resized
+from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, BeamBlock, BeamSection, FloatArray, ShellBlock, ShellSection
+
+LINE = "line2"
+"""Kind of the lines that become beams or rods; triangles and quadrangles have the names of shells."""
+ON_AXIS = 1e-6
+"""Sine of the angle of a direction to a beam, below which it gives no plane."""
+
+
+@dataclass(frozen=True)
+class GivenSection:
+    """Section of regions (ids or names of the file, None: all): of their triangles and quadrangles with a thickness, of their
+    lines with an area.
+
+    offset [m] of the middle of shells from their nodes, along the normal that the order of nodes gives; direction (3,) towards
+    which y of beams points, None of rods.
+    """
+
+    regions: tuple[int | str, ...] | None
+    section: ShellSection | BeamSection
+    offset: float = 0.0
+    direction: tuple[float, float, float] | None = None
+
+    @property
+    def dimension(self) -> int:
+        """Of the elements that it is of: 2 or 1."""
+        return 2 if isinstance(self.section, ShellSection) else 1
+
+    def resized(self, length: float, mass: float) -> GivenSection:
+        """With lengths and masses multiplied."""
+        return replace(self, section=resized(self.section, length, mass), offset=self.offset * length)
+
+
+def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, GivenSection]) -> Mesh:
+    """The mesh with cells of triangles, quadrangles and lines as shells, beams and rods of the sections of their regions.
+
+    x of a beam from its first node to its second, y towards its direction; rods are what has no moments of area.
+    Raises DeckError for a line without length, and for one along the direction of its section.
+    """
+    of = {kind: _together([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE)}
+    shells = tuple(_shells(of[kind], given) for kind in SHELL_KINDS if len(of[kind].ids))
+    with mesh.located():
+        lines = [_beams(mesh, kind, of[LINE], given) for kind in BEAM_KINDS if len(of[LINE].ids)]
+    beams = tuple(block for block in lines if len(block.ids))
+    return replace(mesh, shells=shells, beams=beams, sections={region: own.section for region, own in given.items()})
+
+
+def _together(blocks: Sequence[CellBlock]) -> CellBlock:
+    """Blocks of one kind as one."""
+    if not blocks:
+        nothing = np.zeros(0, dtype=np.int64)
+        return CellBlock("", nothing, nothing.reshape(0, 0), nothing)
+    columns = ([getattr(block, name) for block in blocks] for name in ("ids", "nodes", "region"))
+    return CellBlock(blocks[0].kind, *(np.concatenate(own) for own in columns))
+
+
+def _shells(block: CellBlock, given: Mapping[int, GivenSection]) -> ShellBlock:
+    offset = np.array([given[region].offset for region in block.region.tolist()])
+    axis = np.full((len(block.ids), 3), np.nan)
+    return ShellBlock(block.kind, block.ids, block.nodes, block.region, offset, axis)
+
+
+def _beams(mesh: Mesh, kind: str, block: CellBlock, given: Mapping[int, GivenSection]) -> BeamBlock:
+    """Those of the lines that are of this kind."""
+    own = np.flatnonzero([("beam" if _bends(given[region]) else "rod") == kind for region in block.region.tolist()])
+    ids, nodes, region = block.ids[own], block.nodes[own], block.region[own]
+    along = np.diff(mesh.position[nodes], axis=1)[:, 0]
+    size = np.linalg.norm(along, axis=1)
+    if not size.all():
+        element = int(ids[np.argmin(size)])
+        raise DeckError(
+            f"element {element} is a line without length",
+            remedy="merge or move one of its nodes",
+            entity=("element", element),
+        )
+    towards = [given[number].direction for number in region.tolist()]
+    across = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    v = np.array([across[i] if own is None else own for i, own in enumerate(towards)]).reshape(-1, 3)
+    axes, lost = beam_axes(along, v)
+    if lost.any():
+        element = int(ids[np.argmax(lost)])
+        raise DeckError(
+            f"element {element} runs along the direction {list(towards[int(np.argmax(lost))] or ())} of its section",
+            remedy="give lines that run another way a region and a direction of their own (mesh.sections)",
+            entity=("element", element),
+        )
+    e = len(ids)
+    return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, 2, 3)), np.zeros((e, 2, 6), dtype=bool))
+
+
+def _bends(own: GivenSection) -> bool:
+    return isinstance(own.section, BeamSection) and bool(own.section.second.any())
+
+
+def beam_axes(along: FloatArray, towards: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Axes (n, 3, 3) of beams, one in a column, and which of them have no plane as v runs along them (n,):
+
+        x = along/|along|,     z = x × v/|x × v|,     y = z × x
+
+    along (n, 3) from end A to B, not zero; towards (n, 3) v.
+    """
+    x = along / np.linalg.norm(along, axis=1)[:, None]
+    z = np.cross(x, towards)
+    size = np.linalg.norm(z, axis=1)
+    lost = ~(size > ON_AXIS * np.linalg.norm(towards, axis=1))
+    z /= np.where(lost, 1.0, size)[:, None]
+    return np.stack([x, np.cross(z, x), z], axis=2), lost
