@@ -11,7 +11,8 @@ import pytest
 from strainsight.errors import DeckError, UserError
 from strainsight.fem import memory
 from strainsight.fem.affine import Parameter
-from strainsight.fem.assembly import assemble, assemble_stiffness, mass_properties
+from strainsight.fem.assembly import assemble, assemble_stiffness
+from strainsight.fem.mass import mass_properties
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import PointMass
 

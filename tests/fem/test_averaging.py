@@ -47,7 +47,22 @@ CASES = {
     ),
     "UM of both": ("123456 1. 123 1 2 3 4 UM 9 456 4 123", 123456, [[123, 1.0], [1, 2, 3, 4]], [9, 456, 4, 123]),
     "UM of the reference": ("246 1. 123 1 2 3 4 UM 9 246", 246, [[123, 1.0], [1, 2, 3, 4]], [9, 246]),
+    "rotations": ("123456 1. 123456 1 2 .3 123 3 5", 123456, [[123456, 1.0], [1, 2], [123, 0.3], [3, 5]], None),
+    "rotations of their own weight": (
+        "123456 1. 123 1 2 3 5 .3 45 1 4",
+        123456,
+        [[123, 1.0], [1, 2, 3, 5], [45, 0.3], [1, 4]],
+        None,
+    ),
+    "UM among rotations": (
+        "12346 1. 123456 1 2 .3 1234 3 5 UM 1 123 2 2 3 4",
+        12346,
+        [[123456, 1.0], [1, 2], [1234, 0.3], [3, 5]],
+        [1, 123, 2, 2, 3, 4],
+    ),
 }
+BEAMS = "CBAR,20,2,1,2,.3,.4,.5\nCBAR,21,2,3,4,.3,.4,.5\nCBAR,22,2,5,4,.3,.4,.5\nPBAR,2,1,.1,.2,.2,.1\n"
+"""What turns the nodes of the solids."""
 
 
 def lines_of(fields):
@@ -66,7 +81,7 @@ def digits(number):
 def test_averaging_is_what_pyyeti_makes_of_it(tmp_path, case, systems):
     fields, components, groups, um = CASES[case]
     grids = SOLID.format(*systems)
-    (tmp_path / "deck.bdf").write_text(grids + ELEMENTS + lines_of(["90", "", "9", *fields.split()]) + "ENDDATA\n")
+    (tmp_path / "deck.bdf").write_text(grids + ELEMENTS + BEAMS + lines_of(["90", "", "9", *fields.split()]) + "ENDDATA\n")
     mesh = read_nastran(tmp_path / "deck.bdf")
     uset, _ = nastran.bulk2uset(io.StringIO(grids))
     expected = nastran.formrbe3(uset, 9, components, groups, um)
@@ -79,10 +94,9 @@ def test_averaging_is_what_pyyeti_makes_of_it(tmp_path, case, systems):
     assert expected.shape == (len(dependent), len(used - dependent))
 
     constraint = constraint_transform(mesh)
-    rotation = constraint.reference_rows[mesh.node_index(9)]
 
     def rows(pairs):
-        return [3 * node + c if c < 3 else rotation + c - 3 for node, c in sorted(pairs)]
+        return [3 * node + c if c < 3 else constraint.reference_rows[node] + c - 3 for node, c in sorted(pairs)]
 
     own = constraint.transform.toarray()
     for node, axes in mesh.axes.items():

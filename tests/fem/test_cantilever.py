@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from strainsight.decks.reader import read_mesh
-from strainsight.fem.assembly import mass_properties
+from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.mesh.model import RigidElement

@@ -12,7 +12,8 @@ import pytest
 from scipy.linalg import eigh
 
 from strainsight.decks.reader import read_mesh
-from strainsight.fem.assembly import assemble, mass_properties
+from strainsight.fem.assembly import assemble
+from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError
-from strainsight.fem.assembly import mass_properties
+from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.model import PointMass, RigidElement
 

@@ -221,3 +221,43 @@ def test_a_static_load_presses_a_spring_by_f_over_k():
     push = PointLoad("F", gravity=(0, 0, 1.0))
     u = nodal(model, factorise(model.stiffness.constant).solve(input_shape(model, [push])))
     np.testing.assert_allclose(u.reshape(-1, 3)[:, 2], MASS / K[2], rtol=1e-6)
+
+
+def test_stiffness_is_affine_in_the_factor_of_named_springs():
+    """K(θ) is that of a mesh whose springs are stiffened; the others and the solid keep theirs."""
+    mesh = face_springs_on_two_ends()
+    s = Parameter("s", "stiffness_factor", (), 1.0, ("foundation",))
+    E = Parameter("E", "youngs_modulus", (1,), mesh.materials[1].youngs_modulus)
+    model = build_model(mesh, (s, E))
+    assert not only_scales(model)
+    stiffer = [replace(own, stiffness=1.7 * own.stiffness) if own.name == "foundation" else own for own in mesh.springs]
+    softer = replace(mesh.materials[1], youngs_modulus=0.4 * E.reference)
+    again = build_model(replace(mesh, springs=tuple(stiffer), materials={1: softer})).stiffness.constant
+    K = model.stiffness.at({"s": 1.7, "E": 0.4 * E.reference})
+    assert abs(K - again).max() < 1e-12 * abs(again).max()
+    assert set(model.mass.terms) == set()
+
+
+def face_springs_on_two_ends():
+    mesh = rigid(stiffer=1.0)
+    nodes = np.flatnonzero(mesh.position[:, 2] == 0)
+    ends = [np.flatnonzero(mesh.position[:, 0] == x) for x in (-1.0, 1.0)]
+    named = ("foundation", nodes), ("left", ends[0]), ("right", ends[1])
+    return replace(mesh, springs=tuple(node_springs(name, own, [*K, 0, 0, 0]) for name, own in named))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "what", "remedy"),
+    [
+        (("foundations",), ("left",), "no spring 'foundations'", "did you mean foundation?"),
+        (("foundation",), ("f*", "right"), "parameters a and b are both the stiffness of the spring foundation", "keep one"),
+        (("idle",), ("left",), "the springs of parameter a have no stiffness", "name others"),
+    ],
+)  # fmt: skip
+def test_springs_of_parameters_are_there_and_of_one_parameter_each(first, second, what, remedy):
+    mesh = face_springs_on_two_ends()
+    mesh = replace(mesh, springs=(*mesh.springs, replace(mesh.springs[0], name="idle", stiffness=0 * mesh.springs[0].stiffness)))
+    own = [Parameter(name, "stiffness_factor", (), 1.0, springs) for name, springs in (("a", first), ("b", second))]
+    with pytest.raises(UserError, match=re.escape(what)) as error:
+        build_model(mesh, own)
+    assert remedy in error.value.remedy

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import DeckError
-from strainsight.fem.assembly import mass_properties
+from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.mesh.model import CellBlock, Material, Mesh, PointMass, Region, RigidElement
 from strainsight.rom.inertia import InertiaInvariants, inertia_invariants

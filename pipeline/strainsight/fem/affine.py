@@ -11,12 +11,19 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Parameter:
-    """A material property of some regions that stays free: name, what it is, where, and its reference value [SI]."""
+    """A property of some regions that stays free: name, what it is, where, and its reference value [SI]. A stiffness_factor [-]
+    multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names."""
 
     name: str
-    property: Literal["youngs_modulus", "density"]
+    property: Literal["youngs_modulus", "density", "stiffness_factor"]
     regions: tuple[int, ...]
     reference: float
+    springs: tuple[str, ...] = ()
+
+
+def of_stiffness(property: str) -> bool:
+    """Whether the stiffness is proportional to such a parameter: a modulus, or a factor of all moduli."""
+    return property in ("youngs_modulus", "stiffness_factor")
 
 
 @dataclass(frozen=True)

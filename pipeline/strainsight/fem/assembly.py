@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
-from strainsight.errors import DeckError, UserError
-from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.errors import UserError
+from strainsight.fem.affine import AffineOperator, Parameter, of_stiffness
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.element_matrices import element_masses, element_stiffnesses
 from strainsight.fem.memory import require_memory
-from strainsight.fem.point_masses import check
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 CHUNK = 2048
 PAIR_BYTES = 9 * 8 + 8 + 1
@@ -34,19 +34,28 @@ class Pattern:
 
 
 def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOperator, AffineOperator]:
-    """Stiffness and consistent mass of the elements, clamped nodes included:
+    """Stiffness and consistent mass of the solids, clamped nodes included:
 
         K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃
 
-    D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³];
-    everything else is in the constant part [N/m, kg]. Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
+    D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³], and that
+    of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part [N/m, kg].
+    Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
     and UserError for parameters that overlap or name no region, or where the memory cannot be enough.
     """
     check_mesh(mesh)
+    solid = set(regions_of(mesh.blocks))
     pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
     require_memory(PAIR_BYTES * pairs, f"the stiffness of {len(mesh.position)} nodes, at the very least")
-    moduli, densities = _targets(mesh, parameters, "youngs_modulus"), _targets(mesh, parameters, "density")
+    moduli, densities = (
+        {
+            name: own
+            for name, regions in targets(mesh, parameters, kind).items()
+            if (own := {number: factor for number, factor in regions.items() if number in solid})
+        }
+        for kind in ("stiffness", "mass")
+    )
     shared: dict[frozenset[int], Pattern] = {}
 
     def pattern(regions: Mapping[int, float]) -> Pattern:
@@ -66,49 +75,19 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
 def assemble_stiffness(mesh: Mesh) -> sparse.csr_array:
     """K (3n, 3n) [N/m] of `assemble` alone, of the moduli that the mesh has. Raises what `assemble` does."""
     check_mesh(mesh)
-    regions = _targets(mesh, (), "youngs_modulus")[""]
+    regions = targets(mesh, (), "stiffness")[""]
     return _stiffness(mesh, regions, _pattern(mesh, regions))
 
 
-def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
-    """Total mass m = Σ_i m_i and centre of mass x̄ = Σ_i m_i x_i / m, m_i the row sums Σ_j ∫ ρ N_i N_j dV of the elements
-    on node i, and the point masses at their centres.
+def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str, dict[int, float]]:
+    """Which regions go where with what factor, E or ρ: "" is the constant part, a parameter's name its unit term.
 
-    Returns ([kg], (3,) [m]). Raises DeckError where the mass is zero.
+    kind: "stiffness" or "mass". The factor is 1 where a modulus or density is the parameter, E where a factor of the stiffness
+    is, and that of the stiffness of a laminate is 1. Raises UserError for parameters that overlap or name no region, and for
+    the modulus of a laminate.
     """
-    check_mesh(mesh)
-    per_node = np.zeros(len(mesh.position))
-    for part, values in element_mass_parts(mesh):
-        a, b = np.triu_indices(part.nodes.shape[1])
-        other = values * (a != b)
-        per_node += np.bincount(part.nodes[:, a].ravel(), values.ravel(), len(per_node))
-        per_node += np.bincount(part.nodes[:, b].ravel(), other.ravel(), len(per_node))
-    mass, moment = float(per_node.sum()), per_node @ mesh.position
-    for point in mesh.point_masses:
-        check(point)
-        mass += point.mass
-        moment = moment + point.mass * (mesh.position[point.node] + point.offset)
-    if not mass > 0.0:
-        named = ", ".join(str(mesh.regions[number]) for number in _present(mesh))
-        raise DeckError(
-            f"the total mass is {mass:g} kg: the density of {named or 'all regions'} is zero",
-            remedy="give their materials a density, in the mesh file or under mesh.materials",
-        )
-    return mass, moment / mass
-
-
-def element_mass_parts(mesh: Mesh) -> Iterator[tuple[CellBlock, np.ndarray]]:
-    """Elements of the mesh, some at a time, and their ∫ ρ N_a N_b dV [kg] (e, pairs) of the node pairs a ≤ b."""
-    density = {number: mesh.materials[mesh.regions[number].material].density for number in _present(mesh)}
-    for part in _chunks(mesh, density):
-        values = element_masses(kind_of(part.kind), mesh.position[part.nodes], part.ids)[:, :, 0]
-        yield part, values * _factors(part, density)
-
-
-def _targets(mesh: Mesh, parameters: Sequence[Parameter], property: str) -> dict[str, dict[int, float]]:
-    """Which regions go where with what factor: "" is the constant part, a parameter's name its unit term."""
-    present = _present(mesh)
-    owner: dict[int, str] = {}
+    present = regions_of(mesh.elements)
+    owner: dict[int, Parameter] = {}
     names = [p.name for p in parameters]
     for p in parameters:
         if names.count(p.name) > 1 or not p.name:
@@ -119,22 +98,43 @@ def _targets(mesh: Mesh, parameters: Sequence[Parameter], property: str) -> dict
                     f"parameter {p.name} refers to region {number}, which has no elements",
                     remedy=f"the mesh has regions {', '.join(map(str, present))}",
                 )
-            if p.property == property and owner.setdefault(number, p.name) != p.name:
+            if p.property == "youngs_modulus" and mesh.laminate(number):
                 raise UserError(
-                    f"parameters {owner[number]} and {p.name} are both the {property} of region {number}",
+                    f"parameter {p.name} is the youngs_modulus of region {number}, a laminate, which has several moduli",
+                    remedy="estimate a factor of its stiffness: property stiffness_factor, guess 1.0",
+                )
+            if of_stiffness(p.property) == (kind == "stiffness") and (other := owner.setdefault(number, p)) is not p:
+                alike = p.property == other.property
+                raise UserError(
+                    f"parameters {other.name} and {p.name} are both the {p.property if alike else kind} of region {number}",
                     remedy="keep one of them",
                 )
     targets: dict[str, dict[int, float]] = {}
     for number in present:
-        material = mesh.materials[mesh.regions[number].material]
-        factor = 1.0 if number in owner else getattr(material, property)
-        targets.setdefault(owner.get(number, ""), {})[number] = factor
+        own = owner.get(number)
+        if own is not None and own.property != "stiffness_factor":
+            factor = 1.0
+        else:
+            factor = density_of(mesh, number) if kind == "mass" else modulus_of(mesh, number)
+        targets.setdefault(own.name if own else "", {})[number] = factor
     return targets
 
 
-def _present(mesh: Mesh) -> list[int]:
-    """Regions that have elements."""
-    return sorted({int(number) for block in mesh.blocks for number in np.unique(block.region)})
+def modulus_of(mesh: Mesh, region: int) -> float:
+    """Young's modulus [Pa] that the stiffness of a region is multiplied with; 1 of a laminate, of which its plies have it."""
+    return 1.0 if mesh.laminate(region) else mesh.materials[mesh.regions[region].material].youngs_modulus
+
+
+def density_of(mesh: Mesh, region: int) -> float:
+    """Density [kg/m³] of a region, of a laminate the mean over its thickness, of a mesh that `check_mesh` has accepted."""
+    density = mesh.density_of(region)
+    assert density is not None
+    return density
+
+
+def regions_of(blocks: Iterable[CellBlock | ShellBlock | BeamBlock]) -> list[int]:
+    """Regions of some elements."""
+    return sorted({int(number) for block in blocks for number in np.unique(block.region)})
 
 
 def _parts(mesh: Mesh, regions: Mapping[int, float]) -> list[CellBlock]:
@@ -147,7 +147,7 @@ def _parts(mesh: Mesh, regions: Mapping[int, float]) -> list[CellBlock]:
     return parts
 
 
-def _chunks(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[CellBlock]:
+def chunks(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[CellBlock]:
     """The elements in these regions, a few at a time, in the order of `_parts`."""
     for block in _parts(mesh, regions):
         for start in range(0, len(block.ids), CHUNK):
@@ -155,7 +155,7 @@ def _chunks(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[CellBlock]:
             yield CellBlock(block.kind, block.ids[cut], block.nodes[cut], block.region[cut])
 
 
-def _factors(part: CellBlock, regions: Mapping[int, float]) -> np.ndarray:
+def factors(part: CellBlock, regions: Mapping[int, float]) -> np.ndarray:
     """(e, 1): the value of each element's region."""
     return np.array([regions[int(number)] for number in part.region])[:, None]
 
@@ -200,8 +200,8 @@ def _accumulate(
     """Σ over elements of factor × kernel (e, pairs, width) into the node pairs (p, width)."""
     local = np.empty((len(pattern.place), width))
     at = 0
-    for part in _chunks(mesh, regions):
-        values = kernel(mesh.position[part.nodes], part) * _factors(part, regions)[:, :, None]
+    for part in chunks(mesh, regions):
+        values = kernel(mesh.position[part.nodes], part) * factors(part, regions)[:, :, None]
         local[at : at + values.shape[0] * values.shape[1]] = values.reshape(-1, width)
         at += values.shape[0] * values.shape[1]
     if width == 9:

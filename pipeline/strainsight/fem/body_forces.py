@@ -7,21 +7,27 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.fem.assembly import element_mass_parts
-from strainsight.fem.ties import references
+from strainsight.fem.mass import element_mass_parts
+from strainsight.fem.thin import thin_mass
+from strainsight.fem.ties import references, turned_by_name
 from strainsight.fem.turning import followers
-from strainsight.mesh.model import BodyForce, Mesh, NodalForces
+from strainsight.mesh.model import BodyForce, FloatArray, Mesh, NodalForces
 
 
 def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
-    """f_a = Σ_b m_ab a(x_b) on the nodes of solids, m_ab = ∫ ρ N_a N_b dV, as a(x) is linear in x: the same work as ∫ ρ a dV.
+    """f_a = Σ_b m_ab a(x_b) on the nodes of solids, m_ab = ∫ ρ N_a N_b dV, as a(x) is linear in x: the same work as ∫ ρ a dV; of
+    shells and beams M a, forces and moments.
 
         a = g + (ω × (x − c)) × ω,     of a point mass m a and r × m a − ω × Jω on the rotations of its node
 
-    r offset of the centre of the mass, J its inertia; where the node has no rotations, all of the mass is at the node.
+    r offset of the centre of the mass, J its inertia; of a mass matrix the inertia of its momentum P and H, turned with the body:
+
+        force = m_uu g − ω × P,   moment = m_θu g − ω × H − v × P,   (P, H) = M (v, ω),   v = ω × (x − c)
+
+    where the node has no rotations, all of the mass is at the node.
     Raises UserError where a region has no material, and so no density.
     """
-    lacking = [region for region in mesh.regions.values() if region.material not in mesh.materials]
+    lacking = [region for region in mesh.regions.values() if mesh.density_of(region.id) is None]
     if lacking:
         raise UserError(f"{lacking[0]} has no density, and a load acts on its mass", remedy="state mesh.materials")
     force, moment = np.zeros_like(mesh.position), np.zeros_like(mesh.position)
@@ -34,9 +40,21 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
         off = i != j
         np.add.at(force, nodes[:, j[off]], m[:, off, None] * a[nodes[:, i[off]]])
         regions |= set(np.unique(part.region[own]).tolist())
-    turning = references(mesh) | followers(mesh)
+    if mesh.thin:
+        M, named = thin_mass(mesh, body.elements)
+        own = mesh.thin_nodes
+        f = (M @ np.hstack([a[own], np.zeros((len(own), 3))]).ravel()).reshape(-1, 6)
+        force[own] += f[:, :3]
+        moment[own] += f[:, 3:]
+        regions |= set(named)
+    turning = references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
     for point in mesh.point_masses:
         if body.elements is not None and point.id not in body.elements:
+            continue
+        if point.matrix is not None:
+            pull, twist = _on_matrix(point.matrix, body, mesh.position[point.node], turns=point.node in turning)
+            force[point.node] += pull
+            moment[point.node] += twist
             continue
         arm = point.offset if point.node in turning else np.zeros(3)
         pull = body.factor * point.mass * acceleration(body, mesh.position[point.node] + arm)
@@ -46,6 +64,20 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
             moment[point.node] += np.cross(arm, pull) + body.factor * spin
     nodes = np.flatnonzero(force.any(axis=1) | moment.any(axis=1))
     return NodalForces(nodes, force[nodes], moment[nodes] if moment.any() else None, regions=tuple(sorted(regions)))
+
+
+def _on_matrix(M: FloatArray, body: BodyForce, x: np.ndarray, *, turns: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Force and moment (3,) on the node at x of a mass matrix; only of its translations where the node has no rotations.
+
+    Source: Lamb, Hydrodynamics, §124: a solid with another mass along each axis.
+    """
+    if not turns:
+        M = M * np.outer(np.repeat([1, 0], 3), np.repeat([1, 0], 3))
+    v, omega = np.cross(body.rotation, x - body.centre), body.rotation
+    P, H = np.split(M @ np.concatenate([v, omega]), 2)
+    force = M[:3, :3] @ body.acceleration - np.cross(omega, P)
+    moment = M[3:, :3] @ body.acceleration - np.cross(omega, H) - np.cross(v, P)
+    return body.factor * force, body.factor * moment * turns
 
 
 def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:

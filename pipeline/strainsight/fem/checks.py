@@ -6,7 +6,9 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import kind_of
-from strainsight.mesh.model import CellBlock, Material, Mesh
+from strainsight.mesh.laminates import Lamina, Laminate
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, ShellSection
 
 # an arc of 120° on one side puts its middle 0.29 side lengths off, a quarter-point node 0.25
 MIDSIDE_LIMIT = 0.3
@@ -20,7 +22,8 @@ def check_mesh(mesh: Mesh) -> None:
 
 
 def check_geometry(mesh: Mesh) -> None:
-    """Raise DeckError unless every element has a known kind and a region, and its nodes are where they should be."""
+    """Raise DeckError unless every element has a known kind and a region, shells and beams a section of theirs, and its nodes are
+    where they should be."""
     if not np.all(np.isfinite(mesh.position)):
         node = mesh.node_ids[np.argmin(np.isfinite(mesh.position).all(axis=1))]
         raise DeckError(
@@ -30,20 +33,45 @@ def check_geometry(mesh: Mesh) -> None:
         )
     for block in mesh.blocks:
         _check_midsides(mesh, block)
-        for number in np.unique(block.region):
-            if int(number) not in mesh.regions:
-                element = block.ids[np.argmax(block.region == number)]
-                raise DeckError(
-                    f"element {element} refers to region {number}, which is not there",
-                    remedy="add its property",
-                    entity=("element", int(element)),
-                )
+    for own in mesh.elements:
+        _check_regions(mesh, own)
+    for shells in mesh.shells:
+        _check_sections(mesh, shells, (ShellSection, Laminate))
+    for beams in mesh.beams:
+        _check_sections(mesh, beams, (BeamSection,))
+
+
+def _check_regions(mesh: Mesh, block: CellBlock | ShellBlock | BeamBlock) -> None:
+    for number in np.unique(block.region):
+        if int(number) not in mesh.regions:
+            element = block.ids[np.argmax(block.region == number)]
+            raise DeckError(
+                f"element {element} refers to region {number}, which is not there",
+                remedy="add its property",
+                entity=("element", int(element)),
+            )
+
+
+def _check_sections(mesh: Mesh, block: ShellBlock | BeamBlock, kind: tuple[type[Section], ...]) -> None:
+    for number in np.unique(block.region):
+        own = mesh.sections.get(int(number))
+        if not isinstance(own, kind):
+            element = block.ids[np.argmax(block.region == number)]
+            what = "has no section" if own is None else "has a section of another kind of element"
+            raise DeckError(
+                f"{mesh.regions[int(number)]} of {block.kind} element {element} {what}",
+                remedy="give it a thickness, as the PSHELL of a deck, or the section of a beam, as a PBAR",
+                entity=("element", int(element)),
+            )
 
 
 def check_materials(mesh: Mesh) -> None:
-    """Raise DeckError unless every region with elements has a material that solids can be made of."""
-    present = {int(number) for block in mesh.blocks for number in np.unique(block.region)}
+    """Raise DeckError unless every region with elements has a material that they can be made of."""
+    present = {int(number) for block in mesh.elements for number in np.unique(block.region)}
     for region in (mesh.regions[number] for number in sorted(present)):
+        if mesh.laminate(region.id) is not None:
+            _check_laminate(mesh, region)
+            continue
         m = mesh.materials.get(region.material)
         if m is None:
             known = (
@@ -56,6 +84,40 @@ def check_materials(mesh: Mesh) -> None:
                 "poisson_ratio: …, density: …}}",
             )
         _check_material(m)
+
+
+def _check_laminate(mesh: Mesh, region: Region) -> None:
+    laminate = mesh.laminate(region.id)
+    assert laminate is not None
+    for ply, own in zip(laminate.plies, mesh.ply_materials(region.id), strict=True):
+        if not (ply.thickness > 0 and np.isfinite(ply.thickness)):
+            raise DeckError(
+                f"a ply of {region} has the thickness {ply.thickness:g} m", remedy="give a positive thickness"
+            )
+        if own is None:
+            raise DeckError(
+                f"a ply of {region} refers to material {ply.material}, which is not there",
+                where=mesh.source or None,
+                remedy="add it to the deck (MAT8, MAT1)",
+            )
+        if isinstance(own, Lamina):
+            _check_lamina(own)
+        else:
+            _check_material(own)
+
+
+def _check_lamina(own: Lamina) -> None:
+    for name in ("e1", "e2", "g12", "g1z", "g2z"):
+        modulus = getattr(own, name)
+        if not modulus > 0 or (np.isinf(modulus) and name in ("e1", "e2", "g12")):
+            raise DeckError(f"{own} has the modulus {name} {modulus:g} Pa", remedy="it must be positive")
+    if not own.nu12**2 < own.e1 / own.e2:
+        raise DeckError(
+            f"{own} has nu12 {own.nu12:g}",
+            remedy=f"it must be smaller than the root of e1/e2, {np.sqrt(own.e1 / own.e2):g}",
+        )
+    if not (own.density >= 0 and np.isfinite(own.density)):
+        raise DeckError(f"{own} has density {own.density:g} kg/m³", remedy="it must not be negative")
 
 
 def _check_material(m: Material) -> None:

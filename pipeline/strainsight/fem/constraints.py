@@ -10,8 +10,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import DeckError
+from strainsight.fem.arms import with_arms
+from strainsight.fem.equations import Equations, Rows, entity_of
+from strainsight.fem.relations import relation_terms
 from strainsight.fem.springs import sprung_translations
-from strainsight.fem.ties import Equations, Rows, equations, references, rotation_rows, turned_nodes
+from strainsight.fem.ties import equations, references, rotation_rows, turned_nodes
 from strainsight.mesh.model import Mesh
 
 
@@ -30,6 +33,11 @@ class Constraint:
     free_rows: np.ndarray
     turn: sparse.csr_array | None = None
 
+    def rotations(self, nodes: np.ndarray) -> np.ndarray:
+        """Rows (k, 3) of z of the rotations of nodes (k,) that have some."""
+        first = np.array([self.reference_rows[node] for node in nodes.tolist()], dtype=np.int64)
+        return first[:, None] + np.arange(3)
+
     def along_own_axes(self, X: sparse.csr_array) -> sparse.csr_array:
         """Rows of z → rows of z': Qᵀ X."""
         return X if self.turn is None else sparse.csr_array(self.turn.T @ X)
@@ -38,15 +46,15 @@ class Constraint:
 def constraint_transform(
     mesh: Mesh, *, supported: np.ndarray | None = None, rotations: Sequence[int] | np.ndarray = ()
 ) -> Constraint:
-    """Clamped components, rigid elements and averaging elements as one transformation.
+    """Clamped components, rigid elements, averaging elements and relations as one transformation.
 
         z = Q z',   z' = D z' + E z_free,   T = Q (I + D + D² + …) E
 
     z' are motions along the axes of each node (CD), which supports and elements mean; D holds the `equations` of the
-    elements, E picks the free rows. Chains are resolved whatever their order. Rotations are those of reference nodes and of
-    the nodes `rotations` (indices), others are left out: solids have none. Motions that neither `supported` rows (3n + 3r,)
-    of z (those of the solids and springs where it is not given) nor, through elements, their dependents have are left out
-    too (AUTOSPC in Nastran).
+    elements, E picks the free rows. Chains are resolved whatever their order. Rotations are those of reference nodes, of those
+    whose rotations are in a relation or a mean, and of the nodes `rotations` (indices), others are left out: solids have
+    none. Motions that neither `supported` rows (3n + 3r,) of z (those of the solids and springs where it is not given) nor,
+    through elements, their dependents have are left out too (AUTOSPC in Nastran).
     Raises DeckError, naming nodes, for a motion that two elements prescribe, that is prescribed and clamped, for a cycle,
     for an RBE3 whose nodes do not hold its reference, for a mass or an RBE3 on nodes of no stiffness.
     """
@@ -58,20 +66,26 @@ def constraint_transform(
 
     if supported is None:
         supported = np.zeros(rows.size, dtype=bool)
-        for block in mesh.blocks:
-            supported[rows.translations(np.unique(block.nodes))] = True
+        supported[rows.translations(mesh.nodes_of_elements)] = True
         supported[sprung_translations(mesh)] = True
+        supported[3 * mesh.own_nodes : 3 * n] = False  # arms follow their nodes
+        for node in set(mesh.turning.tolist()) & rows.first.keys():
+            supported[rows.first[node] : rows.first[node] + 3] = True
     independent = supported.copy() if Q is None else np.asarray(abs(Q).T @ supported.astype(float) > 0)
     for node in references(mesh):
         independent[rows.of(np.full(6, node), np.arange(6))] = True
     for averaging in mesh.averaging:
-        independent[rows.translations(averaging.nodes)] = True
+        independent[rows.averaged(averaging)] = True
+    _, node, component, value = relation_terms(mesh)
+    independent[rows.of(node, component)[value != 0]] = True
     independent[clamped] = False
     independent[list(found.by)] = False
     free = np.flatnonzero(independent)
 
     own = _resolved(mesh, rows, found, free)
     T = own if Q is None else sparse.csr_array(Q @ own)
+    if len(mesh.arms):
+        T = with_arms(mesh, rows, T)
     carried = np.zeros(len(free), dtype=bool)
     carried[T[np.flatnonzero(supported)].tocoo().col] = True
     _check_carried(mesh, rows, own, carried)
@@ -105,7 +119,7 @@ def _clamped(mesh: Mesh, rows: Rows, found: Equations) -> np.ndarray:
             raise DeckError(
                 f"node {mesh.node_ids[node]} is clamped in component {component + 1} and dependent in {found.by[row]}",
                 remedy="clamp the reference node instead, or take the node out of the element",
-                entity=("tie", found.by[row].id),
+                entity=entity_of(found.by[row]),
             )
     return held[held >= 0]
 
@@ -122,9 +136,9 @@ def _resolved(mesh: Mesh, rows: Rows, found: Equations, free: np.ndarray) -> spa
         owner = {row + k: node for node, row in rows.first.items() for k in range(3)}
         nodes = sorted({int(mesh.node_ids[owner.get(int(row), int(row) // 3)]) for row in inside})
         raise DeckError(
-            f"rigid elements follow each other in a circle through nodes {', '.join(map(str, nodes))}",
+            f"ties follow each other in a circle through nodes {', '.join(map(str, nodes))}",
             remedy="make one of these nodes independent",
-            entity=("tie", found.by[int(inside[0])].id),
+            entity=entity_of(found.by[int(inside[0])]),
         )
     dependent = np.fromiter(found.by, dtype=np.int64)
     inner = D[:, dependent]
@@ -144,9 +158,12 @@ def _check_carried(mesh: Mesh, rows: Rows, T: sparse.csr_array, carried: np.ndar
     lost[T[:, np.flatnonzero(~carried)].tocoo().row] = True
     for e in mesh.averaging:
         counts = np.repeat(np.asarray(e.weight)[:, None] > 0, 3, axis=1)
-        own = rows.translations(e.nodes)[(counts if e.directions is None else counts & e.directions).ravel()]
+        counted = (counts if e.directions is None else counts & e.directions).ravel()
+        if e.rotations is not None:
+            counted = np.concatenate([counted, e.rotations[e.rotations.any(axis=1)].ravel()])
+        own, of = rows.averaged(e)[counted], np.repeat(np.concatenate([e.nodes, e.turned]), 3)[counted]
         if lost[own].any():
-            node = int(own[np.argmax(lost[own])]) // 3
+            node = int(of[np.argmax(lost[own])])
             raise DeckError(
                 f"{e} averages node {mesh.node_ids[node]}, which no element holds",
                 remedy="take the node out, or connect it",

@@ -50,7 +50,7 @@ def exerted(mesh: Mesh, constraint: Constraint, e: np.ndarray) -> np.ndarray:
 
 def nodes_at(mesh: Mesh, node: int) -> np.ndarray:
     """Nodes (indices) of the elements at a node, and of the ties that it leads: where the couple of a moment on it acts."""
-    found = [block.nodes[(block.nodes == node).any(axis=1)].ravel() for block in mesh.blocks]
+    found = [nodes[(nodes == node).any(axis=1)].ravel() for nodes in mesh.connectivity]
     found += [e.nodes for e in mesh.rigid if e.reference == node]
     found += [e.nodes for e in mesh.averaging if e.reference == node]
     return np.unique(np.concatenate([*found, np.zeros(0, dtype=np.int64)]))

@@ -251,7 +251,7 @@ def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
         raise UserError(
             f"load {load.name} refers to node set {load.node_set!r}, which is not there", remedy=f"node sets: {known}"
         )
-    index = {int(node): i for i, node in enumerate(mesh.node_ids)}
+    index = {int(node): i for i, node in enumerate(mesh.node_ids[: mesh.own_nodes])}
     missing = [node for node in ids if node not in index]
     if missing or not ids:
         raise UserError(

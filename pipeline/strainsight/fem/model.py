@@ -10,15 +10,19 @@ from scipy import sparse
 
 from strainsight.errors import DeckError, StrainsightError
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.assembly import assemble, mass_properties
+from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
+from strainsight.fem.idle import idle_rotations
+from strainsight.fem.mass import mass_properties
 from strainsight.fem.modes import modes
 from strainsight.fem.point_masses import point_mass_matrix
-from strainsight.fem.springs import spring_matrix
+from strainsight.fem.springs import spring_operator
 from strainsight.fem.support import require_support, rigid_motions
+from strainsight.fem.thin import motions, thin_operators
 from strainsight.fem.turning import turning_nodes
 from strainsight.mesh.kinds import FAMILIES
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.laminates import Lamina
+from strainsight.mesh.model import Material, Mesh
 
 
 @dataclass(frozen=True)
@@ -44,14 +48,14 @@ def build_model(
     """Assemble, constrain, and make sure that nothing moves freely (`supported=False` leaves that out), or, of a `free`
     structure, that it moves as one rigid body.
 
-        K_free(θ) = Tᵀ (K(θ) + K_s) T,     M_free(θ) = Tᵀ (M(θ) + M_p) T     term by term (5.8)
+        K_free(θ) = Tᵀ (K(θ) + K_s(θ)) T,     M_free(θ) = Tᵀ (M(θ) + M_p) T     term by term (5.8)
 
-    K_s the springs, M_p the point masses.
+    K and M of solids, shells and beams, K_s the springs, M_p the point masses.
 
     Raises DeckError and UserError of `assemble`, `constraint_transform`, `require_support` and `rigid_motions`.
     """
-    if not any(len(block.ids) for block in mesh.blocks):
-        raise DeckError("the mesh has no solid elements", remedy=f"give it {FAMILIES}")
+    if not any(len(nodes) for nodes in mesh.connectivity):
+        raise DeckError("the mesh has no elements", remedy=f"give it {FAMILIES}, shells or beams")
     constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
     if constraint.transform.shape[1] == 0:
         raise DeckError("every node is clamped", remedy="free the nodes that are to move")
@@ -63,29 +67,45 @@ def build_model(
     # one after the other, so that the matrices of all nodes go as soon as those of the free motions are there
     stiffness = restricted(stiffness, T)
     mass = restricted(mass, T)
-    if mesh.springs:
-        springs = congruence(spring_matrix(mesh, constraint.reference_rows), constraint.transform)
-        stiffness = AffineOperator(stiffness.constant + springs, stiffness.terms)
+    if mesh.thin:
+        T = sparse.csr_array(motions(mesh, constraint.reference_rows) @ constraint.transform)
+        thin = (restricted(own, T) for own in thin_operators(mesh, parameters))
+        stiffness, mass = (sum_of(own, more) for own, more in zip((stiffness, mass), thin, strict=True))
+    if len(mesh.turning):
+        idle = idle_rotations(mesh, constraint, at_reference(stiffness, parameters))
+        stiffness = AffineOperator(stiffness.constant + idle, stiffness.terms)
+    if mesh.springs or any(own.springs for own in parameters):
+        springs = spring_operator(mesh, constraint.reference_rows, parameters)
+        stiffness = sum_of(stiffness, restricted(springs, constraint.transform))
     if mesh.point_masses:
         points = congruence(point_mass_matrix(mesh, constraint.reference_rows), constraint.transform)
         mass = AffineOperator(mass.constant + points, mass.terms)
     return FiniteElementModel(mesh, constraint, stiffness, mass, rigid)
 
 
+def at_reference(X: AffineOperator, parameters: Sequence[Parameter]) -> sparse.csr_array:
+    """X at the reference values of its parameters."""
+    return sparse.csr_array(X.at({own.name: own.reference for own in parameters if own.name in X.terms}))
+
+
+def sum_of(X: AffineOperator, Y: AffineOperator) -> AffineOperator:
+    """X(θ) + Y(θ) term by term."""
+    terms = {name: X.terms.get(name, 0) + Y.terms.get(name, 0) for name in {**X.terms, **Y.terms}}
+    return AffineOperator(X.constant + Y.constant, terms)
+
+
 def soft_springs(mesh: Mesh) -> str:
     """Which soft springs a free structure could hang on: k = m (ω₁/10)², ω₁ of its first elastic mode; "" without one."""
+    if not (speeds := _squared_wave_speeds(mesh)):
+        return ""
     try:
         free = build_model(mesh, supported=False)
         mass, _ = mass_properties(mesh)
-        used = [
-            mesh.materials[region.material] for region in mesh.regions.values() if region.material in mesh.materials
-        ]
-        waves = min(own.youngs_modulus / own.density for own in used if own.density > 0)
         # below the first elastic mode of a bar a hundred times as long as it is thick, above the rounding of the rigid ones
-        low = 1e-4 * waves / float(np.ptp(mesh.position, axis=0).max()) ** 2
+        low = 1e-4 * min(speeds) / float(np.ptp(mesh.position, axis=0).max()) ** 2
         frequency, _ = modes(free.stiffness.constant, free.mass.constant, min(7, free.size - 1), shift=-low)
         first = float(frequency[(2 * np.pi * frequency) ** 2 > low][0])
-    except (StrainsightError, IndexError):
+    except (StrainsightError, IndexError, ValueError):  # no mode of its own, or no density
         return ""
     k = float(f"{mass * (2 * np.pi * first / 10) ** 2:.2g}")
     return (
@@ -93,6 +113,15 @@ def soft_springs(mesh: Mesh) -> str:
         "; or let it hang free on soft springs, on a face or on nodes that do not lie on a line: "
         f"`stiffness: {k:g}` [N/m] of mesh.supports keeps its rigid motions at a tenth of its first elastic mode, {first:.3g} Hz"
     )
+
+
+def _squared_wave_speeds(mesh: Mesh) -> list[float]:
+    """E/ρ [m²/s²] of every material that has mass, of an orthotropic one the smaller."""
+    used = [mesh.material_of(region) for region in mesh.regions]
+    plies = [ply for region in mesh.regions for ply in mesh.ply_materials(region)]
+    stiff = [(own.youngs_modulus, own.density) for own in (*used, *plies) if isinstance(own, Material)]
+    stiff += [(min(own.e1, own.e2), own.density) for own in plies if isinstance(own, Lamina)]
+    return [E / density for E, density in stiff if density > 0]
 
 
 def restricted(operator: AffineOperator, T: sparse.csr_array) -> AffineOperator:

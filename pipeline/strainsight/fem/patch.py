@@ -74,7 +74,8 @@ def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: in
 
 
 def held_components(mesh: Mesh) -> np.ndarray:
-    """Which translations (n, 3) of the nodes are given from elsewhere: supports, and what rigid and averaging elements prescribe.
+    """Which translations (n, 3) of the nodes are given from elsewhere: supports, and what rigid and averaging elements and
+    relations prescribe.
 
     A node with axes of its own counts as held whole.
     """
@@ -91,16 +92,22 @@ def held_components(mesh: Mesh) -> np.ndarray:
         else:
             own = averaging.dependent[averaging.dependent[:, 1] < 3]
             held[own[:, 0], own[:, 1]] = True
+    for node, component in (relation.follower for relation in mesh.relations):
+        held[node, component % 3] |= component < 3
     for node in mesh.axes:
         held[node] = held[node].any()
     return held
 
 
 def forced_nodes(mesh: Mesh) -> np.ndarray:
-    """Nodes (n,) bool on which ties, springs and point masses put forces that are concentrated there."""
+    """Nodes (n,) bool on which ties, springs, point masses, shells and beams put forces that are concentrated there."""
     found = np.zeros(len(mesh.position), dtype=bool)
+    for nodes in (block.nodes for block in mesh.thin):
+        found[nodes] = True
     for averaging in mesh.averaging:
         found[averaging.nodes] = True
+    for relation in mesh.relations:
+        found[relation.node] = True
     for own in mesh.springs:
         found[own.node] = True
     for node in (*(rigid.reference for rigid in mesh.rigid), *(point.node for point in mesh.point_masses)):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.errors import DeckError
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import CellBlock, Mesh
@@ -34,6 +36,21 @@ def element_quality(mesh: Mesh) -> tuple[Quality, ...]:
     Source: Knupp et al., The Verdict geometric quality library, SAND2007-1751 (2006).
     """
     return tuple(Quality(block.kind, block.ids, *_chunked(mesh, block)) for block in mesh.blocks)
+
+
+def check_inverted(quality: Sequence[Quality]) -> None:
+    """Raise DeckError, with how many there are in the whole mesh, where elements have |J| ≤ 0 at points of their stiffness."""
+    found = {own.kind: own.ids[own.curvature <= 0] for own in quality if (own.curvature <= 0).any()}
+    if not found:
+        return
+    ids = np.concatenate([*found.values()])
+    kinds = " and ".join(f"{len(own)} {kind}" for kind, own in found.items())
+    names = ", ".join(str(number) for number in ids[:5]) + (", …" if len(ids) > 5 else "")
+    raise DeckError(
+        f"of {sum(len(own.ids) for own in quality)} solid elements {kinds} are flat or inverted: {names}",
+        remedy="check the order of their nodes and how far their mid-side nodes are off the middle",
+        entity=("element", int(ids[0])),
+    )
 
 
 def _chunked(mesh: Mesh, block: CellBlock) -> tuple[np.ndarray, np.ndarray]:

@@ -129,7 +129,7 @@ def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> ReadyModel:
 
 def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:
     """Index of the node of every row."""
-    order = np.argsort(mesh.node_ids)
+    order = np.argsort(mesh.node_ids, kind="stable")
     at = np.minimum(np.searchsorted(mesh.node_ids, ready.node_ids, sorter=order), len(order) - 1)
     nodes = order[at]
     missing = np.flatnonzero(mesh.node_ids[nodes] != ready.node_ids)
@@ -169,6 +169,7 @@ def _for_constraints(mesh: Mesh, nodes: np.ndarray, components: np.ndarray, stif
         return mesh
     ties = [(e.reference, e.nodes) for e in mesh.rigid] + [(e.reference, e.nodes) for e in mesh.averaging]
     led = {node for reference, nodes_of_it in ties for node in (reference, *np.asarray(nodes_of_it).tolist())}
+    led |= {int(node) for relation in mesh.relations for node in relation.node}
     taken = {(int(node), int(component)) for node, component in mesh.fixed}
     own = np.isin(nodes, [node for node in mesh.axes if node not in led])
     has = {(int(n), int(c)) for n, c in zip(nodes[own & stiff], components[own & stiff], strict=True)}

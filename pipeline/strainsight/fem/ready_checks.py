@@ -59,6 +59,9 @@ def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
                 still[e.nodes, component] = False
     for a in mesh.averaging:
         still[a.reference] = False
+    for node, component in (relation.follower for relation in mesh.relations):
+        if component < 3:
+            still[node, component] = False
     if not still.any():
         return []
     named = mesh.node_ids[still.any(axis=1)]
@@ -76,6 +79,7 @@ def lost_mass(
     lost = rows_used(mass) & (np.diff(B.indptr) == 0)
     lost &= ~np.isin(6 * nodes + components, mesh.fixed.reshape(-1, 2) @ np.array([6, 1]))
     lost &= ~np.isin(nodes, [int(node) for e in mesh.rigid for node in e.nodes])
+    lost &= ~np.isin(6 * nodes + components, [6 * node + c for node, c in (own.follower for own in mesh.relations)])
     if not lost.any():
         return []
     row = int(np.argmax(lost))

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.fem.element_matrices import bubble_gradients, gradients, jacobians
+from strainsight.fem.outer_plies import OuterPlies, outer_plies
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind
@@ -23,24 +24,31 @@ CHUNK = 2048
 
 @dataclass(frozen=True)
 class StrainRows:
-    """matrix CSR (6p, 3n): row 6·point + component for displacements of the nodes, column 3·node + component; region (p,) ids."""
+    """matrix CSR (6p, 3n): row 6·point + component for displacements of the nodes, column 3·node + component; region (p,) ids;
+    plies: those at the points on laminates, None without one."""
 
     matrix: sparse.csr_array
     region: np.ndarray
+    plies: OuterPlies | None = None
 
 
 def facet_strain(mesh: Mesh, facets: Facets) -> StrainRows:
-    """Strain at the centre of every facet, of the solid it belongs to:  ε = Σ_a sym(z_a ⊗ g_a),  g_a = J⁻ᵀ ∂N_a/∂ξ.
+    """Strain at the centre of every facet, of the solid it belongs to:  ε = Σ_a sym(z_a ⊗ g_a),  g_a = J⁻ᵀ ∂N_a/∂ξ,
+    and on a face of a shell or a side of a beam that along it, with what plane stress has across:
 
+        ε = Σ_a sym(P z_a ⊗ g_a) − ν/(1 − ν) (Σ_a g_a·z_a) n nᵀ,     P = I − n nᵀ,   g_a along the face
+
+    On a face of a laminate that across is of the ply at the face, see `OuterPlies`.
     Incompatible modes of a kind count too, at the amplitudes to which the assembly condenses them (α = −K_aa⁻¹K_au z) and
     with their own gradients −2ξᵢ J⁻ᵀeᵢ. At a facet's centre these are along its normal: they add to the strain across the
     facet, and nothing to that along it, which is the gauges'.
     facets (f) of this mesh. Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
     """
-    return StrainRows(_rows(mesh, facets), facets.region)
+    plies = outer_plies(mesh, facets)
+    return StrainRows(_rows(mesh, facets, plies), facets.region, plies)
 
 
-def _rows(mesh: Mesh, facets: Facets) -> sparse.csr_array:
+def _rows(mesh: Mesh, facets: Facets, plies: OuterPlies | None) -> sparse.csr_array:
     """Rows at the centre of every facet, in their order."""
     value, row, column = [], [], []
     for block, local, which, element in _groups(mesh, facets):
@@ -54,11 +62,45 @@ def _rows(mesh: Mesh, facets: Facets) -> sparse.csr_array:
         value.append(B[there])
         row.append(np.broadcast_to(rows, B.shape)[there])
         column.append(np.broadcast_to(columns, B.shape)[there])
+    for which, nodes, B in _of_shells(mesh, facets, plies):
+        rows = 6 * which[:, None, None, None] + np.arange(6)[:, None, None]
+        columns = 3 * nodes[:, None, :, None] + np.arange(3)
+        value.append(B.ravel())
+        row.append(np.broadcast_to(rows, B.shape).ravel())
+        column.append(np.broadcast_to(columns, B.shape).ravel())
     shape_ = (6 * len(facets.kind), 3 * len(mesh.position))
     if not value:
         return sparse.csr_array(shape_)
     entries = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
     return sparse.csr_array(sparse.coo_array(entries, shape=shape_))
+
+
+def _of_shells(
+    mesh: Mesh, facets: Facets, plies: OuterPlies | None
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """(which facets (m,), their nodes (m, k), B (m, 6, k, 3)) of the faces of shells and the sides of beams."""
+    own = np.flatnonzero(facets.of(mesh.thin))
+    for code in np.unique(facets.kind[own]):
+        kind, which = FACETS[code], own[facets.kind[own] == code]
+        nodes = facets.nodes[which, : len(kind.nodes)]
+        slope = kind.gradient(kind.centre[None])[0]
+        J = np.einsum("ka,mkc->mca", slope, mesh.position[nodes])
+        g = np.einsum("ka,mac->mkc", slope, np.linalg.pinv(J))
+        n = np.cross(J[:, :, 0], J[:, :, 1])
+        n /= np.linalg.norm(n, axis=1)[:, None]
+        along = np.eye(3) - n[:, :, None] * n[:, None]
+        # ε_nn = −contraction : ε
+        material = [mesh.material_of(int(region)) for region in facets.region[which]]
+        ratio = np.array([0.0 if own is None else own.poisson_ratio / (1 - own.poisson_ratio) for own in material])
+        contraction = ratio[:, None, None] * along
+        if plies is not None:
+            _, mine, of = np.intersect1d(which, plies.facet, return_indices=True)
+            contraction[mine] = plies.contraction[of]
+        # ε_ij of component c of the displacement of node a
+        half = 0.5 * np.einsum("mai,mjc->maijc", g, along)
+        strain = half + half.swapaxes(2, 3) - np.einsum("mi,mj,mac->maijc", n, n, np.matmul(g, contraction))
+        parts = [strain[:, :, i, i] for i in range(3)] + [2 * strain[:, :, i, j] for i, j in SHEARS]
+        yield which, nodes, np.stack(parts, axis=1)
 
 
 def _groups(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int, ...], np.ndarray, np.ndarray]]:

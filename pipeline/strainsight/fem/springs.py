@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy import sparse
 
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.mesh.additions import spring_names
 from strainsight.mesh.model import Mesh
 
 
@@ -44,10 +46,44 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
     return R, np.concatenate(stiffness)
 
 
-def spring_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
-    """K = Rᵀ diag(k) R on z (3n + 3r)² [N/m, N, N m]. Raises the error of `spring_rows`."""
+def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Name of a spring → the parameter that its stiffness belongs to; springs: the names of each parameter.
+
+    Raises UserError for springs that are not there, have no stiffness, or have two parameters.
+    """
+    owner: dict[str, str] = {}
+    for parameter, wanted in springs.items():
+        names = spring_names(mesh, wanted)
+        if names and not any(own.stiffness.any() for own in mesh.springs if own.name in names):
+            raise UserError(
+                f"the springs of parameter {parameter} have no stiffness", remedy="give them one, or name others"
+            )
+        for name in names:
+            if (other := owner.setdefault(name, parameter)) != parameter:
+                raise UserError(
+                    f"parameters {other} and {parameter} are both the stiffness of the spring {name}",
+                    remedy="keep one of them",
+                )
+    return owner
+
+
+def spring_operator(
+    mesh: Mesh, rotation_rows: Mapping[int, int], parameters: Sequence[Parameter] = ()
+) -> AffineOperator:
+    """K(θ) = Rᵀ diag(k₀) R + Σ θᵢ Rᵀ diag(kᵢ) R on z (3n + 3r)² [N/m, N, N m]: kᵢ is k of the springs that parameter i names
+    and zero of all others, k₀ of those that none names.
+
+    Raises the errors of `spring_rows` and `spring_owners`.
+    """
     R, k = spring_rows(mesh, rotation_rows)
-    return sparse.csr_array(R.T @ (sparse.diags_array(k) @ R))
+    factors = {own.name: own.springs for own in parameters if own.springs}
+    owner = spring_owners(mesh, factors)
+    of = np.repeat([owner.get(own.name, "") for own in mesh.springs], [len(own.stiffness) for own in mesh.springs])
+
+    def part(parameter: str) -> sparse.csr_array:
+        return sparse.csr_array(R.T @ (sparse.diags_array(np.where(of == parameter, k, 0.0)) @ R))
+
+    return AffineOperator(part(""), {name: part(name) for name in factors})
 
 
 def sprung_translations(mesh: Mesh) -> np.ndarray:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.affine import AffineOperator, Parameter, of_stiffness
+from strainsight.fem.outer_plies import OuterPlies
 from strainsight.fem.recovery import SHEARS, StrainRows, isotropic, lame
 from strainsight.mesh.model import Mesh
 
@@ -19,12 +20,25 @@ CHUNK = 2048
 @dataclass(frozen=True)
 class SurfaceModel:
     """ε = B q and σ = E(θ) C(ν) ε of p points: strain B (p, 6, r), shears γ; lam and mu (p,) Lamé's constants of unit
-    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli."""
+    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and factors of the stiffness. On a face of a laminate C is that of
+    the ply there [Pa], and E its factor [-]: plies that plies.facet names."""
 
     strain: np.ndarray
     lam: np.ndarray
     mu: np.ndarray
     modulus: AffineOperator
+    plies: OuterPlies | None = None
+
+    def unit_stress(self, strain: np.ndarray, start: int = 0, factor: np.ndarray | float = 1.0) -> np.ndarray:
+        """factor × C ε (k, 6, w) of strain (k, 6, w), shears γ, at the points from `start` on; factor (k,) or one."""
+        here = slice(start, start + len(strain))
+        column = np.broadcast_to(factor, len(strain))[:, None]
+        stress = isotropic(strain, column * self.lam[here, None], column * self.mu[here, None])
+        if self.plies is not None:
+            own = np.flatnonzero((self.plies.facet >= start) & (self.plies.facet < start + len(strain)))
+            at = self.plies.facet[own] - start
+            stress[at] = column[at, :, None] * (self.plies.stiffness[own] @ strain[at])
+        return stress
 
 
 @dataclass(frozen=True)
@@ -46,25 +60,26 @@ def surface_model(
 ) -> SurfaceModel:
     """The rows on a displacement field per coordinate, field (3n, r), with the materials of their regions.
 
-    parameters: those that are a Young's modulus stay free in their regions. Raises DeckError where a region has no
+    parameters: those of the stiffness stay free in their regions. Raises DeckError where a region has no
     material.
     """
     numbers, where = np.unique(rows.region, return_inverse=True)
     for number in numbers:
-        if int(number) not in mesh.regions or mesh.regions[int(number)].material not in mesh.materials:
+        if int(number) not in mesh.regions or mesh.density_of(int(number)) is None:
             raise DeckError(
                 f"region {number} has no material", remedy="stresses need one: state it under mesh.materials"
             )
-    materials = [mesh.materials[mesh.regions[int(number)].material] for number in numbers]
-    lam, mu = lame(np.array([material.poisson_ratio for material in materials])[where])
-    E = np.array([material.youngs_modulus for material in materials])[where]
+    materials = [mesh.material_of(int(number)) for number in numbers]
+    lam, mu = lame(np.array([0.0 if own is None else own.poisson_ratio for own in materials])[where])
+    E = np.array([1.0 if own is None else own.youngs_modulus for own in materials])[where]
     terms = {}
     for p in parameters:
-        if p.property == "youngs_modulus":
+        if of_stiffness(p.property):
             own = np.isin(rows.region, p.regions)
-            terms[p.name], E = own.astype(float), np.where(own, 0.0, E)
+            terms[p.name] = own * (E if p.property == "stiffness_factor" else 1.0)
+            E = np.where(own, 0.0, E)
     strain = rows.matrix @ np.asarray(field).reshape(3 * len(mesh.position), -1)
-    return SurfaceModel(strain.reshape(len(E), 6, -1), lam, mu, AffineOperator(E, terms))
+    return SurfaceModel(strain.reshape(len(E), 6, -1), lam, mu, AffineOperator(E, terms), rows.plies)
 
 
 def surface_state(
@@ -86,7 +101,7 @@ def surface_state(
         raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")
     strain = (model.strain.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))
-    unit = isotropic(strain[..., None], model.lam[:, None], model.mu[:, None])[..., 0]
+    unit = model.unit_stress(strain[..., None])[..., 0]
     stress = E[:, None] * unit
     mises = von_mises(stress)
     state = SurfaceState(strain, stress, mises, principal(stress))
@@ -99,8 +114,7 @@ def surface_state(
         here = slice(start, start + CHUNK)
         spread = (model.strain[here].reshape(-1, r) @ root[:r]).reshape(-1, 6, root.shape[1])
         strain_std[here] = _length(spread)
-        factor = E[here, None]
-        spread = isotropic(spread, factor * model.lam[here, None], factor * model.mu[here, None])
+        spread = model.unit_stress(spread, start, E[here])
         if slopes is not None:
             spread += unit[here, :, None] * (slopes[here] @ root[r:])[:, None, :]
         stress_std[here] = _length(spread)

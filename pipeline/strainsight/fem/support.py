@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from strainsight.errors import UserError
 from strainsight.fem.constraints import Constraint, describe_row
 from strainsight.fem.springs import spring_rows
-from strainsight.fem.ties import rigid_rows
+from strainsight.fem.ties import references, rigid_rows
 from strainsight.mesh.model import Mesh
 
 AXES = "xyz"
@@ -37,7 +37,7 @@ def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
     node with the others is a body of its own.
     Raises UserError for more than 300 parts.
     """
-    nodes = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    nodes = mesh.nodes_of_elements
     label = np.full(len(mesh.position), -1)
     label[nodes] = 0
     whole = _free_motions(mesh, constraint, label).words
@@ -53,7 +53,7 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
     They are the null vectors that `rigid_body_motions` names, on the free motions: K R = 0 at any moduli.
     Raises UserError where the supports hold all of them, and where parts move against each other.
     """
-    nodes = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    nodes = mesh.nodes_of_elements
     label = np.full(len(mesh.position), -1)
     label[nodes] = 0
     whole = _free_motions(mesh, constraint, label)
@@ -93,8 +93,8 @@ def _parts(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:
     Raises UserError for more than 300 parts.
     """
     n = len(mesh.position)
-    rows = np.concatenate([block.nodes[:, :-1].ravel() for block in mesh.blocks])
-    columns = np.concatenate([block.nodes[:, 1:].ravel() for block in mesh.blocks])
+    rows = np.concatenate([nodes[:, :-1].ravel() for nodes in mesh.connectivity])
+    columns = np.concatenate([nodes[:, 1:].ravel() for nodes in mesh.connectivity])
     graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n))
     _, component = connected_components(graph, directed=False)
     parts = np.full(n, -1)
@@ -113,10 +113,11 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> Free
     radius = np.array([np.linalg.norm(mesh.position[label == b] - centre[b], axis=1).max() for b in range(bodies)])
     nodes = np.flatnonzero(label >= 0)
     # along the axes of each node, in which its components are held and follow
-    R = constraint.along_own_axes(_motions(mesh, nodes, label[nodes], centre, radius, constraint.transform.shape[0]))
+    R = constraint.along_own_axes(_motions(mesh, constraint, nodes, label, centre, radius))
     T, free = constraint.along_own_axes(constraint.transform), constraint.free_rows
     supported = np.zeros(T.shape[0], dtype=bool)
     supported[(3 * nodes[:, None] + np.arange(3)).ravel()] = True
+    supported[constraint.rotations(mesh.turning)] = True
     held = supported.copy()
     held[free] = False
     held_rows = np.flatnonzero(held)
@@ -132,18 +133,25 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> Free
         B = sparse.vstack(
             [B, sparse.hstack([stretched[:, np.flatnonzero(inside)] @ R[free[inside]], outside])], format="csr"
         )
-    null = _null_space(B)
+    null = _that_move(_null_space(B), R)
     words: list[str] = []
     for b in range(bodies):
         words += _named(null[6 * b : 6 * b + 6], centre[b], radius[b], "" if bodies == 1 else _near(mesh, label, b))
     if null.shape[1] and not words:
         column = null[6 * bodies :]
         rows = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
-        words = [describe_row(mesh, constraint, int(row)) + " of a rigid element" for row in rows]
+        words = [describe_row(mesh, constraint, int(row)) + _of_tie(mesh, constraint, int(row)) for row in rows]
     vectors = np.empty((len(free), null.shape[1]))
     vectors[inside] = R[free[inside]] @ null[: 6 * bodies]
     vectors[~inside] = null[6 * bodies :] / size[:, None]
     return FreeMotions(tuple(words), vectors)
+
+
+def _of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
+    """Which kind of tie a motion outside of the elements belongs to."""
+    leads = references(mesh)
+    owner = {at + k: node for node, at in constraint.reference_rows.items() for k in range(3)}
+    return " of a rigid element" if owner.get(row, row // 3) in leads else " of a relation"
 
 
 def _stretched(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:
@@ -156,15 +164,20 @@ def _stretched(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:
 
 
 def _motions(
-    mesh: Mesh, nodes: np.ndarray, label: np.ndarray, centre: np.ndarray, radius: np.ndarray, size: int
+    mesh: Mesh, constraint: Constraint, nodes: np.ndarray, label: np.ndarray, centre: np.ndarray, radius: np.ndarray
 ) -> sparse.csr_array:
-    """R (size, 6b): six motions of each body about its centre, rotations divided by its radius, on all rows of z."""
-    blocks = rigid_rows(mesh.position[nodes] - centre[label])
-    blocks[:, :, 3:] /= radius[label][:, None, None]
+    """R (3n + 3r, 6b): six motions of each body about its centre, rotations divided by its radius, on the rows of z of its
+    nodes; label (n,): the body of each node."""
+    body, turning = label[nodes], mesh.turning
+    blocks = rigid_rows(mesh.position[nodes] - centre[body])
+    blocks[:, :, 3:] /= radius[body][:, None, None]
     rows = np.broadcast_to((3 * nodes[:, None] + np.arange(3))[:, :, None], blocks.shape)
-    columns = np.broadcast_to(6 * label[:, None, None] + np.arange(6), blocks.shape)
-    shape = (size, 6 * len(centre))
-    return sparse.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+    columns = np.broadcast_to(6 * body[:, None, None] + np.arange(6), blocks.shape)
+    turned = constraint.rotations(turning).ravel()
+    about = (6 * label[turning][:, None] + np.arange(3, 6)).ravel()
+    values = np.concatenate([blocks.ravel(), np.repeat(1 / radius[label[turning]], 3)])
+    places = np.concatenate([rows.ravel(), turned]), np.concatenate([columns.ravel(), about])
+    return sparse.csr_array((values, places), shape=(constraint.transform.shape[0], 6 * len(centre)))
 
 
 def _null_space(B: sparse.csr_array) -> np.ndarray:
@@ -176,6 +189,15 @@ def _null_space(B: sparse.csr_array) -> np.ndarray:
     # the columns are scaled to unit motion, so that a support has strength of the order of one whatever the units
     rank = int(np.count_nonzero(strength > TOLERANCE))
     return Vt[rank:].T
+
+
+def _that_move(null: np.ndarray, R: sparse.csr_array) -> np.ndarray:
+    """Null vectors (columns, k) without those that move nothing, as the turn of rods in a line about it."""
+    if not null.size:
+        return null
+    rigid = R.shape[1]
+    _, strength, Vt = np.linalg.svd(np.vstack([R @ null[:rigid], null[rigid:]]), full_matrices=False)
+    return np.asarray(null @ Vt[strength > TOLERANCE * max(1.0, strength.max(initial=0.0))].T)
 
 
 def _named(null: np.ndarray, centre: np.ndarray, radius: float, where: str) -> list[str]:

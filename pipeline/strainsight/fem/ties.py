@@ -1,117 +1,19 @@
-"""Rigid and averaging elements as equations: motions that follow others, in the components of each node."""
+"""Rigid and averaging elements and relations as equations: motions that follow others, in the components of each node."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
 
 import numpy as np
-from scipy import sparse
 
 from strainsight.errors import DeckError
+from strainsight.fem.equations import ROUNDING, Equations, Rows
+from strainsight.fem.relations import add_relations, relation_terms
 from strainsight.mesh.model import AveragingElement, Mesh, RigidElement
 
 MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
 HELD = 1e-10
 """Least over largest strength with which the nodes of an averaging element, or its dependent motions, hold a motion."""
-ROUNDING = 1e-13
-
-Tie = RigidElement | AveragingElement
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Where motions stand in z': 3·node + component, then three rotations of each node that has them.
-
-    nodes n; first: node → row of its first rotation; axes: node → (3, 3) axes of its components, one in a column, the
-    basic ones where it has none.
-    """
-
-    nodes: int
-    first: Mapping[int, int]
-    axes: Mapping[int, np.ndarray]
-
-    @property
-    def size(self) -> int:
-        """3n + 3r."""
-        return 3 * self.nodes + 3 * len(self.first)
-
-    def of(self, nodes: np.ndarray, components: np.ndarray | int) -> np.ndarray:
-        """Rows of components 0-5 of nodes (k,); −1 for a rotation of a node that has none."""
-        nodes, components = np.broadcast_arrays(np.asarray(nodes, dtype=np.int64), components)
-        rows = 3 * nodes + components
-        turning = components > 2
-        rows[turning] = [
-            self.first[node] + c - 3 if node in self.first else -1
-            for node, c in zip(nodes[turning].tolist(), components[turning].tolist(), strict=True)
-        ]
-        return rows
-
-    def translations(self, nodes: np.ndarray | list[int]) -> np.ndarray:
-        """Rows (3k,) of the translations of nodes (k,)."""
-        return (3 * np.asarray(nodes, dtype=np.int64)[:, None] + np.arange(3)).ravel()
-
-    def axes_of(self, nodes: np.ndarray) -> np.ndarray:
-        """Axes (k, 3, 3) of nodes (k,)."""
-        axes = np.tile(np.eye(3), (len(nodes), 1, 1))
-        if self.axes:
-            for i, node in enumerate(np.asarray(nodes).tolist()):
-                axes[i] = self.axes.get(node, axes[i])
-        return axes
-
-    def turn(self) -> sparse.csr_array | None:
-        """Q (size, size) of z = Q z', the axes of every node on its diagonal; None where all are basic."""
-        if not self.axes:
-            return None
-        starts = [
-            (row, axes) for node, axes in self.axes.items() for row in (3 * node, self.first.get(node, -1)) if row >= 0
-        ]
-        first = np.array([row for row, _ in starts])
-        plain = np.ones(self.size, dtype=bool)
-        plain[(first[:, None] + np.arange(3)).ravel()] = False
-        same = np.flatnonzero(plain)
-        rows = np.concatenate([same, (first[:, None, None] + np.arange(3)[:, None] + np.zeros(3, int)).ravel()])
-        columns = np.concatenate([same, (first[:, None, None] + np.arange(3) + np.zeros((3, 1), int)).ravel()])
-        values = np.concatenate([np.ones(len(same)), np.array([axes for _, axes in starts]).ravel()])
-        return sparse.csr_array((values, (rows, columns)), shape=(self.size, self.size))
-
-
-@dataclass
-class Equations:
-    """z'[row] = Σ value z'[column] for the dependent rows; by: row → the element that says so."""
-
-    size: int
-    rows: list[np.ndarray] = field(default_factory=list)
-    columns: list[np.ndarray] = field(default_factory=list)
-    values: list[np.ndarray] = field(default_factory=list)
-    by: dict[int, Tie] = field(default_factory=dict)
-
-    def add(
-        self, mesh: Mesh, e: Tie, nodes: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray
-    ) -> None:
-        """Let rows (m,), motions of nodes (m,), follow columns (c,) by values (m, c).
-
-        Raises DeckError for a row that follows already.
-        """
-        for row, node in zip(rows.tolist(), nodes.tolist(), strict=True):
-            if row in self.by:
-                raise DeckError(
-                    f"node {mesh.node_ids[node]} is dependent in {self.by[row]} and in {e}",
-                    remedy="let it follow one of them only",
-                    entity=("tie", e.id),
-                )
-            self.by[row] = e
-        i, j = np.nonzero(values)
-        self.rows.append(rows[i])
-        self.columns.append(columns[j])
-        self.values.append(values[i, j])
-
-    def matrix(self) -> sparse.csr_array:
-        """D (size, size) of z' = D z' on the dependent rows."""
-        if not self.by:
-            return sparse.csr_array((self.size, self.size))
-        places = np.concatenate(self.rows), np.concatenate(self.columns)
-        return sparse.csr_array((np.concatenate(self.values), places), shape=(self.size, self.size))
 
 
 def references(mesh: Mesh) -> set[int]:
@@ -119,9 +21,17 @@ def references(mesh: Mesh) -> set[int]:
     return {e.reference for e in mesh.rigid} | {e.reference for e in mesh.averaging}
 
 
+def turned_by_name(mesh: Mesh) -> set[int]:
+    """Nodes (indices) whose rotations a relation or the mean of an averaging element holds."""
+    _, node, component, value = relation_terms(mesh)
+    of_relations = np.unique(node[(component > 2) & (value != 0)])
+    return {int(node) for nodes in (of_relations, *(e.turned for e in mesh.averaging)) for node in nodes}
+
+
 def rotation_rows(mesh: Mesh, rotations: Sequence[int] | np.ndarray = ()) -> dict[int, int]:
-    """Node → row of z of its first rotation, for reference nodes and the nodes `rotations`: behind the 3n translations."""
-    nodes = sorted(references(mesh).union(int(node) for node in rotations))
+    """Node → row of z of its first rotation, behind the 3n translations: for reference nodes, those whose rotations are in a
+    relation or a mean, and the nodes `rotations`."""
+    nodes = sorted((references(mesh) | turned_by_name(mesh)).union(int(node) for node in rotations))
     return {node: 3 * len(mesh.position) + 3 * i for i, node in enumerate(nodes)}
 
 
@@ -134,26 +44,31 @@ def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
         named.update((rigid.reference, *np.asarray(rigid.nodes).tolist()))
     for e in mesh.averaging:
         named.add(e.reference)
-        if e.directions is not None or e.dependent is not None:
+        if e.directions is not None or e.rotations is not None or e.dependent is not None:
             named.update(np.asarray(e.nodes).tolist())
+    named.update(relation_terms(mesh)[1].tolist())
     return {node: np.asarray(axes, dtype=float) for node, axes in mesh.axes.items() if node in named}
 
 
 def equations(mesh: Mesh, rows: Rows) -> Equations:
-    """What the rigid and averaging elements of a mesh say, with Q_i the axes of node i:
+    """What the rigid and averaging elements and the relations of a mesh say, with Q_i the axes of node i:
 
         rigid       Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r           in the stated components of u'_i, θ'_i
         averaging   (u_r, θ_r) = (Σ w_i R_iᵀR_i)⁻¹ Σ w_i R_iᵀ u'_i,   R_i = Q_iᵀ[I, −(x_i − x_r)×], of the directions that count
+        relation    z'_1 = −Σ_{k>1} c_k z'_k / c_1
 
-    An averaging element that states dependent motions is solved for those. Raises DeckError, naming element and nodes, for a
-    motion that two elements prescribe, for an averaging element whose nodes do not hold its reference, and for dependent
-    motions that cannot be solved for.
+    Rotations θ'_i that count in a mean have R_i = Q_iᵀ[0, I] and the weight w_i L², L the mean |x_i − x_r|, 1 m where that is
+    zero (RBE3 of Nastran, as `formrbe3` of pyyeti has it). An averaging element that states dependent motions is solved for
+    those. Raises DeckError, naming element and nodes, for a motion that two elements prescribe, for an averaging element whose
+    nodes do not hold its reference, for dependent motions that cannot be solved for, and a relation whose first term is zero.
     """
     found = Equations(rows.size)
     for rigid in mesh.rigid:
         _add_rigid(mesh, rigid, rows, found)
     for averaging in mesh.averaging:
         _add_averaging(mesh, averaging, rows, found)
+    if mesh.relations:
+        add_relations(mesh, rows, found)
     return found
 
 
@@ -206,13 +121,13 @@ def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> Non
 def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations) -> None:
     wanted = sorted(set(e.components))
     mean, length = _mean_motion(mesh, e, rows, wanted)
-    nodes = np.asarray(e.nodes, dtype=np.int64)
     own = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
+    averaged = rows.averaged(e)
     if e.dependent is None:
-        found.add(mesh, e, np.full(len(wanted), e.reference), own, rows.translations(nodes), mean)
+        found.add(mesh, e, np.full(len(wanted), e.reference), own, averaged, mean)
         return
     # C z' = 0 on the reference's and the nodes' motions, rotations times a length so that all entries compare
-    columns, place = np.unique(np.concatenate([own, rows.translations(nodes)]), return_inverse=True)
+    columns, place = np.unique(np.concatenate([own, averaged]), return_inverse=True)
     C = np.zeros((len(wanted), len(columns)))
     np.add.at(C.T, place, np.hstack([np.eye(len(wanted)), -mean]).T)
     scale = np.where(np.array(wanted) > 2, length, 1.0)
@@ -237,7 +152,7 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations
 
 
 def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection[int]) -> tuple[np.ndarray, float]:
-    """Wanted motions of the reference as means of the translations of the nodes (c, 3k), and the length of the arms [m]."""
+    """Wanted motions of the reference as means of the `Rows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(
@@ -254,6 +169,13 @@ def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection
     weight = np.repeat(w[:, None] / w.sum(), 3, axis=1)
     if e.directions is not None:
         weight = weight * e.directions
+    if e.rotations is not None:
+        turned = e.rotations.any(axis=1)
+        mean_arm = float(np.linalg.norm(arm[np.unique(nodes, return_index=True)[1]], axis=1).mean()) or 1.0
+        turn = np.zeros((np.count_nonzero(turned), 3, 6))
+        turn[:, :, 3:] = rows.axes_of(nodes[turned]).swapaxes(1, 2) / length
+        R = np.concatenate([R, turn])
+        weight = np.concatenate([weight, (mean_arm**2 * w[turned] / w.sum())[:, None] * e.rotations[turned]])
     A = np.einsum("kc,kci,kcj->ij", weight, R, R)
     strength, V = np.linalg.eigh(A)
     held = strength > HELD * strength[-1]

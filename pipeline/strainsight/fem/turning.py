@@ -1,8 +1,6 @@
-"""Nodes that turn with a reference node without being one."""
+"""Nodes that have rotations without being a reference node."""
 
 from __future__ import annotations
-
-import numpy as np
 
 from strainsight.mesh.model import Mesh
 
@@ -13,11 +11,12 @@ def followers(mesh: Mesh) -> set[int]:
 
 
 def turning_nodes(mesh: Mesh) -> list[int]:
-    """Those of them whose rotation matters: a mass or a spring resists it, or a load of the file has a moment there."""
-    found = {point.node for point in mesh.point_masses if np.any(point.offset) or np.any(point.inertia)}
+    """Nodes of shells and beams, and those that a RigidElement turns where that matters: a mass or a spring resists it, or a load
+    of the file has a moment there."""
+    found = {point.node for point in mesh.point_masses if point.turns}
     for own in mesh.springs:
         found.update(own.node[(own.component > 2) & (own.value != 0)].tolist())
     for load in mesh.loads.values():
         if load.moment is not None:
             found.update(load.nodes[load.moment.any(axis=1)].tolist())
-    return sorted(found & followers(mesh))
+    return sorted((found & followers(mesh)).union(mesh.turning.tolist()))

@@ -157,7 +157,7 @@ def rigid_motions(model: FiniteElementModel) -> np.ndarray:
     T, r = constraint.transform, rigid_field(model)
     r_free = constraint.along_own_axes(sparse.csr_array(r)).toarray()[constraint.free_rows]
     # what no element holds has no free motion, and stays behind without harm
-    used = np.unique(np.concatenate([block.nodes.ravel() for block in model.mesh.blocks]))
+    used = model.mesh.nodes_of_elements
     counts = np.diff(T.indptr) > 0
     counts[(3 * used[:, None] + np.arange(3)).ravel()] = True
     _, strength, Vt = np.linalg.svd(np.linalg.qr((T @ r_free - r)[counts], mode="r"))

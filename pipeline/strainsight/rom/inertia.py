@@ -53,8 +53,8 @@ def inertia_invariants(
     point mass at c = x_i + d adds m_p f(c) f(c)ᵀ + ∇fᵀ(½ tr(J) I − J)∇f, with f(c) and ∇f of the rigid motion of its node.
 
     model with the densities of its mesh; basis (n_free, n), columns k [m per unit of η_k]; origin (3,) [m] of the
-    floating frame, whose axes are the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`
-    and for a body without mass.
+    floating frame, whose axes are the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`,
+    for a body without mass, and for one with a mass matrix (CONM1).
     Source: Shabana, Dynamics of Multibody Systems, ch. 5; the fields are those of thesis (1.16).
     """
     mesh, n = model.mesh, basis.shape[1]
@@ -64,6 +64,13 @@ def inertia_invariants(
     F = np.hstack([np.ones((len(x), 1)), x, Phi])
     G = F.T @ (scalar_mass(mesh) @ F)
     for point in mesh.point_masses:
+        if point.matrix is not None:
+            raise DeckError(
+                f"point mass {point.id} on node {mesh.node_ids[point.node]} is another mass along another axis, which no body "
+                "that moves freely has",
+                remedy="give it as a mass with offset and inertia (CONM2)",
+                entity=("node", int(mesh.node_ids[point.node])),
+            )
         row = model.constraint.reference_rows.get(point.node)
         G += _of_point(point, F[point.node], None if row is None else z[row : row + 3])
     if not G[0, 0] > 0:

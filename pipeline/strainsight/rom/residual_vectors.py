@@ -24,7 +24,7 @@ def rigid_field(model: FiniteElementModel) -> np.ndarray:
     about the middle of the elements' nodes, rotations divided by its radius, so that all six are of one size.
     """
     constraint, x = model.constraint, model.mesh.position
-    used = np.unique(np.concatenate([block.nodes.ravel() for block in model.mesh.blocks]))
+    used = model.mesh.nodes_of_elements
     arm = x - x[used].mean(axis=0)
     r = np.zeros((constraint.transform.shape[0], 6))
     r[: 3 * len(x)] = rigid_rows(arm).reshape(-1, 6)

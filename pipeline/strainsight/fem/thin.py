@@ -1,0 +1,163 @@
+"""Stiffness and mass of shells and beams on the translations and rotations of their nodes, affine in moduli and densities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.assembly import density_of, regions_of, targets
+from strainsight.fem.beam_matrices import beam_masses, beam_stiffnesses, properties_of, rod_masses, rod_stiffnesses
+from strainsight.fem.shell_sections import resistance_of, shell_weight
+from strainsight.fem.shells import shell_masses, shell_stiffnesses
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock
+
+CHUNK = 2048
+
+Block = TypeVar("Block", ShellBlock, BeamBlock)
+
+
+def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOperator, AffineOperator]:
+    """Stiffness and consistent mass of shells and beams on six motions of each of their m nodes (6m, 6m), see `motions`:
+
+        K(θ) = Σ_regions E_r K_r(ν_r, section),     M(θ) = Σ_regions ρ_r M_r(section) + M_nonstructural
+
+    The terms of a parameter have unit modulus, factor or density; E_r is 1 of a laminate, whose K_r has the moduli of its
+    plies, and ρ_r its mean density.
+    Raises DeckError for an element that is degenerate, UserError for parameters that overlap or name no region.
+    """
+    moduli, densities = targets(mesh, parameters, "stiffness"), targets(mesh, parameters, "mass")
+    K = {name: own for name, regions in moduli.items() if (own := _sum(mesh, _stiffnesses(mesh, regions))).nnz}
+    M = {name: own for name, regions in densities.items() if (own := _sum(mesh, _masses(mesh, regions, False))).nnz}
+    nothing = sparse.csr_array((6 * len(mesh.thin_nodes),) * 2)
+    K0, M0 = K.pop("", nothing), M.pop("", nothing)
+    beside = {number: 0.0 for number, own in mesh.sections.items() if _has_nonstructural(own)}
+    return AffineOperator(K0, K), AffineOperator(M0 + _sum(mesh, _masses(mesh, beside, True)), M)
+
+
+def motions(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
+    """P (6m, 3n + 3r): three translations and three rotations of each node of shells and beams out of z, rotations of node i from
+    row rotation_rows[i]. A node without rotations keeps those rows empty: what would resist them, as the torsion of rods
+    between solids, is left out."""
+    nodes = mesh.thin_nodes
+    first = np.array([rotation_rows.get(node, -1) for node in nodes.tolist()], dtype=np.int64)
+    columns = np.concatenate([3 * nodes[:, None] + np.arange(3), first[:, None] + np.arange(3)], axis=1).ravel()
+    there = np.flatnonzero(np.repeat(np.stack([first >= -1, first >= 0], axis=1), 3))
+    shape = (6 * len(nodes), 3 * len(mesh.position) + 3 * len(rotation_rows))
+    return sparse.csr_array((np.ones(len(there)), (there, columns[there])), shape=shape)
+
+
+def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.csr_array, list[int]]:
+    """M (6m, 6m) of the shells and beams as they are, of these elements (ids) or all, and the regions that it is of."""
+    own = mesh
+    if elements is not None:
+        own = replace(
+            mesh,
+            shells=tuple(_taken(block, np.isin(block.ids, elements)) for block in mesh.shells),
+            beams=tuple(_taken(block, np.isin(block.ids, elements)) for block in mesh.beams),
+        )
+    regions = regions_of(own.thin)
+    density = {number: density_of(mesh, number) for number in regions}
+    return _sum(mesh, _masses(own, density, True)), regions
+
+
+def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Nodes (e, k) and factor × stiffness (e, 6k, 6k) of the elements in these regions, some at a time."""
+    for part in _parts(mesh, regions):
+        x = mesh.position[part.nodes]
+        factor = np.array([regions[int(number)] for number in part.region])[:, None, None]
+        if isinstance(part, ShellBlock):
+            of = resistance_of(mesh, part)
+            own = shell_stiffnesses(x, of.A, of.B, of.D, of.S, part.offset, part.ids)
+        else:
+            nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in part.region])
+            properties = properties_of([_beam(mesh, int(number)) for number in part.region], nu)
+            if part.kind == "rod":
+                own = rod_stiffnesses(x, properties.area[:, 0], properties.torsion[:, 0], nu, part.ids)
+            else:
+                own = beam_stiffnesses(x, part.axes, properties, part.offset, part.released, part.ids)
+        yield part.nodes, factor * own
+
+
+def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Nodes (e, k) and mass (e, 6k, 6k) of the elements in these regions, some at a time."""
+    for part in _parts(mesh, density):
+        x = mesh.position[part.nodes]
+        rho = np.array([density[int(number)] for number in part.region])
+        if isinstance(part, ShellBlock):
+            area, rotary, height = shell_weight(mesh, part, rho, nonstructural)
+            own = shell_masses(x, area, rotary, height, part.ids)
+        else:
+            ends = [_ends(_beam(mesh, int(number))) for number in part.region]
+            area, beside = (
+                np.array([[getattr(end, name) for end in both] for both in ends]) for name in ("area", "nonstructural")
+            )
+            length = rho[:, None] * area + nonstructural * beside
+            if part.kind == "rod":
+                own = rod_masses(x, length[:, 0], part.ids)
+            else:
+                second = np.array([[end.second for end in both] for both in ends])
+                own = beam_masses(x, part.axes, length, part.offset, part.ids, rho[:, None, None, None] * second)
+        yield part.nodes, own
+
+
+def _has_nonstructural(section: Section) -> bool:
+    ends = _ends(section) if isinstance(section, BeamSection) else (section,)
+    return any(own.nonstructural for own in ends)
+
+
+def _beam(mesh: Mesh, region: int) -> BeamSection:
+    section = mesh.sections[region]
+    assert isinstance(section, BeamSection)
+    return section
+
+
+def _ends(section: BeamSection) -> tuple[BeamSection, BeamSection]:
+    return section, section.at_b or section
+
+
+def _parts(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[ShellBlock | BeamBlock]:
+    """The elements in these regions, some at a time."""
+    for shells in mesh.shells:
+        yield from _cut(shells, regions)
+    for beams in mesh.beams:
+        yield from _cut(beams, regions)
+
+
+def _cut(block: Block, regions: Mapping[int, float]) -> Iterator[Block]:
+    inside = np.flatnonzero(np.isin(block.region, list(regions)))
+    for start in range(0, len(inside), CHUNK):
+        yield _taken(block, inside[start : start + CHUNK])
+
+
+def _taken(block: Block, which: np.ndarray) -> Block:
+    """Some elements of a block."""
+    columns = {name: own for name, own in vars(block).items() if isinstance(own, np.ndarray)}
+    return replace(block, **{name: own[which] for name, own in columns.items() if len(own) == len(block.ids)})
+
+
+def _sum(mesh: Mesh, parts: Iterator[tuple[np.ndarray, np.ndarray]]) -> sparse.csr_array:
+    """Σ over elements (6m, 6m): the 6 × 6 blocks of every pair of nodes, added up."""
+    index = np.full(len(mesh.position), -1)
+    index[mesh.thin_nodes] = np.arange(len(mesh.thin_nodes))
+    m = len(mesh.thin_nodes)
+    keys, values = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 36))]
+    for nodes, X in parts:
+        e, k = nodes.shape
+        own = index[nodes]
+        keys.append((own[:, :, None] * m + own[:, None, :]).ravel())
+        values.append(X.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36))
+    pairs, place = np.unique(np.concatenate(keys), return_inverse=True)
+    onto = sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), shape=(len(pairs), len(place)))
+    blocks = (onto @ np.concatenate(values)).reshape(-1, 6, 6)
+    indptr = (
+        np.concatenate([[0], np.cumsum(np.bincount(pairs // m, minlength=m))]) if m else np.zeros(1, dtype=np.int64)
+    )
+    size: type[np.signedinteger] = np.int32 if 36 * len(pairs) < 2**31 else np.int64
+    columns = (pairs % m if m else pairs).astype(size)
+    return sparse.csr_array(sparse.bsr_array((blocks, columns, indptr.astype(size)), shape=(6 * m, 6 * m)).tocsr())

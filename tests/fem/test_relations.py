@@ -1,0 +1,223 @@
+"""Relations between motions (MPC, *EQUATION): against rigid elements, Lagrange multipliers and the statics of beams."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import spsolve
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.assembly import assemble
+from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.support import require_support, rigid_body_motions
+from strainsight.fem.ties import rotation_rows
+from strainsight.mesh.model import PointMass, Relation, RigidElement
+
+from .test_thin import BAR, E, line
+
+SIX = tuple(range(6))
+
+
+def relation(*terms, number=1):
+    """Terms (node, component, value)."""
+    node, component, value = zip(*terms, strict=True)
+    return Relation(number, np.array(node), np.array(component), np.array(value, dtype=float), f"MPC {number}")
+
+
+def with_node(mesh, at):
+    """The mesh with one node more, the last."""
+    return replace(
+        mesh, node_ids=np.append(mesh.node_ids, 900), position=np.vstack([mesh.position, np.asarray(at, dtype=float)])
+    )
+
+
+def turned(seed):
+    """Axes, one in a column."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q * np.linalg.det(q)
+
+
+def rigid_in_relations(mesh, reference, nodes, components):
+    """u_i = u + θ × (x_i − x), term by term, along the axes of both nodes: what an RBE2 says."""
+    found = []
+    for node in nodes:
+        own, lead = (mesh.axes.get(int(i), np.eye(3)) for i in (node, reference))
+        arm = mesh.position[node] - mesh.position[reference]
+        for c in components:
+            axis = own[:, c % 3]
+            if c < 3:
+                terms = [(reference, k, -axis @ lead[:, k]) for k in range(3)]
+                terms += [(reference, 3 + k, -axis @ np.cross(lead[:, k], arm)) for k in range(3)]
+            else:
+                terms = [(reference, 3 + k, -axis @ lead[:, k]) for k in range(3)]
+            found.append(relation((node, c, 2.0), *((n, k, 2 * v) for n, k, v in terms), number=len(found) + 1))
+    return tuple(found)
+
+
+@pytest.mark.parametrize("axes", [{}, {5: turned(1), 8: turned(2)}])
+@pytest.mark.parametrize("components", [(0, 1, 2), (0, 2)])
+def test_relations_that_state_a_rigid_element_give_its_matrices(box, components, axes):
+    mesh = replace(with_node(box("hex8", (1, 1, 1), clamp_root=True), [1.3, 0.6, 0.2]), axes=axes)
+    if len(components) == 3:  # or nothing carries the mass along y
+        mass = PointMass(7, 8, 3.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, 2.5]))
+        mesh = replace(mesh, point_masses=(mass,))
+    tip = np.flatnonzero(mesh.position[:8, 0] == 1)
+    rigid = build_model(replace(mesh, rigid=(RigidElement(5, 8, tip, components),)), supported=False)
+    related = build_model(replace(mesh, relations=rigid_in_relations(mesh, 8, tip, components)), supported=False)
+    assert related.size == rigid.size
+    for own, expected in ((related.stiffness, rigid.stiffness), (related.mass, rigid.mass)):
+        K = expected.constant.toarray()
+        np.testing.assert_allclose(own.constant.toarray(), K, rtol=1e-12, atol=1e-12 * np.abs(K).max())
+
+
+def test_relations_equal_lagrange_multipliers(box):
+    """Of many terms, in chains, along axes of the nodes."""
+    axes = {4: turned(3), 6: turned(4)}
+    mesh = replace(box("hex8", (2, 1, 1), clamp_root=True), axes=axes)
+    rng = np.random.default_rng(5)
+    terms = [[(4, 1), (5, 0), (6, 2), (7, 1)], [(7, 1), (11, 0), (6, 0)], [(8, 2), (4, 1), (9, 2)], [(10, 0), (10, 1)]]
+    own = tuple(
+        relation(*((n, c, v) for (n, c), v in zip(motions, rng.uniform(0.5, 2, len(motions)), strict=True)), number=i)
+        for i, motions in enumerate(terms, 1)
+    )
+    held = set(map(tuple, mesh.fixed.tolist()))
+    mesh = replace(mesh, fixed=np.array(sorted(held - {(n, c) for motions in terms for n, c in motions})), relations=own)
+    n = 3 * len(mesh.position)
+    K, f = assemble(mesh)[0].constant.toarray(), rng.standard_normal(n)
+    T = constraint_transform(mesh).transform.toarray()
+    found = T @ np.linalg.solve(T.T @ K @ T, T.T @ f)
+    C = np.zeros((len(own) + len(mesh.fixed), n))
+    for row, e in enumerate(own):
+        for node, c, value in zip(e.node, e.component, e.value, strict=True):
+            C[row, 3 * node : 3 * node + 3] += value * axes.get(node, np.eye(3))[:, c]
+    for row, (node, c) in enumerate(mesh.fixed, len(own)):
+        C[row, 3 * node : 3 * node + 3] = axes.get(node, np.eye(3))[:, c]
+    scale = np.abs(K).max()
+    saddle = np.block([[K / scale, C.T], [C, np.zeros((len(C), len(C)))]])
+    expected = np.linalg.solve(saddle, np.append(f / scale, np.zeros(len(C))))[:n]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def two_cantilevers(a, b):
+    """Clamped at both outer ends; nodes 2 and 3 at x = a are two."""
+    x = [[0, 0, 0], [a / 2, 0, 0], [a, 0, 0], [a, 0, 0], [a + b, 0, 0]]
+    mesh = line([[0, 0, 0], [a / 2, 0, 0], [a, 0, 0], [a + b / 2, 0, 0], [a + b, 0, 0]])
+    (block,) = mesh.beams
+    keep = [0, 1, 3]
+    block = replace(
+        block,
+        ids=block.ids[keep],
+        nodes=np.array([[0, 1], [1, 2], [3, 4]]),
+        region=block.region[keep],
+        axes=block.axes[keep],
+        offset=block.offset[keep],
+        released=block.released[keep],
+    )
+    fixed = np.array([(node, c) for node in (0, 4) for c in SIX])
+    return replace(mesh, position=np.array(x, dtype=float), beams=(block,), fixed=fixed)
+
+
+def deflection(mesh, node, component, force=1.0):
+    model = build_model(mesh)
+    direction = tuple(np.eye(3)[component])
+    S = force * input_shape(model, [PointLoad("P", direction, node_id=int(mesh.node_ids[node]))])[:, 0]
+    return nodal(model, spsolve(model.stiffness.constant.tocsc(), S)).reshape(-1, 3)
+
+
+def test_a_hinge_between_two_beams_deflects_as_two_cantilevers_together():
+    a, b = 0.7, 0.4
+    mesh = two_cantilevers(a, b)
+    hinge = tuple(relation((3, c, 1.0), (2, c, -1.0), number=c + 1) for c in (0, 1, 2, 3, 4))
+    u = deflection(replace(mesh, relations=hinge), 2, 1, 10.0)
+    EI = E * BAR.second[0, 0]
+    assert u[2, 1] == pytest.approx(10.0 / (3 * EI / a**3 + 3 * EI / b**3), rel=1e-9)
+    # without the hinge: clamped at both ends, P a³b³/(3 EI L³)
+    whole = (*hinge, relation((3, 5, 1.0), (2, 5, -1.0), number=6))
+    u = deflection(replace(mesh, relations=whole), 2, 1, 10.0)
+    assert u[2, 1] == pytest.approx(10.0 * a**3 * b**3 / (3 * EI * (a + b) ** 3), rel=1e-9)
+
+
+def test_a_gear_between_two_beams_turns_force_into_moment():
+    """u_y of one tip is r θ_x of the other: a force P there is a moment r P, and k = 3EI/a³ + GJ/(b r²)."""
+    a, b, r = 0.7, 0.4, 0.05
+    mesh = replace(two_cantilevers(a, b), relations=(relation((2, 1, 1.0), (3, 3, -r)),))
+    u = deflection(mesh, 2, 1, 10.0)
+    EI, GJ = E * BAR.second[0, 0], E / 2.6 * BAR.torsion
+    assert u[2, 1] == pytest.approx(10.0 / (3 * EI / a**3 + GJ / b / r**2), rel=1e-9)
+
+
+STATICALLY = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+
+
+def test_relations_to_the_ground_are_supports(box):
+    mesh = box("hex8", (1, 1, 1))
+    order = np.lexsort(mesh.position.T)  # origin, then along x, then along y
+    held = tuple(relation((order[i], c, 3.0), number=k + 1) for k, (i, c) in enumerate(STATICALLY))
+    for relations, words in ((held, ()), (held[1:], ("translation x",)), (held[:2] + held[3:], ("rotation about",))):
+        own = replace(mesh, relations=relations)
+        found = rigid_body_motions(own, constraint_transform(own))
+        assert len(found) == len(words)
+        assert all(word in motion for word, motion in zip(words, found, strict=True))
+    assert build_model(replace(mesh, relations=held)).size == 18
+
+
+def test_a_relation_that_no_rigid_motion_keeps_holds_the_motion(box):
+    """u_x of one node twice that of another: translation x is none any more, a rotation about a point at −1 of both is."""
+    mesh = box("hex8", (1, 1, 1))
+    free = rigid_body_motions(mesh, constraint_transform(mesh))
+    own = replace(mesh, relations=(relation((0, 0, 1.0), (7, 0, -2.0)),))
+    found = rigid_body_motions(own, constraint_transform(own))
+    assert (len(free), len(found)) == (6, 5)
+    assert "translation x" not in found
+    assert {"translation y", "translation z"} <= set(found)
+
+
+def test_motions_of_a_relation_that_move_nothing_are_named(box):
+    """Only the sum of two motions of a node that no element has moves the solid."""
+    mesh = with_node(box("hex8", (1, 1, 1), clamp_root=True), [2.0, 0.0, 0.0])
+    mesh = replace(mesh, relations=(relation((7, 0, 1.0), (8, 0, -1.0), (8, 4, -0.3)),))
+    with pytest.raises(UserError, match="node 900, translation x of a relation, node 900, rotation y of a relation"):
+        require_support(mesh, constraint_transform(mesh))
+
+
+@pytest.mark.parametrize(
+    ("relations", "what", "number"),
+    [
+        ([[(7, 0, 1), (6, 0, -1)], [(7, 0, 1), (5, 0, 1)]], "node 8 is dependent in MPC 1 and in MPC 2", 2),
+        ([[(0, 2, 1), (6, 0, -1)]], "node 1 is clamped in component 3 and dependent in MPC 1", 1),
+        ([[(7, 0, 1), (6, 1, -1)], [(6, 1, 1), (7, 0, 1)]], "ties follow each other in a circle through nodes 7, 8", 1),
+        ([[(7, 0, 0), (6, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
+        ([[(7, 0, 1), (6, 0, 1), (7, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
+    ],
+)
+def test_relations_that_contradict_are_refused(box, relations, what, number):
+    mesh = box("hex8", (1, 1, 1), clamp_root=True)
+    assert (mesh.position[[5, 6, 7], 0] == 1).all()
+    own = tuple(relation(*terms, number=i) for i, terms in enumerate(relations, 1))
+    with pytest.raises(DeckError, match=what) as caught:
+        constraint_transform(replace(mesh, relations=own))
+    assert caught.value.entity[0] == "relation"
+    assert caught.value.entity[1] == number or "circle" in what
+    assert caught.value.remedy
+
+
+def test_a_rigid_element_and_a_relation_may_not_both_lead(box):
+    mesh = box("hex8", (1, 1, 1), clamp_root=True)
+    mesh = replace(mesh, rigid=(RigidElement(3, 7, np.array([6]), (0, 1, 2), "RBE2 3"),))
+    with pytest.raises(DeckError, match="node 7 is dependent in RBE2 3 and in MPC 1"):
+        constraint_transform(replace(mesh, relations=(relation((6, 1, 1), (5, 1, 1)),)))
+    # as its reference the node may follow, and the chain is resolved
+    T = constraint_transform(replace(mesh, relations=(relation((7, 1, 1), (5, 1, -2)),))).transform.toarray()
+    np.testing.assert_allclose(T[3 * 7 + 1], 2 * T[3 * 5 + 1])
+
+
+def test_a_rotation_with_the_coefficient_zero_is_none(box):
+    mesh = box("hex8", (1, 1, 1), clamp_root=True)
+    mesh = replace(mesh, relations=(relation((7, 0, 1.0), (6, 4, 0.0), (6, 0, -1.0)),))
+    assert rotation_rows(mesh) == {}
+    assert build_model(mesh).size == 11
