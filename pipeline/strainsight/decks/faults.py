@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,9 @@ Where = Callable[[str, int], str]
 
 OR_CONFIG = ", or state it in the config (mesh.materials)"
 """What a deck without a material may do instead."""
+
+COLLAPSED = {"quad4": "replace collapsed quadrangles by triangles", "tri3": "remove it", "line2": "remove it"}
+"""What to do about an element with a node twice; of solids another."""
 
 
 class IdTable:
@@ -71,6 +74,19 @@ def elastic_fault(youngs_modulus: float, poisson_ratio: float) -> tuple[str, str
     return None
 
 
+def lamina_fault(moduli: Mapping[str, float], poisson_ratio: float, name: str = "NU12") -> tuple[str, str] | None:
+    """What is wrong with the constants of an orthotropic ply, and the remedy; moduli: name → value, E1 and E2 first. All are
+    positive, and ν₁₂² < E₁/E₂."""
+    for each, value in moduli.items():
+        if not value > 0:
+            return f"{each} is {value:g}, not positive", "give a positive modulus"
+    e1, e2 = list(moduli.values())[:2]
+    if not poisson_ratio**2 < e1 / e2:
+        what = f"{name} is {poisson_ratio:g}, its square not below E1/E2 = {e1 / e2:g}"
+        return what, f"{name} = −ε₂/ε₁ under a stress along 1"
+    return None
+
+
 def check_nodes(ids: IntArray, position: FloatArray, where: Where) -> None:
     """Raise DeckError unless node ids (n,) are positive and each once, and positions (n, 3) finite."""
     _check_ids(ids, "node", where)
@@ -100,7 +116,7 @@ def check_elements(
             raise DeckError(
                 f"{called(block, row)}: a node stands twice in the element",
                 where=where("element", element),
-                remedy="replace collapsed elements by wedges or tetrahedra",
+                remedy=COLLAPSED.get(block.kind, "replace collapsed elements by wedges or tetrahedra"),
                 entity=("element", element),
             )
         if (pair := coincident(block.nodes)) is not None:

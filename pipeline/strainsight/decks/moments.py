@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strainsight.mesh.model import AveragingElement, RigidElement
+from strainsight.mesh.model import AveragingElement, Relation, RigidElement
 
 
-def turning_nodes(rigid: Sequence[RigidElement], averaging: Sequence[AveragingElement]) -> set[int]:
-    """Rows of the nodes whose rotations count: reference nodes, and what follows one of an RBE2 in rotations."""
+def turning_nodes(
+    rigid: Sequence[RigidElement], averaging: Sequence[AveragingElement], relations: Sequence[Relation] = ()
+) -> set[int]:
+    """Rows of the nodes whose rotations count: reference nodes, what follows one of an RBE2 in rotations, and what a relation
+    or a mean turns."""
     followers = {int(row) for e in rigid if max(e.components) > 2 for row in e.nodes}
+    followers |= {int(row) for e in averaging for row in e.turned} | {int(row) for e in relations for row in e.turned}
     return followers | {e.reference for e in rigid} | {e.reference for e in averaging}
 
 

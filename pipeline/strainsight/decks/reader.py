@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from strainsight.errors import DeckError, UserError
 from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor, to_si
 
@@ -29,6 +30,8 @@ def read_mesh(
     materials: bool = True,
     ignore: Sequence[str] = (),
     spc: int | None = None,
+    given: Mapping[str, GivenSection] | None = None,
+    include: Sequence[Path] = (),
 ) -> Mesh:
     """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
 
@@ -36,11 +39,11 @@ def read_mesh(
     the cell data that holds region ids, for meshio. solids: there has to be one. materials: a deck has to state those of its
     solids; otherwise a region may be without, or elements without a region of their own are one. ignore: cards, keywords and
     types of elements of a deck that are left out, whatever they say. spc: set of supports of a Nastran deck, in
-    place of what its case control selects.
+    place of what its case control selects. given: key of the config → section in SI units of triangles, quadrangles or lines of
+    a file that has no sections. include: folders beside that of a deck from which it may include files.
     Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
-    length_factor(length_unit)
-    mass_factor(mass_unit)
+    L, M = length_factor(length_unit), mass_factor(mass_unit)
     path = Path(path)
     if not path.is_file():
         raise DeckError(
@@ -51,7 +54,14 @@ def read_mesh(
     format = format_of(path) if format == "auto" else format
     if spc is not None and format != "nastran":
         raise UserError(f"{path.name} is no Nastran deck, which mesh.spc is of", remedy="remove the key")
-    mesh = _read(path, format, region_data, solids, materials, ignore, spc)
+    if given and format in ("nastran", "abaqus"):
+        raise UserError(
+            f"{path.name} is a deck, which states its sections itself",
+            key=next(iter(given)),
+            remedy="remove the key, and give the deck's elements a property (PSHELL, PBAR, *SHELL SECTION, *BEAM SECTION)",
+        )
+    own = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
+    mesh = _read(path, format, region_data, solids, materials, ignore, spc, own, include)
     with mesh.located():
         exterior_facets(mesh)  # so that elements that do not fit together show here
     return to_si(mesh, length_unit, mass_unit)
@@ -77,20 +87,22 @@ def _read(
     materials: bool,
     ignore: Sequence[str],
     spc: int | None,
+    given: Mapping[str, GivenSection],
+    include: Sequence[Path],
 ) -> Mesh:
     match format:
         case "nastran":
             from strainsight.decks.nastran.deck import read_nastran
 
-            return read_nastran(path, required=solids, stated=materials, ignore=ignore, spc=spc)
+            return read_nastran(path, required=solids, stated=materials, ignore=ignore, spc=spc, include=include)
         case "abaqus":
             from strainsight.decks.abaqus.deck import read_abaqus
 
-            return read_abaqus(path, required=solids, stated=materials, ignore=ignore)
+            return read_abaqus(path, required=solids, stated=materials, ignore=ignore, include=include)
         case "gmsh":
             from strainsight.decks.gmsh.mesh import read_gmsh
 
-            return read_gmsh(path, required=solids)
+            return read_gmsh(path, required=solids, given=given)
     from strainsight.decks.other.mesh import read_meshio
 
-    return read_meshio(path, region_data, required=solids)
+    return read_meshio(path, region_data, required=solids, given=given)

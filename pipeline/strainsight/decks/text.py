@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
@@ -101,34 +102,62 @@ def opened(path: Path) -> BinaryIO:
     return cast(BinaryIO, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
 
 
+def allowed(path: Path, include: Sequence[Path]) -> tuple[Path, ...]:
+    """Folders from which a deck may take in files: its own, and those of `include`; links are followed."""
+    return (path.resolve().parent, *(folder.resolve() for folder in include))
+
+
 def included_file(
-    name: str, word: str, path: Path, number: int, folder: Path, parents: tuple[Path, ...], taken: Counter[Path]
+    name: str,
+    word: str,
+    path: Path,
+    number: int,
+    folders: tuple[Path, ...],
+    parents: tuple[Path, ...],
+    taken: Counter[Path],
 ) -> Path:
     """The file that line `number` of `path` takes in by `word` (INCLUDE, *INCLUDE).
 
-    It must lie in or below `folder`, that of the whole deck, and not be one of `parents`, which are being read; taken: how
-    often each file has been taken in so far, this time is added. Raises DeckError where it does not, is not there, or the
-    files multiply (thirty that each take in the next one twice are a thousand million).
+    The name is one seen from the folder of `path`, or else from one of `folders`, the first of which is that of the whole deck.
+    The file must lie in or below one of these once links and `..` are followed, and not be one of `parents`, which are being
+    read; taken: how often each file has been taken in so far, this time is added.
+    Raises DeckError where it does not, is not there, or the files multiply (thirty that each take in the next one twice are a
+    thousand million).
     """
     where = f"{path}:{number}"
-    target = path.parent / name
-    try:
-        resolved = target.resolve()
-        there = resolved.is_file()
-    except (OSError, RuntimeError, ValueError):  # too long a name, a zero in it, links in a circle
-        resolved, there = folder, False
-    if not resolved.is_relative_to(folder):
+    found = [(folder / name, *_resolved(folder / name)) for folder in (path.parent, *folders)]
+    outside = [resolved for _, resolved, _ in found if resolved and not _in_one(resolved, folders)]
+    target, resolved = next(
+        ((target, resolved) for target, resolved, there in found if resolved and there and _in_one(resolved, folders)),
+        (path, None),
+    )
+    if resolved is None and outside:
+        leaves = "the folder of the deck" + (" and those of mesh.include_dirs" if folders[1:] else "")
         raise DeckError(
-            f"{word} {name!r} leaves the folder of the deck",
+            f"{word} {name!r} leaves {leaves}",
             where=where,
-            remedy="move the included file beside or below the deck",
+            remedy=f"move the included file beside or below the deck, or name its folder, {outside[0].parent}, as seen from the "
+            "config: mesh.include_dirs: [FOLDER]",
         )
+    if resolved is None:
+        raise DeckError(f"{word} {name!r}: no such file", where=where, remedy="give the file, or remove the line")
     if resolved in parents:
         raise DeckError(f"{word} {name!r} includes itself", where=where, remedy="remove the circle")
-    if not there:
-        raise DeckError(f"{word} {name!r}: no such file", where=where, remedy="give the file, or remove the line")
     taken[resolved] += 1
     if len(parents) > DEEPEST or taken[resolved] > OFTENEST:
         what = f"{len(parents)} deep" if len(parents) > DEEPEST else f"{taken[resolved]} times"
         raise DeckError(f"{word} {name!r}: taken in {what}", where=where, remedy="write the deck into fewer files")
     return target
+
+
+def _resolved(target: Path) -> tuple[Path | None, bool]:
+    """The path without links and `..`, None where there can be none, and whether it is a file."""
+    try:
+        resolved = target.resolve()
+        return resolved, resolved.is_file()
+    except (OSError, RuntimeError, ValueError):  # too long a name, a zero in it, links in a circle
+        return None, False
+
+
+def _in_one(path: Path, folders: Sequence[Path]) -> bool:
+    return any(path.is_relative_to(folder) for folder in folders)

@@ -93,6 +93,65 @@ def test_integers_are_not_cut_from_reals():
     assert parse_integer("1_2") is None
 
 
+HEADS = {
+    "statements": "NASTRAN SYSTEM(442)=-1, BUFFSIZE=65537\nASSIGN OUTPUT2='a,b.op2', UNIT=12\nID A,B\nTIME 5\nDIAG 8,13\n",
+    "rulers": "$ 1 | 2 |\n$\n\n   $ indented\n",
+    "file management": "INIT MASTER(S)\nACQUIRE NDDL\nCOMPILE SEMODES SOUIN=MSCSOU\nALTER 'BEGIN' $\nENDALTER\n",
+    "a byte-order mark": "\ufeffNASTRAN NLINES=9999\n",
+    "tabs": "\tSOL\t103\n",
+    "an alter that is not there": "INCLUDE 'of_the_site.alter'\nINCLUDE '/etc/hostname'\n",
+}
+
+
+@pytest.mark.parametrize("head", HEADS)
+@pytest.mark.parametrize("begin", ["BEGIN BULK", "\tbegin  bulk $ model", "BEGIN", "BEGIN BULK=0"])
+def test_what_stands_before_the_model_is_no_card(read, tetrahedron, head, begin):
+    mesh = read(f"{HEADS[head]}SOL 103\nCEND\nTITLE = A, B\n  SPC = 1\n{begin}\n{tetrahedron}ENDDATA\n")
+    assert (list(mesh.node_ids), mesh.notes, mesh.ignored) == ([1, 2, 3, 4], (), {})
+
+
+def test_the_name_of_an_included_file_may_go_on_in_the_next_line(tmp_path, read, tetrahedron):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "all.bdf").write_text(tetrahedron)
+    mesh = read("BEGIN BULK\nINCLUDE 'parts/\n        all.bdf' $ a comment\nENDDATA\n")
+    assert list(mesh.node_ids) == [1, 2, 3, 4]
+    with pytest.raises(DeckError, match="zero"):  # what follows keeps its line
+        read("BEGIN BULK\nINCLUDE 'parts/\n        all.bdf'\nGRID,5,,zero\nENDDATA\n")
+
+
+@pytest.mark.parametrize(("mark", "head"), [("CORD1", "+ORD1"), ("+A1", "+A1"), ("A1", "+A1"), ("", "+A1")])
+def test_column_1_of_a_mark_does_not_count(cards, mark, head):
+    deck = cards("BEGIN BULK\n" + "CORD2C  1".ljust(64) + "      1." + mark.ljust(8) + f"\n{head.ljust(8)}      1.\nENDDATA\n")
+    (card,) = deck.cards["CORD2C"]
+    assert card.fields[7:9] == ["1.", "1."]
+
+
+def test_a_continuation_in_free_format_may_begin_with_blanks(cards):
+    (card,) = cards("GMCURV, 1, P, 0\n        EQUATION, 0.0, 201,\n        206, 207\n").cards["GMCURV"]
+    assert [card.fields[i] for i in (8, 9, 16, 17)] == ["EQUATION", "0.0", "206", "207"]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "=,*(1),=,*(0.2),==\n=(3)\n",
+        "=,*1,=,*.2,==\n=3\n",
+        "=       *(1)    =       *(0.2)  ==\n=(3)\n",
+        "=,*1,=,*2.-1,=,,=,=\n$ between\n=,*1,=,*.2,==\n=2\n",
+    ],
+)
+def test_cards_that_repeat_the_one_before_are_written_out(cards, lines):
+    """The example of the manual: five nodes 0.2 apart."""
+    deck = cards(f"GRID,101,17,1.0,10.5,,17,3456\n{lines}GRID,9,,3.\n").cards["GRID"]
+    assert [card.fields[0] for card in deck] == ["101", "102", "103", "104", "105", "9"]
+    np.testing.assert_allclose([card.real(2, "X") for card in deck[:5]], 1 + 0.2 * np.arange(5), rtol=1e-15)
+    assert {tuple(card.fields[i] for i in (1, 3, 4, 5, 6, 7)) for card in deck[:5]} == {("17", "10.5", "", "17", "3456", "")}
+    assert deck[-1].fields[:3] == ["9", "", "3."]
+    assert cards("GRID,1\n=,*1,*1\n=(2)\n").cards["GRID"][3].fields[:2] == ["4", "3"]  # a blank field counts from zero
+    assert deck[0].line == 1
+    assert deck[1].line == 2
+
+
 def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
     deck = cards("SOL 103\nCEND\nSPC = 1\nBEGIN BULK\nGRID,1\nENDDATA\nGRID,2\nGRID,3\n")
     assert [card.fields[0] for card in deck.cards["GRID"]] == ["1"]
@@ -111,12 +170,16 @@ def test_lines_after_enddata_are_counted(read, tetrahedron):
         ("GRID,1,,0.,0.,0.,0,0,0,0,0,0\n", "more than 8 data fields", 1),
         ("CHEXA,1,1,1,2,3,4,5,6,7\n+,8\n", "more than 8 data fields", 1),
         ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
-        ("GRID,1\n=,*1,=\n", "no bulk-data card", 2),
+        ("GRID,1\n1,2,3\n", "no bulk-data card", 2),
+        ("=,*1,=\n", "repeats no card", 1),
+        ("GRID,1\n=(4)\n", "repeats no card", 2),
+        ("CHEXA,1,1,1,2,3,4,5,6\n,7,8\n=,*1,==\n", "repeats no card", 3),
+        ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
+        ("GRID,1\n=,*x\n", "adds 'x' to '1'", 2),
+        ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
         ("GRID           1" + " " * 56 + "+A1\n+B2\n", "continuation", 2),
         ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
         ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
-        ("BEGIN BULK\nGRID,1\nGRID,2,,0.", "ends without ENDDATA", 3),
-        ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n\n", "ends without ENDDATA", 4),
         ("BEGIN BULK\nENDDATA\n", "no bulk data", None),
         ("INCLUDE 'there_is_none.bdf'\n", "no such file", 1),
         ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
@@ -130,6 +193,26 @@ def test_a_line_that_cannot_be_taken_is_named(cards, text, what, line):
         cards(text)
     assert caught.value.where.endswith("deck.bdf" if line is None else f"deck.bdf:{line}")
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [("BEGIN BULK\nGRID,1\nGRID,2,,0.", 3), ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n\n", 4)],
+)
+def test_a_deck_without_enddata_is_refused_at_its_last_line(read, text, line):
+    with pytest.raises(DeckError, match="ends without ENDDATA: it may be cut off") as caught:
+        read(text)
+    assert caught.value.where.endswith(f"deck.bdf:{line}")
+    assert caught.value.remedy.endswith("mesh.ignore: [MISSING ENDDATA]")
+
+
+def test_a_deck_without_enddata_is_taken_where_that_is_named_and_the_first_note_shows_its_last_line(read, tetrahedron):
+    mesh = read(f"SOL 103\nCEND\nBEGIN BULK\n{tetrahedron}", ignore=["missing enddata"])
+    assert list(mesh.node_ids) == [1, 2, 3, 4]
+    (note,) = mesh.notes
+    assert note.startswith("the deck has no ENDDATA: that it is whole cannot be seen; its last line is 'SPC1,1,123,1,2,3' (")
+    assert mesh.unsupported["MISSING ENDDATA"].endswith("deck.bdf:11")
+    assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\n", ignore=["MISSING ENDDATA"]).notes == ()
 
 
 @pytest.mark.parametrize("kept", [0.3, 0.6, 0.9, 0.99])

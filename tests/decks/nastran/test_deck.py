@@ -9,6 +9,7 @@ import pytest
 from strainsight.decks.nastran.deck import read_nastran
 from strainsight.errors import DeckError
 from strainsight.fem.checks import check_materials
+from strainsight.fem.mass import mass_properties
 from strainsight.mesh.additions import with_material
 
 from ...solids import SOLIDS
@@ -16,9 +17,9 @@ from ...solids import SOLIDS
 OWN = [kind for kind, solid in SOLIDS.items() if solid.nastran]
 
 
-def one_element(kind: str) -> str:
+def one_element(kind: str, mirror: list[int] | None = None) -> str:
     solid = SOLIDS[kind]
-    points = solid.points(solid.nastran_edges)
+    points = solid.points(solid.nastran_edges) * (mirror or [1, 1, 1])
     ids = [50 - i for i in range(len(points))]
     lines = [f"GRID    {i:8d}        " + "".join(f"{x:8.4f}" for x in p) for i, p in zip(ids, points, strict=True)]
     fields = ["7", "1", *map(str, ids)]
@@ -71,6 +72,54 @@ def test_two_elastic_constants_give_the_third(read, tetrahedron, mat1, E, nu, rh
     assert (material.youngs_modulus, material.poisson_ratio, material.density) == pytest.approx((E, nu, rho))
 
 
+@pytest.mark.parametrize(
+    ("mat1", "nu", "note"),
+    [
+        ("MAT1,1,2.1+11", 0.0, "MAT1 1 states E alone: NU = 0"),
+        ("MAT1,1,2.1+11,1.+11,.3", 0.3, "MAT1 1: G = 1e+11 is 1.238 times E/2(1 + NU)"),
+    ],
+)
+def test_a_solid_has_e_and_nu_whatever_g_says(read, tetrahedron, mat1, nu, note):
+    mesh = read(tetrahedron.replace("MAT1,1,2.1+11,,.3,7850.", mat1))
+    assert (mesh.materials[1].youngs_modulus, mesh.materials[1].poisson_ratio) == (2.1e11, nu)
+    assert [own.startswith(note) for own in mesh.notes] == [False, True]
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_left_handed_solids_are_turned_round(read, kind):
+    """A mirrored solid weighs the same, about the mirrored centre, and its nodes stay where they are."""
+    right = read("BEGIN BULK\n" + one_element(kind))
+    left = read("BEGIN BULK\n" + one_element(kind, [1, 1, -1]))
+    (own,), (other,) = left.blocks, right.blocks
+    assert set(own.nodes[0].tolist()) == set(other.nodes[0].tolist())
+    mass, centre = mass_properties(right)
+    mirrored, at = mass_properties(left)
+    assert mirrored == pytest.approx(mass, rel=1e-12)
+    np.testing.assert_allclose(at, centre * [1, 1, -1], atol=1e-12)
+    assert right.notes == ()
+    (note,) = left.notes
+    assert note.startswith("1 solid element of 1 numbered left-handed, and turned round: C")
+
+
+def test_only_what_is_left_handed_is_turned_round(read, tetrahedron):
+    mesh = read(tetrahedron + "GRID,20,,1.,1.,1.\nCTETRA,5,1,2,4,3,20\n")
+    assert mesh.blocks[0].nodes[0].tolist() == [0, 1, 2, 3]
+    x = mesh.position[mesh.blocks[0].nodes]
+    assert (np.linalg.det(x[:, 1:] - x[:, :1]) > 0).all()
+    assert "1 solid element of 2 numbered left-handed, and turned round: CTETRA 5 (first at " in mesh.notes[-1]
+
+
+@pytest.mark.parametrize("form", ["PARAM,WTMASS,.5", "  param, wtmass, .5", "PARAM WTMASS = .5"])
+def test_wtmass_of_the_case_control_counts(read, tetrahedron, form):
+    deck = f"SOL 103\nCEND\n{form}\nBEGIN BULK\n{tetrahedron}CONM2,90,4,,3.\n"
+    mesh = read(deck + "PARAM,WTMASS,.5\nENDDATA\n")
+    assert (mesh.materials[1].density, mesh.point_masses[0].mass) == (3925.0, 1.5)
+    assert read(deck + "ENDDATA\n").materials[1].density == 3925.0
+    with pytest.raises(DeckError, match=r"the factor is 0.5, and 0.2 at .*deck.bdf:14") as caught:
+        read(deck + "PARAM,WTMASS,.2\nENDDATA\n")
+    assert caught.value.where.endswith("deck.bdf:3")
+
+
 def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
     mesh = read(tetrahedron + "PARAM,WTMASS,.5\nCONM2,90,4,,3.\nPARAM,POST,-1\n")
     assert mesh.materials[1].density == 3925.0
@@ -81,10 +130,10 @@ def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
 def test_every_card_not_imported_is_counted(read, tetrahedron):
     mesh = read(
         tetrahedron
-        + "PLOAD1,1,10,FX,FR,0.,1.\nTEMP,9,1,1.\nCQUAD4,70,2,1,2,3,4\nCQUAD4,71,2,1,2,3,4\n"
+        + "PLOAD1,1,10,FX,FR,0.,1.\nTEMP,9,1,1.\nCQUAD8,70,2,1,2,3,4\nCQUAD8,71,2,1,2,3,4\n"
         "MAT1,9,1.,,.3\nEIGRL,1\n"
     )
-    expected = {"PLOAD1": 1, "TEMP": 1, "CQUAD4": 2, "MAT1 that no PSOLID refers to": 1, "EIGRL": 1}
+    expected = {"PLOAD1": 1, "TEMP": 1, "CQUAD8": 2, "MAT1 that no property refers to": 1, "EIGRL": 1}
     assert mesh.ignored == expected
 
 
@@ -110,7 +159,7 @@ def test_every_card_not_imported_is_counted(read, tetrahedron):
         ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1,2\n,3,4,1,2,3,4,1", "13 nodes, where a CPYRAM has 5", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,10,1,2,1,3,4", "element id 10 stands twice", 6),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,11,1,2,3,1,4", "the same nodes as CTETRA 10", 6),
-        ("CTETRA,10,1,1,2,3,4", "CBAR,10,1,1,2", "no solid element", None),
+        ("CTETRA,10,1,1,2,3,4", "CBEND,10,1,1,2", "no solid element", None),
         ("PSOLID,1,1", "PSOLID,1,2", "material 2 is not in the deck", 6),
         ("PSOLID,1,1", "PSOLID,1,2\nMAT9,2,1.", "material 2 is a MAT9", 6),
         ("PSOLID,1,1", "PSOLID,1", "the material id .* is ''", 6),
@@ -120,8 +169,9 @@ def test_every_card_not_imported_is_counted(read, tetrahedron):
         ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,0.,,.3,7850.", "Young's modulus is 0", 7),
         ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,-7850.", "density is -7850", 7),
         ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.5,7850.", "Poisson's ratio is 0.5", 7),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,,7850.", "two of E, G and NU", 7),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,1.+11,.3,7850.", "contradict", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,1.+11,,7850.", "states G alone, and E is 0 then", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,.3,7850.", "states NU alone", 7),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,,7850.", "needs E, and G or NU", 7),
         ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nMAT1,1,1.,,.3", "material id 1 stands twice", 8),
         ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nPARAM,WTMASS,0.", "not positive", 8),
     ],

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from strainsight.decks.reader import read_mesh
-from strainsight.fem.assembly import mass_properties
+from strainsight.fem.mass import mass_properties
 from strainsight.fem.quality import element_quality
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.kinds import FACETS

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
-from strainsight.fem.springs import spring_matrix
+from strainsight.fem.springs import spring_operator
 from strainsight.fem.ties import rotation_rows
 
 CHAIN = """\
@@ -43,7 +43,7 @@ def matrix(mesh):
     rows = rotation_rows(mesh)
     nodes = [mesh.node_index(number) for number in (50, 51)]
     at = [first + c for first in (*(3 * node for node in nodes), *(rows[node] for node in nodes)) for c in range(3)]
-    return spring_matrix(mesh, rows).toarray()[np.ix_(at, at)]
+    return spring_operator(mesh, rows).constant.toarray()[np.ix_(at, at)]
 
 
 TIED = "GRID,50,,2.,0.,0.\nGRID,51,,2.,0.,3.\nRBE2,80,50,123,2\nRBE2,81,51,123,3\n"

@@ -107,9 +107,9 @@ def test_a_pressure_with_a_vector_acts_along_it(read):
     [
         ("PLOAD,1,2.,5,6,7,8\n", 1),
         ("PLOAD,1,2.,8,7,6,5\n", -1),
-        ("CQUAD4,40,9,5,6,7,8\nPLOAD2,1,2.,40\n", 1),
-        ("CQUAD4,40,9,8,7,6,5\nPLOAD2,1,2.,40\n", -1),
-        ("CQUAD4,40,9,6,7,8,5\nCQUAD4,41,9,1,2,3,4\nPLOAD4,1,40,2.,,,,THRU,40\n", 1),
+        ("CQUAD8,40,9,5,6,7,8\nPLOAD2,1,2.,40\n", 1),
+        ("CQUAD8,40,9,8,7,6,5\nPLOAD2,1,2.,40\n", -1),
+        ("CQUAD8,40,9,6,7,8,5\nCQUAD8,41,9,1,2,3,4\nPLOAD4,1,40,2.,,,,THRU,40\n", 1),
     ],
 )
 def test_pressure_by_nodes_or_on_a_plate_follows_the_right_hand_rule(read, cards, sign):
@@ -121,7 +121,7 @@ def test_pressure_by_nodes_or_on_a_plate_follows_the_right_hand_rule(read, cards
 
 def test_a_pressure_on_a_plate_varies_as_its_corners_say(read):
     """p = 1, 2, 2, 1 at nodes 6, 7, 8, 5 grows along y: resultant by the mean, moment by ∫ p y dA = 5/9 of F b."""
-    force, moment = totals(read(deck("hex8", "CQUAD4,40,9,6,7,8,5\nPLOAD4,1,40,1.,2.,2.,1.\n")), "LOAD-1")
+    force, moment = totals(read(deck("hex8", "CQUAD8,40,9,6,7,8,5\nPLOAD4,1,40,1.,2.,2.,1.\n")), "LOAD-1")
     np.testing.assert_allclose(force, [0, 0, 1.5 * 1.25], atol=1e-15)
     assert moment[0] == pytest.approx(5 / 9 * 1.25 * force[2])
 
@@ -171,7 +171,7 @@ def test_weight_and_rotation_are_read_in_their_systems(read):
         ("PLOAD4,1,7,2.,,,,5,6\n", "name no face of the hex8 element 7"),
         ("PLOAD4,1,7,2.,,,,5\n", "name no face"),
         ("PLOAD4,1,7,2.,,,,5,7\n+,,,,,LINE\n", "SORL is LINE"),
-        ("PLOAD,1,2.,1,2,7\n", "no solid has a face with the corners 1, 2, 7"),
+        ("PLOAD,1,2.,1,2,7\n", "no solid or shell has a face with the corners 1, 2, 7"),
         ("PLOAD2,1,2.,7\n", "element 7 is no plate"),
         ("FORCE1,1,1,4.,2,2\n", "give no direction"),
         ("RFORCE,1,,,1.,0.,0.,1.\n+,2.\n", "RACC states an angular acceleration"),

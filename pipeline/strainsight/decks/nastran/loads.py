@@ -12,6 +12,7 @@ from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
 from strainsight.decks.nastran.pressures import pressure_forces
 from strainsight.mesh.model import BodyForce, CellBlock, FloatArray, NodalForces
+from strainsight.mesh.thin import ShellBlock
 
 POINTS = {"": 0, "1": 2, "2": 4}
 """FORCE, FORCE1, FORCE2: by how many nodes the direction is given."""
@@ -50,6 +51,7 @@ def static_loads(
     cards: dict[str, list[Card]],
     grids: Grids,
     blocks: Sequence[CellBlock],
+    shells: Sequence[ShellBlock],
     turning: Collection[int],
     notes: list[str],
 ) -> dict[str, NodalForces]:
@@ -77,7 +79,7 @@ def static_loads(
     for name in ("PLOAD", "PLOAD2", "PLOAD4"):
         for card in cards.get(name, []):
             of(card)
-    for number, rows, force in pressure_forces(cards, grids, blocks):
+    for number, rows, force in pressure_forces(cards, grids, blocks, shells):
         own = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
             own[row] = own.get(row, np.zeros(3)) + value

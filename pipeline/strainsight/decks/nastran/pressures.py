@@ -1,4 +1,4 @@
-"""Pressures of a Nastran deck (PLOAD, PLOAD2, PLOAD4) as forces on the nodes of the faces of solids."""
+"""Pressures of a Nastran deck (PLOAD, PLOAD2, PLOAD4) as forces on the nodes of shells and of faces of solids."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from strainsight.decks.nastran.sets import expand
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
+from strainsight.mesh.thin import ShellBlock
 from strainsight.mesh.tractions import consistent_forces
 
 PLATES = {"CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3}
-"""Card → number of corners; where one coats a solid, a pressure on it is one on the solid."""
+"""Card → number of corners; where one that is not imported coats a solid, a pressure on it is one on the solid."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +34,17 @@ class Pressed:
 
 
 def pressure_forces(
-    cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock]
+    cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
 ) -> Iterator[tuple[int, IntArray, FloatArray]]:
     """(set, rows (m,), force (m, 3)) of the pressures, the consistent forces of
 
         t = −p n       or       t = p N/|N| along the vector N of a PLOAD4,     p linear or bilinear between the corners.
 
     A pressure is positive inward on a solid (PLOAD4 with its corners), and along the normal by the right-hand rule on the nodes
-    of a PLOAD and on plates (PLOAD2, PLOAD4), which have to coat a solid.
+    of a PLOAD and on plates (PLOAD2, PLOAD4), which are shells of the model or coat a solid.
     Raises DeckError for an element, node or face that is not there, and for loads on edges (SORL = LINE).
     """
-    pressed = _pressed(cards, grids, blocks)
+    pressed = _pressed(cards, grids, blocks, shells)
     groups: dict[tuple[int, str, int, object], list[Pressed]] = {}
     for own in pressed:
         along = None if own.along is None else (id(own.along[0]), own.along[1])
@@ -69,7 +70,9 @@ def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, 
     return consistent_forces(position, like.kind, nodes, traction)
 
 
-def _pressed(cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock]) -> list[Pressed]:
+def _pressed(
+    cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
+) -> list[Pressed]:
     found: list[Pressed] = []
     outlines: list[
         tuple[Card, tuple[int, ...], tuple[float, ...]]
@@ -98,7 +101,7 @@ def _pressed(cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBl
             last = [card.text(1), *card.fields[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
             for corners in _named_plates(card, last, plates):
                 outlines.append((card, corners, p4[: len(corners)]))
-    return found + _coated(outlines, grids, blocks)
+    return found + _outlined(outlines, grids, blocks, shells)
 
 
 def _set(card: Card) -> int:
@@ -178,10 +181,14 @@ def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int
     return [plates[i] for i in ids.tolist()]
 
 
-def _coated(
-    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]], grids: Grids, blocks: Sequence[CellBlock]
+def _outlined(
+    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]],
+    grids: Grids,
+    blocks: Sequence[CellBlock],
+    shells: Sequence[ShellBlock],
 ) -> list[Pressed]:
-    """The facets of solids with these corners; a pressure along the sequence of the corners becomes one inward."""
+    """The facets of solids with these corners, or else shells; a pressure along the sequence of the corners becomes one inward,
+    which of a shell is against the normal by its nodes."""
     if not outlines:
         return []
     wanted = np.zeros(len(grids.position), dtype=bool)
@@ -192,12 +199,17 @@ def _coated(
             nodes = block.nodes[:, list(local)]
             for own in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
                 facets.setdefault(frozenset(own[: kind.corners].tolist()), (kind, own))
+    for shell in shells:
+        plane = next(kind for kind in FACETS if len(kind.nodes) == shell.nodes.shape[1])
+        for own in shell.nodes[wanted[shell.nodes].all(axis=1)]:
+            facets.setdefault(frozenset(own.tolist()), (plane, own))
     found = []
     for card, corners, p in outlines:
         if frozenset(corners) not in facets:
             ids = ", ".join(str(grids.nodes.ids[row]) for row in corners)
             raise card.error(
-                f"no solid has a face with the corners {ids}", "give the corners of a face of a solid, or leave it out"
+                f"no solid or shell has a face with the corners {ids}",
+                f"give the corners of one, or leave these loads out (mesh.ignore: [{card.name}])",
             )
         kind, nodes = facets[frozenset(corners)]
         at = [corners.index(row) for row in nodes[: kind.corners].tolist()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -70,13 +70,17 @@ def _id(word: str, where: str) -> int:
 
 
 def sets(
-    deck: Deck, node_ids: IntArray, element_ids: IntArray, ignored: Counter[str]
+    deck: Deck,
+    node_ids: IntArray,
+    element_ids: IntArray,
+    left_out: Mapping[str, Sequence[Card]],
+    ignored: Counter[str],
 ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     """Node sets and element sets by name.
 
     SET1 holds nodes, SET3 says what it holds. SET of the case control does not say: it is a node set where all its
     single ids are nodes, an element set where all are elements, and both where both are true. node_ids and element_ids
-    sorted.
+    sorted; left_out: cards that the reader was asked to leave out.
     """
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
@@ -101,11 +105,11 @@ def sets(
                 nodes[_name(card, nodes)] = _members(card, card.fields[2:], node_ids, "node")
             case "ELEM" | "ELEMENT":
                 own = card.fields[2:]
-                if other := _not_solid(deck, own, element_ids, card.where):
-                    ignored["SET3 with elements that are no solids"] += 1
+                if other := _others({**left_out, **deck.cards}, own, element_ids, card.where):
+                    ignored["SET3 with elements that are not imported"] += 1
                     own = [token for token in own if token not in other]
                 if any(own):
-                    elements[_name(card, elements)] = _members(card, own, element_ids, "solid element")
+                    elements[_name(card, elements)] = _members(card, own, element_ids, "element")
             case _:
                 ignored["SET3"] += 1
     return nodes, elements
@@ -125,12 +129,12 @@ def _members(card: Card, tokens: Sequence[str], existing: IntArray, what: str) -
     return np.unique(members)
 
 
-def _not_solid(deck: Deck, tokens: Sequence[str], solids: IntArray, where: str) -> set[str]:
-    """The tokens that are single ids of other elements of the deck."""
-    missing = {str(number) for number in expand(tokens, solids, where)[1].tolist()}
+def _others(cards: Mapping[str, Sequence[Card]], tokens: Sequence[str], imported: IntArray, where: str) -> set[str]:
+    """The tokens that are single ids of elements of the deck beside those that are imported."""
+    missing = {str(number) for number in expand(tokens, imported, where)[1].tolist()}
     if not missing:
         return missing
-    return missing & {card.text(0) for name, cards in deck.cards.items() if name[0] in "CR" for card in cards}
+    return missing & {card.text(0) for name, own in cards.items() if name[0] in "CR" for card in own}
 
 
 def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:

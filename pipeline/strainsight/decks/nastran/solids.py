@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from strainsight.decks.faults import check_elements
+from strainsight.decks.faults import check_elements, plural
 from strainsight.decks.nastran.cards import Card, origin, unique_ids
 from strainsight.decks.nastran.grids import NodeTable
 from strainsight.decks.numbers import parse_integer
-from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind, in_order
-from strainsight.mesh.model import CellBlock, Origin
+from strainsight.mesh.left_handed import left_handed
+from strainsight.mesh.model import CellBlock, FloatArray, Origin
 
 SOLIDS = {
     card: {len(kind.nodes): kind for kind in ELEMENTS if kind.nastran == card}
@@ -24,10 +22,11 @@ OTHER_SOLIDS = ("CTETR", "CHEX", "CPENT", "CPYR", "CTRIAX", "CTRAX", "CQUADX")
 
 
 def read_solids(
-    cards: dict[str, list[Card]], nodes: NodeTable, path: Path, required: bool = True
+    cards: dict[str, list[Card]], nodes: NodeTable, position: FloatArray, notes: list[str]
 ) -> tuple[tuple[CellBlock, ...], Origin]:
-    """One block a kind, elements in the order of the deck, and where they stand.
+    """One block a kind, elements in the order of the deck, and where they stand; position (n, 3) of the nodes.
 
+    An element that is left-handed at all its corners is turned round, as MSC Nastran does, with a note.
     Raises DeckError for other solids, an id that stands twice, an element with some of its mid-side nodes, a missing or
     repeated node, and two elements on the same nodes.
     """
@@ -40,18 +39,13 @@ def read_solids(
     elements = sorted(
         (card for name in SOLIDS for card in cards.get(name, [])), key=lambda card: (card.file, card.line)
     )
-    if not elements and required:
-        raise DeckError(
-            "the deck holds no solid element",
-            where=str(path),
-            remedy=f"the model needs {FAMILIES} ({', '.join(SOLIDS)})",
-        )
     ids = unique_ids(elements, "element")
     gathered: dict[ElementKind, list[tuple[int, int, list[int]]]] = {}
     for i, card in enumerate(elements):
         kind, node_ids = _connectivity(card)
         gathered.setdefault(kind, []).append((i, card.integer(1, "the property id", int(ids[i])), node_ids))
     blocks = []
+    turned: list[Card] = []
     for kind in ELEMENTS:
         if kind not in gathered:
             continue
@@ -59,7 +53,16 @@ def read_solids(
         own = [elements[i] for i in rows]
         index = nodes.rows_of_cards(np.array(connectivity, dtype=np.int64), own)
         nodes_ = in_order(index, kind.nastran_order)
+        left = left_handed(kind, nodes_, position)
+        nodes_[left] = in_order(nodes_[left], kind.mirrored)
+        turned += [own[i] for i in np.flatnonzero(left)]
         blocks.append(CellBlock(kind.name, ids[list(rows)], nodes_, np.array(region, dtype=np.int64)))
+    if turned:
+        names = ", ".join(f"{card.name} {card.text(0)}" for card in turned[:3]) + (", …" if turned[3:] else "")
+        notes.append(
+            f"{plural(len(turned), 'solid element')} of {len(elements)} numbered left-handed, and turned round: {names} "
+            f"(first at {turned[0].where})"
+        )
     by_id = dict(zip(ids.tolist(), elements, strict=True))
     check_elements(
         blocks,

@@ -75,7 +75,7 @@ def _supports(card: Card, nodes: NodeTable, enforced: list[str]) -> list[tuple[i
 
 def _selected_sets(deck: Deck, wanted: int | None, *, left_out: bool) -> set[int]:
     """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
-    combined = _combined(deck, "SPCADD")
+    combined = combined_sets(deck, "SPCADD")
     supports = [*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])]
     single = {card.integer(0, "the set id") for card in supports}
     for card in deck.cards.get("SPCADD", []):
@@ -87,7 +87,7 @@ def _selected_sets(deck: Deck, wanted: int | None, *, left_out: bool) -> set[int
         if wanted not in there:
             raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=listed)
         return combined.get(wanted, {wanted})
-    chosen = _selections(deck, "SPC")
+    chosen = selections(deck, "SPC")
     selected = tuple(sorted({parse_integer(text) or 0 for text in chosen} & there))
     if len(chosen) > 1 and selected:
         raise ChoiceError(
@@ -118,7 +118,7 @@ def _selected_sets(deck: Deck, wanted: int | None, *, left_out: bool) -> set[int
     return combined.get(number, {number})
 
 
-def _selections(deck: Deck, what: str) -> dict[str, Line]:
+def selections(deck: Deck, what: str) -> dict[str, Line]:
     """Set ids, as written, that lines "SPC = n" or "MPC = n" of the case control select, and the first line of each."""
     chosen: dict[str, Line] = {}
     for line in deck.case_control:
@@ -127,7 +127,7 @@ def _selections(deck: Deck, what: str) -> dict[str, Line]:
     return chosen
 
 
-def _combined(deck: Deck, name: str) -> dict[int, set[int]]:
+def combined_sets(deck: Deck, name: str) -> dict[int, set[int]]:
     """Set id → sets that an SPCADD or MPCADD makes it of."""
     found: dict[int, set[int]] = {}
     for card in deck.cards.get(name, []):
@@ -136,21 +136,3 @@ def _combined(deck: Deck, name: str) -> dict[int, set[int]]:
             raise card.error("the set id stands twice")
         found[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.fields[1:]) if token}
     return found
-
-
-def count_relations(deck: Deck, ignored: Counter[str], notes: list[str]) -> None:
-    """Count the MPC and MPCADD cards, and note which are selected; without case control nobody knows, so that all are."""
-    relations = [card for name in ("MPC", "MPCADD") for card in deck.cards.get(name, [])]
-    if not relations:
-        return
-    combined = _combined(deck, "MPCADD")
-    there = {card.integer(0, "the set id") for card in relations}
-    selected: set[int] = set()
-    for text, line in _selections(deck, "MPC").items():
-        number = parse_integer(text) or 0
-        selected |= {number} | combined.get(number, set())
-        if number in there:
-            notes.append(f"MPC = {text} is selected ({line.where}): its relations are missing")
-    for card in relations:
-        counts = not deck.case_control or card.integer(0, "the set id") in selected
-        ignored[card.name if counts else f"{card.name} of a set that is not selected"] += 1

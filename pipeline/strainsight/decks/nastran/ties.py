@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card
@@ -12,13 +14,15 @@ from strainsight.decks.numbers import is_whole, no_integer, parse_integer, parse
 from strainsight.mesh.model import AveragingElement, FloatArray, IntArray, RigidElement
 
 
-def rigid_elements(cards: dict[str, list[Card]], nodes: NodeTable, notes: list[str]) -> tuple[RigidElement, ...]:
-    """RBE2 with all the components that it states.
+def rigid_elements(
+    cards: dict[str, list[Card]], nodes: NodeTable, turned: Set[int], notes: list[str]
+) -> tuple[RigidElement, ...]:
+    """RBE2 with all the components that it states; turned: ids of the nodes that other cards turn.
 
-    One that ties rotations only, of nodes that are no reference nodes and so have none, becomes a note.
+    One that ties rotations only, of nodes of solids that are no reference nodes and so have none, becomes a note.
     """
     elements = []
-    references = _references(cards)
+    references = _references(cards) | turned
     for card in cards.get("RBE2", []):
         reference = nodes.row(card.integer(1, "the reference node GN"), card)
         wanted = components(card.text(2), card)
@@ -49,9 +53,15 @@ def _references(cards: dict[str, list[Card]]) -> set[int]:
     return {card.integer(i, "the reference node") for name, i in fields for card in cards.get(name, [])}
 
 
-def averaging_elements(cards: dict[str, list[Card]], nodes: NodeTable) -> tuple[AveragingElement, ...]:
-    """RBE3: groups of weight, translations and nodes, and the UM set where it has one."""
+def averaging_elements(
+    cards: dict[str, list[Card]], nodes: NodeTable, turning: Set[int]
+) -> tuple[AveragingElement, ...]:
+    """RBE3: groups of weight, components and nodes, and the UM set where it has one.
+
+    turning: rows of the nodes that have rotations, beside the reference nodes; those of another one cannot be averaged.
+    """
     elements = []
+    turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.get("RBE3", [])}
     for card in cards.get("RBE3", []):
         reference = nodes.row(card.integer(2, "the reference node"), card)
         wanted = components(card.text(3), card)
@@ -62,22 +72,29 @@ def averaging_elements(cards: dict[str, list[Card]], nodes: NodeTable) -> tuple[
         ids, weights, directions = _groups(card, tokens[:split])
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         _, place = np.unique(rows, return_inverse=True)
-        counts = np.zeros((place.max() + 1, 3), dtype=int)
+        counts = np.zeros((place.max() + 1, 6), dtype=int)
         np.add.at(counts, place, directions)
         if counts.max() > 1 or reference in rows:
             raise card.error(
                 "a node stands twice", "give every node once in a direction, and not the reference node among them"
             )
+        still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
+        if still.any():
+            raise card.error(
+                f"rotations of node {ids[np.argmax(still)]} are averaged, which has none",
+                "average translations only, for example 123 (solids have no rotations)",
+            )
         dependent = _um_set(card, tokens[split + 1 :], nodes, len(wanted)) if split < len(tokens) else None
-        whole = None if directions.all() else directions
+        whole = None if directions[:, :3].all() else directions[:, :3]
+        turned = directions[:, 3:] if directions[:, 3:].any() else None
         number = card.integer(0, "the element id")
         name = f"RBE3 {number}"
-        elements.append(AveragingElement(number, reference, rows, weights, wanted, whole, dependent, name))
+        elements.append(AveragingElement(number, reference, rows, weights, wanted, whole, dependent, name, turned))
     return tuple(elements)
 
 
 def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.ndarray]:
-    """Ids (k,), weights (k,) and directions (k, 3) of the groups weight, components, nodes."""
+    """Ids (k,), weights (k,) and directions (k, 6) of the groups weight, components, nodes."""
     ids: list[int] = []
     weights: list[float] = []
     directions: list[list[bool]] = []
@@ -89,7 +106,7 @@ def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.nda
         if node is not None and weight is not None:
             ids.append(node)
             weights.append(weight)
-            directions.append([c in wanted for c in range(3)])
+            directions.append([c in wanted for c in range(6)])
             i += 1
             continue
         if node is None and is_whole(tokens[i]):
@@ -98,11 +115,6 @@ def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.nda
         if weight is None or weight <= 0:
             raise card.error(f"{tokens[i]!r} where a positive weight (with a decimal point) should stand")
         wanted = components(tokens[i + 1] if i + 1 < len(tokens) else "", card)
-        if max(wanted) > 2:
-            raise card.error(
-                f"components {tokens[i + 1]} after weight {tokens[i]} hold rotations",
-                "average translations only, for example 123 (solids have no rotations)",
-            )
         i += 2
     if not ids:
         raise card.error("has no nodes to average")

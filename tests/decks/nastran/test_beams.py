@@ -1,0 +1,344 @@
+"""CBAR, CBEAM and rods: sections, axes, offsets and pins by their definitions; errors with their remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError
+
+BAR = """\
+GRID,1,,0.,0.,0.
+GRID,2,,2.,0.,0.
+GRID,3,,0.,1.,0.,6
+GRID,4,,0.,3.,0.
+CBAR,10,1,1,2,0.,0.,1.
+PBAR,1,1,.01,2.-5,1.-5,3.-5,7.
+MAT1,1,2.1+11,,.3,7850.
+CORD2R,6,,0.,0.,0.,1.,0.,0.
+,0.,0.,1.
+"""
+CARD, PBAR = "CBAR,10,1,1,2,0.,0.,1.", "PBAR,1,1,.01,2.-5,1.-5,3.-5,7."
+"""System 6 has z along x, x along z and so y against y."""
+
+
+def deck(card=CARD, pbar=PBAR, more=""):
+    return BAR.replace(CARD, card).replace(PBAR, pbar) + more
+
+
+def test_a_bar_arrives_with_its_section_ids_and_lines(read):
+    mesh = read(deck(more="SET3,5,ELEM,10\n"))
+    (block,) = mesh.beams
+    assert (block.kind, block.ids.tolist(), block.nodes.tolist(), block.region.tolist()) == ("beam", [10], [[0, 1]], [1])
+    np.testing.assert_allclose(block.axes[0], np.transpose([[1, 0, 0], [0, 0, 1], [0, -1, 0]]))
+    assert not block.offset.any()
+    assert not block.released.any()
+    own = mesh.sections[1]
+    np.testing.assert_allclose(own.second, [[2e-5, 0], [0, 1e-5]])
+    assert (own.area, own.torsion, own.shear, own.nonstructural, own.at_b) == (0.01, 3e-5, (0.0, 0.0), 7.0, None)
+    assert own.points.shape == (0, 2)
+    assert (mesh.regions[1].name, mesh.regions[1].material) == ("PBAR 1", 1)
+    assert mesh.where("element", 10).endswith(":5")
+    assert mesh.element_sets["SET3-5"].tolist() == [10]
+    assert mesh.ignored == {}
+
+
+def test_the_rest_of_a_pbar(read):
+    own = read(deck(pbar=PBAR + "\n,.1,.2,-.1,.2\n,.83,.7,1.-5")).sections[1]
+    np.testing.assert_allclose(own.second, [[2e-5, 1e-5], [1e-5, 1e-5]])
+    np.testing.assert_allclose(own.points, [[0.1, 0.2], [-0.1, 0.2]])
+    assert own.shear == (0.83, 0.7)
+
+
+@pytest.mark.parametrize(
+    "card",
+    [
+        "CBAR          10       1       3       4      1.      0.      1.",
+        "CBAR*                 10               1               3               4\n"
+        "*                     1.              0.              1.",
+        "CBEAM,10,1,3,4,1.,0.,1.",
+    ],
+)
+def test_the_orientation_is_along_the_system_of_end_a_in_every_format(read, card):
+    """(1, 0, 1) in system 6 is z + x of the basic one."""
+    axes = read(deck(card, PBAR if "BAR" in card else "PBEAM,1,1,.01,2.-5,1.-5,,3.-5")).beams[0].axes[0]
+    np.testing.assert_allclose(axes[:, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(axes[:, 1], [np.sqrt(0.5), 0, np.sqrt(0.5)], atol=1e-15)
+    assert np.linalg.det(axes) == pytest.approx(1)
+
+
+def test_bgg_takes_it_along_the_basic_axes(read):
+    axes = read(deck("CBAR,10,1,3,4,1.,0.,0.,BGG")).beams[0].axes[0]
+    np.testing.assert_allclose(axes[:, 1], [1, 0, 0], atol=1e-15)
+
+
+def test_a_node_gives_the_plane_from_end_a(read):
+    axes = read(deck("CBAR,10,1,1,2,4")).beams[0].axes[0]
+    np.testing.assert_allclose(axes, np.eye(3), atol=1e-15)
+
+
+def test_offsets_are_along_the_systems_of_their_nodes_and_move_the_axis(read):
+    """W of node 3 in system 6: (.2, .1, .4) is (.4, -.1, .2); node 1 has none."""
+    block = read(deck("CBAR,10,1,3,1,1.,0.,0.,GGG\n,,,.2,.1,.4,.4,-.1,.2")).beams[0]
+    np.testing.assert_allclose(block.offset[0], [[0.4, -0.1, 0.2], [0.4, -0.1, 0.2]])
+    np.testing.assert_allclose(block.axes[0][:, 0], [0, -1, 0], atol=1e-15)
+    turned = read(deck("CBAR,10,1,1,2,0.,0.,1.\n,,,,,,,2.")).beams[0]
+    np.testing.assert_allclose(turned.axes[0][:, 0], [np.sqrt(0.5), np.sqrt(0.5), 0])
+
+
+def test_pin_flags_release_motions_of_an_end(read):
+    released = read(deck(CARD + "\n,456,5")).beams[0].released[0]
+    assert released.tolist() == [[False] * 3 + [True] * 3, [False] * 4 + [True, False]]
+
+
+def test_baror_and_beamor_fill_what_is_blank(read):
+    base = deck("CBAR,10,,1,2\nCBAR,11,1,1,3,0.,0.,1.\nBAROR,,1,,,4", more="CBEAM,12,,1,2,,,,\nBEAMOR,,3,,,0.,0.,1.\n")
+    mesh = read(base + "PBEAM,3,1,.01,2.-5,1.-5\n")
+    (block,) = mesh.beams
+    assert dict(zip(block.ids.tolist(), block.region.tolist(), strict=True)) == {10: 1, 11: 1, 12: 3}
+    along_y = {number: axes[:, 1] for number, axes in zip(block.ids.tolist(), block.axes, strict=True)}
+    np.testing.assert_allclose([along_y[10], along_y[11], along_y[12]], [[0, 1, 0], [0, 0, 1], [0, 0, 1]], atol=1e-15)
+    with pytest.raises(DeckError, match="a second one"):
+        read(base + "PBEAM,3,1,.01,2.-5,1.-5\nBAROR,,1\n")
+
+
+BEAM = "CBEAM,10,1,1,2,0.,0.,1."
+ENDS = "PBEAM,1,1,.01,2.-5,1.-5,1.-6,3.-5,7.\n,.1,.2,-.1,.2\n"
+
+
+def test_a_uniform_pbeam(read):
+    own = read(deck(BEAM, ENDS)).sections[1]
+    np.testing.assert_allclose(own.second, [[2e-5, 1e-6], [1e-6, 1e-5]])
+    assert (own.area, own.torsion, own.shear, own.nonstructural, own.at_b) == (0.01, 3e-5, (1.0, 1.0), 7.0, None)
+    np.testing.assert_allclose(own.points, [[0.1, 0.2], [-0.1, 0.2]])
+
+
+@pytest.mark.parametrize(
+    "stations",
+    [
+        ",YES,1.,.02,4.-5,,,,9.\n,.3,.4\n,.8,.9",
+        ",NO,.5,.015,3.-5,,,,8.\n,YES,1.,.02,4.-5,,,,9.\n,.3,.4\n,.8,.9",
+        ",NO,.25\n,YES,1.,.02,4.-5,,,,9.\n,.3,.4\n,.8,.9",
+    ],
+)
+def test_a_tapered_pbeam_has_two_ends(read, stations):
+    """What is blank at end B is that of end A; blank between them lies on the line."""
+    own = read(deck(BEAM, ENDS + stations)).sections[1]
+    other = own.at_b
+    assert (own.area, other.area) == (0.01, 0.02)
+    np.testing.assert_allclose(other.second, [[4e-5, 1e-6], [1e-6, 1e-5]])
+    assert (other.torsion, other.nonstructural) == (3e-5, 9.0)
+    np.testing.assert_allclose(other.points, [[0.3, 0.4]])
+    assert own.shear == other.shear == (0.8, 0.9)
+
+
+def test_yesa_has_the_places_of_end_a_and_equal_ends_are_one_section(read):
+    assert read(deck(BEAM, ENDS + ",YESA,1.\n,0.,0.")).sections[1].at_b is None
+    own = read(deck(BEAM, ENDS + ",YESA,1.,.02\n,0.,0.")).sections[1]
+    np.testing.assert_allclose(own.at_b.points, own.points)
+    assert own.shear == (0, 0)
+
+
+def test_the_line_of_places_of_stress_may_be_left_out(read):
+    own = read(deck(BEAM, "PBEAM,1,1,.01,2.-5,1.-5\n,NO,1.,.02\n,.5,.5")).sections[1]
+    assert own.points.shape == (0, 2)
+    assert (own.at_b.area, own.shear) == (0.02, (0.5, 0.5))
+
+
+def test_warping_is_noted(read):
+    (note,) = (n for n in read(deck(BEAM, ENDS + ",NO,1.\n,,,,,,,1.-9")).notes if "PBEAM" in n)
+    assert note.startswith("PBEAM 1: CW(A) (inertia about the axis, warping) have no effect")
+
+
+def test_shapes_of_bars(read):
+    """A box of 60 by 80 mm with walls of 3 and 4 mm, by what its outline and its hollow have; a bar 30 wide and 50 high."""
+    own = read(deck(pbar="PBARL,1,1,,BOX\n,.06,.08,.003,.004,5.")).sections[1]
+    assert own.area == pytest.approx(0.06 * 0.08 - 0.052 * 0.074)
+    vertical, across = (0.06 * 0.08**3 - 0.052 * 0.074**3) / 12, (0.08 * 0.06**3 - 0.074 * 0.052**3) / 12
+    np.testing.assert_allclose(own.second, np.diag([vertical, across]), atol=1e-20)
+    assert own.nonstructural == 5
+    large = "PBARL*  {:>16}{:>16}{:>16}{:>16}\n*\n*       {:>16}{:>16}".format(1, 1, "MSCBML0", "BAR", ".03", ".05")
+    own = read(deck(pbar=large)).sections[1]
+    np.testing.assert_allclose(own.second, np.diag([0.03 * 0.05**3, 0.05 * 0.03**3]) / 12, atol=1e-20)
+    assert own.nonstructural == 0
+
+
+LBEAM = "PBEAML,1,1,,TUBE\n,.03,.02,5."
+
+
+@pytest.mark.parametrize(
+    ("more", "radii", "mass"),
+    [
+        ("", (0.03, 0.02), 5),
+        (",YES,1.", (0.03, 0.02), 5),
+        (",YES,1.,.04,.03,7.", (0.04, 0.03), 7),
+        (",,,.04", (0.04, 0.02), 5),
+        (",NO,.5\n,NO,1.,.04,.03,7.", (0.04, 0.03), 7),
+    ],
+)
+def test_shapes_of_tapered_beams(read, more, radii, mass):
+    """Of a tube A = π (R² − r²), J = π/2 (R⁴ − r⁴); what is blank at end B is that of end A."""
+    lines = LBEAM if not more else LBEAM + more
+    own = read(deck(BEAM, lines)).sections[1]
+    R, r = radii
+    assert own.area == pytest.approx(np.pi * (0.03**2 - 0.02**2))
+    other = own.at_b or own
+    assert (own.at_b is None) == (radii == (0.03, 0.02))
+    assert (other.area, other.torsion) == pytest.approx((np.pi * (R**2 - r**2), np.pi / 2 * (R**4 - r**4)))
+    assert (own.nonstructural, other.nonstructural) == (5, mass)
+
+
+ROD, PROD = "CROD,10,1,1,2", "PROD,1,1,.01,3.-5,,7."
+
+
+def test_rods_and_tubes(read):
+    """A tube of 40 by 5 mm: A = π (20² − 15²) mm², J = π/2 (20⁴ − 15⁴) mm⁴; without a wall a full circle."""
+    mesh = read(deck(ROD, PROD, "CTUBE,11,2,1,4\nPTUBE,2,1,.04,.005,.5\nCTUBE,12,3,2,4\nPTUBE,3,1,.04\n"))
+    (block,) = mesh.beams
+    assert (block.kind, block.ids.tolist(), block.region.tolist()) == ("rod", [10, 11, 12], [1, 2, 3])
+    np.testing.assert_allclose(block.axes[:, :, 0], [[1, 0, 0], [0, 1, 0], np.array([-2, 3, 0]) / np.sqrt(13)])
+    np.testing.assert_allclose(np.linalg.det(block.axes), 1)
+    np.testing.assert_allclose(block.axes.transpose(0, 2, 1) @ block.axes, [np.eye(3)] * 3, atol=1e-15)
+    rod, tube, full = (mesh.sections[i] for i in (1, 2, 3))
+    assert (rod.area, rod.torsion, rod.nonstructural) == (0.01, 3e-5, 7)
+    assert (tube.area, tube.torsion) == pytest.approx((np.pi * 175e-6, np.pi / 2 * (20**4 - 15**4) * 1e-12))
+    assert (full.area, full.torsion) == pytest.approx((np.pi * 400e-6, np.pi / 2 * 20**4 * 1e-12))
+    assert not rod.second.any()
+
+
+def test_conrods_of_the_same_values_are_a_region_of_their_own(read):
+    rods = "CONROD,21,1,4,1,.02\nCONROD,22,2,4,1,.02\nCONROD,23,1,3,1,.03,1.-6,,5.\n"
+    mesh = read(deck(more=rods + "PROD,40,1,.5\n"))
+    block = mesh.beams[1]
+    assert block.ids.tolist() == [21, 22, 23]
+    assert block.nodes.tolist() == [[0, 3], [1, 3], [0, 2]]
+    assert block.region.tolist() == [41, 41, 42]
+    assert [mesh.regions[i].name for i in (41, 42)] == ["CONROD 21", "CONROD 23"]
+    own = mesh.sections[42]
+    assert (own.area, own.torsion, own.nonstructural) == (0.03, 1e-6, 5)
+
+
+def test_wtmass_scales_the_mass_of_both_ends(read):
+    own = read(deck(BEAM, ENDS + ",NO,1.,.02,,,,,9.", "PARAM,WTMASS,.5\n")).sections[1]
+    assert (own.nonstructural, own.at_b.nonstructural, own.at_b.area) == (3.5, 4.5, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("mat1", "nu", "note"),
+    [
+        ("MAT1,1,2.+11", 0, "MAT1 1 states E alone: NU = 0"),
+        ("MAT1,1,2.+11,8.+10,.3", 0.25, "MAT1 1: NU .3 does not go with E and G, which are all that beams and rods need: 0.25"),
+    ],
+)
+def test_a_material_of_beams_alone_is_e_and_g(read, mat1, nu, note):
+    text = BAR.replace("MAT1,1,2.1+11,,.3,7850.", mat1)
+    mesh = read(text)
+    assert mesh.materials[1].poisson_ratio == pytest.approx(nu)
+    assert [own.startswith(note) for own in mesh.notes] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("mat1", "E", "G", "nu"),
+    [
+        ("MAT1,1,2.+11,6.+10,.3", 2e11, 6e10, 0.3),  # with a shell of it
+        ("MAT1,1,2.+11,6.+10", 2e11, 6e10, None),  # beams alone, of no Poisson's ratio below ½
+        ("MAT1,1,2.+11,6.+10,.3", 2e11, 6e10, None),
+    ],
+)
+def test_a_beam_twists_and_shears_with_the_g_of_its_material(read, mat1, E, G, nu):
+    """Whatever the Poisson's ratio beside it: EI, GJ and K G A are those of the card, and a shell has E and ν in its plane."""
+    text = BAR.replace("MAT1,1,2.1+11,,.3,7850.", mat1)
+    shell = "" if nu is None else "CTRIA3,11,2,1,2,3\nPSHELL,2,1,.1,1,,1\n"
+    exact, mesh = read(BAR).sections[1], read(text + shell)
+    own, material = mesh.sections[1], mesh.materials[1]
+    used = material.youngs_modulus / (2 * (1 + material.poisson_ratio))
+    assert material.youngs_modulus == E
+    assert used * own.torsion == pytest.approx(G * exact.torsion, rel=1e-14)
+    assert used * np.array(own.shear) == pytest.approx(G * np.array(exact.shear), rel=1e-14)
+    np.testing.assert_array_equal(own.second, exact.second)
+    if nu is not None:
+        assert material.poisson_ratio == nu
+        assert used * mesh.sections[2].shear == pytest.approx(5 / 6 * G, rel=1e-14)
+        assert "G = 6e+10 is 0.78 times E/2(1 + NU)" in mesh.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("card", "pbar", "what", "line"),
+    [
+        ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends are on one node", 5),
+        ("CBAR,10,1,1,9,0.,0.,1.", PBAR, "node 9 is not in the deck", 5),
+        ("CBAR,10,1,1,2,9", PBAR, "node 9 is not in the deck", 5),
+        ("CBAR,10,1,1,2", PBAR, "neither G0 nor X1 to X3 .* BAROR", 5),
+        ("CBAR,10,1,1,2,1.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
+        ("CBAR,10,1,1,2,0.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
+        ("CBAR,10,1,3,4,1", PBAR, "G0 or X1 to X3 lie on its axis", 5),
+        ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "its ends coincide", 5),
+        ("CBAR,10,1,1,2,0.,0.,1.,GOO\n,,,.1", PBAR, "OFFT is GOO", 5),
+        ("CBAR,10,1,1,2,0.,0.,1.\n,7", PBAR, "components '7'", 5),
+        ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "end B is released altogether", 5),
+        ("CBEAM,10,1,1,2,0.,0.,1.,.5", "PBEAM,1,1,1.,1.,1.", "BIT is .5", 5),
+        ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, not a PBEAM", 5),
+        ("CROD,10,1,1,2", PBAR, "property 1 is a PBAR, not a PROD", 5),
+        ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),
+        ("CROD,10,1,1,1", "PROD,1,1,.1", "both ends are on one node", 5),
+        (CARD, "PBAR,1,1,0.,1.,1.", "area is 0", 6),
+        (CARD, "PBAR,1,1,1.,-1.,1.", "I1 is -1", 6),
+        (CARD, "PBAR,1,1,1.,1.,1.\n\n,,,2.", "I12 2", 6),
+        (CARD, "PBAR,1,8,1.,1.,1.", "material 8 is not in the deck", 6),
+        (CARD, "MAT9,8\nPBAR,1,8,1.,1.,1.", "material 8 is a MAT9", 7),
+        (CARD, PBAR + "\nPBAR,1,1,1.", "property id 1 stands twice", 7),
+        ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", "the wall is 0.03, of a tube 0.04 thick", 6),
+        ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 makes it conical", 6),
+        (BEAM, "PBEAM,1,1,1.,1.", "I2 .* is ''", 6),
+        (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, on the line between its ends 0.015", 6),
+        (BEAM, ENDS + ",NO,1.5,.02", "X/XB is 1.5", 6),
+        (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
+        (CARD, "PBARL,1,1,,HAT1\n,1.,1.", "the section HAT1 is not known", 6),
+        (CARD, "PBARL,1,1,OWN,BAR\n,1.,1.", "GROUP is OWN", 6),
+        (CARD, "PBARL,1,1,,BAR\n,1.", "DIM2 .* is ''", 6),
+        (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
+        (CARD, "PBARL,1,1,,BAR\n,1.,1.,-1.", "NSM is -1", 6),
+        (CARD, LBEAM, "property 1 is a PBEAML, not a PBAR or PBARL", 5),
+        (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of this T is not its centroid", 6),
+        (BEAM, LBEAM + ",MAYBE,1.", "SO .* is MAYBE", 6),
+        (BEAM, LBEAM + ",NO,1.5", "X/XB is 1.5", 6),
+        (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
+        (BEAM, ENDS + ",NO,1.\n,,,.1", r"S1 is 0.1: a neutral axis", 6),
+        (BEAM, ENDS + ",NO,1.\n\n,,,,,.1,.2", r"N1\(A\) is 0.1, N2\(A\) is 0.2: a neutral axis", 6),
+        (BEAM, ENDS + ",NO,1.\n,1.,1.\n,.3", r"M1\(A\) is 0.3: a neutral axis", 6),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_line(read, card, pbar, what, line):
+    pbar = pbar.replace("\n\n", "\n,,\n")
+    with pytest.raises(DeckError, match=what) as caught:
+        read(deck(card, pbar))
+    assert caught.value.remedy
+    assert caught.value.where.endswith(f"deck.bdf:{line}")
+
+
+def test_element_ids_are_one_of_a_kind_over_solids_too(read, tetrahedron):
+    with pytest.raises(DeckError, match="element id 10 stands twice, a solid has it too") as caught:
+        read(tetrahedron + "CONROD,10,1,2,1,.1\n")
+    assert caught.value.where.endswith(":9")
+    with pytest.raises(DeckError, match="element id 10 stands twice"):
+        read(deck(more="CONROD,10,1,2,1,.1\n"))
+
+
+def test_an_id_of_two_properties_is_an_error_where_elements_are_asked_for(read):
+    text = deck(more="CROD,11,1,1,2\nPROD,1,1,.1\n")
+    with pytest.raises(DeckError, match="property id 1 stands twice") as caught:
+        read(text)
+    assert caught.value.where.endswith(":11")
+    mesh = read(text, required=False)
+    assert [block.ids.tolist() for block in mesh.beams] == [[10]]
+    assert mesh.ignored["CROD"] == 1
+
+
+def test_nodes_of_beams_turn_and_those_of_rods_do_not(read):
+    more = "MOMENT,4,2,,1.,1.\nSPC1,1,456,2\n"
+    held = read(deck(more=more))
+    assert held.held.tolist() == [1]
+    assert not [note for note in held.notes if "MOMENT" in note]
+    loose = read(deck(ROD, PROD, more))
+    assert loose.held.tolist() == []
+    assert [note for note in loose.notes if "MOMENT on node 2 without rotations" in note]

@@ -1,0 +1,235 @@
+"""CQUAD4, CTRIA3 and PSHELL: sections, normals, axes, offsets and pressures by their definitions; errors with their remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError
+
+FLAT = """\
+GRID,1,,0.,0.,0.
+GRID,2,,2.,0.,0.
+GRID,3,,2.,1.,0.
+GRID,4,,0.,1.,0.
+GRID,5,,4.,0.,0.
+CQUAD4,10,1,1,2,3,4
+CTRIA3,11,2,2,5,3
+PSHELL,1,1,.1,1,,1
+PSHELL,2,1,.2
+MAT1,1,2.1+11,,.3,7850.
+"""
+
+
+def changed(old, new):
+    assert old in FLAT
+    return FLAT.replace(old, new)
+
+
+def test_elements_arrive_in_blocks_of_a_kind_with_their_ids_and_lines(read):
+    mesh = read(FLAT + "SET3,5,ELEM,10,11\n")
+    quad, triangle = mesh.shells
+    assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == ("quad4", [10], [[0, 1, 2, 3]], [1])
+    assert (triangle.kind, triangle.ids.tolist(), triangle.nodes.tolist()) == ("tri3", [11], [[1, 4, 2]])
+    assert np.isnan(quad.axis).all()
+    assert not quad.offset.any()
+    assert mesh.blocks == mesh.beams == ()
+    assert {i: (region.name, region.material) for i, region in mesh.regions.items()} == {1: ("PSHELL 1", 1), 2: ("PSHELL 2", 1)}
+    assert mesh.where("element", 11).endswith("deck.bdf:7")
+    assert mesh.element_sets["SET3-5"].tolist() == [10, 11]
+    assert mesh.ignored == {}
+    assert mesh.notes[1:] == ()
+
+
+def test_shells_beside_solids_keep_the_lines_of_both(read, tetrahedron):
+    mesh = read(tetrahedron + "CTRIA3,11,2,1,2,3\nPSHELL,2,1,.2\n")
+    assert [mesh.where("element", number)[-2:] for number in (10, 11)] == [":5", ":9"]
+    assert list(mesh.regions) == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ("1,1,.1,1,,1", (0.1, 1, 5 / 6, 0)),
+        ("1,1,.1,1,2.5,1,.7,3.", (0.1, 2.5, 0.7, 3)),
+        ("1,1,.1,1", (0.1, 1, np.inf, 0)),
+        ("1,1,.1", (0.1, 0, 0, 0)),
+        ("1,1,.1,0,,0,,.5", (0.1, 0, 0, 0.5)),
+        ("1,1,.1,1,,1\n,.05,-.05", (0.1, 1, 5 / 6, 0)),
+    ],
+)
+def test_a_property_is_thickness_bending_shear_and_mass(read, fields, expected):
+    section = read(changed("1,1,.1,1,,1", fields)).sections[1]
+    assert (section.thickness, section.bending, section.shear, section.nonstructural) == pytest.approx(expected)
+
+
+def test_wtmass_scales_the_mass_of_a_section(read):
+    mesh = read(changed("1,1,.1,1,,1", "1,1,.1,1,,1,,3.") + "PARAM,WTMASS,.5\n")
+    assert mesh.sections[1].nonstructural == 1.5
+    assert mesh.sections[1].thickness == 0.1
+
+
+@pytest.mark.parametrize(
+    "card",
+    [
+        "CQUAD4        10       1       1       2       3       4     30.     .25",
+        "CQUAD4*               10               1               1               2*\n"
+        "*                      3               4             30.             .25",
+        "CQUAD4,10,1,1,2,3,4,30.,.25",
+        "CQUAD4  10,1,1,2,3,4,30.,.25".replace("CQUAD4  ", "CQUAD4,"),
+        "CQUADR,10,1,1,2,3,4,30.,.25",
+    ],
+)
+def test_every_field_format_gives_angle_and_offset(read, card):
+    block = read(changed("CQUAD4,10,1,1,2,3,4", card)).shells[0]
+    assert block.offset.tolist() == [0.25]
+    np.testing.assert_allclose(block.axis, [[np.sqrt(3) / 2, 0.5, 0]], atol=1e-15)
+
+
+def test_an_angle_turns_side_1_2_about_the_normal_by_the_order_of_nodes(read):
+    """Counted the other way round the normal is −z, and a positive angle turns clockwise as seen from +z."""
+    block = read(changed("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,2,1,4,3,30.")).shells[0]
+    np.testing.assert_allclose(block.axis, [[-np.sqrt(3) / 2, 0.5, 0]], atol=1e-15)
+
+
+def test_an_angle_of_a_triangle_stands_a_field_earlier(read):
+    block = read(changed("CTRIA3,11,2,2,5,3", "CTRIA3,11,2,2,5,3,90.,-.5")).shells[1]
+    np.testing.assert_allclose(block.axis, [[0, 1, 0]], atol=1e-15)
+    assert block.offset.tolist() == [-0.5]
+
+
+def test_a_material_system_gives_its_x(read):
+    text = changed("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4,7")
+    mesh = read(text + "CORD2R,7,,0.,0.,0.,0.,0.,1.\n,1.,1.,0.\n")
+    np.testing.assert_allclose(mesh.shells[0].axis, [[np.sqrt(0.5), np.sqrt(0.5), 0]])
+    text += "CORD2R,7,,0.,0.,0.,1.,1.,0.\n,0.,0.,1.\n"
+    with pytest.raises(DeckError, match="x of its material system 7 is along its normal"):
+        read(text)
+
+
+def test_corners_as_thick_as_the_property_are_accepted(read):
+    for more in ("\n,,,.1,.1,.1,.1", "\n,,,.1", "\n,,1,1.,1.,1.,1."):
+        assert read(changed("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4" + more)).sections[1].thickness == 0.1
+
+
+def test_two_shells_on_the_same_nodes_are_noted(read):
+    (note,) = read(FLAT + "CQUAD4,12,1,3,4,1,2\n").notes[1:]
+    assert note.startswith("CQUAD4 12 is on the nodes of CQUAD4 10 (1 such element)")
+
+
+def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
+    """Corners lie by the least singular value over two off the plane nearest to them; 1.5/√5 where two are lifted by 3."""
+    mesh = read(changed("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,.5"))
+    x = mesh.position[:4]
+    off = np.linalg.svd(x - x.mean(axis=0))[1][2] / 2
+    diagonals = np.linalg.norm(x[2] - x[0]), np.linalg.norm(x[3] - x[1])
+    (note,) = mesh.notes[1:]
+    assert note.startswith("1 CQUAD4 warped")
+    assert f"(CQUAD4 10 {off / np.mean(diagonals):.2g})" in note
+    assert read(changed("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,.4")).notes[1:] == ()
+    with pytest.raises(DeckError, match=r"0\.67 of its mean diagonal off their plane, 0\.3 at most"):
+        read(FLAT.replace("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,3.").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,3."))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "line"),
+    [
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,3", "a node stands twice", 6),
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3", "a node id .* is ''", 6),
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,9", "node 9 is not in the deck", 6),
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,3,2,4", "has no area|folded", 6),
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,9,1,2,3,4", r"property 9 is not in the deck \(PSHELL or PCOMP or PCOMPG\)", 6),
+        ("PSHELL,1,1,.1,1,,1", "PSOLID,1,1", "property 1 is a PSOLID, not a PSHELL", 6),
+        ("PSHELL,1,1,.1,1,,1", "PSHEAR,1", "property 1 is a PSHEAR, not a PSHELL", 6),
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4,6", "system 6 is no CORD1 or CORD2", 6),
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,,.1,.1,.2,.1", "T3 makes it 0.2 thick .* property 0.1", 6),
+        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,1,1.,1.,2.,1.", "T3 makes it 0.2 thick", 6),
+        ("CTRIA3,11,2,2,5,3", "CTRIA3,11,2,1,2,5", "has no area", 7),
+        ("CTRIA3,11,2,2,5,3", "CTRIA3,10,2,2,5,3", "element id 10 stands twice", 7),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,0.,1,,1", "thickness is 0", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,,1,,1", "thickness T .* is ''", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,,.1,1,,1", "MID1 is blank", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,2,,1", r"MID2 \(bending\) is 2, MID1 is 1", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,-1,,1", r"MID2 \(bending\) is -1", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,2", r"MID3 \(shear\) is 2", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1\n,,,3", "MID4 is 3", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,0.", "TS/T is 0", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,,-1.", "NSM is -1", 8),
+        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,7,.1,7,,7", "material 7 is not in the deck", 8),
+        ("PSHELL,2,1,.2", "PSHELL,2,1,.2\nPSHELL,2,1,.3", "property id 2 stands twice", 10),
+        ("PSHELL,2,1,.2", "PSHELL,2,1,.2\nPSOLID,2,1", "property id 2 stands twice", None),
+        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,.3,7850.", "states NU alone", 10),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
+    with pytest.raises(DeckError, match=what) as caught:
+        read(changed(old, new))
+    assert caught.value.remedy
+    if line:
+        assert caught.value.where.endswith(f"deck.bdf:{line}")
+
+
+@pytest.mark.parametrize("card", ["CQUAD4,10,9,1,2,3,4", "PSHELL,1,1,.1,2,,1"])
+def test_where_no_elements_are_asked_for_shells_that_cannot_be_had_are_counted(read, card):
+    old = "CQUAD4,10,1,1,2,3,4" if card[0] == "C" else "PSHELL,1,1,.1,1,,1"
+    mesh = read(changed(old, card), required=False)
+    assert [block.ids.tolist() for block in mesh.shells] == [[11]]
+    assert mesh.ignored["CQUAD4"] == 1
+    assert mesh.ignored["PSHELL that no element refers to"] == 1
+    assert mesh.unsupported["CQUAD4"].endswith("deck.bdf:6")
+
+
+def test_shells_that_are_left_out_take_their_properties_along(read):
+    mesh = read(FLAT, ignore=["CQUAD4", "CTRIA3"], required=False)
+    assert mesh.shells == ()
+    assert mesh.regions == {}
+    assert mesh.ignored == {
+        "CQUAD4": 1,
+        "CTRIA3": 1,
+        "PSHELL that no element refers to": 2,
+        "MAT1 that no property refers to": 1,
+    }
+
+
+def totals(mesh, name):
+    load = mesh.loads[name]
+    return load.force.sum(axis=0), np.cross(mesh.position[load.nodes], load.force).sum(axis=0)
+
+
+@pytest.mark.parametrize(
+    ("cards", "force", "place"),
+    [
+        ("PLOAD2,1,3.,10\n", 3 * 2.0, [1, 0.5]),
+        ("PLOAD,1,3.,4,3,2,1\n", -3 * 2.0, [1, 0.5]),
+        ("PLOAD,1,3.,2,5,3\n", 3 * 1.0, [8 / 3, 1 / 3]),
+        ("PLOAD4,1,10,3.,,,,THRU,11\n", 3 * 3.0, [(2 + 8 / 3) / 3, (1 + 1 / 3) / 3]),
+    ],
+)
+def test_a_pressure_acts_along_the_normal_at_the_centre(read, cards, force, place):
+    total, moment = totals(read(FLAT + cards), "LOAD-1")
+    np.testing.assert_allclose(total, [0, 0, force], atol=1e-14)
+    np.testing.assert_allclose(moment, np.cross([*place, 0], total), atol=1e-14)
+
+
+def test_a_pressure_varies_between_the_corners_and_may_act_along_a_vector(read):
+    """p = x/2 on the square of 2 by 1: ∫ p dA = 1, ∫ p x dA = 4/3; along −y with its vector."""
+    total, moment = totals(read(FLAT + "PLOAD4,1,10,0.,1.,1.,0.\n"), "LOAD-1")
+    np.testing.assert_allclose(total, [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(moment, [0.5, -4 / 3, 0], atol=1e-15)
+    total, _ = totals(read(FLAT + "PLOAD4,1,10,3.\n,,0.,-2.,0.\n"), "LOAD-1")
+    np.testing.assert_allclose(total, [0, -6, 0], atol=1e-15)
+
+
+def test_a_shell_on_a_solid_and_its_face_take_a_pressure_alike(read, tetrahedron):
+    shell = tetrahedron + "CTRIA3,11,2,2,3,4\nPSHELL,2,1,.2\nPLOAD2,1,2.,11\n"
+    a, b = (read(shell, ignore=ignore).loads["LOAD-1"] for ignore in ((), ("CTRIA3",)))
+    np.testing.assert_array_equal(a.nodes, b.nodes)
+    np.testing.assert_allclose(a.force, b.force)
+
+
+def test_nodes_of_shells_turn(read):
+    """So moments and inertia act there, a rotation that is held holds, and a tie of rotations is one."""
+    more = "MOMENT,4,3,,1.,1.\nCONM2,50,3,,2.,1.,,\n,1.,,1.,,,1.\nSPC1,1,456,4\nRBE2,60,1,456,5\n"
+    mesh = read(FLAT + more)
+    assert mesh.notes[1:] == ()
+    assert mesh.held.tolist() == [3]
