@@ -146,12 +146,12 @@ def test_generated_and_nested_sets_are_what_they_say(read):
 
 
 def test_a_node_set_of_an_element_set(read):
-    more = "*ELEMENT, TYPE=S3, ELSET=SHELL\n20, 2, 3, 4\n*NSET, NSET=S, ELSET=SHELL\n*NSET, NSET=T, ELSET=EALL\n"
+    more = "*ELEMENT, TYPE=M3D3, ELSET=SKIN\n20, 2, 3, 4\n*NSET, NSET=S, ELSET=SKIN\n*NSET, NSET=T, ELSET=EALL\n"
     mesh = read(TETRAHEDRON + more)
     assert list(mesh.node_sets["S"]) == [2, 3, 4]
     assert list(mesh.node_sets["T"]) == [1, 2, 3, 4]
-    assert "SHELL" not in mesh.element_sets
-    assert mesh.ignored == {"*ELEMENT, TYPE=S3": 1}
+    assert "SKIN" not in mesh.element_sets
+    assert mesh.ignored == {"*ELEMENT, TYPE=M3D3": 1}
 
 
 @pytest.mark.parametrize(
@@ -201,21 +201,19 @@ def test_regions_follow_the_sections(read):
     assert {i: region.name for i, region in mesh.regions.items()} == {1: "EALL", 2: "Upper"}
     assert dict(zip(mesh.blocks[0].ids, mesh.blocks[0].region, strict=True)) == {10: 1, 11: 2}
     assert len(mesh.materials) == 1
-    assert mesh.ignored == {"*MATERIAL that no solid section refers to": 1}
+    assert mesh.ignored == {"*MATERIAL that no section refers to": 1}
 
 
 def test_what_changes_the_structure_is_counted_and_output_is_not(read):
     text = TETRAHEDRON.replace("*DENSITY", "*PLASTIC\n1., 0.\n*DENSITY")
     mesh = read(
         text + "*ELEMENT, TYPE=DASHPOT1, ELSET=SP\n30, 4\n31, 3\n*DASHPOT, ELSET=SP\n3\n100.\n*TIE, NAME=T\na, b\n"
-        "*EQUATION\n2\n3, 1, 1., 4, 1, -1.\n3\n3, 2, 1., 4, 2, -1., 2, 2, 1.\n"
         "*RESTART, WRITE\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*NODE FILE\nU\n*EL PRINT\nS\n*NODE OUTPUT\nU\n*OUTPUT, FIELD\n"
         "*DLOAD\nEALL, GRAV, 9.81, 0., 0., -1.\n*END STEP\n"
     )
     assert mesh.ignored == {
         "*DASHPOT": 1,
         "*ELEMENT, TYPE=DASHPOT1": 2,
-        "*EQUATION": 2,
         "*PLASTIC": 1,
         "*TIE": 1,
     }
@@ -256,7 +254,8 @@ ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
         ("TYPE=C3D4, ", "", "has no TYPE", 9),
         ("C3D4", "C3D27", "C3D27 solids are not supported", 9),
         ("C3D4", "C3D8T", "C3D8T solids are not supported", 9),
-        ("C3D4", "S4R", "no solid element", None),
+        ("C3D4", "M3D4R", "no solid element, and no shell or beam", None),
+        ("C3D4", "S4R", "S4R 10 is a shell", 16),
         ("C3D4, ELSET=EALL", "C3D4, ELSET=OTHER", "element set 'EALL' is not in the deck", 16),
         (ELEMENT, ELEMENT + "\n*ELEMENT, TYPE=C3D4\n11, 4, 1, 2, 3", "C3D4 11 has no section", 12),
         ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", "C3D4 10 has no section", 10),
@@ -264,7 +263,7 @@ ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
         ("MATERIAL=STEEL", "MATERIAL=IRON", "material 'IRON' is not in the deck", 16),
         ("MATERIAL=STEEL", "MATERIAL=STEEL, COMPOSITE", "composite", 16),
         ("*BOUNDARY", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n*BOUNDARY", "in the section of EALL already", 17),
-        ("*ELASTIC\n2.1e11, .3\n", "", "'Steel' of a solid section has no \\*ELASTIC", 11),
+        ("*ELASTIC\n2.1e11, .3\n", "", "'Steel' of a section has no \\*ELASTIC", 11),
         ("*ELASTIC", "*ELASTIC, TYPE=ENGINEERING CONSTANTS", "TYPE=ENGINEERING", 12),
         ("*MATERIAL, NAME=Steel\n", "", "stands before any \\*MATERIAL", 11),
         ("*DENSITY", "*ELASTIC\n1., .3\n*DENSITY", "stands twice in the material", 14),
@@ -288,7 +287,6 @@ ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
         ("*BOUNDARY", "*NSET, NSET=A\n1, B\n*NSET, NSET=B\nA\n*BOUNDARY", "contains itself", 20),
         ("*BOUNDARY", "*NSET, NSET=A, GENERATE\n4, 2\n*BOUNDARY", "runs backwards", 18),
         ("*BOUNDARY", "*NSET, NSET=A, ELSET=B\n*BOUNDARY", "element set 'B' is not in the deck", 17),
-        ("*ELEMENT, TYPE=C3D4, ELSET=EALL", "*ELEMENT, TYPE=C3D4, ELSET=EALL,", "'10' is no parameter", 9),
     ],
 )
 def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
@@ -376,3 +374,28 @@ def test_a_surface_without_a_line_is_empty_with_a_note(read):
     assert "CONTACT" not in mesh.node_sets
     assert len(mesh.node_sets["SIDE"]) == 3
     assert any("surface CONTACT is empty" in note for note in mesh.notes)
+
+
+@pytest.mark.parametrize("comma", [",", " , ", ",,"])
+def test_a_comma_at_the_end_of_a_keyword_goes_on_only_with_parameters(read, comma):
+    """CalculiX decks end lines so: what follows is data where it begins with a number, or has one behind the name of a set."""
+    whole = read(TETRAHEDRON)
+    text = TETRAHEDRON.replace("*ELASTIC", f"*ELASTIC{comma}").replace("*BOUNDARY", f"*BOUNDARY{comma}")
+    text = text.replace("*ELEMENT, TYPE=C3D4, ELSET=EALL", f"*ELEMENT{comma}\nTYPE=C3D4,\n  ELSET=EALL{comma}")
+    mesh = read(text)
+    assert mesh.materials == whole.materials
+    np.testing.assert_array_equal(mesh.blocks[0].nodes, whole.blocks[0].nodes)
+    np.testing.assert_array_equal(mesh.fixed, whole.fixed)
+    assert mesh.notes == whole.notes
+
+
+def test_text_before_the_first_keyword_is_counted_and_numbers_there_are_none(read):
+    """CalculiX passes over it; numbers are data whose keyword is missing."""
+    mesh = read(f">**\nmade by hand\n{TETRAHEDRON}")
+    assert list(mesh.node_ids) == [1, 2, 3, 4]
+    assert mesh.ignored["lines before the first keyword"] == 2
+    assert mesh.effect["lines before the first keyword"] == "none"
+    for text in ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n", f"a title\n4, 0., 0., 1.\n{TETRAHEDRON}"):
+        with pytest.raises(DeckError, match="stands before the first keyword") as caught:
+            read(text)
+        assert "mesh.format: nastran" in caught.value.remedy

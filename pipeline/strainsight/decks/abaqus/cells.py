@@ -1,4 +1,4 @@
-"""Elements of an *ELEMENT keyword as arrays: solids, and others that are only counted."""
+"""Elements of an *ELEMENT keyword as arrays: solids, shells, beams, and others that are only counted."""
 
 from __future__ import annotations
 
@@ -17,6 +17,19 @@ from strainsight.mesh.model import IntArray
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""
 USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS if kind.abaqus)
+REDUCED = "integrated fully: reduced integration and its hourglass control are not imitated"
+SHELLS = {
+    "S3": ("tri3", ""),
+    "S3R": ("tri3", ""),
+    "STRI3": ("tri3", "which shears"),
+    "S4": ("quad4", ""),
+    "S4R": ("quad4", REDUCED),
+    "S4R5": ("quad4", REDUCED),
+}
+BEAMS = {"B31": ("beam", ""), "B31H": ("beam", ""), "B33": ("beam", ""), "T3D2": ("rod", "")}
+THIN = {**SHELLS, **BEAMS}
+"""Type → kind of shell or beam, and how it is reinterpreted."""
+CORNERS = {"tri3": 3, "quad4": 4}
 
 
 @dataclass(frozen=True)
@@ -40,7 +53,8 @@ class Cells:
 def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     """The elements of an *ELEMENT keyword, on as many lines each as it takes, with the rows of their nodes in `table`.
 
-    Raises DeckError for a wrong number of nodes, a node that is missing, and solids that are not supported.
+    A beam may have a third node, which its first axis points to. Raises DeckError for a wrong number of nodes, a node that is
+    missing, and solids that are not supported.
     """
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
@@ -49,10 +63,13 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
         )
     if not keyword.texts:
         keyword.rows()
-    if type_ not in SOLIDS:
+    kind = SOLIDS[type_][0] if type_ in SOLIDS else None
+    if kind is not None:
+        width = len(kind.nodes) + 1
+    elif type_ in SHELLS:
+        width = CORNERS[SHELLS[type_][0]] + 1
+    else:
         return _other_cells(keyword, type_, table)
-    kind, _ = SOLIDS[type_]
-    width = len(kind.nodes) + 1
     tokens, counts = keyword.flat()
     ends = np.cumsum(counts)
     first = np.flatnonzero((ends - counts) % width == 0)
@@ -112,7 +129,7 @@ def _no_integer(keyword: Keyword) -> DeckError:
 
 
 def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
-    """Elements that are only counted, or point masses: nodes that are not there do not matter yet."""
+    """Beams, point masses, and elements that are only counted: nodes that are not there do not matter yet."""
     lines: list[int] = []
     tokens: list[list[str]] = []
     for row in keyword.rows():

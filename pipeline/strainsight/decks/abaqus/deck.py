@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX decks: solids, materials, supports, ties and masses; the rest is counted, never dropped."""
+"""Abaqus and CalculiX decks: solids, shells, beams, supports, ties and masses; the rest is counted, never dropped."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.abaqus.assembly import assemble
-from strainsight.decks.abaqus.cells import SOLIDS, USUAL
+from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
+from strainsight.decks.abaqus.equations import equations
 from strainsight.decks.abaqus.loads import loads_of
-from strainsight.decks.abaqus.materials import regions_and_materials
 from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.sections import read_sections
 from strainsight.decks.abaqus.springs import NODES as SPRINGS
 from strainsight.decks.abaqus.springs import springs
 from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, point_masses
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
-from strainsight.decks.abaqus.text import Keyword, read_keywords
+from strainsight.decks.abaqus.text import Keyword, read_keywords, split
+from strainsight.decks.abaqus.thin import beam_blocks, shell_blocks
 from strainsight.decks.abaqus.ties import Ties, ties
 from strainsight.decks.effects import ENFORCED, effects, spelt
 from strainsight.decks.faults import check_elements
@@ -27,13 +29,14 @@ from strainsight.decks.moments import turning_nodes
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
+from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
-    r"SOLIDSECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION"
+    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION"
 )
 HARMLESS = re.compile(
-    r"HEADING|PREPRINT|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
+    r"HEADING|PREPRINT|SECTIONPOINTS|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
     r"PRINT|FILEFORMAT|FILEOUTPUT|(NODE|ELEMENT|CONTACT|ENERGY|MODAL|INTEGRATED)?OUTPUT|INTEGRATEDOUTPUTSECTION|"
     r"(NODE|EL|CONTACT|ENERGY|MODAL|SECTION)(FILE|PRINT)|PHYSICALCONSTANTS|DIAGNOSTICS|STATIC|(COMPLEX)?FREQUENCY|"
     r"(MODAL)?DYNAMIC|STEADYSTATEDYNAMICS|BUCKLE|VISCO|RANDOMRESPONSE|RESPONSESPECTRUM|HEATTRANSFER|DIRECTCYCLIC"
@@ -43,12 +46,18 @@ STRUCTURAL = re.compile(
     r"\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|TEMPERATURE|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT|INITIAL|AMPLITUDE)"
 )
 UNSUPPORTED = re.compile(
-    r"\*(ELEMENT,|TIE$|EQUATION$|MPC|CONTACT$|CONTACT ?PAIR|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
+    r"\*(ELEMENT,|TIE$|MPC|CONTACT$|CONTACT ?PAIR|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
     r"|SUBSTRUCTURE|SUBMODEL|FASTENER|CYCLIC ?SYMMETRY|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
     r"|CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|INERTIA ?RELIEF)"
 )
 """Elements, ties and loads: what a model is not the same without."""
-CONTROL = re.compile(r"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)")
+OF_THIN = re.compile(
+    r"\*(NORMAL$|NODE with|TRANSVERSE ?SHEAR|CENTROID|SHEAR ?CENTER|BEAM ?ADDED ?INERTIA|BEAM ?FLUID ?INERTIA"
+    r"|BEAM ?SECTION ?OFFSET)"
+)
+"""What shells and beams are not the same without."""
+BEFORE = "lines before the first keyword"
+CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
     "PARAMETER": ("parameters are not supported", "write their values out"),
@@ -56,19 +65,27 @@ REFUSED = {
 }
 
 
-def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignore: Sequence[str] = ()) -> Mesh:
+def read_abaqus(
+    path: Path,
+    *,
+    required: bool = True,
+    stated: bool = True,
+    ignore: Sequence[str] = (),
+    include: Sequence[Path] = (),
+) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
-    Imported: *NODE, *ELEMENT (the types of `mesh.kinds`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
-    *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), *SOLID SECTION, *BOUNDARY,
+    Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
+    *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of `sections`, *BOUNDARY,
     *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
-    *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where there
-    are several instances.
-    required: there have to be solids; stated: section and material of all of them; ignore: keywords and types of
-    elements that are left out. Raises DeckError with file:line for what cannot be imported as it stands.
+    *EQUATION, *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where
+    there are several instances.
+    required: there have to be elements, and sections of shells and beams; stated: section and material of all of them; ignore:
+    keywords and types of elements that are left out; include: folders beside the deck's own that files may come from.
+    Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
-    keywords, included = read_keywords(path)
+    keywords, included, before = read_keywords(path, include)
     for keyword in keywords:
         if keyword.name in REFUSED:
             raise keyword.error(*REFUSED[keyword.name])
@@ -78,11 +95,17 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
     assembly, out = _without(assemble(keywords), named)
     dropped += out
     _check_elements(assembly, path, required)
-    ignored = _ignored(keywords, assembly) + dropped
+    ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
     node_sets, element_sets, set_names = _sets(assembly)
-    region, regions, materials = regions_and_materials(assembly, keywords, set_names, ignored, stated)
-    blocks = cell_blocks(assembly, region)
+    sections = read_sections(assembly, keywords, set_names, ignored, required, stated)
+    left = assembly.element_ids[sections.left]
+    if left.size:
+        element_sets = {name: np.setdiff1d(ids, left) for name, ids in element_sets.items()}
+    blocks = cell_blocks(assembly, sections.region)
     _check_connectivity(assembly, blocks)
+    shells, beams = shell_blocks(assembly, sections), beam_blocks(assembly, sections)
+    if (shells or beams) and (count := _nodes_with_normals(keywords)):
+        ignored["*NODE with a normal"] = count
     origin = {
         "node": _origin(assembly.node_ids, assembly.node_where),
         "element": _origin(assembly.element_ids, assembly.element_where),
@@ -97,19 +120,29 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
     origin["tie"] = _origin(np.arange(1, len(made.where) + 1), made.where)
     fixed, enforced = fixed_components(assembly, made.rotations, ignored)
     ignored.update({ENFORCED: len(enforced)} if enforced else {})
-    loads = loads_of(assembly, found, axes, made.rotations, turning_nodes(made.rigid, made.averaging), ignored)
+    turned = set(nodes_that_turn(shells, beams).tolist())
+    still = set(bare.nodes_of_elements.tolist()) - turned - turning_nodes(made.rigid, made.averaging)
+    related = equations(assembly, made.rotations, still)
+    origin["relation"] = _origin(np.arange(1, len(related.where) + 1), related.where)
+    turning = turning_nodes(made.rigid, made.averaging, related.relations) | turned
+    loads = loads_of(assembly, found, axes, made.rotations, turning, sections, ignored)
     masses = point_masses(assembly, made.rotations)
     return Mesh(
         node_ids=assembly.node_ids,
         position=assembly.position,
         blocks=blocks,
-        regions=regions,
-        materials=materials,
+        regions=sections.regions,
+        materials=sections.materials,
+        laminae=sections.laminae,
         fixed=fixed,
         rigid=tuple(made.rigid),
         averaging=tuple(made.averaging),
+        relations=tuple(related.relations),
         point_masses=masses,
         springs=springs(assembly, axes, made.rotations),
+        shells=shells,
+        beams=beams,
+        sections=sections.sections,
         axes=axes,
         node_sets=node_sets,
         element_sets=element_sets,
@@ -119,7 +152,7 @@ def read_abaqus(path: Path, *, required: bool = True, stated: bool = True, ignor
         unsupported={
             card: _first(card, keywords, assembly)
             for card in sorted(ignored)
-            if UNSUPPORTED.match(card) and card not in dropped
+            if (UNSUPPORTED.match(card) or ((shells or beams) and OF_THIN.match(card))) and card not in dropped
         }
         | ({ENFORCED: enforced[0]} if enforced else {}),
         notes=(*_reinterpreted(assembly), *assembly.notes),
@@ -148,11 +181,11 @@ def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
 def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
     if not assembly.node_ids.size:
         raise DeckError("the deck holds no node", where=str(path), remedy="check that this is the deck of the model")
-    if required and not np.any(assembly.kind >= 0):
+    if required and not np.any(assembly.families != ""):
         raise DeckError(
-            "the deck holds no solid element",
+            "the deck holds no solid element, and no shell or beam",
             where=str(path),
-            remedy=f"the model needs {FAMILIES} ({USUAL})",
+            remedy=f"the model needs {FAMILIES} ({USUAL}), {', '.join(THIN)}",
         )
 
 
@@ -170,34 +203,33 @@ def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> No
 def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
     """Keywords, and elements by type, that change the structure and are not supported."""
     counted = Counter(k.title for k in keywords if not TAKEN.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
-    for keyword in keywords:
-        if keyword.name == "EQUATION":
-            counted["*EQUATION"] += _equations(keyword)
     for type_, count in Counter(assembly.type).items():
-        if type_ not in SOLIDS and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
+        if type_ not in SOLIDS and type_ not in THIN and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count
     return counted
 
 
-def _equations(keyword: Keyword) -> int:
-    """Equations of an *EQUATION: a line with the number of terms, then lines of three entries a term."""
-    rows = keyword.rows(needed=False)
-    return max(sum(sum(map(bool, row.entries)) == 1 for row in rows), 1)
+def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:
+    """How many nodes state a normal behind their coordinates, that of shells and n2 of beams there."""
+    texts = (text for keyword in keywords if keyword.name == "NODE" for text in keyword.texts if text.count(",") > 3)
+    return sum(any(split(text)[4:7]) for text in texts)
 
 
 def _reinterpreted(assembly: Assembly) -> list[str]:
+    how = {type_: (kind.name, own) for type_, (kind, own) in SOLIDS.items()} | THIN
     return [
-        f"{count} {type_} taken as {SOLIDS[type_][0].name} {SOLIDS[type_][1]}"
+        f"{count} {type_} taken as {' '.join(how[type_])}"
         for type_, count in sorted(Counter(assembly.type).items())
-        if type_ in SOLIDS and SOLIDS[type_][1]
+        if type_ in how and how[type_][1]
     ]
 
 
 def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray], dict[tuple[str, str], str]]:
-    """Node sets and element sets (of solids) by name, ids of the mesh; (instance, SET) → name of an element set."""
+    """Node sets and element sets (of what is imported) by name, ids of the mesh; (instance, SET) → name of an element set."""
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
     names: dict[tuple[str, str], str] = {}
+    family = assembly.families
     for scope in (assembly.scopes[""], *(scope for name, scope in assembly.scopes.items() if name)):
         for key, written in assembly.set_names("NODE", scope).items():
             rows = assembly.node_set(key, scope, scope.part.keywords[0])
@@ -205,9 +237,9 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
         for key, written in assembly.set_names("ELEMENT", scope).items():
             name = names[scope.name, key] = _qualified(written, scope, assembly, elements)
             rows = assembly.element_set(key, scope, scope.part.keywords[0])
-            solid = rows[assembly.kind[rows] >= 0]
-            if solid.size or not rows.size:
-                elements[name] = np.sort(assembly.element_ids[solid])
+            known = rows[family[rows] != ""]
+            if known.size or not rows.size:
+                elements[name] = np.sort(assembly.element_ids[known])
     return nodes, elements, names
 
 

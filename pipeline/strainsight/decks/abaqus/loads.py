@@ -8,13 +8,19 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.surfaces import Surface, facets_of
+from strainsight.decks.abaqus.sections import Sections
+from strainsight.decks.abaqus.surfaces import Surface, facets_of, shell_facets
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.moments import moment_note
 from strainsight.decks.numbers import parse_integer
 from strainsight.mesh.kinds.kind import Kind
+from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import BodyForce, FloatArray, IntArray, NodalForces
-from strainsight.mesh.tractions import consistent_forces
+from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.tractions import Traction, consistent_forces
+
+AXES = {"BX": 0, "BY": 1, "BZ": 2}
+"""Label of a force per volume → its direction."""
 
 
 def loads_of(
@@ -23,6 +29,7 @@ def loads_of(
     axes: dict[int, FloatArray],
     rotations: dict[int, int],
     turning: Collection[int],
+    sections: Sections,
     ignored: Counter[str],
 ) -> dict[str, NodalForces]:
     """Each *CLOAD, *DLOAD and *DSLOAD as CLOAD-1, CLOAD-2, …, DLOAD-1, …, in the order of the file.
@@ -41,7 +48,7 @@ def loads_of(
     if loose:
         assembly.notes.append(moment_note("*CLOAD of a moment", sorted(int(assembly.node_ids[row]) for row in loose)))
     for number, (scope, keyword) in enumerate(_keywords(assembly, "DLOAD"), start=1):
-        if (load := _distributed(assembly, scope, keyword, ignored)) is not None:
+        if (load := _distributed(assembly, scope, keyword, sections, ignored)) is not None:
             loads[f"DLOAD-{number}"] = load
     for number, (scope, keyword) in enumerate(_keywords(assembly, "DSLOAD"), start=1):
         if (load := _on_surfaces(assembly, scope, keyword, found, ignored)) is not None:
@@ -79,23 +86,56 @@ def _concentrated(
     return NodalForces(np.array(loaded), forces, moments if moment else None)
 
 
-def _distributed(assembly: Assembly, scope: Scope, keyword: Keyword, ignored: Counter[str]) -> NodalForces | None:
-    """P1 to P6: a pressure p on a facet, t = −p n.   GRAV: g times a direction.   CENTRIF: Ω², a point and the axis."""
+def _distributed(
+    assembly: Assembly, scope: Scope, keyword: Keyword, sections: Sections, ignored: Counter[str]
+) -> NodalForces | None:
+    """P1 to P6: a pressure p on a facet of a solid, t = −p n.   P: on a shell, along its normal, t = p n (Abaqus guide to
+    prescribed conditions, distributed loads).   BX to BZ: a force per volume of shells.   GRAV: g times a direction.
+    CENTRIF: Ω², a point and the axis."""
     parts: list[tuple[IntArray, FloatArray]] = []
     body: list[BodyForce] = []
+    family = assembly.families
     for row in keyword.rows(needed=False):
         label = row.text(1).upper()
         if label in ("GRAV", "CENTRIF"):
             body.append(_body(assembly, scope, row, label))
+        elif label == "P":
+            rows = assembly.element_rows(row.text(0), scope, row)
+            shells = rows[family[rows] == "shell"]
+            if shells.size < rows.size:
+                ignored["*DLOAD P on elements that are no shells"] += 1
+            parts += _pressed(assembly, shell_facets(assembly, shells), -row.real(2, "the pressure"))
         elif label[:1] == "P" and (number := parse_integer(label[1:])) is not None:
             rows = assembly.element_rows(row.text(0), scope, row)
             solid = rows[assembly.kind[rows] >= 0]
             if solid.size < rows.size:
                 ignored["*DLOAD on elements that are no solids"] += 1
             parts += _pressed(assembly, facets_of(assembly, solid, number, row, "P"), row.real(2, "the pressure"))
+        elif label in AXES and (family[rows := assembly.element_rows(row.text(0), scope, row)] == "shell").all():
+            parts += _per_volume(assembly, sections, rows, AXES[label], row.real(2, "the force per volume"))
         else:
             ignored[f"*DLOAD {label}"] += 1
     return _summed(parts, body)
+
+
+def _per_volume(
+    assembly: Assembly, sections: Sections, rows: IntArray, axis: int, b: float
+) -> list[tuple[IntArray, FloatArray]]:
+    """A force b per volume of the shells in rows along a basic axis, b t per area."""
+    found = []
+    for number in np.unique(sections.region[rows]).tolist():
+        section = sections.sections.get(number)
+        if isinstance(section, ShellSection | Laminate):
+            traction = b * section.thickness * np.eye(3)[axis]
+            for kind, nodes in shell_facets(assembly, rows[sections.region[rows] == number]):
+                forces = consistent_forces(assembly.position, kind, nodes, _even(traction))
+                found.append((nodes.ravel(), forces.reshape(-1, 3)))
+    return found
+
+
+def _even(t: FloatArray) -> Traction:
+    """The same traction everywhere."""
+    return lambda x, n, _: np.broadcast_to(t, x.shape)
 
 
 def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
@@ -124,7 +164,7 @@ def _on_surfaces(
     found: dict[tuple[str, str], Surface],
     ignored: Counter[str],
 ) -> NodalForces | None:
-    """P: a pressure p on a *SURFACE of facets, t = −p n."""
+    """P: a pressure p on a *SURFACE of facets, t = −p n, the normal n of a shell on its side SNEG against its own."""
     parts: list[tuple[IntArray, FloatArray]] = []
     for row in keyword.rows(needed=False):
         if (label := row.text(1).upper()) != "P":
@@ -135,7 +175,11 @@ def _on_surfaces(
         if surface is None:
             raise row.error(f"surface {row.text(0)!r} is not in the deck", "correct the name, or add the surface")
         if not surface.facets:
-            raise row.error(f"surface {row.text(0)!r} has no facets of solids", "name a surface of TYPE=ELEMENT")
+            raise row.error(f"surface {row.text(0)!r} has no facets", "name a surface of TYPE=ELEMENT with sides")
+        if surface.sideless:
+            raise row.error(
+                f"surface {row.text(0)!r} holds shells on neither side, or edges", "name the side of each, SPOS or SNEG"
+            )
         parts += _pressed(assembly, surface.facets, row.real(2, "the pressure"))
     return _summed(parts, [])
 

@@ -1,17 +1,13 @@
-"""Materials and solid sections of an Abaqus deck: the region of every element."""
+"""Materials of an Abaqus deck: those that its sections refer to."""
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword
-from strainsight.decks.faults import OR_CONFIG, elastic_fault
-from strainsight.errors import DeckError
-from strainsight.mesh.model import IntArray, Material, Region
+from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
+from strainsight.mesh.laminates import Lamina
+from strainsight.mesh.model import Material
 
 
 @dataclass
@@ -22,74 +18,72 @@ class Definition:
     options: dict[str, Keyword] = field(default_factory=dict)
 
 
-def regions_and_materials(
-    assembly: Assembly,
-    keywords: list[Keyword],
-    set_name: dict[tuple[str, str], str],
-    ignored: Counter[str],
-    stated: bool,
-) -> tuple[IntArray, dict[int, Region], dict[int, Material]]:
-    """Region of each element (m,), 0 for those that are no solids; the regions, one a *SOLID SECTION; their materials.
+@dataclass
+class Materials:
+    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; found: number →
+    material, in the order in which sections name them; laminae: those of plies that are orthotropic."""
 
-    set_name: (instance, SET) → its name in the mesh; stated: every solid has to have a section and its material; otherwise a
-    region may have none, and elements without section are one. Raises DeckError for an element without section or with two, for a
-    section without material or set, and for a material of a section that is not linear, isotropic and elastic.
-    """
-    definitions = _definitions(keywords)
-    region = np.zeros(len(assembly.element_ids), dtype=np.int64)
-    regions: dict[int, Region] = {}
-    materials: dict[int, Material] = {}
-    numbers: dict[str, int] = {}
-    for scope, keyword in assembly.keywords("SOLIDSECTION"):
-        rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
-        solid = rows[assembly.kind[rows] >= 0]
-        if rows.size and not solid.size:
-            continue
-        if "COMPOSITE" in keyword.parameters:
-            raise keyword.error("composite solids are not supported", "give the section one isotropic material")
+    definitions: dict[str, Definition]
+    stated: bool
+    notes: list[str]
+    found: dict[int, Material] = field(default_factory=dict)
+    laminae: dict[int, Lamina] = field(default_factory=dict)
+    _numbers: dict[str, int] = field(default_factory=dict)
+
+    def number(self, keyword: Keyword) -> int:
+        """Number of the material that a section names; 0 where there is none and none has to be stated.
+
+        Raises DeckError for one that is not there, or not linear, isotropic and elastic.
+        """
         name = keyword.needs("MATERIAL").upper()
-        if name not in definitions and stated:
+        if name not in self.definitions and self.stated:
             raise keyword.error(
                 f"material {keyword.parameters['MATERIAL']!r} is not in the deck",
                 f"add the *MATERIAL, or correct the name{OR_CONFIG}",
             )
-        known = name in definitions and (stated or "ELASTIC" in definitions[name].options)
-        if known and name not in numbers:
-            numbers[name] = len(numbers) + 1
-            materials[numbers[name]] = _material(definitions[name], numbers[name], assembly.notes)
-        if (taken := solid[region[solid] > 0]).size:
-            row = int(taken[0])
-            raise keyword.error(
-                f"element {assembly.element_ids[row]} is in the section of {regions[int(region[row])].name} already",
-                "let every element belong to one section",
-            )
-        number = len(regions) + 1
-        regions[number] = Region(number, _region_name(assembly, keyword, scope, set_name), numbers.get(name, 0))
-        region[solid] = number
-    without = np.flatnonzero((assembly.kind >= 0) & (region == 0))
-    if without.size and not stated:
-        number = len(regions) + 1
-        regions[number] = Region(number, "without section", 0)
-        region[without] = number
-    elif without.size:
-        row = int(without[0])
-        file, line = assembly.element_where[row]
-        raise DeckError(
-            f"{assembly.type[row]} {assembly.element_ids[row]} has no section ({without.size} elements)",
-            where=f"{file}:{line}",
-            remedy=f"add a *SOLID SECTION with its element set and a material{OR_CONFIG}",
-        )
-    if unused := len(definitions) - len(numbers):
-        ignored["*MATERIAL that no solid section refers to"] += unused
-    return region, regions, materials
+        known = name in self.definitions and (self.stated or "ELASTIC" in self.definitions[name].options)
+        if known and self._numbers.get(name) not in self.found:
+            number = self._next
+            self.found[number] = _material(self.definitions[name], number, self.notes)
+            self._numbers[name] = number
+        return self._numbers.get(name, 0)
+
+    def orthotropic(self, keyword: Keyword) -> bool:
+        """Whether the material that a section names is TYPE=LAMINA."""
+        own = self.definitions.get(keyword.parameters.get("MATERIAL", "").upper())
+        return own is not None and _type(own) == "LAMINA"
+
+    def of_ply(self, name: str, keyword: Keyword) -> int:
+        """Number of the material of a ply. Raises DeckError for one that is not there, or not elastic."""
+        own = self.definitions.get(name.upper())
+        if own is None:
+            raise keyword.error(f"material {name!r} is not in the deck", "add the *MATERIAL, or correct the name")
+        if name.upper() not in self._numbers:
+            number = self._next
+            if _type(own) == "LAMINA":
+                self.laminae[number] = _lamina(own, number, self.notes)
+            else:
+                self.found[number] = _material(own, number, self.notes)
+            self._numbers[name.upper()] = number
+        return self._numbers[name.upper()]
+
+    @property
+    def _next(self) -> int:
+        return len(self.found) + len(self.laminae) + 1
+
+    def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
+        """Number of a material that a section states itself."""
+        number = self._next
+        self.found[number] = Material(number, E, nu, rho, name)
+        return number
+
+    @property
+    def unused(self) -> int:
+        """How many no section names."""
+        return len(self.definitions) - len(self._numbers)
 
 
-def _region_name(assembly: Assembly, keyword: Keyword, scope: Scope, set_name: dict[tuple[str, str], str]) -> str:
-    within, written = assembly.split_name(keyword.parameters["ELSET"], scope)
-    return set_name.get((within.name, written.upper()), written)
-
-
-def _definitions(keywords: list[Keyword]) -> dict[str, Definition]:
+def definitions(keywords: list[Keyword]) -> dict[str, Definition]:
     """NAME → material; its options are what follows until the next *MATERIAL."""
     found: dict[str, Definition] = {}
     current: Definition | None = None
@@ -114,20 +108,48 @@ def _definitions(keywords: list[Keyword]) -> dict[str, Definition]:
     return found
 
 
+def _type(definition: Definition) -> str:
+    elastic = definition.options.get("ELASTIC")
+    return "" if elastic is None else elastic.parameters.get("TYPE", "ISO").upper()
+
+
 def _material(definition: Definition, number: int, notes: list[str]) -> Material:
     name = definition.keyword.parameters["NAME"]
-    elastic, density = definition.options.get("ELASTIC"), definition.options.get("DENSITY")
+    elastic = definition.options.get("ELASTIC")
     if elastic is None:
         raise definition.keyword.error(
-            f"material {name!r} of a solid section has no *ELASTIC",
+            f"material {name!r} of a section has no *ELASTIC",
             f"give its Young's modulus and Poisson's ratio{OR_CONFIG}",
         )
-    if (kind := elastic.parameters.get("TYPE", "ISO").upper()) not in ("ISO", "ISOTROPIC"):
-        raise elastic.error(f"TYPE={kind}: only isotropic solids are supported", "give the material TYPE=ISO")
+    if (kind := _type(definition)) not in ("ISO", "ISOTROPIC"):
+        raise elastic.error(
+            f"TYPE={kind}: only isotropic materials are supported, and TYPE=LAMINA in shells",
+            "give the material TYPE=ISO, or that of plies TYPE=LAMINA",
+        )
     row = elastic.rows()[0]
     E, nu = row.real(0, "Young's modulus"), row.real(1, "Poisson's ratio", 0.0)
     if fault := elastic_fault(E, nu):
         raise row.error(*fault)
+    return Material(number, E, nu, _density(definition, notes), f"material {name}")
+
+
+def _lamina(definition: Definition, number: int, notes: list[str]) -> Lamina:
+    """E1, E2, ν12, G12, G13, G23."""
+    name, elastic = definition.keyword.parameters["NAME"], definition.options["ELASTIC"]
+    row = elastic.rows()[0]
+    names = ("E1", "E2", "nu12", "G12", "G13", "G23")
+    constants = dict(zip(names, (row.real(i, each) for i, each in enumerate(names)), strict=True))
+    nu12 = constants.pop("nu12")
+    if fault := lamina_fault(constants, nu12, "nu12"):
+        raise row.error(*fault)
+    e1, e2, g12, g13, g23 = constants.values()
+    return Lamina(number, e1, e2, nu12, g12, g13, g23, _density(definition, notes), f"material {name}")
+
+
+def _density(definition: Definition, notes: list[str]) -> float:
+    """ρ; 0 with a note where the material states none. A note, too, of lines by temperature."""
+    name = definition.keyword.parameters["NAME"]
+    elastic, density = definition.options.get("ELASTIC"), definition.options.get("DENSITY")
     rho = 0.0
     if density is None:
         notes.append(f"material {name} has no *DENSITY: taken as 0")
@@ -141,4 +163,4 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
             notes.append(
                 f"material {name}: the first of {len(keyword.texts)} lines of {keyword.title} counts, whatever the temperature"
             )
-    return Material(number, E, nu, rho, f"material {name}")
+    return rho

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
+from strainsight.decks.abaqus.cells import BEAMS, SHELLS, THIN
 from strainsight.decks.abaqus.parts import Part
 from strainsight.decks.abaqus.structure import Step
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.numbers import is_whole, no_integer, parse_integer
+from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
 
@@ -51,6 +55,31 @@ class Assembly:
     steps: tuple[Step, ...]
     notes: list[str] = field(default_factory=list)
     _known: dict[tuple[str, str, str], IntArray] = field(default_factory=dict)
+
+    @cached_property
+    def families(self) -> NDArray[np.str_]:
+        """(m,): "solid", "shell", "beam" or "rod", empty of elements that are not imported as one of them."""
+        names = {**dict.fromkeys(SHELLS, "shell"), **{type_: kind for type_, (kind, _) in BEAMS.items()}}
+        found = np.array([names.get(type_, "") for type_ in self.type], dtype="U5")
+        found[self.kind >= 0] = "solid"
+        return found
+
+    @cached_property
+    def thin_kinds(self) -> NDArray[np.str_]:
+        """(m,): "quad4", "tri3", "beam" or "rod", empty of all other elements."""
+        return np.array([THIN.get(type_, ("", ""))[0] for type_ in self.type], dtype="U5")
+
+    def element(self, row: int) -> str:
+        """An element in the words of the deck: "S4R 12"."""
+        return f"{self.type[row]} {self.element_ids[row]}"
+
+    def element_error(self, row: int, what: str, remedy: str) -> DeckError:
+        """A DeckError where an element stands."""
+        file, line = self.element_where[row]
+        number = int(self.element_ids[row])
+        return DeckError(
+            f"{self.element(row)} {what}", where=f"{file}:{line}", remedy=remedy, entity=("element", number)
+        )
 
     @property
     def flat(self) -> bool:

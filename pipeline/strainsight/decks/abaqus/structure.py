@@ -10,6 +10,7 @@ from strainsight.decks.abaqus.text import Keyword
 from strainsight.mesh.model import FloatArray
 
 MESH = ("NODE", "ELEMENT")
+SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION", "BEAMGENERALSECTION")
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def read_structure(
             elif start.name == "STEP":
                 steps.append(Step(len(steps) + 1, start, tuple(own)))
         elif opened and opened[-1][0].name != "ASSEMBLY":
-            if opened[-1][0].name == "STEP" and name in (*MESH, "MATERIAL", "SOLIDSECTION"):
+            if opened[-1][0].name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
                 raise keyword.error("stands inside a *STEP", "move it before the first *STEP")
             # Sets of a step are sets of the model.
             (model if name in ("NSET", "ELSET", "SURFACE") and opened[-1][0].name == "STEP" else opened[-1][1]).append(

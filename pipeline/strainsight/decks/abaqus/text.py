@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.decks.numbers import LARGEST_ID, entry, integer_entry, real_entry
-from strainsight.decks.text import Line, included_file, text_lines
+from strainsight.decks.text import Line, allowed, included_file, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
@@ -143,26 +143,28 @@ def integers(tokens: list[str]) -> IntArray | None:
     return None if np.abs(values).max() >= LARGEST_ID or any("_" in token for token in tokens) else values
 
 
-def read_keywords(path: Path) -> tuple[list[Keyword], tuple[str, ...]]:
-    """The keywords of a deck and of the files it includes, in their order; the names of these files.
+def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keyword], tuple[str, ...], int]:
+    """The keywords of a deck and of the files it includes, in their order; the names of these files; how many lines stand before
+    the first keyword, which CalculiX passes over.
 
-    A keyword line that ends in a comma goes on in the next one. Neither *INCLUDE nor INPUT= may leave the folder of the deck.
-    Raises DeckError for files that are missing, empty or binary and for data before the first keyword.
+    A keyword line that ends in a comma goes on in the next one, where parameters stand there; otherwise the comma says nothing,
+    as in CalculiX. *INCLUDE and INPUT= may leave the folder of the deck for those of `include` only.
+    Raises DeckError for files that are missing, empty or binary, for one without a keyword, and for numbers before the first.
     """
-    folder = path.resolve().parent
+    folders = allowed(path, include)
     keywords: list[Keyword] = []
     files: dict[str, None] = {}
     taken: Counter[Path] = Counter()
-    for line in _lines(path, folder, (), taken):
+    before: list[Line] = []
+    for line in _lines(path, folders, (), taken):
         files.setdefault(line.file)
         if line.text[0] != "*":
-            if not keywords:
-                raise DeckError(
-                    f"{line.text[:24]!r} stands before the first keyword",
-                    where=line.where,
-                    remedy="an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE",
-                )
-            _append(keywords[-1], line)
+            if keywords:
+                _append(keywords[-1], line)
+                continue
+            before.append(line)
+            if line.text[0] in "0123456789+-.":  # the head of the file is missing
+                raise _no_keyword(line)
             continue
         keyword = _keyword(line)
         keywords.append(keyword)
@@ -170,8 +172,8 @@ def read_keywords(path: Path) -> tuple[list[Keyword], tuple[str, ...]]:
             parent = Path(line.file)
             name = keyword.needs("INPUT")
             above = (path.resolve(), parent.resolve())
-            target = included_file(name, "INPUT", parent, line.number, folder, above, taken)
-            for own in _lines(target, folder, (*above, target.resolve()), taken):
+            target = included_file(name, "INPUT", parent, line.number, folders, above, taken)
+            for own in _lines(target, folders, (*above, target.resolve()), taken):
                 files.setdefault(own.file)
                 if own.text[0] == "*":
                     raise DeckError(
@@ -180,9 +182,20 @@ def read_keywords(path: Path) -> tuple[list[Keyword], tuple[str, ...]]:
                         remedy="take the file in with *INCLUDE, or remove the keyword",
                     )
                 _append(keyword, own)
+    if not keywords and before:
+        raise _no_keyword(before[0])
     if not keywords:
         raise DeckError("the deck holds no keyword", where=str(path), remedy="check that this is the right file")
-    return keywords, tuple(name for name in files if name != str(path))
+    return keywords, tuple(name for name in files if name != str(path)), len(before)
+
+
+def _no_keyword(line: Line) -> DeckError:
+    return DeckError(
+        f"{line.text[:24]!r} stands before the first keyword",
+        where=line.where,
+        remedy="an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE; a Nastran deck of this name is read "
+        "with mesh.format: nastran",
+    )
 
 
 def _append(keyword: Keyword, line: Line) -> None:
@@ -191,7 +204,7 @@ def _append(keyword: Keyword, line: Line) -> None:
     keyword.numbers.append(line.number)
 
 
-def _lines(path: Path, folder: Path, parents: tuple[Path, ...], taken: Counter[Path]) -> Iterator[Line]:
+def _lines(path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], taken: Counter[Path]) -> Iterator[Line]:
     """Keyword lines, joined with their continuations, and data lines; neither comments nor blank lines."""
     file = str(path)
     pending: Line | None = None
@@ -201,8 +214,8 @@ def _lines(path: Path, folder: Path, parents: tuple[Path, ...], taken: Counter[P
             continue
         line = Line(text, file, number)
         if pending is not None:
-            if text[0] == "*":
-                yield from _taken_in(pending, path, folder, parents, taken)
+            if text[0] == "*" or not _parameters(text):
+                yield from _taken_in(pending, path, folders, parents, taken)
             else:
                 line = Line(f"{pending.text} {text}", file, pending.number)
             pending = None
@@ -211,20 +224,27 @@ def _lines(path: Path, folder: Path, parents: tuple[Path, ...], taken: Counter[P
         elif line.text[-1] == ",":
             pending = line
         else:
-            yield from _taken_in(line, path, folder, parents, taken)
+            yield from _taken_in(line, path, folders, parents, taken)
     if pending is not None:
-        yield from _taken_in(pending, path, folder, parents, taken)
+        yield from _taken_in(pending, path, folders, parents, taken)
 
 
-def _taken_in(line: Line, path: Path, folder: Path, parents: tuple[Path, ...], taken: Counter[Path]) -> Iterator[Line]:
+def _parameters(text: str) -> bool:
+    """Whether a line holds parameters and no data: all its entries begin with a letter."""
+    return all(part[:1].isalpha() for part in split_quoted(text.rstrip(", \t")))
+
+
+def _taken_in(
+    line: Line, path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], taken: Counter[Path]
+) -> Iterator[Line]:
     """The line itself, or, for *INCLUDE, the lines of the file."""
     if not line.text[1:].lstrip().upper().startswith("INCLUDE"):
         yield line
         return
     above = (*parents, path.resolve())
     name = _keyword(line).needs("INPUT")
-    target = included_file(name, "*INCLUDE", path, line.number, folder, above, taken)
-    yield from _lines(target, folder, above, taken)
+    target = included_file(name, "*INCLUDE", path, line.number, folders, above, taken)
+    yield from _lines(target, folders, above, taken)
 
 
 def _keyword(line: Line) -> Keyword:
@@ -239,9 +259,7 @@ def _keyword(line: Line) -> Keyword:
         if not key:
             continue
         if not key[0].isalpha():
-            raise keyword.error(
-                f"{part!r} is no parameter", "a comma at the end of a keyword line continues it: remove the comma"
-            )
+            raise keyword.error(f"{part!r} is no parameter", "a parameter is a name, or NAME=value")
         keyword.parameters[key] = value.strip().strip('"')
     return keyword
 

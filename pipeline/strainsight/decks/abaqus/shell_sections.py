@@ -1,0 +1,106 @@
+"""*SHELL SECTION: thickness, where the middle lies, and the axes of the material."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.decks.abaqus.composites import laminate
+from strainsight.decks.abaqus.materials import Materials
+from strainsight.decks.abaqus.parts import normal, orthonormal
+from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.text import Keyword
+from strainsight.decks.numbers import parse_real
+from strainsight.mesh.laminates import Laminate, Ply
+from strainsight.mesh.model import FloatArray
+from strainsight.mesh.thin import ShellSection
+
+SIDES = {"SPOS": 0.5, "SNEG": -0.5}
+REFUSED = {
+    "NODALTHICKNESS": "a thickness that varies is not supported",
+    "SHELLTHICKNESS": "a thickness that varies is not supported",
+}
+
+
+def shell_section(
+    assembly: Assembly, scope: Scope, keyword: Keyword, made: Materials
+) -> tuple[ShellSection | Laminate, FloatArray, FloatArray]:
+    """Section, offset (1,) of the middle from the nodes along the normal, and x of the material (3,), NaN for none.
+
+        offset = −OFFSET t
+
+    OFFSET is the distance of the nodes from the middle along the normal in thicknesses, ½ for SPOS, where the nodes lie on the
+    upper face; so *SHELL SECTION in the manuals of Abaqus and CalculiX.
+    A laminate with COMPOSITE, or one ply of a material TYPE=LAMINA.
+    Raises DeckError for a thickness that varies or is not positive, and *SHELL GENERAL SECTION.
+    """
+    if keyword.name != "SHELLSECTION":
+        raise keyword.error("is not supported", "give a *SHELL SECTION with the thickness and the material")
+    for parameter, what in REFUSED.items():
+        if parameter in keyword.parameters:
+            raise keyword.error(f"{parameter}: {what}", "give one thickness")
+    beside = _number(keyword, "DENSITY", 0.0)
+    if beside < 0:
+        raise keyword.error(f"DENSITY, the mass per area beside the material, is {beside:g}", "give a positive one")
+    given = keyword.parameters.get("OFFSET", "0").upper()
+    off = SIDES[given] if given in SIDES else _number(keyword, "OFFSET", 0.0)
+    section: ShellSection | Laminate
+    if "COMPOSITE" in keyword.parameters:
+        section = laminate(keyword, made, beside)
+    else:
+        row = keyword.rows()[0]
+        t = row.real(0, "the thickness")
+        if not t > 0:
+            raise row.error(f"the thickness is {t:g}, not positive", "give a positive thickness")
+        section = ShellSection(t, nonstructural=beside)
+        if made.orthotropic(keyword):
+            section = Laminate((Ply(made.of_ply(keyword.parameters["MATERIAL"], keyword), t),), beside)
+    axis = _axis(assembly, scope, keyword, isinstance(section, Laminate))
+    return section, np.array([-off * section.thickness]), axis
+
+
+def _number(keyword: Keyword, parameter: str, default: float) -> float:
+    text = keyword.parameters.get(parameter, "")
+    value = parse_real(text) if text else default
+    if value is None:
+        raise keyword.error(f"{parameter}={text} is no number", "give a number: a distribution is not supported")
+    return value
+
+
+def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> FloatArray:
+    """The axis (3,) of its ORIENTATION that is projected on the shell: the one that follows, 1 → 2 → 3 → 1, the axis that is
+    stated to be near the normal, which is 1 where none is; matters: of plies, whose axes are not to be left out."""
+    nothing = np.full(3, np.nan)
+    name = keyword.parameters.get("ORIENTATION", "").upper()
+    if not name:
+        if matters and not np.allclose(scope.rotation, np.eye(3)):
+            raise keyword.error("plies of an instance that is turned have no ORIENTATION", "give the section one")
+        return nothing
+    found = [
+        own
+        for within in (scope, assembly.scopes[""])
+        for own in within.part.keywords
+        if own.name == "ORIENTATION" and own.parameters.get("NAME", "").upper() == name
+    ]
+    if not found:
+        raise keyword.error(f"orientation {name!r} is not in the deck", "add the *ORIENTATION, or correct the name")
+    rows, parameters = found[0].rows(needed=False), found[0].parameters
+    simple = parameters.get("SYSTEM", "RECTANGULAR").upper() == "RECTANGULAR" and parameters.get(
+        "DEFINITION", "COORDINATES"
+    ).upper() in ("COORDINATES", "")
+    turn = [row.real(1, "the angle", 0.0) for row in rows[1:2] if simple]
+    if not simple or not rows or parse_real(rows[0].text(0)) is None or any(turn):
+        if matters:
+            raise keyword.error(
+                f"orientation {name} at {found[0].where} is not supported for plies",
+                "give a rectangular one by coordinates, and a turn about the normal as the angles of the plies",
+            )
+        assembly.notes.append(
+            f"{found[0].where}: orientation {name} of shells is not imported: their materials are isotropic"
+        )
+        return nothing
+    points = np.array([rows[0].real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
+    x, b = points[:2] - points[2]
+    near_normal = rows[1].integer(0, "the axis", 1) if len(rows) > 1 else 1
+    if near_normal not in (1, 2, 3):
+        raise rows[1].error(f"axis {near_normal}", "give the axis near the normal of the shell, 1, 2 or 3")
+    return np.asarray(scope.rotation @ orthonormal(x, normal(x, b), rows[0])[:, near_normal % 3])

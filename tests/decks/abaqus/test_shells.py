@@ -1,0 +1,296 @@
+"""Shells of Abaqus decks: sections, normals, offsets, axes and pressures by their definitions; errors with their remedy."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from strainsight.decks.abaqus.deck import read_abaqus
+from strainsight.errors import DeckError
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
+
+FLAT = """\
+*NODE
+1, 0., 0., 0.
+2, 2., 0., 0.
+3, 2., 1., 0.
+4, 0., 1., 0.
+5, 4., 0., 0.
+*ELEMENT, TYPE=S4, ELSET=QUAD
+10, 1, 2, 3, 4
+*ELEMENT, TYPE=S3, ELSET=TRI
+11, 2, 5, 3
+*MATERIAL, NAME=STEEL
+*ELASTIC
+2.1e11, .3
+*DENSITY
+7850.
+*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL
+.1
+*SHELL SECTION, ELSET=TRI, MATERIAL=STEEL, OFFSET=.25
+.2, 5
+"""
+
+
+QUAD = "ELSET=QUAD, MATERIAL=STEEL\n.1\n"
+PLIES = """ELSET=QUAD, COMPOSITE
+.1, 3, MAT, 30.
+*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL
+0., 0., 0., 0., 0., 1.
+"""
+
+
+def changed(old, new):
+    assert old in FLAT
+    return FLAT.replace(old, new)
+
+
+def test_elements_arrive_in_blocks_of_a_kind_with_regions_sections_and_lines(read):
+    mesh = read(FLAT)
+    quad, triangle = mesh.shells
+    assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == ("quad4", [10], [[0, 1, 2, 3]], [1])
+    assert (triangle.kind, triangle.ids.tolist(), triangle.nodes.tolist()) == ("tri3", [11], [[1, 4, 2]])
+    assert {i: (region.name, region.material) for i, region in mesh.regions.items()} == {1: ("QUAD", 1), 2: ("TRI", 1)}
+    assert {i: section.thickness for i, section in mesh.sections.items()} == {1: 0.1, 2: 0.2}
+    # OFFSET=.25 puts the nodes a quarter of .2 above the middle
+    np.testing.assert_allclose([*quad.offset, *triangle.offset], [0, -0.05])
+    assert np.isnan(quad.axis).all()
+    assert mesh.where("element", 11).endswith("deck.inp:10")
+    assert {name: ids.tolist() for name, ids in mesh.element_sets.items()} == {"QUAD": [10], "TRI": [11]}
+    assert mesh.blocks == mesh.beams == mesh.notes == ()
+    assert mesh.ignored == {}
+
+
+@pytest.mark.parametrize(
+    ("given", "offset"), [("SPOS", -0.05), ("sneg", 0.05), ("-.5", 0.05), ("0.", 0.0), ("1.5", -0.15)]
+)
+def test_an_offset_is_where_the_nodes_lie_from_the_middle_in_thicknesses(read, given, offset):
+    mesh = read(changed("ELSET=QUAD, MATERIAL=STEEL", f"ELSET=QUAD, MATERIAL=STEEL, OFFSET={given}"))
+    assert mesh.shells[0].offset.tolist() == pytest.approx([offset])
+
+
+def test_density_of_a_section_is_mass_beside_the_material(read):
+    mesh = read(changed("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, DENSITY=3."))
+    assert [mesh.sections[i].nonstructural for i in (1, 2)] == [3, 0]
+
+
+@pytest.mark.parametrize(("kind", "where"), [("S4R", 0), ("S4R5", 0), ("S3R", 1), ("STRI3", 1)])
+def test_types_that_are_read_as_another_say_so(read, kind, where):
+    mesh = read(FLAT.replace("TYPE=S4", f"TYPE={kind}") if where == 0 else FLAT.replace("TYPE=S3", f"TYPE={kind}"))
+    assert [len(block.ids) for block in mesh.shells] == [1, 1]
+    expected = {"S4R": "not imitated", "S4R5": "not imitated", "STRI3": "1 STRI3 taken as tri3 which shears"}.get(kind)
+    assert [note for note in mesh.notes if kind in note] == ([pytest.approx(mesh.notes[0])] if expected else [])
+    assert expected is None or expected in mesh.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "axis"),
+    [
+        ("0., 1., 0., -1., 0., 0.\n3, 0.", (0, 1, 0)),
+        ("0., 0., 1., 1., 0., 0.", (1, 0, 0)),
+        ("1., 0., 0., 0., 1., 0., 0., 0., 0.\n2", (0, 0, 1)),
+        ("2., 1., 0., 0., 3., 0., 1., 1., 0.\n3, 0.", (1, 0, 0)),
+        ("1., 0., 0., 0., 1., 0.\n3, 30.", None),
+    ],
+)
+def test_an_orientation_gives_the_axis_that_follows_the_one_near_the_normal(read, lines, axis):
+    text = changed("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=ori")
+    mesh = read(text + f"*ORIENTATION, NAME=Ori\n{lines}\n")
+    np.testing.assert_allclose(mesh.shells[0].axis[0], np.full(3, np.nan) if axis is None else axis, atol=1e-15)
+    assert any("orientation ORI" in note for note in mesh.notes) == (axis is None)
+
+
+def test_other_orientations_are_noted(read):
+    text = changed("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=ORI")
+    mesh = read(text + "*ORIENTATION, NAME=ORI, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n")
+    assert np.isnan(mesh.shells[0].axis).all()
+    assert any("not imported: their materials are isotropic" in note for note in mesh.notes)
+
+
+def test_shells_of_an_instance_stand_where_it_does(read):
+    """Turned by 90° about y, x goes to −z and the axis of the orientation with it."""
+    body = FLAT[: FLAT.index("*MATERIAL")] + "*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=O\n.1\n"
+    body += "*SHELL SECTION, ELSET=TRI, MATERIAL=STEEL\n.2\n*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n3, 0.\n"
+    material = FLAT[FLAT.index("*MATERIAL") : FLAT.index("*SHELL")]
+    places = "*INSTANCE, NAME=A, PART=P\n*END INSTANCE\n"
+    places += "*INSTANCE, NAME=B, PART=P\n0., 0., 5.\n0., 0., 5., 0., 1., 5., 90.\n*END INSTANCE\n"
+    mesh = read(f"*PART, NAME=P\n{body}*END PART\n*ASSEMBLY, NAME=S\n{places}*END ASSEMBLY\n{material}")
+    quads = mesh.shells[0]
+    assert len(quads.ids) == 2
+    np.testing.assert_allclose(quads.axis, [[1, 0, 0], [0, 0, -1]], atol=1e-15)
+    np.testing.assert_allclose(mesh.position[quads.nodes[1]], [[0, 0, 5], [0, 0, 3], [0, 1, 3], [0, 1, 5]], atol=1e-14)
+    assert [region.name for region in mesh.regions.values()] == ["A.QUAD", "A.TRI", "B.QUAD", "B.TRI"]
+
+
+def test_pressures_of_dload_act_along_the_normal_and_of_dsload_against_that_of_the_side(read):
+    """The quadrangle has an area of 2, the triangle one of 1, and both the normal z."""
+    text = FLAT + "*SURFACE, NAME=TOP\nQUAD, SPOS\n*SURFACE, NAME=BELOW\nQUAD, SNEG\nTRI, S1\n"
+    text += "*DLOAD\nQUAD, P, 3.\n*DLOAD\n11, P, -1.\n*DSLOAD\nTOP, P, 3.\n*DSLOAD\nBELOW, P, 3.\n"
+    loads = read(text).loads
+    total = {name: load.force.sum(axis=0).tolist() for name, load in loads.items()}
+    assert total["DLOAD-1"] == pytest.approx([0, 0, 6])
+    assert total["DLOAD-2"] == pytest.approx([0, 0, -1])
+    assert total["DSLOAD-1"] == pytest.approx([0, 0, -6])
+    assert total["DSLOAD-2"] == pytest.approx([0, 0, 9])
+    np.testing.assert_allclose(loads["DLOAD-1"].force[:, 2], np.full(4, 1.5))
+
+
+def test_a_force_per_volume_is_that_times_thickness_per_area(read):
+    """The volumes are 2 · 0.1 and 1 · 0.2."""
+    load = read(FLAT + "*ELSET, ELSET=ALL\nQUAD, TRI\n*DLOAD\nALL, BY, 5.\n").loads["DLOAD-1"]
+    np.testing.assert_allclose(load.force.sum(axis=0), [0, 2, 0], atol=1e-15)
+    np.testing.assert_allclose(load.force[:, 1], [0.25, 0.25 + 1 / 3, 0.25 + 1 / 3, 0.25, 1 / 3])
+
+
+def test_a_pressure_of_shells_on_others_is_counted(read):
+    text = FLAT + "*ELEMENT, TYPE=M3D3, ELSET=QUAD\n12, 1, 2, 3\n*DLOAD\nQUAD, P, 1.\n"
+    assert read(text).ignored == {"*DLOAD P on elements that are no shells": 1, "*ELEMENT, TYPE=M3D3": 1}
+
+
+def test_surfaces_of_shells_are_sets_of_nodes_with_shares_of_area_or_edge(read):
+    text = FLAT + "*SURFACE, NAME=BOTH\nQUAD\nTRI,\n*SURFACE, NAME=EDGE\nQUAD, E2\nTRI, S5\n*NODE\n99, 0., 0., 9.\n"
+    text += "*COUPLING, CONSTRAINT NAME=C, REF NODE=99, SURFACE=EDGE\n*DISTRIBUTING\n1, 3\n"
+    mesh = read(text)
+    assert mesh.node_sets["BOTH"].tolist() == [1, 2, 3, 4, 5]
+    # E2 is 2-3 and one long; S5 is the third edge of a triangle in CalculiX, 3-2 here
+    assert mesh.node_sets["EDGE"].tolist() == [2, 3]
+    np.testing.assert_allclose(mesh.averaging[0].weight, [1, 1])
+    for surface in ("BOTH", "EDGE"):
+        with pytest.raises(DeckError, match=r"no facets|on neither side"):
+            read(text + f"*DSLOAD\n{surface}, P, 1.\n")
+
+
+def test_rotations_of_supports_ties_and_moments_on_shells_count(read):
+    text = FLAT + "*NODE\n99, 4., 0., 1.\n*BOUNDARY\n1, ENCASTRE\n4, 4, 5\n2, XSYMM\n*CLOAD\n3, 5, 7.\n"
+    text += "*SURFACE, TYPE=NODE, NAME=END\n5\n*COUPLING, CONSTRAINT NAME=C, REF NODE=99, SURFACE=END\n*KINEMATIC\n1, 3\n4, 6\n"
+    mesh = read(text)
+    assert {(0, c) for c in range(6)} | {(3, 3), (3, 4), (1, 0), (1, 4), (1, 5)} == {tuple(p) for p in mesh.fixed.tolist()}
+    assert mesh.rigid[0].components == (0, 1, 2, 3, 4, 5)
+    assert mesh.loads["CLOAD-1"].moment.tolist() == [[0, 7, 0]]
+    assert mesh.notes == ()
+    pinned = read(text.replace("*KINEMATIC\n1, 3\n4, 6", "*KINEMATIC\n1, 3"))
+    assert pinned.rigid[0].components == (0, 1, 2)
+
+
+def test_masses_springs_and_gravity_on_shells(read):
+    text = FLAT + "*ELEMENT, TYPE=MASS, ELSET=M\n20, 3\n*MASS, ELSET=M\n2.\n*ELEMENT, TYPE=SPRING1, ELSET=S\n21, 1\n"
+    text += "*SPRING, ELSET=S\n4\n50.\n*DLOAD\nTRI, GRAV, 9.81, 0., 0., -1.\n"
+    mesh = read(text)
+    assert mesh.point_masses[0].node == 2
+    assert mesh.springs[0].component[mesh.springs[0].value != 0].tolist() == [3]
+    assert mesh.loads["DLOAD-1"].body[0].elements.tolist() == [11]
+
+
+def test_what_shells_are_not_the_same_without_is_listed(read):
+    mesh = read(FLAT + "*NORMAL\n1, 10, 0., 0., 1.\n*TRANSVERSE SHEAR STIFFNESS\n1., 1., 0.\n*SECTION POINTS\n1\n")
+    assert set(mesh.unsupported) == {"*NORMAL", "*TRANSVERSE SHEAR STIFFNESS"}
+    assert mesh.unsupported["*NORMAL"].endswith("deck.inp:20")
+    normals = read(FLAT.replace("2., 1., 0.", "2., 1., 0., 0., 0., 1.").replace("4., 0., 0.", "4., 0., 0.,,,"))
+    assert (set(normals.unsupported), normals.ignored) == ({"*NODE with a normal"}, {"*NODE with a normal": 1})
+    quadratic = read(FLAT + "*NODE\n6,1.,0.\n7,2.,.5\n8,1.,1.\n9,0.,.5\n*ELEMENT, TYPE=S8R\n12, 1,2,3,4,6,7,8,9\n")
+    assert set(quadratic.unsupported) == {"*ELEMENT, TYPE=S8R"}
+
+
+def test_shells_whose_section_is_not_supported_may_be_left_out(tmp_path):
+    path = tmp_path / "deck.inp"
+    path.write_text(changed("ELSET=TRI, MATERIAL=STEEL", "ELSET=TRI, COMPOSITE"))
+    mesh = read_abaqus(path, required=False)
+    assert [block.ids.tolist() for block in mesh.shells] == [[10]]
+    assert set(mesh.unsupported) == {"*ELEMENT, TYPE=S3"}
+    assert mesh.element_sets["TRI"].size == 0
+    ignored = read_abaqus(path, ignore=["S3"])
+    assert [block.ids.tolist() for block in ignored.shells] == [[10]]
+
+
+def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
+    """Lifting one corner of the 2 × 1 rectangle by h puts all corners h/4 off the mean plane, for a small h."""
+    (note,) = read(changed("3, 2., 1., 0.", "3, 2., 1., .6")).notes
+    assert note.startswith("1 S4 warped")
+    assert "(S4 10 0.06" in note
+    with pytest.raises(DeckError, match="off their plane") as caught:
+        read(changed("3, 2., 1., 0.", "3, 2., 1., 3.").replace("1, 0., 0., 0.", "1, 0., 0., 3."))
+    assert caught.value.where.endswith("deck.inp:8")
+
+
+def test_two_shells_on_the_same_nodes_are_noted(read):
+    (note,) = read(FLAT + "*ELEMENT, TYPE=S4, ELSET=QUAD\n12, 3, 4, 1, 2\n").notes
+    assert note.startswith("S4 12 is on the nodes of S4 10 (1 such element)")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "line"),
+    [
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 3", "S4 10 has a node twice", 8),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3", "S4 10: 3 nodes, where a S4 has 4", 8),
+        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 9", "S4 10: node 9 is not in the deck", 8),
+        ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
+        ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
+        ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
+        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD", "has no MATERIAL", 16),
+        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=IRON", "material 'IRON' is not in the deck", 16),
+        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=NONE, MATERIAL=STEEL", "element set 'NONE' is not in the deck", 16),
+        (QUAD, PLIES.replace("MAT", ""), "ply 1 has no material", 17),
+        (QUAD, PLIES.replace("MAT", "IRON"), "material 'IRON' is not in the deck", 16),
+        (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
+        (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
+        (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
+        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
+        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, 9., 5.e9, 4.e9, 3.e9", "nu12 is 9, its square", 13),
+        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO: only isotropic", 12),
+        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
+        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, OFFSET=dist", "OFFSET=dist is no number", 16),
+        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, DENSITY=-1", "is -1", 16),
+        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=A", "'A' is not in the deck", 16),
+        ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
+        ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
+        ("*SHELL SECTION, ELSET=QUAD", "*BEAM SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
+        ("\n.1\n", "\n0.\n", "thickness is 0, not positive", 17),
+        ("\n.1\n", "\n", "no data line follows", 16),
+        ("ELSET=TRI, MATERIAL", "ELSET=QUAD, MATERIAL", "element 10 is in the section of QUAD already", 18),
+        ("*SHELL SECTION, ELSET=TRI", "*STEP\n*SHELL SECTION, ELSET=TRI", "inside a \\*STEP", 19),
+        (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
+        (".2, 5\n", ".2\n*SURFACE, NAME=S\nTRI, E4\n", "'E4' is no edge of a shell of 3 nodes", 21),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
+    with pytest.raises(DeckError, match=what) as caught:
+        read(changed(old, new))
+    assert caught.value.where.endswith(f"deck.inp:{line}")
+    assert caught.value.remedy
+
+
+def strip() -> str:
+    """A strip of 16 × 2 S4, 2 × 0.2 × 0.05, held at x = 0, under a pressure."""
+    lines, n = ["*NODE"], 16
+    lines += [f"{1 + i + (n + 1) * j}, {2 * i / n}, {0.1 * j}, 0." for j in range(3) for i in range(n + 1)]
+    lines += ["*ELEMENT, TYPE=S4, ELSET=ALL"]
+    for j in range(2):
+        for i in range(n):
+            a = 1 + i + (n + 1) * j
+            lines += [f"{1 + i + n * j}, {a}, {a + 1}, {a + n + 2}, {a + n + 1}"]
+    lines += ["*MATERIAL, NAME=M", "*ELASTIC", "2.1E11, .3", "*DENSITY", "7850."]
+    lines += ["*SHELL SECTION, ELSET=ALL, MATERIAL=M", ".05", "*NSET, NSET=END"]
+    lines += [", ".join(str((n + 1) * (j + 1)) for j in range(3)), "*BOUNDARY", *(f"{1 + (n + 1) * j}, 1, 6" for j in range(3))]
+    return "\n".join([*lines, "*STEP", "*STATIC", "*DLOAD", "ALL, P, 3.E4", "*NODE PRINT, NSET=END", "U", "*END STEP", ""])
+
+
+@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+def test_a_pressure_bends_a_strip_as_in_calculix(tmp_path):
+    """CalculiX makes solids of the shells: deflections agree to 0.3 %, and in sign."""
+    path = tmp_path / "strip.inp"
+    path.write_text(strip())
+    subprocess.run(["ccx", "strip"], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
+    rows = [line.split() for line in (tmp_path / "strip.dat").read_text().splitlines()]
+    expected = [float(row[3]) for row in rows if len(row) == 4 and row[0].isdigit()]
+    mesh = read_abaqus(path)
+    model = build_model(mesh)
+    load = input_shape(model, [PointLoad("p", deck_load="DLOAD-1", factor=True)])
+    u = nodal(model, factorise(model.stiffness.constant).solve(load)).reshape(-1, 3)
+    end = [mesh.node_index(i) for i in mesh.node_sets["END"].tolist()]
+    assert len(expected) == 3
+    np.testing.assert_allclose(u[end, 2], expected, rtol=0.01)
