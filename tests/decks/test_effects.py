@@ -24,14 +24,14 @@ def test_cards_that_add_stiffness_mass_or_ties_change_it(card):
     assert effects([card], reader.STRUCTURAL, reader.CONTROL) == {card: "structure"}
 
 
-@pytest.mark.parametrize("card", ["MPC of a set that is not selected", "MAT1 that no PSOLID refers to", "CORD3G"])
+@pytest.mark.parametrize("card", ["MPC of a set that is not selected", "MAT1 that no property refers to", "CORD3G"])
 def test_of_others_nothing_is_known(card):
     assert effects([card], nastran.STRUCTURAL, nastran.CONTROL) == {}
 
 
 def test_the_reader_of_a_deck_says_it(tmp_path):
     path = tmp_path / "a.bdf"
-    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD4,70,3,1,2,3,4\nMPC,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
+    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD8,70,3,1,2,3,4\nRSPLINE,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
     mesh = read_mesh(path)
-    assert mesh.ignored == {"CQUAD4": 1, "MPC": 1, "PARAM": 1, "PLOAD1": 1, "TOPVAR": 1}
-    assert mesh.effect == {"CQUAD4": "structure", "MPC": "structure", "PARAM": "none", "PLOAD1": "none"}
+    assert mesh.ignored == {"CQUAD8": 1, "PARAM": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
+    assert mesh.effect == {"CQUAD8": "structure", "PARAM": "none", "PLOAD1": "none", "RSPLINE": "structure"}

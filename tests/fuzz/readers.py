@@ -50,7 +50,7 @@ def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
             file=path.name,
             length_unit="m" if choice % 2 else "mm",
             region_data="region" if choice % 8 == 0 else None,
-            ignore=("CQUAD4", "CTRIA3", "RBAR", "MPC", "TIE", "EQUATION"),
+            ignore=("CQUAD4", "CTRIA3", "TIE"),
             materials={} if ending in (".bdf", ".inp") else {"steel": steel},
         )
         with patch.object(other, "load_sandboxed", load_sandboxed if sandboxed else load):

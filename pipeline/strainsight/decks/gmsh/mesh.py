@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,12 @@ import numpy as np
 from strainsight.decks.faults import IdTable, Where, check_elements, check_nodes, plural
 from strainsight.decks.gmsh.elements import KINDS, TYPES, remedy
 from strainsight.decks.gmsh.records import Chunk, NodeRows
+from strainsight.decks.gmsh.rows import Doubled, indices, kept_ids, merged, note_doubled
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
+from strainsight.decks.gmsh.thin import Thin, thin_cells
+from strainsight.decks.thin import SHELLS, sections_by_region
 from strainsight.errors import DeckError
+from strainsight.mesh.given_sections import GivenSection, with_given
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.kinds.kind import in_order
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin, Region
@@ -20,12 +23,15 @@ from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin, Region
 __all__ = ["is_gmsh", "read_gmsh"]
 
 
-def read_gmsh(path: Path, *, required: bool = True) -> Mesh:
+def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSection] | None = None) -> Mesh:
     """A gmsh mesh (formats 2.0 to 2.2, 4.0, 4.1, text or binary) in its own units, with its own numbers.
 
-    Regions are the physical volumes, by their tags; every physical group is a set of nodes, a volume also one of
-    elements, by name or as "2d-5" (dimension, tag). The format knows no materials and no supports.
-    required: there have to be solids. Raises DeckError, in text files with file:line, for what cannot be imported as it stands.
+    Regions are the physical volumes, by their tags, and the surfaces and lines that have a section; every physical group is
+    a set of nodes, a region also one of elements, by name or as "2d-5" (dimension, tag). The format knows no materials and
+    no supports.
+    required: there have to be solids, where no sections are given; given: key of the config → section of physical surfaces and
+    lines, in the units of the file. Raises DeckError, in text files with file:line, for what cannot be imported as it stands,
+    and UserError for a region of a section that is not there.
     """
     path = Path(path)
     file = read_file(path)
@@ -39,34 +45,28 @@ def read_gmsh(path: Path, *, required: bool = True) -> Mesh:
     solids = [chunk for chunk in elements if TYPES[chunk.type].dimension == 3 and len(chunk.ids)]
     where = _places(str(path), nodes, elements)
     check_nodes(nodes.ids, nodes.position, where)
-    _check_types(solids, elements if required else None, str(path), where)
+    _check_types(solids, elements if required and not given else None, str(path), where)
     table = IdTable(nodes.ids)
-    solids, doubled = _merged(solids, file.version)
+    solids, doubled = merged(solids, file.version)
     blocks, regions, notes = _blocks(solids, table, file, where)
-    check_elements(blocks, where)
-    node_sets, element_sets, more = _sets(elements, file, table, doubled, where)
-    return Mesh(
+    thin = thin_cells(file, table, given or {}, regions, where, notes)
+    check_elements([*blocks, *thin.cells], where)
+    node_sets, element_sets, more = _sets(elements, file, table, thin, doubled, where)
+    mesh = Mesh(
         node_ids=nodes.ids,
         position=np.ascontiguousarray(nodes.position),
         blocks=blocks,
-        regions=regions,
+        regions=regions | {region.id: region for region, _ in thin.chosen.values()},
         materials={},
         fixed=np.zeros((0, 2), dtype=np.int64),
         node_sets=node_sets,
         element_sets=element_sets,
         ignored=dict(sorted(file.skipped.items())),
-        notes=(*_note_doubled(doubled), *notes, *more),
+        notes=(*note_doubled(doubled), *notes, *more),
         source=str(path),
-        origin=_origin(str(path), nodes, solids),
+        origin=_origin(str(path), nodes, [*solids, *thin.chunks]),
     )
-
-
-@dataclass(frozen=True)
-class _Doubled:
-    """Elements written once for each of their physical volumes: those left out → the one that stays."""
-
-    dropped: IntArray
-    kept: IntArray
+    return with_given(mesh, thin.cells, sections_by_region(thin.chosen))
 
 
 def _places(path: str, nodes: NodeRows, elements: list[Chunk]) -> Where:
@@ -94,7 +94,7 @@ def _check_types(solids: list[Chunk], elements: list[Chunk] | None, path: str, w
             f"the mesh holds no solid element ({shown})",
             where=path,
             remedy="mesh in three dimensions (gmsh -3); where there are physical groups, put every volume in one, "
-            "or set Mesh.SaveAll = 1",
+            f"or set Mesh.SaveAll = 1; {SHELLS}",
         )
     for chunk in solids:
         if chunk.type not in KINDS:
@@ -106,44 +106,6 @@ def _check_types(solids: list[Chunk], elements: list[Chunk] | None, path: str, w
                 remedy=remedy(chunk.type),
                 entity=("element", element),
             )
-
-
-def _merged(solids: list[Chunk], version: str) -> tuple[list[Chunk], _Doubled]:
-    """Format 2 writes an element once for each of its physical groups, under another number: keep the lowest group's."""
-    nothing = np.zeros(0, dtype=np.int64)
-    tags = {chunk.groups for chunk in solids}
-    if not version.startswith("2") or len(tags) < 2:
-        return solids, _Doubled(nothing, nothing)
-    dropped, kept, left = [nothing], [nothing], []
-    for number in dict.fromkeys(chunk.type for chunk in solids):
-        own = [chunk for chunk in solids if chunk.type == number]
-        group = np.concatenate([np.full(len(c.ids), c.groups[0] if c.groups else 0) for c in own])
-        ids, nodes = np.concatenate([c.ids for c in own]), np.concatenate([c.nodes for c in own])
-        order = np.lexsort((group, *nodes.T))
-        again = np.zeros(len(ids), dtype=bool)
-        again[1:] = np.all(np.diff(nodes[order], axis=0) == 0, axis=1) & (np.diff(group[order]) > 0)
-        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(ids))))
-        dropped.append(ids[order][again])
-        kept.append(ids[order][first[again]])
-        stays = np.ones(len(ids), dtype=bool)
-        stays[order[again]] = False
-        at = 0
-        for chunk in own:
-            rows = stays[at : at + len(chunk.ids)]
-            at += len(chunk.ids)
-            line = None if chunk.line is None else chunk.line[rows]
-            left.append(replace(chunk, ids=chunk.ids[rows], nodes=chunk.nodes[rows], line=line))
-    return [chunk for chunk in left if len(chunk.ids)], _Doubled(np.concatenate(dropped), np.concatenate(kept))
-
-
-def _note_doubled(doubled: _Doubled) -> list[str]:
-    count = len(doubled.dropped)
-    if not count:
-        return []
-    return [
-        f"{plural(count, 'element')} written once more for a further physical volume (element {doubled.dropped[0]} is "
-        f"{doubled.kept[0]} again): counted once, in the region of the lowest tag and in all sets"
-    ]
 
 
 def _blocks(
@@ -170,7 +132,7 @@ def _blocks(
         own = [chunk for chunk in solids if chunk.type == kind.gmsh]
         if not own:
             continue
-        index = np.concatenate([_indices(chunk, table, where) for chunk in own])
+        index = np.concatenate([indices(chunk, table, where) for chunk in own])
         region = [np.full(len(chunk.ids), min(chunk.groups, default=spare)) for chunk in own]
         ids = np.concatenate([chunk.ids for chunk in own])
         nodes = in_order(index, kind.gmsh_order)
@@ -179,29 +141,14 @@ def _blocks(
     return tuple(blocks), {tag: region for tag, region in regions.items() if tag in used}, notes
 
 
-def _indices(chunk: Chunk, table: IdTable, where: Where) -> IntArray:
-    index, missing = table.rows(chunk.nodes)
-    if missing.any():
-        row, column = np.argwhere(missing)[0]
-        element = int(chunk.ids[row])
-        raise DeckError(
-            f"element {element} ({TYPES[chunk.type].name}) refers to node {chunk.nodes[row, column]}, "
-            "which is not in the file",
-            where=where("element", element),
-            remedy="write the mesh again with all its nodes",
-            entity=("element", element),
-        )
-    return index
-
-
 def _sets(
-    elements: list[Chunk], file: GmshFile, table: IdTable, doubled: _Doubled, where: Where
+    elements: list[Chunk], file: GmshFile, table: IdTable, thin: Thin, doubled: Doubled, where: Where
 ) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
-    """Every physical group as a set of nodes, volumes also as one of elements; and notes on their names."""
+    """Every physical group as a set of nodes, those that are regions also as one of elements; and notes on their names."""
     members: dict[tuple[int, int], list[Chunk]] = {}
     for chunk in elements:
         if len(chunk.ids) and chunk.type not in KINDS:
-            _indices(chunk, table, where)
+            indices(chunk, table, where)
         for tag in chunk.groups:
             members.setdefault((TYPES[chunk.type].dimension, tag), []).append(chunk)
     names, notes = _set_names(members, file.names)
@@ -211,8 +158,9 @@ def _sets(
         name = names[dimension, tag]
         numbers = np.unique(np.concatenate([chunk.nodes.ravel() for chunk in chunks]))
         node_sets[name] = np.union1d(node_sets.get(name, numbers), numbers)
-        if dimension == 3:
-            ids = _kept(np.concatenate([chunk.ids for chunk in chunks]), doubled)
+        if dimension == 3 or (dimension, tag) in thin.chosen:
+            twice = doubled if dimension == 3 else thin.doubled
+            ids = kept_ids(np.concatenate([chunk.ids for chunk in chunks]), twice)
             element_sets[name] = np.union1d(element_sets.get(name, ids), ids)
     empty = [name for key, name in file.names.items() if key not in members]
     notes += [f"physical group {name!r} holds no elements" for name in empty]
@@ -231,11 +179,6 @@ def _set_names(
         f"physical groups of several dimensions are called {name!r}: sets '{name} (2d)'…" for name in sorted(shared)
     ]
     return {key: f"{name} ({key[0]}d)" if name in shared else name for key, name in names.items()}, notes
-
-
-def _kept(ids: IntArray, doubled: _Doubled) -> IntArray:
-    rows, absent = IdTable(doubled.dropped).rows(ids)
-    return np.where(absent, ids, doubled.kept[rows]) if len(doubled.dropped) else ids
 
 
 def _origin(path: str, nodes: NodeRows, solids: list[Chunk]) -> dict[str, Origin]:

@@ -3,58 +3,77 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
-from strainsight.decks.other.arrays import Labels, labels, numbers_of, switches
+from strainsight.decks.other.arrays import Labels, labels, numbers_of
+from strainsight.decks.other.cells import CellData, groups_of, thin_cells, with_sections
 from strainsight.decks.other.load import Loaded, load
 from strainsight.decks.other.orders import in_our_order
 from strainsight.decks.other.sandbox import load_sandboxed
+from strainsight.decks.other.sets import sets_of, tag_names
+from strainsight.decks.thin import SHELLS, regions_with_sections, sections_by_region
 from strainsight.errors import DeckError
+from strainsight.mesh.given_sections import GivenSection, with_given
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import in_order
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 
 KINDS = {cell: kind for kind in ELEMENTS for cell in kind.meshio}
+WIDTH = {"quad": 4, "triangle": 3, "line": 2}
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 
 
-def read_meshio(path: Path, region_data: str | None = None, *, required: bool = True, sandboxed: bool = True) -> Mesh:
+def read_meshio(
+    path: Path,
+    region_data: str | None = None,
+    *,
+    required: bool = True,
+    given: Mapping[str, GivenSection] | None = None,
+    sandboxed: bool = True,
+) -> Mesh:
     """A mesh of a format that meshio reads, in its own units; such files know no materials and no supports.
 
     Node and element numbers come from point and cell data (node_id, GlobalNodeId, … element_id, …) where they are
     positive and unique, else they count from 1. Regions are the cell data `region_data`, or the first usual one there is
     (region, gmsh:physical, MaterialIds, …). Sets are those of the file, and data that are 0 or 1 everywhere.
-    required: there have to be solids; sandboxed: meshio runs in a child process. Raises DeckError for what cannot be read or
-    imported as it stands.
+    required: there have to be solids, where no sections are given; given: key of the config → section of regions of triangles,
+    quadrangles and lines, in the units of the file; sandboxed: meshio runs in a child process. Raises DeckError for what cannot
+    be read or imported as it stands, and UserError for a region of a section that is not there.
     """
     path = Path(path)
     loaded = load_sandboxed(path) if sandboxed else load(path)
     raw = loaded.mesh
     ignored: Counter[str] = Counter()
     notes = [f"meshio says: {loaded.notes[:500]}"] if loaded.notes else []
-    solids = _solids(raw, str(path), required)
+    solids, thin = _solids(raw, str(path), required and not given), with_sections(raw, given or {})
     position = _position(raw, str(path), notes)
-    _check_cells(raw, solids, len(position), str(path))
+    _check_cells(raw, [*solids, *(b for b in thin if raw.cells[b].type in WIDTH)], len(position), str(path))
     node_ids, used_nodes = numbers_of(raw.point_data, NODE_IDS, len(position), "node", notes)
     check_nodes(node_ids, position, lambda *_: str(path))
-    cells = _CellData(raw, solids)
+    cells = CellData(raw, sorted([*solids, *thin]))
     element_ids, used_elements = numbers_of(cells.data, ELEMENT_IDS, cells.total, "element", notes)
     tags = labels(cells.data, region_data, cells.total, str(path), notes)
     region = tags.values if tags else np.ones(cells.total, dtype=np.int64)
     blocks = _blocks(loaded, solids, cells, element_ids, region, position, notes)
-    check_elements(blocks, lambda *_: str(path))
+    regions = _regions(raw, tags, blocks) if blocks or not given else {}
+    names = {dimension: tag_names(raw, dimension) for dimension in (1, 2, 3)}
+    chosen = regions_with_sections(groups_of(raw, cells, tags, names), given or {}, regions, notes)
+    shells = list(thin_cells(raw, thin, cells, element_ids, tags, chosen, str(path)))
+    check_elements([*blocks, *shells], lambda *_: str(path))
     taken = {used_nodes, used_elements, tags.name if tags else ""}
-    node_sets, element_sets = _sets(raw, tags, cells, solids, node_ids, element_ids, ignored, taken)
-    return Mesh(
+    used = np.isin(element_ids, np.concatenate([np.zeros(0, np.int64), *(block.ids for block in (*blocks, *shells))]))
+    node_sets, element_sets = sets_of(raw, tags, cells, used, node_ids, element_ids, ignored, taken)
+    mesh = Mesh(
         node_ids=node_ids,
         position=position,
         blocks=blocks,
-        regions=_regions(raw, tags, region),
+        regions=regions | {own.id: own for own, _ in chosen.values()},
         materials={},
         fixed=np.zeros((0, 2), dtype=np.int64),
         node_sets=node_sets,
@@ -64,21 +83,7 @@ def read_meshio(path: Path, region_data: str | None = None, *, required: bool = 
         source=str(path),
         included=loaded.included,
     )
-
-
-class _CellData:
-    """Cell data of the solids, block after block; rows[b] are those of block b among them."""
-
-    def __init__(self, raw: Any, solids: list[int]):
-        sizes = [len(raw.cells[b].data) for b in solids]
-        ends = np.cumsum([0, *sizes])
-        self.total = int(ends[-1])
-        self.rows = {b: slice(int(ends[i]), int(ends[i + 1])) for i, b in enumerate(solids)}
-        self.data = {
-            name: np.concatenate([np.asarray(values[b]) for b in solids])
-            for name, values in raw.cell_data.items()
-            if len({np.shape(values[b])[1:] for b in solids}) == 1 and all(values[b] is not None for b in solids)
-        }
+    return with_given(mesh, shells, sections_by_region(chosen))
 
 
 def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
@@ -108,15 +113,16 @@ def _solids(raw: Any, path: str, required: bool) -> list[int]:
             found.append(i)
     if not found and required:
         shown = ", ".join(plural(len(block.data), block.type + " cell") for block in raw.cells) or "no cells"
-        raise DeckError(f"the mesh holds no solid element ({shown})", where=path, remedy="mesh in three dimensions")
+        what = f"the mesh holds no solid element ({shown})"
+        raise DeckError(what, where=path, remedy=f"mesh in three dimensions; {SHELLS}")
     return found
 
 
-def _check_cells(raw: Any, solids: list[int], points: int, path: str) -> None:
+def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
     remedy = "write the mesh again: the file is damaged"
-    for b in solids:
+    for b in blocks:
         kind, nodes = raw.cells[b].type, np.asarray(raw.cells[b].data)
-        width = len(KINDS[kind].nodes)
+        width = len(KINDS[kind].nodes) if kind in KINDS else WIDTH[kind]
         if nodes.ndim != 2 or nodes.shape[1] != width or nodes.dtype.kind not in "iu":
             raise DeckError(f"the {kind} cells do not have {width} nodes each", where=path, remedy=remedy)
         wrong = nodes[(nodes < 0) | (nodes >= points)]
@@ -128,7 +134,7 @@ def _check_cells(raw: Any, solids: list[int], points: int, path: str) -> None:
 def _blocks(
     loaded: Loaded,
     solids: list[int],
-    cells: _CellData,
+    cells: CellData,
     ids: IntArray,
     region: IntArray,
     position: FloatArray,
@@ -153,83 +159,10 @@ def _blocks(
     return tuple(blocks)
 
 
-def _regions(raw: Any, tags: Labels | None, region: IntArray) -> dict[int, Region]:
+def _regions(raw: Any, tags: Labels | None, blocks: tuple[CellBlock, ...]) -> dict[int, Region]:
+    """Those of the solids."""
     if tags is None:
         return {1: Region(1, "solids", 0)}
     names = tag_names(raw, 3)
-    return {
-        int(tag): Region(int(tag), ", ".join(names.get(int(tag), ())) or f"region {tag}", 0)
-        for tag in np.unique(region)
-    }
-
-
-def tag_names(raw: Any, dimension: int) -> dict[int, list[str]]:
-    """Tag → names of it on cells of this dimension: field data name → (tag, dimension), and the families of MED."""
-    names: dict[int, list[str]] = {}
-    for name, value in (raw.field_data or {}).items():
-        pair = np.asarray(value).ravel() if not isinstance(value, list) else np.zeros(0)
-        if pair.size == 2 and pair.dtype.kind in "iu" and pair[1] == dimension:
-            names.setdefault(int(pair[0]), []).append(str(name))
-    for tag, family in (getattr(raw, "cell_tags", None) or {}).items():
-        names.setdefault(int(tag), []).extend(family)
-    return names
-
-
-def _sets(
-    raw: Any,
-    tags: Labels | None,
-    cells: _CellData,
-    solids: list[int],
-    node_ids: IntArray,
-    element_ids: IntArray,
-    ignored: Counter[str],
-    taken: set[str],
-) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
-    """Sets of nodes and of elements; cells that are no solids give sets of nodes where they have a name."""
-    points: dict[str, list[IntArray]] = {}
-    members: dict[str, list[IntArray]] = {}
-    for name, rows in (raw.point_sets or {}).items():
-        points.setdefault(name, []).append(np.asarray(rows, dtype=np.int64).ravel())
-    for tag, family in (getattr(raw, "point_tags", None) or {}).items():
-        for name in family:
-            points.setdefault(name, []).append(np.flatnonzero(np.asarray(raw.point_data["point_tags"]) == tag))
-            taken.add("point_tags")
-    for b, block in enumerate(raw.cells):
-        named = False
-        for name, rows in _named_cells(raw, b, tags):
-            named = True
-            points.setdefault(name, []).append(np.unique(np.asarray(block.data)[rows]))
-            if b in cells.rows:
-                members.setdefault(name, []).append(element_ids[cells.rows[b]][rows])
-        if b not in solids and not named and len(block.data):
-            ignored[f"{block.type} cells"] += len(block.data)
-    for name, values in raw.point_data.items():
-        if name not in taken:
-            if (on := switches(values)) is not None:
-                points.setdefault(name, []).append(np.flatnonzero(on))
-            else:
-                ignored[f"point data {name}"] += 1
-    for name in raw.cell_data:
-        if name not in taken:
-            if name in cells.data and (on := switches(cells.data[name])) is not None:
-                members.setdefault(name, []).append(element_ids[on])
-            else:
-                ignored[f"cell data {name}"] += 1
-    return (
-        {name: np.unique(node_ids[np.concatenate(rows)]) for name, rows in points.items()},
-        {name: np.unique(np.concatenate(ids)) for name, ids in members.items()},
-    )
-
-
-def _named_cells(raw: Any, b: int, tags: Labels | None) -> list[tuple[str, IntArray]]:
-    """Name → rows of block b that belong to it: sets of cells, and tags with names."""
-    found = []
-    for name, per_block in (raw.cell_sets or {}).items():
-        if b < len(per_block) and per_block[b] is not None and len(per_block[b]):
-            found.append((name, np.asarray(per_block[b], dtype=np.int64)))
-    if tags:
-        values = np.asarray(raw.cell_data[tags.name][b]).ravel()
-        for tag, names in tag_names(raw, raw.cells[b].dim).items():
-            if (rows := np.flatnonzero(values == tag)).size:
-                found += [(name, rows) for name in names]
-    return found
+    found = np.unique(np.concatenate([np.zeros(0, np.int64), *(block.region for block in blocks)]))
+    return {int(tag): Region(int(tag), ", ".join(names.get(int(tag), ())) or f"region {tag}", 0) for tag in found}

@@ -1,0 +1,247 @@
+"""Triangles, quadrangles and lines of files without sections: which become shells and beams, and what is refused."""
+
+from __future__ import annotations
+
+import meshio
+import numpy as np
+import pytest
+
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import DeckError, UserError
+from strainsight.mesh.given_sections import GivenSection
+from strainsight.mesh.thin import BeamSection, ShellSection
+
+from ..strips import B, L, T, gmsh, grid, triangles, vtu
+from .conftest import TETRAHEDRON
+
+SHELL = GivenSection(("skin",), ShellSection(T))
+BEAM = GivenSection(("spar",), BeamSection(1e-4, np.diag([8e-10, 6e-10]), 1e-9), direction=(0.0, 0.0, 2.0))
+ROD = GivenSection(("spar",), BeamSection(1e-4))
+
+
+@pytest.fixture
+def strip(tmp_path):
+    """The strip as gmsh text, changed, with sections by their last key."""
+
+    def of(*changes, text=None, unit="m", **sections):
+        text = text or gmsh(**({"unit": 1e-3} if unit == "mm" else {}))
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "strip.msh").write_text(text)
+        given = {f"mesh.sections.{name}": own for name, own in sections.items()}
+        return read_mesh(tmp_path / "strip.msh", unit, "kg", given=given)
+
+    return of
+
+
+def test_regions_that_have_a_section_are_shells_and_beams_and_the_others_sets_of_nodes(strip):
+    mesh = strip(skin=SHELL, spar=BEAM)
+    points, quads, lines = grid()
+    (shells,), (beams,) = mesh.shells, mesh.beams
+    assert (shells.kind, beams.kind, mesh.blocks) == ("quad4", "beam", ())
+    np.testing.assert_array_equal(mesh.position[shells.nodes], points[quads])
+    np.testing.assert_array_equal(mesh.position[beams.nodes], points[lines["spar"]])
+    np.testing.assert_array_equal(shells.ids, 13 + np.arange(16))
+    np.testing.assert_array_equal(beams.axes, np.tile([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]], (8, 1, 1)))
+    # the surface keeps its number, the line of the same number has a free one
+    assert {i: own.name for i, own in mesh.regions.items()} == {3: "skin", 6: "spar"}
+    assert set(shells.region) == {3}
+    assert set(beams.region) == {6}
+    assert mesh.sections[3] == SHELL.section
+    assert {name: len(ids) for name, ids in mesh.element_sets.items()} == {"skin": 16, "spar": 8}
+    assert {name: len(ids) for name, ids in mesh.node_sets.items()} == {"skin": 27, "spar": 9, "root": 3, "1d-5": 3}
+    assert mesh.where("element", 13).endswith(f":{gmsh().splitlines().index('13 3 2 3 3 1 4 5 2') + 1}")
+    assert any("region 3 of lines is region 6 (spar)" in note for note in mesh.notes)
+
+
+def test_sections_are_in_metres_whatever_the_unit_of_the_file(strip):
+    mesh, other = strip(unit="mm", skin=SHELL, spar=BEAM), strip(skin=SHELL, spar=BEAM)
+    np.testing.assert_allclose(mesh.position, other.position, rtol=1e-14)
+    assert mesh.sections[3].thickness == pytest.approx(T, rel=1e-14)
+    np.testing.assert_allclose(mesh.sections[6].second, BEAM.section.second, rtol=1e-14)
+    moved = strip(unit="mm", skin=GivenSection(None, ShellSection(T), offset=0.02))
+    np.testing.assert_allclose(moved.shells[0].offset, 0.02, rtol=1e-14)
+
+
+def test_without_moments_of_area_lines_are_rods(strip):
+    (rods,) = strip(spar=ROD).beams
+    assert rods.kind == "rod"
+    np.testing.assert_allclose(rods.axes[:, :, 0], np.tile([1.0, 0, 0], (8, 1)))
+    np.testing.assert_allclose(rods.axes.swapaxes(1, 2) @ rods.axes, np.tile(np.eye(3), (8, 1, 1)), atol=1e-15)
+
+
+def test_a_grid_of_triangles_quadrangles_and_lines_with_one_region_is_shells_and_beams(tmp_path):
+    given = {
+        "mesh.sections.a": GivenSection((7,), ShellSection(T)),
+        "mesh.sections.b": GivenSection((7,), BEAM.section, 0.0, (0, 0, 1)),
+    }
+    mesh = read_mesh(vtu(tmp_path / "strip.vtu"), given=given)
+    points, quads, lines = grid()
+    kinds = {block.kind: mesh.position[block.nodes] for block in mesh.thin}
+    np.testing.assert_allclose(kinds["quad4"], points[quads[:8]])
+    np.testing.assert_allclose(kinds["tri3"], points[triangles(quads[8:])])
+    np.testing.assert_allclose(kinds["beam"], points[lines["spar"]])
+    assert np.concatenate([block.ids for block in mesh.thin]).tolist() == list(range(1, 33))
+    assert {i: own.name for i, own in mesh.regions.items()} == {7: "region 7", 8: "region 7 (1d)"}
+    assert {name: len(ids) for name, ids in mesh.node_sets.items()} == {"root": 3, "spar": 9, "tip": 3}
+
+
+def test_a_grid_without_regions_is_shells_throughout(tmp_path):
+    points, quads, lines = grid()
+    path = tmp_path / "strip.vtk"
+    meshio.Mesh(points, [("quad", quads), ("line", lines["root"])]).write(path)
+    mesh = read_mesh(path, given={"mesh.sections.a": GivenSection(None, ShellSection(T))})
+    assert ({i: own.name for i, own in mesh.regions.items()}, len(mesh.shells[0].ids)) == ({1: "shells"}, 16)
+    assert mesh.ignored == {"line cells": 2}
+
+
+def test_skin_on_a_solid_stands_beside_it(tmp_path):
+    x = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
+    cells = [("tetra", [[0, 1, 2, 3]]), ("triangle", [[0, 1, 2], [0, 1, 3]])]
+    path = tmp_path / "part.vtu"
+    meshio.Mesh(x, cells, cell_data={"region": [[1], [1, 2]], "on": [[1], [0, 1]]}).write(path)
+    plain, mesh = read_mesh(path), read_mesh(path, given={"a": GivenSection((2,), ShellSection(T))})
+    assert (plain.thin, plain.ignored) == ((), {"triangle cells": 2})
+    assert (mesh.blocks[0].ids.tolist(), mesh.shells[0].ids.tolist()) == ([1], [3])
+    assert {i: own.name for i, own in mesh.regions.items()} == {1: "region 1", 2: "region 2"}
+    assert mesh.element_sets["on"].tolist() == [1, 3]
+    assert mesh.ignored == {"triangle cells": 1}
+
+
+@pytest.mark.parametrize("version", ["2.2", "4.1"])
+def test_an_element_in_two_groups_counts_once_and_has_one_section(strip, tmp_path, version):
+    last = gmsh().splitlines()[-2].split()
+    again = f"29 3 2 4 4 {' '.join(last[5:])}\n$EndElements"
+    text = gmsh().replace("$Elements\n28", "$Elements\n29").replace("$EndElements", again)
+    if version == "4.1":  # one quadrangle on a surface of two groups
+        text = SQUARE
+    both = strip(text=text, a=GivenSection((3, 4), ShellSection(T)))
+    count = 16 if version == "2.2" else 1
+    assert len(both.shells[0].ids) == count
+    assert set(both.shells[0].region) == {3}
+    assert any("in several physical groups with a section" in note for note in both.notes)
+    assert both.element_sets["2d-4"].tolist() == both.shells[0].ids[-1:].tolist()
+    with pytest.raises(DeckError, match=r"is in region 3 \(.*\) and in region 4 \(.*\), which have different sections"):
+        strip(text=text, a=GivenSection((3,), ShellSection(T)), b=GivenSection((4,), ShellSection(2 * T)))
+
+
+SQUARE = """\
+$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$Entities
+0 0 1 0
+1 0 0 0 1 1 0 2 3 4 0
+$EndEntities
+$Nodes
+1 4 1 4
+2 1 0 4
+1
+2
+3
+4
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+$EndNodes
+$Elements
+1 1 9 9
+2 1 3 1
+9 1 2 3 4
+$EndElements
+"""
+
+
+@pytest.mark.parametrize(
+    ("sections", "changes", "key", "what", "remedy"),
+    [
+        (
+            {"a": GivenSection(("skim",), ShellSection(T))},
+            (),
+            "a.regions",
+            "no region 'skim' of triangles",
+            "mean skin?",
+        ),
+        ({"a": GivenSection((9,), ShellSection(T))}, (), "a.regions", "no region 9 of triangles", "skin; or all"),
+        (
+            {"a": GivenSection(("root",), ShellSection(T))},
+            (),
+            "a.regions",
+            "'root' has lines and no triangles and quadrangles",
+            "lines have an area",
+        ),
+        (
+            {"a": GivenSection(("skin",), ROD.section)},
+            (),
+            "a.regions",
+            "'skin' has triangles and quadrangles and no lines",
+            "have a thickness",
+        ),
+        (
+            {"a": SHELL, "b": GivenSection(None, ShellSection(T))},
+            (),
+            "b.regions",
+            "skin has the section a already",
+            "one",
+        ),
+        (
+            {"a": GivenSection(("spar",), BEAM.section, direction=(1.0, 0.0, 0.0))},
+            (),
+            None,
+            r"element 3 runs along the direction \[1.0, 0.0, 0.0\]",
+            "a direction of their own",
+        ),
+        ({"a": BEAM}, (("3 1 2 3 3 1 4", "3 1 2 3 3 1 1"),), None, "element 3 .*: a node stands twice", "remove it"),
+        ({"a": BEAM}, (("\n4 0.125 0.0 0.0", "\n4 0.0 0.0 0.0"),), None, "element 3 is a line without length", "merge"),
+        (
+            {"a": SHELL},
+            (("13 3 2 3 3 1 4 5 2", "13 9 2 3 3 1 4 5 2 7 8"),),
+            None,
+            "13 is a 6-node triangle",
+            "ElementOrder = 1",
+        ),
+        (
+            {},
+            (),
+            None,
+            r"no solid element \(12 2-node lines, 16 4-node quadrangles\)",
+            "mesh.sections gives their regions",
+        ),
+    ],
+)
+def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key, what, remedy):
+    with pytest.raises(UserError, match=what) as error:
+        strip(*changes, **sections)
+    assert error.value.key == (key and f"mesh.sections.{key}")
+    assert remedy in error.value.remedy
+    if key is None and sections:
+        assert error.value.where.rpartition(":")[2].isdigit()
+
+
+def test_quadratic_cells_of_a_grid_are_refused_where_they_have_a_section(tmp_path):
+    x = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0.5, 0, 0), (0.5, 0.5, 0), (0, 0.5, 0)])
+    path = tmp_path / "part.vtu"
+    meshio.Mesh(x, [("triangle6", [range(6)])]).write(path)
+    with pytest.raises(DeckError, match=r"1 triangle6 cell in regions with a section") as error:
+        read_mesh(path, given={"a": GivenSection(None, ShellSection(T))})
+    assert "first order" in error.value.remedy
+
+
+def test_solids_have_no_section_and_a_deck_states_its_own(tmp_path):
+    (tmp_path / "deck.bdf").write_text(TETRAHEDRON)
+    with pytest.raises(UserError, match=r"deck.bdf is a deck, which states its sections itself") as error:
+        read_mesh(tmp_path / "deck.bdf", given={"mesh.sections.a": SHELL})
+    assert error.value.key == "mesh.sections.a"
+    meshio.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [("tetra", [range(4)])]).write(tmp_path / "part.vtu")
+    for regions, what in (((1,), "no region 1 of triangles"), (None, "the file has no triangles")):
+        with pytest.raises(UserError, match=what):
+            read_mesh(tmp_path / "part.vtu", given={"mesh.sections.a": GivenSection(regions, ShellSection(T))})
+
+
+def test_the_area_of_the_strip_is_that_of_its_shells(strip):
+    """So that no quadrangle is lost or counted twice."""
+    x = strip(skin=SHELL).position[strip(skin=SHELL).shells[0].nodes]
+    area = 0.5 * np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1)
+    assert area.sum() == pytest.approx(L * B, rel=1e-14)
