@@ -190,7 +190,8 @@ def init(
         else:
             first = "check the lines marked ←"
         if not found.solids:
-            first = f"the deck has no solids, so that matrices have to be stated (mesh.matrices); {first}"
+            nothing = "the deck has nothing to bond gauges on (solids, shells, sides of beams)"
+            first = f"{nothing}, unless mesh.matrices and gauges.given state it; {first}"
         print(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 

@@ -74,7 +74,7 @@ class Case:
 
     config: the checked config; files: dotted key ("mesh.file") → input file; progress: called with what is being done and
     the share that is done; sweep: runs one function at many points, in one process unless another is given; notice: called with
-    a sentence that need not wait for the result.
+    a sentence that need not wait for the result; base: the folder that paths of the config start from.
     """
 
     config: PlacementConfig
@@ -82,6 +82,7 @@ class Case:
     progress: Callable[[str, float], None] = silent
     sweep: Sweep = serial
     notice: Callable[[str], None] = lambda text: None
+    base: Path = Path()
 
 
 def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
@@ -105,14 +106,14 @@ def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
     files: dict[str, Path] = {}
     for stage in stages:
         files |= inputs_of(stage, job).files
-    return Case(config, files)
+    return Case(config, files, base=job.base)
 
 
 def mesh(case: Case) -> Mesh:
     """The deck with what the config adds, checked, in SI units. Raises DeckError with file:line."""
     from strainsight.cases.structure.mesh import checked, mesh_of
 
-    found = mesh_of(case.config.mesh, case.files["mesh.file"])
+    found = mesh_of(case.config.mesh, case.files["mesh.file"], base=case.base)
     checked(found, case.config.mesh)
     return found
 

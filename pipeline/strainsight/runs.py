@@ -163,7 +163,7 @@ def to_pyvista(grid: VtkHdf | Mesh, step: int = 0) -> pyvista.UnstructuredGrid:
     """A mesh, or a grid at one of its steps."""
     from pyvista import UnstructuredGrid
 
-    own = unstructured_grid(grid.position, grid.blocks) if isinstance(grid, Mesh) else grid
+    own = unstructured_grid(grid.position, grid.elements) if isinstance(grid, Mesh) else grid
     offset, points = own.datasets["Offsets"], own.datasets["Points"]
     cells = np.insert(own.datasets["Connectivity"], offset[:-1], np.diff(offset))
     found = UnstructuredGrid(cells, own.datasets["Types"], points)

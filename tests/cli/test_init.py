@@ -16,6 +16,7 @@ from strainsight.errors import ConfigError
 from strainsight_cli.main import app
 
 from ..edges.beam import bricks
+from ..strips import gmsh
 
 LOAD = ("--direction", "0 0 1", "--amplitude", "1e3", "--frequency", "20")
 
@@ -60,10 +61,10 @@ def test_what_nobody_has_said_is_blank_and_named(init):
 
 def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
     text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
-    text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD4,901,9,1,2,3,4\nCQUAD4,902,9,1,2,3,4\nTEMPD,4,20.\nENDDATA")
+    text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD8,901,9,1,2,3,4\nCQUAD8,902,9,1,2,3,4\nTEMPD,4,20.\nENDDATA")
     assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    assert re.search(r"#   CQUAD4 +# 2, the first at beam.bdf:\d+\n  #   TEMPD +# 1, the first at beam.bdf:\d+\n", written)
+    assert re.search(r"#   CQUAD8 +# 2, the first at beam.bdf:\d+\n  #   TEMPD +# 1, the first at beam.bdf:\d+\n", written)
 
     def imported(*changes):
         text = written
@@ -73,9 +74,9 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
         done = CliRunner().invoke(app, ["import", "own.yaml"])
         return done.exit_code, done.stderr
 
-    chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [CQUAD4, TEMPD]")
+    chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [CQUAD8, TEMPD]")
     assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
-    assert "mesh.ignore: [CQUAD4, TEMPD]" in imported(chosen)[1]
+    assert "mesh.ignore: [CQUAD8, TEMPD]" in imported(chosen)[1]
     assert imported(ignored, chosen)[0] == 0
 
 
@@ -255,3 +256,19 @@ def test_a_material_is_written_for_the_regions_that_lack_one():
     assert "    own-2: {regions: [3, 4], youngs_modulus: 2.100e11, poisson_ratio: 0.3, density: 2700.0}" in written
     assert "poisson_ratio: 0.3, density: }" in template("a.bdf", lacking)
     assert "guess: 2.000e11" in written
+
+
+def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("strip.msh").write_text(gmsh())
+    options = ("--material", "steel", "--held", "set root", "--load", "set 1d-5", *LOAD)
+    assert CliRunner().invoke(app, ["init", "strip.msh", "-o", "own.yaml", *options]).exit_code == 0
+    written = Path("own.yaml").read_text()
+    assert blanks() == ["mesh.sections.shells"]
+    assert "of its triangles and quadrangles: skin ←" in written
+    Path("own.yaml").write_text(written.replace("thickness: }", "thickness: 0.01}"))
+    config = load_config("own.yaml").model
+    assert config.mesh.supports[0].components == (1, 2, 3, 4, 5, 6)
+    assert config.mesh.materials["own"].regions == (3,)
+    done = CliRunner().invoke(app, ["import", "own.yaml"])
+    assert (done.exit_code, "16 quad4" in done.output) == (0, True)

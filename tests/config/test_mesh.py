@@ -85,3 +85,58 @@ def test_without_matrices_a_parameter_needs_its_region(load):
     with pytest.raises(ConfigError) as caught:
         load(text)
     assert {caught.value.key, *(error.key for error in caught.value.others)} == {"parameters.E.region", "gauges.given"}
+
+
+def sections(text: str) -> str:
+    """The config without matrices, with these sections."""
+    start, end = CONFIG.index("  matrices:"), CONFIG.index("  materials:")
+    plain = CONFIG[:start] + f"  sections: {text}\n" + CONFIG[end:]
+    return plain.replace("youngs_modulus, guess", "youngs_modulus, region: 1, guess").replace(
+        "given: {rows: b.mtx, table: gauges.csv}", "direction: {type: axis, axis: [1, 0, 0]}"
+    )
+
+
+BEAM = "regions: [spar], area: 1.0e-4, second_moments: [2.0e-9, 1.0e-9], torsion: 1.0e-9, direction: [0, 0, 1]"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{skin: {regions: [wing, 3], thickness: 0.002, offset: -0.001}}",
+        f"{{spar: {{{BEAM}, size: [0.01, 0.02]}}, rod: {{regions: [stay], area: 1.0e-4, torsion: 0}}}}",
+        "{spar: {" + BEAM.replace("1.0e-9]", "1.0e-9, -1.0e-9]") + "}}",
+    ],
+)
+def test_sections_of_shells_beams_and_rods_are_accepted(load, text):
+    assert load(sections(text))["mesh"]["sections"]
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "what"),
+    [
+        ("regions: all", "", "none of 'thickness', 'area' is given"),
+        ("regions: all, thickness: ", "", "none of 'thickness', 'area' is given"),
+        ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both given"),
+        ("regions: all, thickness: 0", ".thickness", "has to be above 0"),
+        ("regions: all, thickness: 0.002, torsion: 1.0", ".torsion", "is of beams"),
+        ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "is of beams"),
+        (f"{BEAM}, offset: 0.1", ".offset", "is of shells"),
+        ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "this is a rod"),
+        (BEAM.replace("torsion: 1.0e-9, ", ""), ".torsion", "missing"),
+        (BEAM.replace(", direction: [0, 0, 1]", ""), ".direction", "missing"),
+        (BEAM.replace("[0, 0, 1]", "[0, 0, 0]"), ".direction", "length zero"),
+        (BEAM.replace("1.0e-9]", "1.0e-9, 2.0e-9]"), ".second_moments", "too large"),
+    ],
+)
+def test_a_section_is_that_of_a_shell_or_of_a_beam(load, text, key, what):
+    with pytest.raises(ConfigError, match=what) as caught:
+        load(sections(f"{{own: {{{text}}}}}"))
+    assert caught.value.key == f"mesh.sections.own{key}"
+    assert not caught.value.others
+    assert caught.value.remedy
+
+
+def test_sections_beside_matrices_are_refused(load):
+    with pytest.raises(ConfigError, match=r"stiffness and mass are those of mesh\.matrices") as caught:
+        load(CONFIG.replace("  matrices:", "  sections: {skin: {regions: all, thickness: 0.002}}\n  matrices:"))
+    assert caught.value.key == "mesh.sections"

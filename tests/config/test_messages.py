@@ -30,7 +30,7 @@ def refused(name: str, override: str) -> list[ConfigError]:
         (
             "{near_edgs: 0.1}",
             "",
-            "give exactly one of 'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set'",
+            "give exactly one of 'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'",
             "did you mean near_edges?",
         ),
     ],

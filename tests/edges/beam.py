@@ -29,8 +29,10 @@ SEEN_AS_NONE = (
     "place/baseline/",
     "place/criteria/",
     "observe/condition",
+    "import/shells/quad4/axis",
+    "import/shells/tri3/axis",
 )
-"""inf or NaN there says: none stated, an unknown is lost (docs/artefacts.md)."""
+"""inf or NaN there says: none stated, an unknown is lost, along the first side (docs/artefacts.md)."""
 
 PLACEMENT_CONFIG: dict[str, Any] = {
     "kind": "placement",

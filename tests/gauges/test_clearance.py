@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from strainsight.gauges.clearance import carrier, carrier_clearance, crowded, obstacles, room_for
 from strainsight.gauges.surface import facet_centres
 from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Relation
 
 L, W, H = 1.0, 0.3, 0.2
 
@@ -63,3 +66,13 @@ def test_room_counts_places_that_are_so_far_apart():
     assert not room_for(twice, 0.2, 7)
     assert room_for(twice, 0.0, 11)
     assert not room_for(twice, 0.0, 12)
+
+
+def test_nodes_of_relations_are_kept_clear_as_those_of_ties(box_mesh):
+    facets, loaded = exterior_facets(box_mesh), np.zeros(0, dtype=np.int64)
+    tied = np.concatenate([tie.nodes for tie in (*box_mesh.rigid, *box_mesh.averaging)])
+    one = Relation(1, tied, np.zeros(len(tied), int), np.ones(len(tied)))
+    related = replace(box_mesh, rigid=(), averaging=(), relations=(one,))
+    own, other = (obstacles(mesh, facets, loaded)["supports"] for mesh in (related, box_mesh))
+    np.testing.assert_array_equal(own, other)
+    assert len(own) > len(obstacles(replace(related, relations=()), facets, loaded)["supports"]) > 0

@@ -16,6 +16,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Springs
 
 from ..bodies import body, held
+from ..fem.test_thin import strip
 
 LUG = Path(__file__).parents[2] / "meshes" / "lug.bdf.gz"
 
@@ -119,3 +120,12 @@ def test_the_lug_stands_on_its_underside_and_not_on_the_top_of_its_base():
     assert of(mesh) == {DOWN: (4, 0)}
     turned = replace(mesh, position=mesh.position @ np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]) + 7.0)
     assert set(of(turned).values()) == {(4, 0)}
+
+
+def test_a_plate_of_shells_that_is_held_in_places_lies_on_neither_of_its_faces():
+    """Its nodes are held, not one of its faces: both would go, and no gauge had a place."""
+    mesh = strip(clamped=False)
+    patch = np.flatnonzero(mesh.position[: mesh.own_nodes, 0] < 0.35)
+    mesh = replace(mesh, fixed=np.array([(node, c) for node in patch for c in range(3)]))
+    facets = exterior_facets(mesh)
+    assert not len(contact_faces(mesh, facets, faces_of(mesh.position, facets)).face)

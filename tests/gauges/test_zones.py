@@ -103,5 +103,5 @@ def test_of_parts_that_touch_the_facets_of_one_are_its_own(name):
 
 def test_a_face_of_a_mesh_without_solids_is_refused(beam):
     nothing = np.zeros((1, 3))
-    with pytest.raises(UserError, match="no surface on which 'first' could be"):
+    with pytest.raises(UserError, match="no surface that a zone could be on"):
         inside(On("first"), replace(beam, blocks=()), None, nothing, nothing)

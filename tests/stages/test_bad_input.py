@@ -135,17 +135,24 @@ def test_an_earlier_artefact_survives_a_stage_that_fails(project):
     assert (project / "results" / "cantilever-youngs-modulus" / "import.h5").read_bytes() == before
 
 
-def test_a_changed_include_of_the_deck_is_noticed(project):
+@pytest.mark.parametrize("folder", ["meshes", "elsewhere"])
+def test_a_changed_include_of_the_deck_is_noticed(project, folder):
+    """Whether it lies beside the deck or in a folder of mesh.include_dirs."""
     deck, config = project / "meshes" / "cantilever.bdf", str(project / "configs" / "own.yaml")
     lines = deck.read_text().splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("MAT1"))
-    (project / "meshes" / "steel.bdf").write_text("MAT1,1,2.1+11,,.3,7850.\n")
-    lines[at] = "INCLUDE 'steel.bdf'"
+    (project / folder).mkdir(exist_ok=True)
+    steel = project / folder / "steel.bdf"
+    steel.write_text("MAT1,1,2.1+11,,.3,7850.\n")
+    lines[at] = f"INCLUDE '../{folder}/steel.bdf'"
     deck.write_text("\n".join(lines) + "\n")
+    if folder == "elsewhere":
+        assert "name its folder" in refused(project, "import")
+        change(project / "configs" / "own.yaml", "mass_unit: kg", "mass_unit: kg, include_dirs: [../elsewhere]")
     words = [config, "--results", str(project / "results")]
     assert CliRunner().invoke(app, ["import", *words]).exit_code == 0
     assert re.search(r"import +up to date", CliRunner().invoke(app, ["status", *words]).output)
-    (project / "meshes" / "steel.bdf").write_text("MAT1,1,2.0+11,,.3,7850.\n")
+    steel.write_text("MAT1,1,2.0+11,,.3,7850.\n")
     assert "steel.bdf changed" in CliRunner().invoke(app, ["status", *words]).output
 
 

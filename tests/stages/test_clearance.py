@@ -18,11 +18,13 @@ from strainsight.cases.structure.clearance import (
 )
 from strainsight.errors import ConfigError, InfeasibleError, UserError
 from strainsight.gauges.clearance import carrier_clearance
+from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import NodalForces
 from strainsight.stages.screen import _fewer_than_asked
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
+from ..mesh.test_shell_faces import plate, strip
 
 CELLS = (10, 10, 8)
 
@@ -185,6 +187,25 @@ def test_a_moment_on_a_plain_node_has_the_nodes_of_its_elements(beam):
     assert 8 < len(near) < 20
     np.testing.assert_array_equal(nodes(direction=None, moment=(0.0, 0.0, 1.0)), near)
     np.testing.assert_array_equal(nodes(), [middle])
+
+
+def test_what_is_spread_over_shells_leaves_them_free_and_a_line_or_a_node_of_theirs_does_not(beam):
+    """The four nodes around a square, on both faces: a pressure on a face has no place to stay clear of, a line load has."""
+    mesh = plate(*strip())
+    facets = exterior_facets(mesh)
+    upper = np.flatnonzero(facets.facet == 1)
+    marked = with_face(replace(mesh, node_sets={"line": np.array([100, 103])}), "upper", facets, upper)
+    case = beam.case()
+    name, load = next(iter(case.config.loads.items()))
+
+    def nodes(**update):
+        own = load.model_copy(update={"node": None, "set": None, "deck_load": None} | update)
+        return loaded_nodes(case.config.model_copy(update={"loads": {name: own}}), marked, facets)
+
+    assert len(nodes(set="upper", pressure=True)) == 0
+    for found, at in ((nodes(set="line"), [0.0, 0.0, 1.0, 1.0]), (nodes(node=100), [0.0, 0.0])):
+        np.testing.assert_allclose(np.sort(mesh.position[found, 1]), at)
+        assert (mesh.position[found, 0] == 0).all()
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,8 @@ PSOLID,3,1
 MAT1,1,2.1+11,,.3,7850.
 SPC1,1,123,1,2,3
 RBE2,20,4,123,2,3
+MPC,5,4,1,1.,1,1,-1.
+CMASS2,30,2.5,4,2
 FORCE,7,4,,10.,0.,0.,1.
 SET1,5,1,2
 SET1,6,4
@@ -35,6 +37,8 @@ def test_one_is_not_said_as_many(tmp_path):
     assert found["node set SET1-6"][0] == "1 node"
     assert found["node set SET1-5"][0] == "2 nodes"
     assert found["fixed"] == ("9 components", "3 nodes")
+    assert found["MPC 5"] == ("2 motions", "node 4 component 1 follows")
+    assert found["point mass 30"] == ("0.833333 kg", "node 4, along x, y, z 0, 2.5, 0 kg")
     assert found["ignored"] == ("EIGRL", "1 time, of no effect here")
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from strainsight.cases.structure.references import on_one_node
+from strainsight.config.loads import Load
 from strainsight.errors import UserError
 
 from ..edges.beam import TIP, bricks, finished
+from ..fem.test_thin import straight
+from ..mesh.test_shell_faces import plate, strip
 
 GAUGES = {"direction": {"type": "axis", "axis": [1, 0, 0], "angles": [0.0]}, "noise_std": {"relative_to_strongest": 0.01}}
 SENSOR = {"quantity": "displacement", "noise_std": {"value": 1e-6}, "surface": "lid"}
@@ -36,6 +42,16 @@ def test_a_force_on_one_node_of_a_solid_is_warned_of_and_one_on_a_tie_is_not(tmp
     with pytest.warns(UserWarning, match="loads.tip acts on node 45 of a solid alone"):
         finished(tmp_path / "solid", "import", bricks((4, 2, 2), tip=False), {"loads.tip.node": 45})
     finished(tmp_path / "tie", "import", bricks((4, 2, 2)), {"loads.tip.node": TIP})
+
+
+def test_so_is_one_on_a_node_of_shells_and_none_on_one_that_a_beam_ends_at():
+    push = Load(
+        node=100, direction=(0.0, 0.0, 1.0), known=True, signal={"type": "sine", "frequency": 1.0, "amplitude": 1.0}
+    )
+    mesh = plate(*strip())
+    assert "acts on node 100 of a shell alone" in on_one_node({"push": push}, mesh)[0]
+    beam = straight(1).beams[0]
+    assert not on_one_node({"push": push}, replace(mesh, beams=(beam,)))
 
 
 def test_runs_that_differ_in_their_loads_alone_share_the_modes(tmp_path):

@@ -12,7 +12,7 @@ import yaml
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, DeckError
+from strainsight.errors import ConfigError, DeckError, UserError
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Modes
@@ -94,3 +94,45 @@ def test_a_body_of_a_bench_has_no_springs(tmp_path):
     with pytest.raises(ConfigError, match=r"mesh.supports.0: springs of a body are not supported") as caught:
         finished(tmp_path, "import", MESH, {"bodies.beam.mesh.supports": [{"node": TIP, "stiffness": K}]}, BENCH_CONFIG)
     assert caught.value.key == "bodies.beam.mesh"
+
+
+FOUNDATION = {
+    "mesh.faces": {"root": ENDS["left"]},
+    "mesh.supports": [{"set": "root", "stiffness": 5.0e9}],
+    "parameters": {
+        "s": {"property": "stiffness_factor", "springs": ["mesh.supports.0"], "guess": 1.0, "range": [0.7, 1.5]}
+    },
+    "loads.tip.signal.frequency": 35.0,
+    "rom": {"modes": 6, "parameter_samples": 4},
+    "gauges.exclude": CHANGES["gauges.exclude"],
+    "place.estimate": ["s"],
+    "tolerances": "none",
+    "validate.truth": {"model": "modes", "parameters": {"s": 1.2}, "modes": 8},
+    "validate.initial_std": {"s": 0.1},
+}
+
+
+def test_a_test_finds_the_stiffness_of_a_foundation(tmp_path):
+    """A cantilever whose root turns on springs: the truth has 1.2 of their stiffness, the guess is 1."""
+    run = finished(tmp_path, "validate", MESH, FOUNDATION)
+    found = run["validate"].summary
+    assert 0 < found["std.s"] < 0.05
+    assert abs(found["estimate.s"] - 1.2) < 2 * found["std.s"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "what"),
+    [
+        ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
+        ({"parameters.s.region": 1}, "parameters.s.springs", "region is given too"),
+        ({"parameters.s.springs": None}, "parameters.s.region", "missing"),
+        ({"parameters.s.property": "density"}, "parameters.s.property", "springs have no density"),
+        ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),
+        ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of the spring"),
+    ],
+)  # fmt: skip
+def test_springs_of_a_parameter_are_looked_for_at_import(tmp_path, changes, key, what):
+    with pytest.raises(UserError, match=what) as caught:
+        finished(tmp_path, "import", MESH, FOUNDATION | changes)
+    assert caught.value.key == key
+    assert caught.value.remedy

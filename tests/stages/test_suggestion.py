@@ -125,3 +125,38 @@ def test_a_deck_without_mass_lacks_densities_and_keeps_its_moduli(tmp_path):
     assert (found.lacking[0].youngs_modulus, found.lacking[0].poisson_ratio) == (pytest.approx(2.1e11), 0.3)
     path.write_text(DECK.format(L="1000.", E="2.1+5", rho="", more="CONM2,90,1,,0.5", small=3))
     assert not suggestion(path).lacking
+
+
+def test_sets_of_a_deck_of_shells_are_offered_with_the_nodes_of_the_file(tmp_path):
+    """The faces of shells have nodes of their own, which no set counts."""
+    path = tmp_path / "a.inp"
+    path.write_text(
+        "*NODE\n1, 0., 0.\n2, 1., 0.\n3, 1., 1.\n4, 0., 1.\n*NSET, NSET=ALL\n1, 2, 3, 4\n*NSET, NSET=ROOT\n1, 4\n"
+        "*ELEMENT, TYPE=S4, ELSET=E\n10, 1, 2, 3, 4\n*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7850.\n"
+        "*SHELL SECTION, ELSET=E, MATERIAL=M\n.01\n*BOUNDARY\nROOT, ENCASTRE\n"
+    )
+    found = [(own.name, own.what, own.held) for own in suggestion(path).places if own.kind == "set"]
+    assert found == [("ALL", "4 nodes", False), ("ROOT", "2 nodes", True)]
+
+
+def test_a_frame_of_beams_has_its_sides_and_its_sets(tmp_path):
+    """Three bars in line, 40 × 30 mm: four faces from end to end; a set of the nodes at the clamp is offered as held."""
+    deck = ["CEND", "SPC = 1", "BEGIN BULK", "SPC1,1,123456,1", "SET1,7,1", "MAT1,1,2.1+11,,0.3,7850."]
+    deck += [f"GRID,{i + 1},,{0.5 * i},0.,0." for i in range(4)] + [
+        f"CBAR,{i},1,{i},{i + 1},0.,1.,0." for i in (1, 2, 3)
+    ]
+    deck += ["PBARL,1,1,,BAR", ",0.03,0.04", "ENDDATA"]
+    (tmp_path / "frame.bdf").write_text("\n".join(deck), encoding="ascii")
+    found = suggestion(tmp_path / "frame.bdf")
+    assert found.solids
+    assert [(place.name, place.held) for place in found.places if place.kind == "set"] == [("SET1-7", True)]
+    faces = [place for place in found.places if place.kind == "face"]
+    assert len(faces) == 4
+
+
+def test_a_deck_without_enddata_is_read_and_that_is_named(tmp_path):
+    path = deck(tmp_path / "a.bdf")
+    path.write_text("BEGIN BULK\n" + path.read_text())
+    found = suggestion(path)
+    assert found.unsupported == (("MISSING ENDDATA", 1, "a.bdf:15"),)
+    assert "MISSING ENDDATA                  # 1, the first at a.bdf:15" in template("a.bdf", found)

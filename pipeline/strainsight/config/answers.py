@@ -42,17 +42,19 @@ class Suggestion:
     """What a deck says about its config.
 
     length_unit, mass_unit: in which its materials make sense, empty where they make sense in none, and odd says why; region: id
-    of the largest one, and its Young's modulus [Pa], None where the deck has no material; lacking: what materials lack;
-    supports, solids: whether the deck has any; support_sets: ids of its sets of supports, where it does not say which holds;
-    unsupported: name for `mesh.ignore`, number, and file:line of the first, of what the model is not the same without;
+    of the largest one, whether it is a laminate, and its modulus [Pa], None where it has none; lacking: what materials
+    lack; supports, solids: whether the deck has any; support_sets: ids of its sets of supports, where it does not say which
+    holds; unsupported: name for `mesh.ignore`, number, and file:line of the first, of what the model is not the same without;
     places: where its loads and supports may be, the likely ones first; taken: names of its sets; gauge_type: that suits its
-    largest face; face_at: the point by which `places` has the face that a point is on, or the point again where there is none.
+    largest face; thin: names of its regions of triangles and quadrangles, where it has no solids and no sections; face_at: the
+    point by which `places` has the face that a point is on, or the point again where there is none.
     """
 
     length_unit: str = "m"
     mass_unit: str = "kg"
     odd: str = ""
     region: int = 1
+    laminate: bool = False
     youngs_modulus: float | None = 2.0e11
     lacking: tuple[Lacking, ...] = ()
     supports: bool = True
@@ -62,6 +64,7 @@ class Suggestion:
     places: tuple[Place, ...] = ()
     taken: tuple[str, ...] = ()
     gauge_type: str | None = "3/350"
+    thin: tuple[str, ...] = ()
     face_at: Callable[[str], str] = str
 
     def free(self, name: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from strainsight.config.loads import Load, Recorded, signal_problems
-from strainsight.config.mesh import MeshFile, Support
+from strainsight.config.mesh import ElementSection, MeshFile, Support
 from strainsight.config.placement import Datum, GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.config.problem import Problem, exactly_one
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, box_problem
@@ -142,6 +142,10 @@ def _mesh(mesh: MeshFile) -> Iterator[Problem]:
             yield Problem(f"mesh.faces.{name}.normal", NO_LENGTH, FOR_EXAMPLE)
         if face.box is not None:
             yield from box_problem(f"mesh.faces.{name}.box", face.box)
+    for name, section in mesh.sections.items():
+        yield from _section(f"mesh.sections.{name}", section)
+    if mesh.sections and mesh.matrices is not None:
+        yield Problem("mesh.sections", "stiffness and mass are those of mesh.matrices", "remove the key", at_key=True)
     for i, support in enumerate(mesh.supports):
         yield from exactly_one(f"mesh.supports.{i}", {"node": support.node, "set": support.set})
         yield from _springs(f"mesh.supports.{i}", support, mesh)
@@ -154,6 +158,36 @@ def _mesh(mesh: MeshFile) -> Iterator[Problem]:
                 )
     if len(mesh.materials) > 1 and "all" in claimed:
         yield Problem(f"mesh.materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")
+
+
+def _section(key: str, own: ElementSection) -> Iterator[Problem]:
+    """The section of shells, or that of beams or rods."""
+    yield from exactly_one(key, {"thickness": own.thickness, "area": own.area})
+    of_beams = {
+        "second_moments": own.second_moments,
+        "torsion": own.torsion,
+        "direction": own.direction,
+        "size": own.size,
+    }
+    if own.area is None:
+        for name in (name for name, value in of_beams.items() if value is not None):
+            yield Problem(f"{key}.{name}", "is of beams, which have an area", "remove the key", at_key=True)
+    elif own.offset:
+        yield Problem(f"{key}.offset", "is of shells, which have a thickness", "remove the key", at_key=True)
+    elif own.second_moments is None:
+        for name in (name for name in ("direction", "size") if of_beams[name] is not None):
+            what = "is of beams, which have second_moments; this is a rod"
+            yield Problem(f"{key}.{name}", what, "give second_moments, or remove the key", at_key=True)
+    else:
+        yy, zz, yz = (*own.second_moments, 0.0)[:3]
+        if yz**2 >= yy * zz:
+            what = f"∫yz dA of {yz:g} m⁴ is too large for ∫y² dA and ∫z² dA, {yy:g} and {zz:g} m⁴"
+            yield Problem(f"{key}.second_moments", what, "its square is below their product in every section")
+        for name, remedy in (("torsion", "give J [m⁴]"), ("direction", "give a vector such as [0, 0, 1]")):
+            if of_beams[name] is None:
+                yield Problem(f"{key}.{name}", "missing: beams need it beside second_moments", remedy, at_key=True)
+    if own.direction is not None and not any(own.direction):
+        yield Problem(f"{key}.direction", NO_LENGTH, FOR_EXAMPLE)
 
 
 def _free(config: PlacementConfig) -> Iterator[Problem]:
@@ -197,8 +231,18 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
             what = "the mass is that of mesh.matrices, which says of no place where it is"
             yield Problem(f"loads.{name}", what, "give the load as forces of the deck (deck_load)", at_key=True)
     for name, parameter in config.parameters.items():
-        if parameter.region is None and matrices is None:
-            yield Problem(f"parameters.{name}.region", "missing", "give a region's id or name, or a list", at_key=True)
+        key = f"parameters.{name}"
+        if parameter.springs is not None:
+            if matrices is not None:
+                yield Problem(f"{key}.springs", "springs are in mesh.matrices", "give them a term of their own there")
+            elif parameter.region is not None:
+                yield Problem(f"{key}.springs", "region is given too", "make two parameters of it, or remove one key")
+            if parameter.property != "stiffness_factor":
+                what = f"springs have no {parameter.property}"
+                yield Problem(f"{key}.property", what, "property: stiffness_factor, which multiplies their stiffness")
+        elif parameter.region is None and matrices is None:
+            remedy = "give a region's id or name, or a list, or the names of springs (springs)"
+            yield Problem(f"{key}.region", "missing", remedy, at_key=True)
         elif parameter.region is not None and matrices is not None:
             yield Problem(
                 f"parameters.{name}.region", "mesh.matrices say what belongs to the parameter", "remove the key"
@@ -214,17 +258,17 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
                     yield Problem(f"{key}.at", "a value of no parameter", "name the parameter, or remove the key")
                 continue
             named.add(term.parameter)
-            wanted = {"stiffness": "youngs_modulus", "mass": "density"}[kind]
+            wanted = {"stiffness": ("youngs_modulus", "stiffness_factor"), "mass": ("density",)}[kind]
             if term.parameter not in config.parameters:
                 remedy = did_you_mean(
                     term.parameter, config.parameters, f"parameters: {', '.join(config.parameters) or 'none'}"
                 )
                 yield Problem(f"{key}.parameter", f"'{term.parameter}' is no parameter", remedy)
-            elif config.parameters[term.parameter].property != wanted:
+            elif config.parameters[term.parameter].property not in wanted:
                 yield Problem(
                     f"{key}.parameter",
                     f"'{term.parameter}' is a {config.parameters[term.parameter].property}",
-                    f"the {kind} depends on a {wanted}",
+                    f"the {kind} depends on a {' or '.join(wanted)}",
                 )
     for name in config.parameters:
         if name not in named and named <= set(config.parameters):

@@ -19,11 +19,44 @@ class Material(Section):
     """A linear isotropic material, for regions whose material the file does not state, or in place of the file's."""
 
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
-        description="Ids or names of the regions (PSOLID, element set, physical group), or 'all'."
+        description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group), or 'all'."
     )
     youngs_modulus: Positive = Field(description="Young's modulus [Pa].")
     poisson_ratio: float = Field(gt=-1, lt=0.5, description="Poisson's ratio [-].")
     density: NotNegative = Field(description="Density [kg/m³].")
+
+
+class ElementSection(Section):
+    """What makes elements solid that are no solids: with a thickness triangles and quadrangles are shells, with an area lines
+    are beams, or rods where they have no moments of area. A deck of Nastran or Abaqus states this itself."""
+
+    regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
+        description="Ids or names of the regions (physical surface or line), or 'all' that have such elements."
+    )
+    thickness: Positive | None = Field(None, description="Thickness of shells [m].")
+    offset: float = Field(
+        0.0,
+        description="Of the middle of shells from their nodes [m], along the normal by the right-hand rule about the order of "
+        "nodes.",
+    )
+    area: Positive | None = Field(None, description="Area of the section of beams or rods [m²].")
+    second_moments: tuple[Positive, Positive] | tuple[Positive, Positive, float] | None = Field(
+        None,
+        description="Second moments of area of beams about the centroid [m⁴]: [∫y² dA, ∫z² dA] or [∫y² dA, ∫z² dA, ∫yz dA]. The "
+        "first resists bending in the plane of the beam and `direction`, the second across it. Null: rods.",
+    )
+    torsion: NotNegative | None = Field(
+        None, description="Torsion constant J of beams [m⁴], ∫r² dA of a circle; of rods may be null for 0."
+    )
+    direction: Vector | None = Field(
+        None,
+        description="Vector towards which y of beams points [-]; x runs from their first node to their second.",
+    )
+    size: tuple[Positive, Positive] | None = Field(
+        None,
+        description="Of the section of beams along y and z [m]: how far apart its sides are, on which gauges sit; null: a square "
+        "of its area.",
+    )
 
 
 class Support(Section):
@@ -79,7 +112,7 @@ class MatrixTerm(Section):
     name: Text | None = Field(None, description="Which matrix of a file that holds several.")
     parameter: Name | None = Field(None, description="Name of the parameter that this term is proportional to.")
     at: Positive | None = Field(
-        None, description="Value of the parameter that the matrix was made with [Pa or kg/m³]; null: 1, a unit term."
+        None, description="Value of the parameter that the matrix was made with [Pa, kg/m³ or 1]; null: 1, a unit term."
     )
 
 
@@ -122,12 +155,22 @@ class MeshFile(Section):
         description="Number of the set of supports (SPC, SPC1, SPCADD) of a Nastran deck that holds; null: the one that its case "
         "control selects.",
     )
+    include_dirs: tuple[Text, ...] = Field(
+        (),
+        description="Folders from which a deck may include files (INCLUDE, *INCLUDE, INPUT=) beside its own folder and those "
+        "below it; paths start from the config's folder. Links are followed before it is decided where a file lies.",
+    )
     faces: dict[Name, Face] = Field(
         {},
         description="Names for faces of the surface, which the file need not know: a name is a set of nodes, for loads, "
         "supports, ties, zones and `gauges.surface`.",
     )
     materials: dict[Name, Material] = Field({}, description="Materials that the file lacks, in SI units, by name.")
+    sections: dict[Name, ElementSection] = Field(
+        {},
+        description="Sections that make shells, beams and rods of triangles, quadrangles and lines of a gmsh, VTU or other file, "
+        "which are the surface of its solids otherwise; by name.",
+    )
     supports: tuple[Support, ...] = Field((), description="Supports that the file lacks.")
     free: bool = Field(
         False,

@@ -39,15 +39,27 @@ Guess = Annotated[
 
 
 class MaterialParameter(Section):
-    """A material property that the reduced model keeps free."""
+    """A property of some regions, or a factor of some springs, that the reduced model keeps free."""
 
-    property: Literal["youngs_modulus", "density"] = Field(description="Which property: [Pa] or [kg/m³].")
-    region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
-        None, description="Region id (PSOLID id) or name, or a list of them; left out only with mesh.matrices."
+    property: Literal["youngs_modulus", "density", "stiffness_factor"] = Field(
+        description="Which property: youngs_modulus [Pa], density [kg/m³], of a laminate the mean over its thickness, or "
+        "stiffness_factor [-], which multiplies all stiffness of the regions as the deck has it, whatever they are made of: "
+        "laminates, several materials, beams whose section is uncertain; or the stiffness of `springs`."
     )
-    guess: Guess = Field(description="Value before anything is measured [Pa or kg/m³], or {from: another run}.")
+    region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="Region id (PSOLID id) or name, or a list of them; left out only with `springs` or mesh.matrices.",
+    )
+    springs: Annotated[tuple[Text, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="In place of region, of a stiffness_factor: springs by the names that import lists (CELAS2 12, CBUSH 3, "
+        "SPRINGA 7, of the config mesh.supports.0) or by patterns of names (CELAS2 *), as of a foundation.",
+    )
+    guess: Guess = Field(
+        description="Value before anything is measured [Pa, kg/m³, or 1 for a factor], or {from: another run}."
+    )
     range: tuple[Positive, Positive] = Field(
-        description="[lowest, highest] value the reduced model is made for [Pa or kg/m³]."
+        description="[lowest, highest] value the reduced model is made for [Pa, kg/m³, or 1 for a factor]."
     )
     process_noise_scale: Positive = Field(
         0.05,

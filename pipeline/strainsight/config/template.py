@@ -76,10 +76,19 @@ report: {{format: html}}
 PARAMETERS = """\
 parameters:
   E:
-    property: youngs_modulus      # or density
+    property: youngs_modulus      # or density, or stiffness_factor, which multiplies the whole stiffness of the region
     region: {region:<8}              # ← its id or name, or a list of them
     guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
     range: {range}   # ← [Pa] the true value lies in here
+    process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
+"""
+FACTOR = """\
+parameters:
+  stiffness:
+    property: stiffness_factor    # of the whole laminate; or density
+    region: {region:<8}              # ← its id or name, or a list of them
+    guess: 1.0                    # the stiffness that the deck has
+    range: [0.8, 1.2]             # ← the true factor lies in here
     process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
 """
 MATERIAL = """\
@@ -89,7 +98,7 @@ CONE = """\
   exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
     - normal_cone: {{axis: {axis}, angle: 10}}           # an axis says nothing on facets that face along it
 """
-TRUTH = "    parameters: {{E: {truth}}}      # ← [Pa] an assumed true value to be found again\n"
+TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}an assumed true value to be found again\n"
 TYPE = "  type: {name:<25} # ← grid [mm] / resistance [Ω]: gives grid, clearance, spacing, range; or one of your own, in types\n"
 NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; your own: types\n"
 OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]: gives grid, clearance, spacing, range\n"
@@ -113,7 +122,8 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
     name = run_name(deck)
     E = found.youngs_modulus or (answers.material[0] if answers.material else None)
     modulus = answers.find == "modulus"
-    unknown = "E" if modulus else "force"
+    parameter, value, unit = ("stiffness", 1.0, "") if found.laminate else ("E", E, "[Pa] ")
+    unknown = parameter if modulus else "force"
     return TEMPLATE.format(
         deck=_escaped(deck),
         name=name,
@@ -121,7 +131,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         length_unit=found.length_unit,
         mass_unit=found.mass_unit,
         mesh=_mesh(found, answers),
-        parameters=_parameters(found.region, E) if modulus else "parameters: {}\n",
+        parameters=_parameters(found, E) if modulus else "parameters: {}\n",
         load=_load(found, answers),
         direction=_direction(answers.axis),
         type=_type(found),
@@ -131,7 +141,9 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         pad=" " * (5 - len(unknown)),
         keep=answers.keep,
         pool=POOL[answers.find],
-        truth=TRUTH.format(truth=_number(1.05 * E if E else None)) if modulus else "",
+        truth=TRUTH.format(name=parameter, truth=_number(1.05 * value if value else None), unit=unit)
+        if modulus
+        else "",
         initial="0.1" if modulus else "1.0",
     )
 
@@ -172,7 +184,7 @@ def _type(found: Suggestion) -> str:
     """The type of gauge that fits; of a deck in no usual unit, or without a surface, none is known to fit or not to."""
     if found.gauge_type:
         return TYPE.format(name=found.gauge_type)
-    return NO_TYPE if found.solids and found.length_unit else OPEN_TYPE
+    return NO_TYPE if found.solids and found.length_unit and not found.thin else OPEN_TYPE
 
 
 def run_name(deck: str) -> str:
@@ -188,7 +200,7 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
     """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
     named = _named(found, answers)
     seats = {name: place for name, place in _seats(found, answers).items() if name not in named}
-    blank = not found.supports and answers.held is None
+    blank = not found.supports and answers.held is None and not found.thin
     lines = [f"  # {found.odd}: state mesh.materials too, or correct the deck"] if found.odd else []
     if found.unsupported:
         lines.append(
@@ -214,6 +226,11 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
             lines.append(
                 f"    {found.free('held')}: {{near: }}        # ← [x, y, z] of a point of the face that is held"
             )
+    if found.thin:
+        lines.append(
+            f"  sections:             # of its triangles and quadrangles: {printable(', '.join(found.thin))} ← [m]"
+        )
+        lines.append("    shells: {regions: all, thickness: }")
     if found.lacking:
         lines.append("  materials:            # that the file lacks, in whole or in part ← [Pa], [-], [kg/m³]")
     for i, own in enumerate(found.lacking):
@@ -228,11 +245,16 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
         lines.append(
             "  supports:             # the file states none; or, where nothing holds it, `free: true` in their place"
         )
-        lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: [1, 2, 3]}}   # ← 1-3 translations")
+        components = "[1, 2, 3, 4, 5, 6]" if found.thin else "[1, 2, 3]"
+        means = "1-3 translations, 4-6 rotations" if found.thin else "1-3 translations"
+        lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: {components}}}   # ← {means}")
     return "".join(f"{line}\n" for line in lines)
 
 
-def _parameters(region: int, E: float | None) -> str:
+def _parameters(found: Suggestion, E: float | None) -> str:
+    region = found.region
+    if found.laminate:
+        return FACTOR.format(region=region)
     low, high = (_number(0.8 * E), _number(1.2 * E)) if E else ("", "")
     return PARAMETERS.format(region=region, guess=_number(E), range=f"[{low}, {high}]" if E else "")
 

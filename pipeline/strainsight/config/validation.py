@@ -19,7 +19,7 @@ class Truth(Section):
     )
     modes: int = Field(60, ge=1, description="Modes of the truth model [-].")
     parameters: dict[Name, Positive] = Field(
-        {}, description="True values [Pa or kg/m³]; a parameter left out is at its guess."
+        {}, description="True values [Pa, kg/m³, or 1 for a factor]; a parameter left out is at its guess."
     )
     damping_factor: NotNegative | None = Field(
         None, description="rich: true damping over the filter's [-], the same in every mode; null: by `tolerances`."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
@@ -89,14 +89,32 @@ class NearEdgesZone(Section):
     near_edges: Positive = Field(description="Nearer than this to an edge of the body [m].")
 
 
+class ShellFaceZone(Section):
+    """One face of all shells."""
+
+    shell_face: Literal["upper", "lower"] = Field(
+        description="upper: on the side of the normal that the order of the nodes gives by the right-hand rule; lower: the other."
+    )
+
+
+class OnElementsZone(Section):
+    """The surface of elements of a kind."""
+
+    on_elements: Literal["solids", "shells", "beams"] = Field(
+        description="The faces of solids or shells, or sides of beams."
+    )
+
+
 Zone = Annotated[
     Annotated[BoxZone, Tag("box")]
     | Annotated[InCylinder, Tag("cylinder")]
     | Annotated[FacingZone, Tag("normal_cone")]
     | Annotated[NearEdgesZone, Tag("near_edges")]
     | Annotated[NearSetZone, Tag("near_set")]
+    | Annotated[ShellFaceZone, Tag("shell_face")]
+    | Annotated[OnElementsZone, Tag("on_elements")]
     | Annotated[Text, Tag(NAMED)],
-    key_of("box", "cylinder", "normal_cone", "near_edges", "near_set", text=True),
+    key_of("box", "cylinder", "normal_cone", "near_edges", "near_set", "shell_face", "on_elements", text=True),
 ]
 
 

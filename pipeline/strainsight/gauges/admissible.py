@@ -70,9 +70,11 @@ def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
         held[[rigid.reference, *rigid.nodes]] = True
     for averaging in mesh.averaging:
         held[[averaging.reference, *averaging.nodes]] = True
+    for relation in mesh.relations:
+        held[relation.node] = True
     for own in mesh.springs:
         held[own.node] = True
-    return np.any(_among(facets, held), axis=1)
+    return np.any(_among(facets, mesh.above(held)), axis=1)
 
 
 def _among(facets: Facets, chosen: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from strainsight.errors import UserError
 from strainsight.gauges.arms import Arms
 from strainsight.gauges.candidates import STEEPEST, Candidates
-from strainsight.gauges.locate import locate
+from strainsight.gauges.locate import Located, locate
 from strainsight.gauges.points import normals_at
 from strainsight.gauges.rows import fits
 from strainsight.gauges.surface import turned
@@ -92,6 +92,7 @@ def _grids(
             "correct its position, or raise snap_tolerance beside it; positions are in metres",
         )
     normal = normals_at(skin, found.facet, found.local)
+    _check_side(mesh, skin, key, entries, place, found)
     d = np.array([_laid(key, entries, i, normal[i]) for i in range(len(entries))])
     _check_apart(key, entries, found.point, d, ALIKE * float(np.ptp(skin.position, axis=0).max()))
     pool = _channels(skin, entries, found.facet, found.local, found.point, normal, d)
@@ -106,6 +107,25 @@ def _grids(
             "correct its position, direction or length",
         )
     return pool, found.distance
+
+
+def _check_side(
+    mesh: Mesh, skin: Skin, key: str, entries: Sequence[BondedEntry], place: np.ndarray, found: Located
+) -> None:
+    """Refuse a place (entries, 3) [m] in the middle of a shell: the surface has a point as far behind it as in front."""
+    shell = np.flatnonzero(skin.facets.of(mesh.shells)[found.facet])
+    other = locate(skin, 2 * place[shell] - found.point[shell]) if len(shell) else found
+    size = ALIKE * float(np.ptp(skin.position, axis=0).max())
+    element = skin.facets.element_id
+    for i, facet, distance in zip(shell.tolist(), other.facet, other.distance, strict=False):
+        if distance < size and facet != found.facet[i] and element[facet] == element[found.facet[i]]:
+            raise _refused(
+                key,
+                entries,
+                i,
+                f"is as near to the upper face of shell {element[facet]} as to the lower one",
+                f"give a position on the face that it is bonded on, such as {_xyz(found.point[i])}",
+            )
 
 
 def _channels(

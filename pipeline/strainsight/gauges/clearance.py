@@ -46,8 +46,8 @@ def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.nd
     """What a gauge is to stay clear of, each as segments (s, 2, 3) [m], a point as one without length:
 
         edges      where exterior facets meet at more than 30°
-        supports   nodes of solids that are held, on springs, or tied by a rigid or averaging element, and the edges between two
-                   of them
+        supports   nodes of solids that are held, on springs, or tied by a rigid or averaging element or a relation, and the edges
+                   between two of them
         loads      nodes (l,) on which a load acts, and the edges between two of them
 
     facets: exterior ones. What touches a body without being tied to it is not in the mesh.
@@ -55,14 +55,14 @@ def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.nd
     held = np.zeros(len(mesh.position), dtype=bool)
     held[mesh.held] = True
     ties = (*(own.nodes for own in mesh.rigid), *(own.nodes for own in mesh.averaging))
-    for tied in (*ties, *(own.node for own in mesh.springs)):
+    for tied in (*ties, *(own.node for own in mesh.relations), *(own.node for own in mesh.springs)):
         held[tied] = True
     acting = np.zeros(len(mesh.position), dtype=bool)
     acting[loaded] = True
     return {
         "edges": sharp_edges(mesh.position, facets),
-        "supports": _patches(mesh, facets, held),
-        "loads": _patches(mesh, facets, acting),
+        "supports": _patches(mesh, facets, mesh.above(held)),
+        "loads": _patches(mesh, facets, mesh.above(acting)),
     }
 
 

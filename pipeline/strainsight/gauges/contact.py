@@ -40,7 +40,8 @@ class ContactFaces:
 def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
     """Flat faces of exterior facets that something probably lies on:
 
-    - where some facets of it, but not all, have all their nodes held: what holds them lies on the face;
+    - where some facets of it, but not all, have all their nodes held: what holds them lies on the face. Those of shells and
+      beams do not count: their nodes are held, whichever side what holds them is on;
     - where a bore runs into it at a right angle, and nodes of that are held, as by a bolt. Of the faces into which such a bore
       runs it is the one over which the least of the part rises, max n·(x − c) over its nodes, n the outward normal: a part stands
       on the face from which nothing sticks out. Of a plate both are found, of which it is probably one.
@@ -50,7 +51,7 @@ def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
     """
     held = _held(mesh)
     on = facets.nodes >= 0
-    facet_held = np.all(held[facets.nodes] | ~on, axis=1)
+    facet_held = np.all(held[facets.nodes] | ~on, axis=1) & ~facets.of(mesh.thin)
     places = np.bincount(faces.of[facet_held], minlength=len(faces.area))
     flat = faces.normal.any(axis=1)
     whole = flat & (places == np.bincount(faces.of, minlength=len(faces.area)))
@@ -93,7 +94,9 @@ def _held(mesh: Mesh) -> np.ndarray:
     for reference, nodes in ties:
         if held[reference]:
             held[nodes] = True
-    return held
+    for relation in mesh.relations:
+        held[relation.node[0]] |= bool(held[relation.node[1:]].all())
+    return mesh.above(held)
 
 
 def _split(rows: np.ndarray, of: np.ndarray, count: int) -> list[np.ndarray]:

@@ -17,8 +17,8 @@ SHARP = np.deg2rad(30.0)
 class Edges:
     """The edges of all facets, each once for every facet it belongs to, h of them, those of one edge side by side.
 
-    facet (h,) index; side (h,) number of the edge within the facet, from its node `side` to the next; ends (h, 2) node
-    indices, ascending; middle (h, 3) [m]; start (e,) first row of each of the e edges; count (e,) of facets that meet
+    facet (h,) index; side (h,) number of the edge within the facet, from its node `side` to the next; ends (h, 2) corners
+    of the facets, ascending; middle (h, 3) [m]; start (e,) first row of each of the e edges; count (e,) of facets that meet
     there; sharp (e,) whether they meet at more than 30°, or are not two.
     """
 
@@ -43,7 +43,8 @@ def edges_of(position: np.ndarray, facets: Facets) -> Edges:
             b = (a + 1) % kind.corners
             xi = 0.5 * (kind.nodes[a] + kind.nodes[b])
             x, J = facet_points(kind, position[nodes], np.tile(xi, (len(nodes), 1)))
-            rows.append((which, np.full(len(which), a), np.sort(nodes[:, [a, b]], axis=1), x, normals(J)))
+            ends = np.sort(facets.corners[which][:, [a, b]], axis=1)
+            rows.append((which, np.full(len(which), a), ends, x, normals(J)))
     if not rows:
         none = np.zeros(0, dtype=np.int64)
         return Edges(none, none, np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3)), none, none, np.zeros(0, bool))

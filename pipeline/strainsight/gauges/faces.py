@@ -150,7 +150,7 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) ->
         )
     others = faces.of != face
     if others.any():
-        rest = locate(skin_of(skin.position, _some(skin.facets, others)), point[None])
+        rest = locate(skin_of(skin.position, skin.facets.some(others)), point[None])
         other = int(faces.of[others][rest.facet[0]])
         if rest.distance[0] - distance <= 1e-6 * long:
             if (other in likely) != (face in likely):
@@ -160,11 +160,6 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) ->
                 remedy="give a point inside the face that is meant, or its normal too",
             )
     return face
-
-
-def _some(facets: Facets, chosen: np.ndarray) -> Facets:
-    columns = (facets.element_id, facets.facet, facets.kind, facets.nodes, facets.region)
-    return Facets(*(column[chosen] for column in columns))
 
 
 def facet_vectors(position: np.ndarray, facets: Facets) -> np.ndarray:
@@ -194,8 +189,8 @@ def _joined(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _has_a_node_inside(group: np.ndarray, facets: Facets) -> np.ndarray:
     """Whether a corner lies between facets of the group (n,) alone."""
     corner, own = [], []
-    for kind, which, nodes in by_kind(facets.kind, facets.nodes):
-        corner.append(nodes[:, : kind.corners].ravel())
+    for kind, which, _ in by_kind(facets.kind, facets.nodes):
+        corner.append(facets.corners[which, : kind.corners].ravel())
         own.append(np.repeat(group[which], kind.corners))
     node, of = np.concatenate(corner), np.concatenate(own)
     low, high = np.full(node.max() + 1, len(group)), np.full(node.max() + 1, -1)

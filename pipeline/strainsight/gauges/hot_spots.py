@@ -150,8 +150,8 @@ def _facets_of(patch: Patch, facets: Facets) -> Facets:
     """The exterior facets of the whole mesh that belong to elements of the patch, with its node numbers."""
     ids = np.concatenate([block.ids for block in patch.mesh.blocks])
     own = np.isin(facets.element_id, ids)
-    columns = (facets.element_id, facets.facet, facets.kind, patch.local(facets.nodes), facets.region)
-    return Facets(*(column[own] for column in columns))
+    found = facets.some(own)
+    return Facets(found.element_id, found.facet, found.kind, patch.local(found.nodes), found.region)
 
 
 def _on_parts(fine: Refined, points: Points) -> Points:

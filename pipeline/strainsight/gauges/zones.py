@@ -65,7 +65,21 @@ class On:
     name: str
 
 
-Zone = Box | Cylinder | NormalCone | NearEdges | NearSet | On
+@dataclass(frozen=True)
+class ShellFace:
+    """Every facet of shells with this local number, UPPER or LOWER."""
+
+    facet: int
+
+
+@dataclass(frozen=True)
+class OnElements:
+    """Every facet of elements of a kind: "solids", "shells" or "beams"."""
+
+    kind: str
+
+
+Zone = Box | Cylinder | NormalCone | NearEdges | NearSet | On | ShellFace | OnElements
 
 
 def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -75,6 +89,13 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
     touch back to back the one that faces as it does. Raises UserError for a set that is not there, an axis of no length, and a
     face where there are no facets.
     """
+    if isinstance(zone, On | ShellFace | OnElements):
+        if facets is None:
+            raise UserError(
+                "the mesh has no solids, shells or beams, and so no surface that a zone could be on",
+                remedy="give a near_set, or a box",
+            )
+        return _facets_of(zone, mesh, facets)[_facets_below(mesh, facets, centre, normal)]
     match zone:
         case Box():
             return np.all((centre >= np.asarray(zone.minimum)) & (centre <= np.asarray(zone.maximum)), axis=1)
@@ -89,13 +110,17 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
         case NearSet():
             distance, _ = cKDTree(mesh.position[_nodes(mesh, zone.name)]).query(centre)
             return np.asarray(distance < zone.distance)
+
+
+def _facets_of(zone: On | ShellFace | OnElements, mesh: Mesh, facets: Facets) -> np.ndarray:
+    """Which facets (f,) are in such a zone."""
+    match zone:
         case On():
-            if facets is None:
-                raise UserError(
-                    f"the mesh has no solids, and so no surface on which {zone.name!r} could be",
-                    remedy="give a near_set, or a box",
-                )
-            return on_surface(mesh, facets, zone.name)[_facets_below(mesh, facets, centre, normal)]
+            return on_surface(mesh, facets, zone.name)
+        case ShellFace():
+            return facets.of(mesh.shells) & (facets.facet == zone.facet)
+        case OnElements():
+            return facets.of(mesh.of_kind(zone.kind))
 
 
 def _facets_below(mesh: Mesh, facets: Facets, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -141,8 +166,9 @@ def _nodes(mesh: Mesh, name: str) -> np.ndarray:
     if name in mesh.node_sets:
         found |= np.isin(mesh.node_ids, mesh.node_sets[name])
     if name in mesh.element_sets:
-        for block in mesh.blocks:
+        for block in mesh.elements:
             found[block.nodes[np.isin(block.ids, mesh.element_sets[name])]] = True
+        found = mesh.above(found)
     if not found.any():
         known = sorted({*mesh.node_sets, *mesh.element_sets})
         remedy = did_you_mean(name, known, f"sets: {', '.join(known) or 'none'}")

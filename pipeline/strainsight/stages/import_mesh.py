@@ -31,23 +31,23 @@ from strainsight.workflow.stage import Context, Stage
 def run(context: Context[PlacementConfig]) -> Output:
     """Read the deck, convert its units, add what the config adds, check it, weigh it."""
     config = context.config.mesh
-    mesh = mesh_of(config, context.files["mesh.file"])
+    mesh = mesh_of(config, context.files["mesh.file"], base=context.base)
     weight, quality = checked(mesh, config)
     check_references(context.config, mesh)
     for text in on_one_node(context.config.loads, mesh):
         warnings.warn(f"{text}.", stacklevel=2)
     found = _warnings(mesh, config)
     faces = None
-    if mesh.blocks:
+    if mesh.has_surface:
         facets = exterior_facets(mesh)
         faces = faces_of(mesh.position, facets)
         found += tuple(contact_warnings(context.config, mesh, facets, faces))
     grid, grid_attributes = vtkhdf_datasets(_grid(mesh))
-    count = sum(len(block.ids) for block in mesh.blocks)
-    kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.blocks)
+    count = sum(len(block.ids) for block in mesh.elements)
+    kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.elements)
     ignored = sum(mesh.ignored.values())
-    parts = [f"{len(mesh.node_ids)} nodes", kinds, f"{ignored} card{'s' * (ignored != 1)} ignored"]
-    summary: dict[str, Any] = {"nodes": len(mesh.node_ids), "elements": count, "ignored": ignored}
+    parts = [f"{mesh.own_nodes} nodes", kinds, f"{ignored} card{'s' * (ignored != 1)} ignored"]
+    summary: dict[str, Any] = {"nodes": mesh.own_nodes, "elements": count, "ignored": ignored}
     if weight is not None:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")
@@ -72,16 +72,16 @@ def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
 
 
 def _grid(mesh: Mesh) -> VtkHdf:
-    ids = [block.ids for block in mesh.blocks]
-    region = [block.region for block in mesh.blocks]
+    ids = [block.ids for block in mesh.elements]
+    region = [block.region for block in mesh.elements]
     return unstructured_grid(
         mesh.position,
-        mesh.blocks,
+        mesh.elements,
         point_data={"node_id": mesh.node_ids},
         cell_data={"element_id": np.concatenate(ids), "region": np.concatenate(region)} if ids else {},
     )
 
 
 IMPORT = Stage(
-    "import", version=8, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=10, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

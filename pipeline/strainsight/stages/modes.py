@@ -45,6 +45,7 @@ MODES = Stage(
     reads=(
         "parameters.*.property",
         "parameters.*.region",
+        "parameters.*.springs",
         "parameters.*.guess",
         "parameters.*.range",
         "rom.modes",

@@ -35,6 +35,7 @@ PLACE = Stage(
         "parameters.*.range",
         "parameters.*.property",
         "parameters.*.region",
+        "parameters.*.springs",
         "process_noise",
         "tolerances",
         "train",

@@ -25,7 +25,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     shapes = reduced.basis[:, :modes].reshape(len(mesh.node_ids), 3, -1)
     points = {"mode": np.moveaxis(shapes, 2, 0)}
     grid, attributes = vtkhdf_datasets(
-        unstructured_grid(mesh.position, mesh.blocks, point_data=points, steps=reduced.frequency)
+        unstructured_grid(mesh.position, mesh.elements, point_data=points, steps=reduced.frequency)
     )
     worst = float(max(np.max(np.abs(reduced.error.frequency)), np.max(reduced.error.static)))
     size, first = len(reduced.static), float(reduced.frequency[0])
@@ -51,6 +51,7 @@ ROM = Stage(
     reads=(
         "parameters.*.property",
         "parameters.*.region",
+        "parameters.*.springs",
         "parameters.*.guess",
         "parameters.*.range",
         *WHERE_LOADS_ACT,

@@ -29,6 +29,7 @@ SPECTRUM = Stage(
     reads=(
         "parameters.*.property",
         "parameters.*.region",
+        "parameters.*.springs",
         "parameters.*.range",
         "validate.truth.modes",
         *READS,

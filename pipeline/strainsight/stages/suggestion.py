@@ -10,14 +10,19 @@ import numpy as np
 
 from strainsight.config.answers import Lacking, Place, Suggestion
 from strainsight.config.gauge_types import fitting_type
-from strainsight.decks.effects import short
-from strainsight.decks.reader import read_mesh
+from strainsight.decks.effects import MISSING_END, short
+from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ChoiceError, UserError
 from strainsight.gauges.contact import contact_faces
 from strainsight.gauges.faces import Faces, Pick, faces_of, picked, pointed_at
+from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.given_sections import GivenSection
+from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import BodyForce, Mesh
 from strainsight.mesh.sanity import usual_units
+from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.thin import ShellSection
 from strainsight.mesh.units import to_si
 
 
@@ -30,29 +35,32 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
     sets: tuple[int, ...] = ()
     by_which = ""
     try:
-        mesh = read_mesh(path, solids=False, materials=False)  # in the deck's own numbers
+        mesh = read_mesh(path, solids=False, materials=False, ignore=(MISSING_END,))  # in the deck's own numbers
     except ChoiceError as error:
         sets = error.sets
         chosen = sets[0] if spc is None else spc
         by_which = f", supports of set {chosen}"
-        mesh = read_mesh(path, solids=False, materials=False, spc=chosen)
-    count = {number: sum(int(np.sum(b.region == number)) for b in mesh.blocks) for number in mesh.regions}
+        mesh = read_mesh(path, solids=False, materials=False, ignore=(MISSING_END,), spc=chosen)
+    mesh, thin = (mesh, ()) if mesh.elements else _shells(path, mesh)
+    count = {number: sum(int(np.sum(b.region == number)) for b in mesh.elements) for number in mesh.regions}
     region = max(count, key=lambda number: count[number]) if count else 1
-    material = mesh.materials.get(mesh.regions[region].material) if count else None
-    units = usual_units(material.youngs_modulus, material.density) if material else _by_size(mesh) or ("m", "kg")
+    material = mesh.material_of(region) if count else None
+    stiff = _modulus_and_density(mesh, region) if count else None
+    units = usual_units(*stiff) if stiff else _by_size(mesh) or ("m", "kg")
     converted = to_si(mesh, *units) if units else mesh
-    facets = exterior_facets(converted) if converted.blocks else None
+    if not thin:  # faces of shells whose thickness nobody has said lie nowhere yet
+        converted = with_sides(with_faces(converted))
+    facets = exterior_facets(converted) if converted.has_surface and not thin else None
     faces = None if facets is None else faces_of(converted.position, facets)
     return Suggestion(
         *(units or ("", "")),
-        odd=f"E {material.youngs_modulus:.4g} and ρ {material.density:.4g} fit no usual units"
-        if material and not units
-        else "",
+        odd=f"E {stiff[0]:.4g} and ρ {stiff[1]:.4g} fit no usual units" if stiff and not units else "",
         region=region,
+        laminate=bool(count) and mesh.laminate(region) is not None,
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
         lacking=tuple(_lacking(converted)),
         supports=len(mesh.held) > 0,
-        solids=bool(mesh.blocks),
+        solids=converted.has_surface,
         places=tuple(_places(converted, facets, faces, by_which)) if units else (),
         support_sets=sets,
         unsupported=tuple(
@@ -60,8 +68,20 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
         ),
         taken=(*mesh.node_sets, *mesh.element_sets),
         gauge_type=fitting_type(float(np.sqrt(faces.area.max()))) if units and faces is not None else None,
+        thin=thin,
         face_at=str if facets is None or faces is None else _face_at(converted, facets, faces),
     )
+
+
+def _shells(path: Path, mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
+    """A file of triangles and quadrangles alone, as shells of any thickness, and the names of their regions."""
+    if format_of(path) in ("nastran", "abaqus"):
+        return mesh, ()
+    try:
+        shells = read_mesh(path, solids=False, given={"mesh.sections.shells": GivenSection(None, ShellSection(1.0))})
+    except UserError:  # it has none, or quadratic ones: `import` says so
+        return mesh, ()
+    return shells, tuple(region.name for region in shells.regions.values())
 
 
 def _face_at(mesh: Mesh, facets: Facets, faces: Faces) -> Callable[[str], str]:
@@ -75,15 +95,25 @@ def _face_at(mesh: Mesh, facets: Facets, faces: Faces) -> Callable[[str], str]:
     return at
 
 
+def _modulus_and_density(mesh: Mesh, region: int) -> tuple[float, float] | None:
+    """E and ρ of a region, of a laminate those of its first ply, along it; None where the deck has no material."""
+    own = next(iter(mesh.ply_materials(region)), None) or mesh.material_of(region)
+    if own is None:
+        return None
+    return (own.e1 if isinstance(own, Lamina) else own.youngs_modulus), own.density
+
+
 def _lacking(mesh: Mesh) -> Iterator[Lacking]:
     """Regions without a material, and in a deck without mass those of each material."""
     of = {number: own.material for number, own in mesh.regions.items()}
-    if without := tuple(number for number, material in of.items() if material not in mesh.materials):
+    plies = {number for number in of if mesh.laminate(number) is not None}
+    if without := tuple(i for i, material in of.items() if material not in mesh.materials and i not in plies):
         yield Lacking(without)
-    massless = not mesh.point_masses and not any(own.density for own in mesh.materials.values())
+    heavy = [own.density for own in mesh.materials.values()] + [own.density for own in mesh.laminae.values()]
+    massless = not mesh.point_masses and not any(heavy)
     for material in dict.fromkeys(of.values()):
         if massless and (own := mesh.materials.get(material)):
-            regions = tuple(number for number, its in of.items() if its == material)
+            regions = tuple(number for number, its in of.items() if its == material and number not in plies)
             yield Lacking(regions, own.youngs_modulus, own.poisson_ratio)
 
 
@@ -126,9 +156,9 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     for name, reference, count in ties:
         yield Place("node", str(mesh.node_ids[reference]), f"reference of {name}, {count} nodes", bool(held[reference]))
     for name, ids in mesh.node_sets.items():
-        own = np.isin(mesh.node_ids, ids)
-        if own.any():
-            yield Place("set", name, f"{np.count_nonzero(own)} nodes", bool(held[own].all()))
+        own = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
+        if own.size:
+            yield Place("set", name, f"{own.size} nodes", bool(held[own].all()))
     if facets is not None and faces is not None:
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)

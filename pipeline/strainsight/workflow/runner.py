@@ -123,6 +123,7 @@ def _execute(
         progress=lambda doing, share: progress(stage.name, doing, share),
         sweep=sweep,
         notice=notice,
+        base=job.base,
     )
     start = time.perf_counter()
     output = stage.run(context)

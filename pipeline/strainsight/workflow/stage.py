@@ -23,6 +23,8 @@ class Context(Generic[Config]):
               stage of a placement; a function that does not look at the config takes a `Context[object]`
     upstream  stage name → Artefact, opened when asked for
     files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file
+    base      the folder that paths of the config start from, for a key that names a folder; what is read there is returned as
+              `Output.inputs`
     progress  progress("elimination", 0.4): what is being done and the share that is done
     notice    says a sentence to the user at once, which is no result
     sweep     runs one function at many points, wherever the user wants that: the results are the same
@@ -34,6 +36,7 @@ class Context(Generic[Config]):
     progress: Callable[[str, float], None]
     sweep: Sweep = serial
     notice: Callable[[str], None] = lambda text: None
+    base: Path = Path()
 
 
 @dataclass(frozen=True)

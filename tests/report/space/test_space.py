@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,6 +101,18 @@ def test_vertices_move_with_the_points_they_stand_for(cube):
     assert np.abs(stretched[: len(body.position)] - 0.1 * body.position).max() < 1e-6
     # Gauge and arrow go as a whole, with the points they sit on.
     assert np.unique(stretched[len(body.position) :].round(9), axis=0).shape[0] == 2
+
+
+def test_bars_are_lines_between_points_that_have_no_facets(cube):
+    """A bar from a corner of the cube to a point beside it is as long as they are apart, and moves with both."""
+    layout = layout_of(cube)
+    beside = np.vstack([layout.points, [[3.0, 0.0, 0.0]]])
+    drawn = space([replace(layout, points=beside, bars=np.array([[0, len(beside) - 1]]))])
+    plain = space([layout])
+    (own,) = [part for part in drawn.parts if part.primitive == "lines" and len(part.index) == 1]
+    assert len(drawn.parts) == len(plain.parts) + 1
+    np.testing.assert_allclose(drawn.position[own.index[0]], beside[[0, -1]], atol=1e-6)
+    np.testing.assert_array_equal(drawn.source[own.index[0]], [0, len(beside) - 1])
 
 
 def unpacked(page):

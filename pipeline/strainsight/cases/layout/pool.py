@@ -61,7 +61,7 @@ def layout_limits(
     first = candidates.first[gauge]
     part = candidates.take(first)
     places, zones = part.grids, []
-    facets = exterior_facets(mesh) if mesh.blocks and place.at_most else None
+    facets = exterior_facets(mesh) if mesh.has_surface and place.at_most else None
     for i, limit in enumerate(place.at_most):
         name = f"place.at_most.{i}"
         with blame(f"{name}.zone"):

@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 from strainsight.config import zones as stated
-from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, On, Zone
+from strainsight.gauges.zones import (
+    Box,
+    Cylinder,
+    NearEdges,
+    NearSet,
+    NormalCone,
+    On,
+    OnElements,
+    ShellFace,
+    Zone,
+)
+from strainsight.mesh.facets import LOWER, UPPER
 
 
 def zone_of(entry: stated.Zone) -> Zone:
@@ -19,4 +30,8 @@ def zone_of(entry: stated.Zone) -> Zone:
             return NearSet(near.set, near.distance)
         case stated.NearEdgesZone(near_edges=distance):
             return NearEdges(distance)
+        case stated.ShellFaceZone(shell_face=face):
+            return ShellFace(UPPER if face == "upper" else LOWER)
+        case stated.OnElementsZone(on_elements=kind):
+            return OnElements(kind)
     return On(entry)

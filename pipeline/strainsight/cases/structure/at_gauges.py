@@ -42,7 +42,7 @@ def at_gauges(
     Of a bridge the sum is over its arms, and the largest of them counts over the grid; of a rosette the channel that changes
     most; rms ε is that of the largest channel. NaN where no strain is measured.
     """
-    if training.given is not None or not mesh.blocks:
+    if training.given is not None or not mesh.has_surface:
         return None
     pool, std = training.candidates, float(tolerances_of(config.tolerances).position)
     part = pool.take(pool.channels(gauges))

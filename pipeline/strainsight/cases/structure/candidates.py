@@ -52,11 +52,11 @@ def candidates_on_surface(
     files: that of `gauges.fixed_file`; basis (3 nodes, n) displacement per reduced coordinate; moment (n, n): mean of q qᵀ in
     training, for principal directions.
     """
-    if not mesh.blocks:
+    if not mesh.has_surface:
         raise ConfigError(
-            "the mesh has no solids, and so no surface",
+            "the mesh has no solids, shells or sides of beams, and so no surface",
             key="gauges.surface",
-            remedy="give mesh.matrices and gauges.given: strain rows of the gauges",
+            remedy="give beams without pin flags in place of rods, or mesh.matrices and gauges.given: strain rows of the gauges",
         )
     facets, parts, distance = exterior_facets(mesh), [], np.zeros(0)
     fixed = fixed_gauges(config.gauges, files.get("gauges.fixed_file"))

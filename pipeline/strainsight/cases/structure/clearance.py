@@ -14,6 +14,7 @@ from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.clearance import carrier_clearance, crowded, half_diagonal, obstacles, room_for
 from strainsight.gauges.curvature import sides, tight
 from strainsight.gauges.zones import on_surface
+from strainsight.mesh.additions import node_indices
 from strainsight.mesh.facets import Facets, exterior_facets, facet_key
 from strainsight.mesh.model import Mesh
 from strainsight.records.training import CARRIER, STATED, Clearance, Training
@@ -141,7 +142,7 @@ def _counts(near: Mapping[str, np.ndarray]) -> dict[str, int]:
 
 def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:
     """Nodes (l,) (indices) of the surface on which loads of the config act, of a moment on a node those that exert its couple. A
-    load that acts inside the body too, as weight does, has no place to stay clear of."""
+    load that acts inside the body too, as weight does, has no place to stay clear of, nor has one that is spread over shells."""
     outside, solid = (np.zeros(len(mesh.position), dtype=bool) for _ in range(2))
     outside[facets.nodes[facets.nodes >= 0]] = True
     for block in mesh.blocks:
@@ -154,14 +155,16 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
             turned = False if forces.moment is None else forces.moment.any(axis=1)
             own[forces.nodes[forces.force.any(axis=1) | turned]] = True
         elif load.set is not None:
-            own[np.isin(mesh.node_ids, mesh.node_sets[load.set])] = True
+            own[node_indices(mesh, load.set)] = True
         elif load.node is not None:
             own[mesh.node_ids == load.node] = True
             if load.moment is not None:
                 # on a node of solids it is a couple of forces on those of its elements, some of which may be inside
                 found[nodes_at(mesh, int(np.flatnonzero(own)[0]))] |= bool(np.any(own & solid))
         if not np.any(own & solid & ~outside):
-            found |= own & outside
+            for nodes in (shell.nodes for shell in mesh.shells):
+                own[nodes[own[nodes].all(axis=1)]] = False
+            found |= mesh.above(own) & outside
     return np.flatnonzero(found & outside)
 
 

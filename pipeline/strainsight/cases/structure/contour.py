@@ -48,7 +48,7 @@ def surface_strains(
     (mesh.free) with the inertia of its rigid acceleration, of matrices that leave it loose none.
     A run: its coordinates at the instant of its largest strain energy ½ qᵀKq.
     """
-    if not mesh.blocks:
+    if not mesh.has_surface:
         return ()
     try:
         rows = facet_strain(mesh, exterior_facets(mesh)).matrix @ reduced.basis

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from strainsight.config.placement import PlacementConfig
+from strainsight.fem.affine import of_stiffness
 
 FLOPS, FILL, THICK = 1.5, 1.1, 1.2
 """Exponents of N in the work and in the fill of a factor in the plane, and of e in both."""
@@ -92,6 +93,6 @@ def cost_of(stage: str, config: PlacementConfig, size: Size) -> Cost:
 
 
 def _apart(config: PlacementConfig, size: Size) -> bool:
-    """Whether moduli vary that do not scale the whole body."""
-    moduli = [own for own in config.parameters.values() if own.property == "youngs_modulus"]
-    return len(moduli) > 1 or (len(moduli) == 1 and size.regions > 1)
+    """Whether moduli vary, or springs, that do not scale the whole body."""
+    moduli = [own for own in config.parameters.values() if of_stiffness(own.property)]
+    return len(moduli) > 1 or (len(moduli) == 1 and (size.regions > 1 or moduli[0].springs is not None))

@@ -13,6 +13,7 @@ from strainsight.config.damage import DamageSettings
 from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.damage.intervals import Interval, interval_of
 from strainsight.damage.sums import equivalent_range
+from strainsight.errors import UserError
 from strainsight.estimation.bank_paths import Paths
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.smoothed import Smoothed
@@ -39,7 +40,7 @@ class Asked:
 
 
 def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> Asked:
-    """On the surface; entries of `estimate.virtual`."""
+    """On the surface; entries of `estimate.virtual`. Raises UserError for one of these on a laminate."""
     mesh, facets = skin.mesh, skin.facets
     every = surface_places(skin.model, facet_centres(mesh.position, facets.kind, facets.nodes)[0], facets.element_id)
     if not entries:
@@ -47,6 +48,13 @@ def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> A
     pool = virtual_pool(mesh, facets, entries, gauges)
     number = {own: i for i, own in enumerate(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True))}
     below = np.array([number[own] for own in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
+    if skin.model.plies is not None and (on := np.isin(below, skin.model.plies.facet)).any():
+        raise UserError(
+            f"{int(on.sum())} grids lie on a laminate, where no modulus makes a stress along the grid of its strain "
+            f"(the first on element {pool.element[int(np.argmax(on))]})",
+            key="estimate.virtual",
+            remedy="leave them out where estimate.damage is asked for: that of the surface is of the stress of the ply there",
+        )
     rows = channel_rows(mesh.position, pool, skin.field.basis, facets=facets)
     return Asked(every, Places(pool.position, pool.element, rows[:, None], every.take(below).modulus))
 

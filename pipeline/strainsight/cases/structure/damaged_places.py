@@ -12,7 +12,6 @@ from strainsight.damage.curve import Curve, MeanStress
 from strainsight.damage.loops import FKM, GOODMAN, NONE
 from strainsight.damage.sums import damage_of, one_number
 from strainsight.fem.affine import AffineOperator
-from strainsight.fem.recovery import isotropic
 from strainsight.fem.stress import SurfaceModel
 
 AT_ONCE = 400_000
@@ -43,8 +42,7 @@ class Places:
 
 def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndarray) -> Places:
     """Every point of a surface."""
-    rows = isotropic(surface.strain, surface.lam[:, None], surface.mu[:, None])
-    return Places(position, element, rows, surface.modulus)
+    return Places(position, element, surface.unit_stress(surface.strain), surface.modulus)
 
 
 def curve_of(own: DamageSettings) -> tuple[Curve, MeanStress]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
-from strainsight.fem.affine import AffineOperator
+from strainsight.fem.affine import AffineOperator, of_stiffness
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.installation import Installation, InstallationStd, drawn_installation
 from strainsight.rom.model import ReducedModel
@@ -164,9 +164,7 @@ def in_words(config: PlacementConfig, given: bool) -> str:
 
 
 def modulus_estimated(config: PlacementConfig) -> bool:
-    """Whether some modulus is among the unknowns, so that one scale of the stiffness is."""
-    return any(
-        config.parameters[name].property == "youngs_modulus"
-        for name in config.place.estimate
-        if name in config.parameters
-    )
+    """Whether some modulus or factor of the stiffness is among the unknowns, so that one scale of the stiffness is; a factor of
+    springs is none."""
+    named = [config.parameters[name] for name in config.place.estimate if name in config.parameters]
+    return any(of_stiffness(own.property) and own.springs is None for own in named)

@@ -10,6 +10,7 @@ from strainsight.cases.material import named_regions
 from strainsight.cases.structure.clearance import loaded_nodes
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
+from strainsight.fem.affine import of_stiffness
 from strainsight.gauges.hot_spots import hot_spots
 from strainsight.mesh.additions import region_ids, with_properties
 from strainsight.mesh.facets import exterior_facets
@@ -29,11 +30,14 @@ MOST = 20
 def tested_hot_spots(
     config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, gauges: np.ndarray
 ) -> HotSpots | None:
-    """The test of gauges by their numbers (k,), at the guess and along the training run; None where the model is not that of a
-    mesh."""
+    """The test of gauges on solids by their numbers (k,), at the guess and along the training run, NaN of others; None where the
+    model is not that of a mesh of solids."""
     if training.given is not None or reduced.matrices is not None or not mesh.blocks:
         return None
-    tested = gauges[:MOST]
+    pool = training.candidates
+    solid = np.isin(pool.element[pool.first[gauges]], np.concatenate([block.ids for block in mesh.blocks]))
+    which = np.flatnonzero(solid)[:MOST]
+    tested = gauges[which]
     found = hot_spots(
         at_guess(config, mesh, reduced),
         training.candidates.take(training.candidates.channels(tested)),
@@ -42,8 +46,8 @@ def tested_hot_spots(
         loaded_nodes(config, mesh, exterior_facets(mesh)),
         _pressed_nodes(config, mesh),
     )
-    left = np.full(len(gauges) - len(tested), np.nan)
-    refined, spread = np.append(found.change, left), np.append(found.spread, left)
+    refined, spread = np.full((2, len(gauges)), np.nan)
+    refined[which], spread[which] = found.change, found.spread
     return HotSpots(refined=refined, spread=spread, share=share_of(config))
 
 
@@ -65,11 +69,14 @@ def share_of(config: PlacementConfig) -> float:
 
 
 def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:
-    """The mesh with the moduli at which training was simulated."""
+    """The mesh with the moduli at which training was simulated; springs are outside its elements, and not asked for."""
     for name, entry in config.parameters.items():
-        if entry.property == "youngs_modulus":
-            regions = region_ids(mesh, named_regions(entry.region))
-            mesh = with_properties(mesh, regions, youngs_modulus=reduced.model.reference[name])
+        if of_stiffness(entry.property):
+            regions, value = region_ids(mesh, named_regions(entry.region)), reduced.model.reference[name]
+            if entry.property == "stiffness_factor":
+                mesh = with_properties(mesh, regions, stiffness_factor=value)
+            else:
+                mesh = with_properties(mesh, regions, youngs_modulus=value)
     return mesh
 
 

@@ -9,16 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.cases.structure.sections import given_sections
 from strainsight.config.mesh import Face, MeshFile, Support
-from strainsight.decks.effects import short, spelt
+from strainsight.decks.effects import LINEAR, short, spelt
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
-from strainsight.errors import DeckError, UserError, blame
-from strainsight.fem.assembly import mass_properties
+from strainsight.errors import ConfigError, DeckError, UserError, blame
 from strainsight.fem.body_forces import with_body_forces
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
-from strainsight.fem.quality import Quality, element_quality
+from strainsight.fem.mass import mass_properties
+from strainsight.fem.quality import Quality, check_inverted, element_quality
 from strainsight.fem.springs import spring_rows
 from strainsight.fem.turning import turning_nodes
 from strainsight.gauges.faces import Pick, faces_of, picked
@@ -32,13 +33,24 @@ from strainsight.mesh.additions import (
     with_rigid_element,
     with_support,
 )
+from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh, Springs
+from strainsight.mesh.sanity import without_loose_masses
+from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.suspension import face_springs, node_springs
 
 
-def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
-    """The mesh of a file and of what the config (its section at `key`) says beside it."""
+def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None = None) -> Mesh:
+    """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from."""
+    include = [(base or Path()) / name for name in config.include_dirs]
+    for folder in include:
+        if not folder.is_dir():
+            raise ConfigError(
+                f"no such folder: {folder}",
+                key=f"{key}.include_dirs",
+                remedy="name folders that are there; paths start from the folder of the config file",
+            )
     with blame(f"{key}.file"):
         mesh = read_mesh(
             path,
@@ -50,10 +62,16 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh") -> Mesh:
             materials=not config.materials,
             ignore=config.ignore,
             spc=config.spc,
+            given=given_sections(config, key),
+            include=include,
         )
         if config.matrices is None:
             mesh = _all_supported(mesh, config.ignore)
+    # shells and beams that matrices stand for are in them
+    mesh = with_sides(with_faces(mesh)) if config.matrices is None else replace(mesh, shells=(), beams=())
     mesh = with_additions(mesh, config, key)
+    if config.matrices is None:
+        mesh = without_loose_masses(mesh)
     with blame(f"{key}.file"), mesh.located():
         return with_body_forces(mesh) if config.matrices is None else mesh
 
@@ -65,11 +83,13 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
     missing = [card for card in mesh.unsupported if spelt(card) not in named]
     if missing:
         listed = [f"{mesh.ignored[card]} × {short(card)} (first at {mesh.unsupported[card]})" for card in missing]
+        linear = [f"{name} with {LINEAR[name]}" for name in map(short, missing) if name in LINEAR]
+        instead = f"mesh {', '.join(linear)}; " if linear else ""
         more = f" and {len(listed) - 6} more kinds" if len(listed) > 6 else ""
         raise DeckError(
             f"not supported, and the model is not the same without: {', '.join(listed[:6])}{more}",
             where=mesh.unsupported[missing[0]],
-            remedy=f"if they do not matter, leave them out: mesh.ignore: [{', '.join(map(short, missing))}]",
+            remedy=f"{instead}if they do not matter, leave them out: mesh.ignore: [{', '.join(map(short, missing))}]",
         )
     idle = [card for card in ignore if spelt(card) not in {spelt(own) for own in mesh.ignored}]
     notes = (f"mesh.ignore names {', '.join(idle)}, of which the deck has none",) if idle else ()
@@ -84,13 +104,16 @@ def checked(
     with blame(f"{key}.file"), mesh.located(), _config_ties(mesh, key):
         if config.matrices is None:
             check_mesh(mesh)
+            quality = element_quality(mesh)
+            check_inverted(quality)
             weight = mass_properties(mesh)
             # so that ties and supports that contradict each other, and springs on rotations that are not there, show here
             constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
             spring_rows(mesh, constraint.reference_rows)
         else:
             check_geometry(mesh)
-        return weight, tuple(element_quality(mesh))
+            quality = element_quality(mesh)
+        return weight, quality
 
 
 def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
@@ -100,9 +123,11 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
             regions = None if material.regions == "all" else material.regions
             E, nu, rho = material.youngs_modulus, material.poisson_ratio, material.density
             mesh = with_material(mesh, regions, E, nu, rho, f"{key}.materials.{name}")
-    if config.faces and not mesh.blocks:
+    if config.faces and not mesh.has_surface:
         raise UserError(
-            "the mesh has no solids, and so no faces", key=f"{key}.faces", remedy="name sets of nodes instead"
+            "the mesh has no solids, shells or sides of beams, and so no faces",
+            key=f"{key}.faces",
+            remedy="name sets of nodes instead",
         )
     if config.faces:
         facets = exterior_facets(mesh)

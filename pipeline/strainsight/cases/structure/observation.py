@@ -15,6 +15,7 @@ from strainsight.cases.structure.settings import characteristic
 from strainsight.cases.structure.start import loading_of, motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
+from strainsight.fem.affine import of_stiffness
 from strainsight.records.placed import Observed
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
@@ -56,7 +57,7 @@ def observed_of(
                 motion.x,
                 motion.u,
                 inputs=tuple(name for name in model.inputs if not config.loads[name].known) or model.inputs,
-                moduli=[name for name, kind in kinds.items() if kind == "youngs_modulus"],
+                moduli=[name for name, kind in kinds.items() if of_stiffness(kind)],
                 densities=[name for name, kind in kinds.items() if kind == "density"],
                 amplitude=amplitude,
                 guess=model.reference,

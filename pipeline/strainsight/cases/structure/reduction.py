@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.cases.material import damping_of, named_regions
+from strainsight.cases.material import damping_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.full_model import full_model
 from strainsight.cases.structure.scales import refuse_damping
-from strainsight.cases.structure.settings import load_shapes, load_slopes, parameters_of, point_loads
+from strainsight.cases.structure.settings import load_shapes, load_slopes, parameters_of, places_of, point_loads
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, blame
 from strainsight.fem.affine import Parameter
@@ -16,7 +16,6 @@ from strainsight.fem.misaligned import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.relief import relief_of
-from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.rom.reduction import held_out_errors, reduce_model
@@ -71,11 +70,9 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
     """The free material properties at the geometric mean of their ranges."""
     found = []
     for name, entry in config.parameters.items():
-        regions: tuple[int, ...] = ()
-        if config.mesh.matrices is None:
-            with blame(f"parameters.{name}.region"):
-                regions = region_ids(mesh, named_regions(entry.region))
-        found.append(Parameter(name, entry.property, regions, float(np.sqrt(entry.range[0] * entry.range[1]))))
+        regions, springs = ((), ()) if config.mesh.matrices is not None else places_of(name, entry, mesh)
+        middle = float(np.sqrt(entry.range[0] * entry.range[1]))
+        found.append(Parameter(name, entry.property, regions, middle, springs))
     return tuple(found)
 
 

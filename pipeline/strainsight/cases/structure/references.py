@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
 
 from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.material import named_regions
-from strainsight.cases.structure.settings import WHERE_LOADS_ACT, parameters_of, point_loads
+from strainsight.cases.structure.settings import WHERE_LOADS_ACT, parameters_of, places_of, point_loads
 from strainsight.config.loads import Load
 from strainsight.config.placement import GuessFrom, PlacementConfig
 from strainsight.errors import InfeasibleError, UserError, blame
 from strainsight.fem.loads import loaded_nodes, nodal_forces
+from strainsight.fem.springs import spring_owners
 from strainsight.gauges.admissible import admissible
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh, NodalForces
+from strainsight.mesh.model import CellBlock, Mesh, NodalForces
+from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 READS = (
     "parameters.*.property",
     "parameters.*.region",
+    "parameters.*.springs",
     "parameters.*.guess",
     "parameters.*.range",
     *WHERE_LOADS_ACT,
@@ -36,8 +39,8 @@ READS = (
 
 
 def check_references(config: PlacementConfig, mesh: Mesh) -> None:
-    """Nodes, sets, faces and loads of the deck that loads act on; regions of parameters, and guesses far from the deck's value;
-    surfaces and zones of sensors.
+    """Nodes, sets, faces and loads of the deck that loads act on; regions and springs of parameters, and guesses far from the
+    deck's value; surfaces and zones of sensors.
 
     Raises UserError with the key of what is not there, and of a load that would change with a parameter.
     """
@@ -45,8 +48,9 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
         known = {name: own for name, own in config.parameters.items() if not isinstance(own.guess, GuessFrom)}
         parameters_of(known, mesh, {})
         for name, parameter in config.parameters.items():
-            with blame(f"parameters.{name}.region"):
-                region_ids(mesh, named_regions(parameter.region))
+            places_of(name, parameter, mesh)
+        with blame("parameters"):
+            spring_owners(mesh, {name: own.springs or () for name, own in config.parameters.items()})
     for name, load in point_loads(config.loads).items():
         with blame(f"loads.{name}"):
             if load.moment is None:
@@ -55,7 +59,7 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
                     _check_mass(config, mesh, forces)
             else:
                 loaded_nodes(mesh, load)
-    if not mesh.blocks or config.gauges.given is not None:
+    if not mesh.has_surface or config.gauges.given is not None:
         return
     facets = exterior_facets(mesh)
     sites = {"gauges": config.gauges} | {f"motion_sensors.{name}": own for name, own in config.motion_sensors.items()}
@@ -83,17 +87,24 @@ def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
 
 
 def on_one_node(loads: Mapping[str, Load], mesh: Mesh) -> tuple[str, ...]:
-    """A sentence for every force on one node of a solid: the strain beside it is that of a point, which gets larger with every
-    finer mesh, and no gauge should be placed by it."""
-    solid = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(block.nodes.ravel() for block in mesh.blocks)]))
+    """A sentence for every force on one node of a solid or a shell: the strain beside it is that of a point, which gets larger
+    with every finer mesh, and no gauge should be placed by it. What a beam brings to a node of shells is left to the deck."""
+    solid, shell, beam = (_nodes(blocks) for blocks in (mesh.blocks, mesh.shells, mesh.beams))
+    shell = np.setdiff1d(shell, beam)
     tied = {tie.reference for tie in mesh.rigid} | {tie.reference for tie in mesh.averaging}
     found = []
     for name, load in loads.items():
         if load.node is not None and load.moment is None:
             node = mesh.node_index(load.node)
-            if node not in tied and np.isin(node, solid):
+            if node not in tied and (node in solid or node in shell):
+                what = "solid" if node in solid else "shell"
                 found.append(
-                    f"loads.{name} acts on node {load.node} of a solid alone: strain beside it grows with a finer mesh. Spread "
+                    f"loads.{name} acts on node {load.node} of a {what} alone: strain beside it grows with a finer mesh. Spread "
                     f"the force over a face (mesh.faces, loads.{name}.set), or tie its nodes to a reference node (mesh.ties)"
                 )
     return tuple(found)
+
+
+def _nodes(blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> np.ndarray:
+    """Nodes (indices) of elements."""
+    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(block.nodes.ravel() for block in blocks)]))

@@ -16,11 +16,12 @@ from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.loads import InputNoise, Load
 from strainsight.config.mesh import Matrices
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
-from strainsight.errors import ArtefactError, ConfigError, blame
+from strainsight.errors import ArtefactError, ConfigError, UserError, blame
 from strainsight.fem.affine import Parameter
+from strainsight.fem.assembly import density_of, modulus_of
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
-from strainsight.mesh.additions import region_ids, with_properties
+from strainsight.mesh.additions import region_ids, spring_names, with_properties
 from strainsight.mesh.model import Mesh
 from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
@@ -36,17 +37,17 @@ KINDS_OF_LOAD = (
 """Keys that say of what kind a load is, and so its unit."""
 WHERE_LOADS_ACT = ("loads.*.node", "loads.*.set", "loads.*.deck_load", "loads.*.direction", *KINDS_OF_LOAD)
 """Keys that `point_loads` reads."""
-PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3"}
+PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3", "stiffness_factor": "1"}
 
 
 def parameters_of(
     config: Mapping[str, MaterialParameter], mesh: Mesh, files: Mapping[str, Path], matrices: Matrices | None = None
 ) -> tuple[Parameter, ...]:
-    """The free material properties, each with the regions it belongs to and its reference value [SI].
+    """The free material properties, each with the regions or springs it belongs to and its reference value [SI].
 
     matrices: the config's ready matrices, whose terms say what belongs to a parameter; it has no regions then.
-    Raises ConfigError where a region does not exist, a guess is far from the file's value or cannot be taken from another
-    run.
+    Raises ConfigError where a region or spring does not exist, a guess is far from the file's value or cannot be taken from
+    another run.
     """
     found = []
     for name, entry in config.items():
@@ -61,20 +62,46 @@ def parameters_of(
             _check_against_terms(name, value, matrices)
             found.append(Parameter(name, entry.property, (), value))
             continue
-        with blame(f"parameters.{name}.region"):
-            regions = region_ids(mesh, named_regions(entry.region))
+        regions, springs = places_of(name, entry, mesh)
+        of_deck: dict[str, float] = {}
         for region in regions:
-            deck = float(getattr(mesh.materials[mesh.regions[region].material], entry.property))
+            with blame(f"parameters.{name}.property"):
+                of_deck[f"region {region}"] = _value_of_deck(mesh, region, entry.property)
+        for place, deck in {**of_deck, **dict.fromkeys(springs, 1.0)}.items():
             if not 0.1 <= value / deck <= 10:
                 in_mpa = entry.property == "youngs_modulus" and 0.1 <= 1e6 * value / deck <= 10
                 meant = f"{value:g} MPa are {1e6 * value:.4g} Pa: give that, if it is meant"
+                units = "check mesh.length_unit and mesh.mass_unit, or the guess"
+                factor = "it multiplies the stiffness that the deck has: 1.0 is that of the deck"
                 raise ConfigError(
-                    f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in region {region} (SI units)",
+                    f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in {place} (SI units)",
                     key=f"parameters.{name}.guess",
-                    remedy=meant if in_mpa else "check mesh.length_unit and mesh.mass_unit, or the guess",
+                    remedy=meant if in_mpa else factor if entry.property == "stiffness_factor" else units,
                 )
-        found.append(Parameter(name, entry.property, regions, value))
+        found.append(Parameter(name, entry.property, regions, value, springs))
     return tuple(found)
+
+
+def places_of(name: str, entry: MaterialParameter, mesh: Mesh) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Ids of the regions and names of the springs that a parameter belongs to. Raises UserError for what is not there."""
+    with blame(f"parameters.{name}.region"):
+        regions = region_ids(mesh, named_regions(entry.region))
+    with blame(f"parameters.{name}.springs"):
+        return regions, spring_names(mesh, entry.springs or ())
+
+
+def _value_of_deck(mesh: Mesh, region: int, property: str) -> float:
+    """Raises UserError for the modulus of a laminate."""
+    if property == "stiffness_factor":
+        return 1.0
+    if property == "density":
+        return density_of(mesh, region)
+    if mesh.laminate(region) is not None:
+        raise UserError(
+            f"{mesh.regions[region]} is a laminate: it has no single Young's modulus",
+            remedy="estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]",
+        )
+    return modulus_of(mesh, region)
 
 
 def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:

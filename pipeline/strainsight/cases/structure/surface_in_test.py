@@ -55,9 +55,13 @@ def skin_in_test(
     """
     keys = {"estimate.field": settings.field, "estimate.damage": settings.damage}
     asked = [key for key, stated in keys.items() if stated is not None]
-    if not mesh.blocks:
+    if not mesh.has_surface:
         if asked:
-            raise ConfigError("the mesh has no solids, and so no surface", key=asked[0], remedy="remove the key")
+            raise ConfigError(
+                "the mesh has no solids, shells or sides of beams, and so no surface",
+                key=asked[0],
+                remedy="remove the key",
+            )
         return None, ()
     try:
         return skin_of(mesh, field, parameters_of(config.parameters, mesh, files, config.mesh.matrices)), ()

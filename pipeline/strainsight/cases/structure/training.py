@@ -156,6 +156,6 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
             length_factor(config.mesh.length_unit),
         )
     with blame("gauges.exclude"):
-        facets = exterior_facets(mesh) if mesh.blocks else None
+        facets = exterior_facets(mesh) if mesh.has_surface else None
         given = without(given, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
     return given.pool, given.rows

@@ -90,8 +90,8 @@ class Layout:
 
     points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
     (by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
-    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid; frame: how
-    places are given to people.
+    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid; bars (b, 2)
+    points at the ends of what has no facets, rods and pinned beams; frame: how places are given to people.
     """
 
     points: FloatArray
@@ -101,6 +101,7 @@ class Layout:
     loads: tuple[Load, ...] = ()
     fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    bars: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     frame: Frame = METRES
 
     @property

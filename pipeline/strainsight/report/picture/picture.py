@@ -55,6 +55,8 @@ def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int
     lift = 4e-4 * diagonal * corner
     if len(triangle):
         _add_surface(plotter, layout, triangle, lift)
+    if len(layout.bars):
+        plotter.add_mesh(line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
     if len(layout.loose):
         plotter.add_mesh(pv.PolyData(layout.loose + lift), color=LINES, point_size=13, lighting=False)
     if len(layout.pool):

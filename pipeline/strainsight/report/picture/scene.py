@@ -54,7 +54,7 @@ def look(layout: Layout) -> str:
     places += [array for g in layout.gauges for arm in g.arms for array in (arm.position, arm.normal, arm.direction)]
     arrows = [array for load in layout.loads for array in (load.point, load.direction)]
     digest = sha256(repr(words).encode())
-    for array in (layout.points, layout.faces, layout.pool, layout.fixed, layout.loose, *places, *arrows):
+    for array in (layout.points, layout.faces, layout.pool, layout.fixed, layout.loose, layout.bars, *places, *arrows):
         digest.update(f"{np.shape(array)}".encode() + np.asarray(array, dtype=float).tobytes())
     return digest.hexdigest()
 

@@ -111,6 +111,10 @@ def space(layouts: Sequence[Layout]) -> Space:
     parts = [Drawn("triangles", solids)] * bool(len(solids))
     parts += [Drawn("lines", body.line, LINES, when="plain")] * bool(len(body.line))
     parts += [Drawn("lines", body.crease, CREASES)] * bool(len(body.crease))
+    if len(shared.bars):
+        ends = shared.points[shared.bars].reshape(-1, 3)
+        first = gathered.add(ends, np.zeros_like(ends), CREASES, gathered.nearest(ends))
+        parts.append(Drawn("lines", first + np.arange(len(ends)).reshape(-1, 2), CREASES))
     parts += dots(shared.loose, LINES, 9.0) + dots(shared.fixed, CLAMP, 7.0)
     anchor: list[int] = []
     for group, layout in enumerate(layouts):

@@ -15,7 +15,7 @@ from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.geometry import areas, facet_of_triangle, mesh_lines
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
-from strainsight.report.picture.picture import DRAWN_FACETS
+from strainsight.report.picture.picture import CREASES, DRAWN_FACETS
 from strainsight.report.text import short
 from strainsight.report.view.viewed import DOTS, FACETS, POINTS, Panel, View
 
@@ -72,6 +72,8 @@ def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: 
         if len(layout.faces) <= DRAWN_FACETS:
             wires = line_mesh(points, mesh_lines(layout.faces))
             plotter.add_mesh(wires, color=LINES, line_width=1, opacity=0.5, lighting=False)
+    if len(layout.bars):
+        plotter.add_mesh(line_mesh(points, layout.bars), color=CREASES, line_width=3, lighting=False)
     for own, colour, width in ((layout.loose, LINES, 9), (layout.pool, POOL, 5), (layout.fixed, CLAMP, 8)):
         if len(own):
             plotter.add_mesh(pv.PolyData(own), color=colour, point_size=width, lighting=False)

@@ -30,12 +30,18 @@ def run(context: Context[BenchConfig]) -> Output:
     for i, (name, body) in enumerate(bodies.items()):
         context.progress(name, i / len(bodies))
         key = f"bodies.{name}.mesh"
-        deck = mesh_of(body.mesh, context.files[f"{key}.file"], key)
+        deck = mesh_of(body.mesh, context.files[f"{key}.file"], key, context.base)
         if deck.springs:
             raise ConfigError(
                 f"{deck.springs[0]}: springs of a body are not supported",
                 key=key,
                 remedy="give them as forces of the bench, and leave those of the deck out (mesh.ignore)",
+            )
+        if deck.thin:
+            raise ConfigError(
+                f"the body has {', '.join(block.kind for block in deck.thin)} elements, and bodies of a bench are of solids",
+                key=key,
+                remedy="mesh it with solids, or leave these elements out (mesh.ignore)",
             )
         mesh = meshes[name] = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
@@ -58,7 +64,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 IMPORT = Stage(
     "import",
-    version=5,
+    version=6,
     reads=("bodies.*.mesh", "bodies.*.scale"),
     upstream=(),
     files=("bodies.*.mesh.file",),

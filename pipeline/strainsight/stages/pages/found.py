@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.fem.quality import POOR, Quality
 from strainsight.gauges.faces import Faces
-from strainsight.mesh.model import Mesh, Springs
+from strainsight.mesh.model import Mesh, PointMass, Springs
 from strainsight.workflow.output import Table
 
 Row = tuple[str, str, str]
@@ -64,8 +64,8 @@ def _geometry(mesh: Mesh) -> list[Row]:
     low, high = mesh.position.min(axis=0), mesh.position.max(axis=0)
     span = f"ids {mesh.node_ids.min()} to {mesh.node_ids.max()}"
     box = ", ".join(f"{axis} {a:.4g} … {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
-    rows: list[Row] = [("nodes", str(len(mesh.node_ids)), span), ("extent", f"{np.linalg.norm(high - low):.4g} m", box)]
-    for block in mesh.blocks:
+    rows: list[Row] = [("nodes", str(mesh.own_nodes), span), ("extent", f"{np.linalg.norm(high - low):.4g} m", box)]
+    for block in mesh.elements:
         rows.append((block.kind, str(len(block.ids)), f"ids {block.ids.min()} to {block.ids.max()}"))
     return rows
 
@@ -73,9 +73,9 @@ def _geometry(mesh: Mesh) -> list[Row]:
 def _regions(mesh: Mesh) -> list[Row]:
     rows = []
     for region in mesh.regions.values():
-        count = Counter({b.kind: int(np.sum(b.region == region.id)) for b in mesh.blocks})
+        count = Counter({b.kind: int(np.sum(b.region == region.id)) for b in mesh.elements})
         material = mesh.materials.get(region.material)
-        detail = "no material"
+        detail = "no material" if mesh.laminate(region.id) is None else _plies(mesh, region.id)
         if material is not None:
             detail = (
                 f"{material}: E {material.youngs_modulus:.4g} Pa, nu {material.poisson_ratio:g}, "
@@ -85,6 +85,15 @@ def _regions(mesh: Mesh) -> list[Row]:
             (f"region {region.id} {region.name}", ", ".join(f"{n} {kind}" for kind, n in count.items() if n), detail)
         )
     return rows
+
+
+def _plies(mesh: Mesh, region: int) -> str:
+    """A laminate in words: its plies by material, thickness and density."""
+    laminate, density = mesh.laminate(region), mesh.density_of(region)
+    assert laminate is not None
+    of = Counter(ply.material for ply in laminate.plies)
+    counted = ", ".join(f"{n} of {mesh.laminae.get(i) or mesh.materials.get(i)}" for i, n in of.items())
+    return f"{len(laminate.plies)} plies ({counted}), {laminate.thickness:.4g} m thick, rho {density:.5g} kg/m³ in the mean"
 
 
 def _constraints(mesh: Mesh) -> list[Row]:
@@ -97,8 +106,13 @@ def _constraints(mesh: Mesh) -> list[Row]:
             (str(e), _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}") for e in elements
         ]
         rows += _shortened(ties, f"{kind}s")
+    relations = [
+        (str(own), _number(len(own.node), "motion"), f"node {mesh.node_ids[node]} component {component + 1} follows")
+        for own, (node, component) in ((own, own.follower) for own in mesh.relations)
+    ]
+    rows += _shortened(relations, "relations")
     masses = [
-        (f"point mass {p.id}", f"{p.mass:.6g} kg", f"node {mesh.node_ids[p.node]}" + _lever(p.offset, p.inertia))
+        (f"point mass {p.id}", f"{p.mass:.6g} kg", f"node {mesh.node_ids[p.node]}" + _lever(p))
         for p in mesh.point_masses
     ]
     rows += _shortened(masses, "point masses")
@@ -128,12 +142,16 @@ def _total(own: Springs) -> str:
     return "".join(f", {value:.4g} {unit}" for value, unit in words if value)
 
 
-def _lever(offset: np.ndarray, inertia: np.ndarray) -> str:
+def _lever(point: PointMass) -> str:
     words = []
-    if np.any(offset):
-        words.append("offset ({:.4g}, {:.4g}, {:.4g}) m".format(*offset))
-    if np.any(inertia):
-        words.append("inertia {:.4g}, {:.4g}, {:.4g} kg m²".format(*np.diag(inertia)))
+    if np.any(point.offset):
+        words.append("offset ({:.4g}, {:.4g}, {:.4g}) m".format(*point.offset))
+    if np.any(point.inertia):
+        words.append("inertia {:.4g}, {:.4g}, {:.4g} kg m²".format(*np.diag(point.inertia)))
+    if point.matrix is not None:
+        masses, inertia = np.split(np.diag(point.matrix), 2)
+        words.append("along x, y, z {:.4g}, {:.4g}, {:.4g} kg".format(*masses))
+        words += ["inertia {:.4g}, {:.4g}, {:.4g} kg m²".format(*inertia)] if np.any(inertia) else []
     return "".join(f", {word}" for word in words)
 
 

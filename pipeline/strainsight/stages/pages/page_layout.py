@@ -79,10 +79,20 @@ def measured(layout: Layout, shop: Workshop, gauges: Typed) -> Layout:
 
 def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
     """The structure with its loads and clamped nodes, no gauge."""
-    faces = exterior_facets(mesh).nodes if mesh.blocks else np.full((0, 8), -1)
+    faces = exterior_facets(mesh).nodes if mesh.has_surface else np.full((0, 8), -1)
     fixed = mesh.position[mesh.held]
-    loose = np.empty((0, 3)) if mesh.blocks else loose_nodes(mesh)
-    return Layout(mesh.position, faces, np.empty((0, 3)), (), loads_of_page(mesh, loads), fixed, loose)
+    loose = np.empty((0, 3)) if mesh.has_surface else loose_nodes(mesh)
+    bars = [b.nodes[(b.on_sides < 0).all(axis=(1, 2))] if len(b.on_sides) else b.nodes for b in mesh.beams]
+    return Layout(
+        mesh.position,
+        faces,
+        np.empty((0, 3)),
+        (),
+        loads_of_page(mesh, loads),
+        fixed,
+        loose,
+        np.concatenate([np.zeros((0, 2), dtype=np.int64), *bars]),
+    )
 
 
 def layout_of_test(
@@ -156,10 +166,11 @@ def loads_of_page(mesh: Mesh, loads: Mapping[str, Any]) -> tuple[Load, ...]:
 
 
 def loose_nodes(mesh: Mesh) -> np.ndarray:
-    """Nodes that no solid has (l, 3) [m]: of shells and beams, which only the matrices know."""
+    """Nodes that no solid or shell has (l, 3) [m]: of beams, and of what only matrices know."""
     alone = np.ones(len(mesh.position), dtype=bool)
-    for block in mesh.blocks:
-        alone[block.nodes] = False
+    for nodes in mesh.connectivity[: len(mesh.blocks) + len(mesh.shells)]:
+        alone[nodes] = False
+    alone[mesh.arms[:, 0]] = False
     return mesh.position[alone]
 
 

@@ -47,8 +47,8 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
     title = f"{config.name}: {body}"
     layout = bare(mesh, {})
     if what == "mesh":
-        elements = sum(len(block.nodes) for block in mesh.blocks)
-        return View(f"{title}, {elements} elements, {len(mesh.node_ids)} nodes", layout)
+        elements = sum(len(block.nodes) for block in mesh.elements)
+        return View(f"{title}, {elements} elements, {mesh.own_nodes} nodes", layout)
     if what == "modes":
         return _modes(title, layout, mesh, read(ReducedBodies, up["reduce"]).bodies[body])
     if what == "candidates":

@@ -41,8 +41,8 @@ def placement_view(
         own = layout_of_page(mesh, up, config.loads) if "place" in up else bare(mesh, config.loads)
         return strain_view(name, replace(own, pool=np.empty((0, 3))), strains_of(config, mesh, up))
     if what == "mesh":
-        elements = sum(len(block.nodes) for block in mesh.blocks)
-        title = f"{name}: {elements} elements, {len(mesh.node_ids)} nodes"
+        elements = sum(len(block.nodes) for block in mesh.elements)
+        title = f"{name}: {elements} elements, {mesh.own_nodes} nodes"
         return View(title, bare(mesh, config.loads))
     layout = layout_of_page(mesh, up, config.loads)
     title = f"{name}: {len(layout.gauges)} of {len(layout.pool)} places"

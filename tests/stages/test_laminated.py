@@ -1,0 +1,101 @@
+"""A strip of plies from its deck to an estimate: the factor of its stiffness is found; what no laminate has is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from strainsight.config.template import template
+from strainsight.errors import StrainsightError
+from strainsight.stages.placement import PLACEMENT
+from strainsight.stages.suggestion import suggestion
+
+from ..shared import job_of, stages_of
+from .conftest import finished
+
+N, M, A, B = 10, 2, 0.3, 0.03
+
+
+def deck(path):
+    lines = ["BEGIN BULK"]
+    for i in range(N + 1):
+        lines += [f"GRID,{1 + i * (M + 1) + j},,{i * A / N:.6f},{j * B / M:.6f},0." for j in range(M + 1)]
+    for i in range(N):
+        for j in range(M):
+            k = 1 + i * (M + 1) + j
+            lines.append(f"CQUAD4,{100 + i * M + j},1,{k},{k + M + 1},{k + M + 2},{k + 1}")
+    lines += [
+        "PCOMP,1,,,,,,,SYM",
+        ",8,.0005,0.,,8,.0005,90.,",
+        ",8,.0005,30.",
+        "MAT8,8,1.4+11,1.+10,.3,5.+9,4.+9,3.+9,1600.",
+        "SPC1,1,123456,1,2,3",
+        "ENDDATA",
+    ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+CONFIG = """
+kind: placement
+name: strip
+mesh: {file: strip.bdf}
+parameters:
+  s: {property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.25]}
+loads:
+  tip: {node: 32, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 15.0, amplitude: 5.0}}
+damping: {type: modal, ratio: 0.01}
+rom: {modes: 6}
+train: {duration: 0.1, time_step: 1.0e-3}
+gauges: {direction: {type: axis, axis: [1, 0, 0]}, clearance: none, grid_length: 0.003, noise_std: {relative_to_strongest: 0.01}}
+tolerances: {load_angle: 0, load_position: 0}
+screen: {keep: 6}
+place: {estimate: [s], keep: 2, instants: 1, minimum_spacing: 0.02, certificate: false}
+validate:
+  truth: {model: modes, parameters: {s: 1.1}, modes: 8}
+  time_step: 1.0e-3
+  duration: 0.2
+  initial_std: {s: 0.1}
+  random_sets: 0
+  repeats: 1
+"""
+
+
+@pytest.fixture(scope="module")
+def strip(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("strip")
+    deck(folder / "strip.bdf")
+    (folder / "strip.yaml").write_text(CONFIG)
+    return folder
+
+
+def test_factor_of_the_stiffness_is_found(strip):
+    job = job_of(strip / "strip.yaml", strip / "results")
+    found = finished(job, stages_of(job, "validate"))
+    summary = found["validate"][2].summary
+    assert float(summary["estimate.s"]) == pytest.approx(1.1, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "key"),
+    [
+        ("property: stiffness_factor", "property: youngs_modulus", "no single Young's modulus", "parameters.s.property"),
+        ("guess: 1.0, range: [0.8, 1.25]", "guess: 30, range: [0.8, 40]", "is 30, the deck has 1 ", "parameters.s.guess"),
+        ("strip.bdf}", "strip.bdf, materials: {m: {regions: all, youngs_modulus: 1.0e+9, poisson_ratio: .3, density: 1}}}",
+         "is a laminate, whose plies", "mesh.materials.m.regions"),
+    ],
+)  # fmt: skip
+def test_what_is_of_no_laminate_is_refused(strip, old, new, what, key):
+    assert old in CONFIG
+    (strip / "other.yaml").write_text(CONFIG.replace(old, new).replace("name: strip", "name: other"))
+    with pytest.raises(StrainsightError, match=what) as caught:
+        finished(job_of(strip / "other.yaml", strip / "results"), PLACEMENT[:1])
+    assert caught.value.key == key
+    assert caught.value.remedy
+
+
+def test_init_asks_for_the_factor_and_lacks_no_material(tmp_path):
+    found = suggestion(deck(tmp_path / "strip.bdf"))
+    assert (found.laminate, found.lacking, found.length_unit) == (True, (), "m")
+    text = template("strip.bdf", found)
+    assert "property: stiffness_factor" in text
+    assert "stiffness: 1.05" in text
