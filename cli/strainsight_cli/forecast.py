@@ -60,14 +60,13 @@ def costs_of(
 
 
 def size_in(imported: Artefact) -> Size:
-    """Of the mesh in import.h5."""
+    """Of the mesh in import.h5; a node of shells or beams counts twice, as it has rotations."""
     from strainsight.cases.structure.cost import size_of
-    from strainsight.records.mesh import MeshColumns
-    from strainsight.records.record import read
+    from strainsight.records.mesh import mesh_from
 
-    mesh = read(MeshColumns, imported)
-    elements = {kind: len(cells.id) for kind, cells in mesh.cells.items()}
-    return size_of(len(mesh.nodes.id), elements, len(mesh.regions.id))
+    mesh = mesh_from(imported)
+    elements = {block.kind: len(block.ids) for block in mesh.blocks}
+    return size_of(mesh.own_nodes + len(mesh.turning), elements, len(mesh.regions))
 
 
 def in_words(seconds: float) -> str:

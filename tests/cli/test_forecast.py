@@ -6,8 +6,15 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.fem import memory
+from strainsight.records.mesh import MeshColumns
+from strainsight.records.record import written
+from strainsight.workflow.artefact import Header
+from strainsight.workflow.output import Output
+from strainsight.workflow.store import write_artefact
+from strainsight_cli.forecast import size_in
 from strainsight_cli.main import app
 
+from ..mesh.test_shell_faces import plate, strip
 from ..robustness.small import write_project
 
 
@@ -40,3 +47,10 @@ def test_the_size_is_known_after_the_import_and_what_is_done_has_no_line(call, m
     (line,) = lines(call("modes"))
     assert line.startswith("forecast: modes 1 s for 246 unknowns")
     assert lines(call("modes")) == lines(call("modes", "--force", "--json")) == []
+
+
+def test_nodes_of_shells_count_with_their_rotations_and_those_on_their_faces_do_not(tmp_path):
+    mesh = plate(*strip())
+    output = Output(written(MeshColumns.of(mesh)), {}, "toy")
+    imported = write_artefact(tmp_path / "import.h5", output, Header("import", 1, "key", {}, {}, {}))
+    assert size_in(imported).unknowns == 6 * 6
