@@ -13,8 +13,8 @@ from strainsight.fem import memory
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble, assemble_stiffness
 from strainsight.fem.mass import mass_properties
+from strainsight.mesh.joins import PointMass
 from strainsight.mesh.kinds import ELEMENTS
-from strainsight.mesh.model import PointMass
 
 KINDS = [kind.name for kind in ELEMENTS]
 E, NU, RHO = 2.1e11, 0.3, 7850.0

@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 from strainsight.decks.nastran.deck import read_nastran
 from strainsight.errors import DeckError
 from strainsight.fem.constraints import constraint_transform
-from strainsight.mesh.model import AveragingElement
+from strainsight.mesh.joins import AveragingElement
 
 SOLID = """\
 CORD2C,6,,.3,.2,.1,.3,.2,1.

@@ -13,7 +13,8 @@ from strainsight.fem.factorisation import factorise
 from strainsight.fem.loads import PointLoad, input_shape, nodal_forces
 from strainsight.fem.misaligned import MISALIGNMENTS, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.model import BodyForce, NodalForces, PointMass, RigidElement
+from strainsight.mesh.forces import BodyForce, NodalForces
+from strainsight.mesh.joins import PointMass, RigidElement
 
 from ..bodies import RHO, E, body, held
 from ..solids import SOLIDS

@@ -14,7 +14,7 @@ from strainsight.decks.reader import read_mesh
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.mesh.model import RigidElement
+from strainsight.mesh.joins import RigidElement
 
 L, B, H = 2.0, 0.25, 0.19
 E, NU, RHO = 2.1e11, 0.3, 7850.0

@@ -10,7 +10,7 @@ import pytest
 from strainsight.errors import DeckError
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import constraint_transform
-from strainsight.mesh.model import AveragingElement, PointMass, RigidElement
+from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 
 
 def with_reference(mesh, at):

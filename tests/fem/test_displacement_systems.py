@@ -13,7 +13,7 @@ from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import constraint_transform, describe_row
 from strainsight.fem.model import build_model
 from strainsight.fem.support import rigid_body_motions
-from strainsight.mesh.model import AveragingElement, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()
 

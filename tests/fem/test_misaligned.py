@@ -12,7 +12,8 @@ from scipy.sparse.linalg import spsolve
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.misaligned import axes_across, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.model import AveragingElement, NodalForces, RigidElement
+from strainsight.mesh.forces import NodalForces
+from strainsight.mesh.joins import AveragingElement, RigidElement
 
 L, B, H = 2.0, 0.25, 0.19
 E, NU, RHO = 2.1e11, 0.3, 7850.0

@@ -12,7 +12,8 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.model import NodalForces, PointMass, RigidElement
+from strainsight.mesh.forces import NodalForces
+from strainsight.mesh.joins import PointMass, RigidElement
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from strainsight.fem import memory
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import REPEATED, modes, turned
-from strainsight.mesh.model import RigidElement
+from strainsight.mesh.joins import RigidElement
 
 
 def chain(n, stiffness=1.0, mass=1.0):

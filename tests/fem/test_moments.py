@@ -12,7 +12,7 @@ from strainsight.errors import UserError
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.misaligned import axes_across, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.model import AveragingElement, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
 
 from .test_misaligned import NU, B, E, G, H, L, torsion_constant
 

@@ -10,7 +10,7 @@ import pytest
 from strainsight.errors import DeckError
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.model import PointMass, RigidElement
+from strainsight.mesh.joins import PointMass, RigidElement
 
 OFFSET = np.array([0.3, -0.2, 0.5])
 INERTIA = np.array([[2.0, 0.3, -0.1], [0.3, 1.5, 0.2], [-0.1, 0.2, 1.0]]) * 1e3

@@ -15,7 +15,8 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.ready import Term, build_ready_model, ready_matrices
-from strainsight.mesh.model import AveragingElement, Mesh, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.model import Mesh
 
 E, NU, RHO = 2.1e11, 0.3, 7850.0
 

@@ -15,7 +15,7 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.support import require_support, rigid_body_motions
 from strainsight.fem.ties import rotation_rows
-from strainsight.mesh.model import PointMass, Relation, RigidElement
+from strainsight.mesh.joins import PointMass, Relation, RigidElement
 
 from .test_thin import BAR, E, line
 

@@ -16,7 +16,7 @@ from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.fem.relief import factorise_free, pinned, relief_of
 from strainsight.fem.support import rigid_motions
-from strainsight.mesh.model import PointMass, RigidElement
+from strainsight.mesh.joins import PointMass, RigidElement
 
 from .test_support import two_boxes
 

@@ -17,7 +17,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.gauges.clearance import obstacles
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import RigidElement, Springs
+from strainsight.mesh.joins import RigidElement, Springs
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspension import face_springs, node_springs
 from strainsight.mesh.units import to_si

@@ -11,7 +11,7 @@ from strainsight.fem.patch import Incidence, forced_nodes, held_components, patc
 from strainsight.fem.patch_forces import tractions
 from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
 from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.model import AveragingElement, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
 
 from ..bodies import body, held, moved
 

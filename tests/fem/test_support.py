@@ -11,7 +11,8 @@ from strainsight.errors import UserError
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.model import build_model
 from strainsight.fem.support import require_support, rigid_body_motions
-from strainsight.mesh.model import CellBlock, RigidElement
+from strainsight.mesh.joins import RigidElement
+from strainsight.mesh.model import CellBlock
 
 ALL = ("translation x", "translation y", "translation z", "rotation about x", "rotation about y", "rotation about z")
 

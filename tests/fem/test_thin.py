@@ -20,7 +20,9 @@ from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
-from strainsight.mesh.model import BodyForce, Material, Mesh, PointMass, Region, RigidElement
+from strainsight.mesh.forces import BodyForce
+from strainsight.mesh.joins import PointMass, RigidElement
+from strainsight.mesh.model import Material, Mesh, Region
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.suspension import face_springs
 from strainsight.mesh.thin import BeamBlock, BeamSection, ShellBlock, ShellSection

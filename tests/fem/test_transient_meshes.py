@@ -21,7 +21,7 @@ from strainsight.fem.viscous import ViscousDamping, modal_damping
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_matrix
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import RigidElement
+from strainsight.mesh.joins import RigidElement
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import Damping
 from strainsight.rom.reduction import modal_model

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from strainsight.mesh.facets import Facets
+from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import CellBlock, Mesh, RigidElement
+from strainsight.mesh.model import CellBlock, Mesh
 
 KINDS = tuple(kind.name for kind in FACETS)
 

@@ -12,8 +12,9 @@ from strainsight.gauges.candidates import candidates, tangents
 from strainsight.gauges.edges import near_segments, sharp_edges
 from strainsight.gauges.zones import Box, NearEdges
 from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import AveragingElement, CellBlock, Mesh, RigidElement
+from strainsight.mesh.model import CellBlock, Mesh
 
 NX, NY, NZ = 10, 3, 2
 

@@ -10,7 +10,7 @@ import pytest
 from strainsight.gauges.clearance import carrier, carrier_clearance, crowded, obstacles, room_for
 from strainsight.gauges.surface import facet_centres
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Relation
+from strainsight.mesh.joins import Relation
 
 L, W, H = 1.0, 0.3, 0.2
 

@@ -13,7 +13,7 @@ from strainsight.gauges.contact import contact_faces
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.additions import with_rigid_element
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Springs
+from strainsight.mesh.joins import Springs
 
 from ..bodies import body, held
 from ..fem.test_thin import strip

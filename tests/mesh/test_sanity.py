@@ -13,16 +13,8 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.mesh.additions import node_index, with_material, with_node, with_rigid_element
-from strainsight.mesh.model import (
-    AveragingElement,
-    CellBlock,
-    Material,
-    Mesh,
-    PointMass,
-    Region,
-    Relation,
-    RigidElement,
-)
+from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.sanity import empty_regions, sanity_warnings, unused_nodes
 from strainsight.mesh.units import to_si
 

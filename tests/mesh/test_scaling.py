@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.mesh.model import CellBlock, Material, Mesh, PointMass, Region
+from strainsight.mesh.joins import PointMass
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.scaling import scaled
 
 

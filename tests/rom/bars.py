@@ -12,7 +12,8 @@ from strainsight.fem.model import nodal
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region, RigidElement
+from strainsight.mesh.joins import RigidElement
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
 MESHES = Path(__file__).parents[2] / "meshes"
 ROOT, TIP, SIDE = 901, 902, 903

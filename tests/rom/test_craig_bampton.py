@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.model import RigidElement
+from strainsight.mesh.joins import RigidElement
 from strainsight.rom.craig_bampton import craig_bampton, floating_basis, rigid_motions
 
 from .bars import RHO, ROOT, SIDE, SIZE, START, TIP, bar, dense, frequencies, gauge_rows, inertia_of, pick, rigid

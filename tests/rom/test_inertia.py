@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from strainsight.errors import DeckError
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
-from strainsight.mesh.model import CellBlock, Material, Mesh, PointMass, Region, RigidElement
+from strainsight.mesh.joins import PointMass, RigidElement
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.rom.inertia import InertiaInvariants, inertia_invariants
 
 SIZE, START = np.array([1.0, 0.6, 0.4]), np.array([0.3, -0.8, 0.5])

@@ -11,7 +11,7 @@ from scipy import sparse
 from strainsight.errors import InfeasibleError
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.model import PointMass
+from strainsight.mesh.joins import PointMass
 from strainsight.rom.craig_bampton import craig_bampton, floating_basis
 from strainsight.rom.inertia import inertia_invariants
 from strainsight.rom.residual_vectors import inertia_loads, residual_vectors, rigid_field

@@ -20,7 +20,7 @@ from strainsight.errors import ConfigError, InfeasibleError, UserError
 from strainsight.gauges.clearance import carrier_clearance
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import NodalForces
+from strainsight.mesh.forces import NodalForces
 from strainsight.stages.screen import _fewer_than_asked
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks

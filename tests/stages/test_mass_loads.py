@@ -16,7 +16,8 @@ from strainsight.errors import ConfigError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.loads import input_shape
 from strainsight.fem.model import build_model
-from strainsight.mesh.model import Material, PointMass
+from strainsight.mesh.joins import PointMass
+from strainsight.mesh.model import Material
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strainsight.mesh.model import AveragingElement, Relation, RigidElement
+from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 
 
 def turning_nodes(

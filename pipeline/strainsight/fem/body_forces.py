@@ -11,7 +11,8 @@ from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.thin import thin_mass
 from strainsight.fem.ties import references, turned_by_name
 from strainsight.fem.turning import followers
-from strainsight.mesh.model import BodyForce, FloatArray, Mesh, NodalForces
+from strainsight.mesh.forces import BodyForce, NodalForces
+from strainsight.mesh.model import FloatArray, Mesh
 
 
 def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:

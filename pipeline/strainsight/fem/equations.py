@@ -9,7 +9,8 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
-from strainsight.mesh.model import AveragingElement, Mesh, Relation, RigidElement
+from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
+from strainsight.mesh.model import Mesh
 
 ROUNDING = 1e-13
 """Of the coefficients of an equation: one below it, over the largest, is rounding."""

@@ -14,7 +14,8 @@ from strainsight.fem.body_forces import body_forces
 from strainsight.fem.couple import couple, exerted
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.traction import bearing, evenly, pressure, turning
-from strainsight.mesh.model import BodyForce, Mesh, NodalForces
+from strainsight.mesh.forces import BodyForce, NodalForces
+from strainsight.mesh.model import Mesh
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from strainsight.fem.couple import couple
 from strainsight.fem.loads import PointLoad, moment_forces, nodal_forces, on_rows
 from strainsight.fem.model import FiniteElementModel
-from strainsight.mesh.model import NodalForces
+from strainsight.mesh.forces import NodalForces
 from strainsight.ordering import first_of_largest
 
 MISALIGNMENTS = 4

@@ -9,7 +9,8 @@ from scipy import sparse
 
 from strainsight.errors import DeckError
 from strainsight.fem.ties import rigid_rows
-from strainsight.mesh.model import Mesh, PointMass
+from strainsight.mesh.joins import PointMass
+from strainsight.mesh.model import Mesh
 
 
 def point_mass_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:

@@ -9,7 +9,8 @@ import numpy as np
 from strainsight.errors import DeckError
 from strainsight.fem.equations import ROUNDING, Equations, Rows
 from strainsight.fem.relations import add_relations, relation_terms
-from strainsight.mesh.model import AveragingElement, Mesh, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.model import Mesh
 
 MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
 HELD = 1e-10

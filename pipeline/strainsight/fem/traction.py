@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from strainsight.mesh.facets import all_facets, facet_key
+from strainsight.mesh.forces import NodalForces
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import Mesh, NodalForces
+from strainsight.mesh.model import Mesh
 from strainsight.mesh.tractions import consistent_forces
 
 Traction = Callable[[np.ndarray, np.ndarray], np.ndarray]

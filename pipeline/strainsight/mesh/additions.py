@@ -13,8 +13,9 @@ import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.facets import Facets
+from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.laminates import scaled
-from strainsight.mesh.model import AveragingElement, IntArray, Material, Mesh, RigidElement
+from strainsight.mesh.model import IntArray, Material, Mesh
 
 
 def region_ids(mesh: Mesh, wanted: Sequence[int | str]) -> tuple[int, ...]:

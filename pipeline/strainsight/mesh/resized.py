@@ -8,8 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from strainsight.mesh.joins import Relation
 from strainsight.mesh.laminates import Laminate
-from strainsight.mesh.model import FloatArray, Mesh, Relation
+from strainsight.mesh.model import FloatArray, Mesh
 from strainsight.mesh.thin import BeamBlock, Section, ShellBlock, ShellSection
 
 Block = TypeVar("Block", ShellBlock, BeamBlock)

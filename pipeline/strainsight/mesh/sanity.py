@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from strainsight.mesh.model import AveragingElement, IntArray, Mesh, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.model import IntArray, Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
 MODULUS = (1e6, 1e13)

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.mesh.facets import all_facets, facet_key
+from strainsight.mesh.joins import Springs
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import IntArray, Mesh, Springs
+from strainsight.mesh.model import IntArray, Mesh
 
 
 def node_springs(name: str, nodes: IntArray, stiffness: Sequence[float]) -> Springs:

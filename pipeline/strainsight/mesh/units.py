@@ -9,8 +9,9 @@ from difflib import get_close_matches
 import numpy as np
 
 from strainsight.errors import UserError
+from strainsight.mesh.joins import Springs
 from strainsight.mesh.laminates import scaled
-from strainsight.mesh.model import Mesh, Springs
+from strainsight.mesh.model import Mesh
 from strainsight.mesh.resized import relations_resized, resized_matrix, with_thin_resized
 
 LENGTH: Mapping[str, float] = {

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.mesh.forces import NodalForces
+from strainsight.mesh.joins import PointMass, Springs
 from strainsight.mesh.kinds import ELEMENTS
-from strainsight.mesh.model import CellBlock, Material, Mesh, NodalForces, PointMass, Region, Springs
+from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, Section
 from strainsight.records.lists import ALL, OFFSET, floats, ints, joined, split
 from strainsight.records.record import Source, dataset, group, read, record

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.mesh.model import AveragingElement, Relation, RigidElement, Springs
+from strainsight.mesh.joins import AveragingElement, Relation, RigidElement, Springs
 from strainsight.records.lists import ALL, OFFSET, components, ints, joined, letters, split
 from strainsight.records.record import dataset, group, record
 

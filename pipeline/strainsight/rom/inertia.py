@@ -10,8 +10,9 @@ from scipy import sparse
 from strainsight.errors import DeckError
 from strainsight.fem.element_matrices import element_masses
 from strainsight.fem.model import FiniteElementModel
+from strainsight.mesh.joins import PointMass
 from strainsight.mesh.kinds import kind_of
-from strainsight.mesh.model import Mesh, PointMass
+from strainsight.mesh.model import Mesh
 
 CHUNK = 4096
 

@@ -17,9 +17,10 @@ from strainsight.gauges.contact import contact_faces
 from strainsight.gauges.faces import Faces, Pick, faces_of, picked, pointed_at
 from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.forces import BodyForce
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.laminates import Lamina
-from strainsight.mesh.model import BodyForce, Mesh
+from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import usual_units
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import ShellSection

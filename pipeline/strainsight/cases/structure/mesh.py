@@ -35,7 +35,8 @@ from strainsight.mesh.additions import (
 )
 from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh, Springs
+from strainsight.mesh.joins import Springs
+from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import without_loose_masses
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.suspension import face_springs, node_springs

@@ -18,7 +18,8 @@ from strainsight.fem.springs import spring_owners
 from strainsight.gauges.admissible import admissible
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import CellBlock, Mesh, NodalForces
+from strainsight.mesh.forces import NodalForces
+from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 READS = (

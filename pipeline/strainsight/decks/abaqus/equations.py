@@ -10,7 +10,8 @@ import numpy as np
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.numbers import parse_integer
-from strainsight.mesh.model import IntArray, Relation
+from strainsight.mesh.joins import Relation
+from strainsight.mesh.model import IntArray
 
 
 @dataclass

@@ -13,9 +13,10 @@ from strainsight.decks.abaqus.surfaces import Surface, facets_of, shell_facets
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.moments import moment_note
 from strainsight.decks.numbers import parse_integer
+from strainsight.mesh.forces import BodyForce, NodalForces
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.laminates import Laminate
-from strainsight.mesh.model import BodyForce, FloatArray, IntArray, NodalForces
+from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.thin import ShellSection
 from strainsight.mesh.tractions import Traction, consistent_forces
 

@@ -9,7 +9,8 @@ import numpy as np
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.errors import DeckError
-from strainsight.mesh.model import FloatArray, Springs
+from strainsight.mesh.joins import Springs
+from strainsight.mesh.model import FloatArray
 
 NODES = {"SPRING1": 1, "SPRING2": 2, "SPRINGA": 2}
 """Element type → number of its nodes."""

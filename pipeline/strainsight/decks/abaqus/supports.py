@@ -11,7 +11,8 @@ from strainsight.decks.abaqus.parts import normal, orthonormal
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Row
 from strainsight.errors import DeckError
-from strainsight.mesh.model import FloatArray, IntArray, PointMass
+from strainsight.mesh.joins import PointMass
+from strainsight.mesh.model import FloatArray, IntArray
 
 TYPES = {
     "ENCASTRE": (0, 1, 2, 3, 4, 5),

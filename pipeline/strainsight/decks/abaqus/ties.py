@@ -12,7 +12,8 @@ from strainsight.decks.abaqus.supports import component_range
 from strainsight.decks.abaqus.surfaces import Surface
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.numbers import parse_real
-from strainsight.mesh.model import AveragingElement, FloatArray, IntArray, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.model import FloatArray, IntArray
 
 SIX = (0, 1, 2, 3, 4, 5)
 TRANSLATIONS = (0, 1, 2)

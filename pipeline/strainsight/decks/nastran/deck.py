@@ -30,9 +30,10 @@ from strainsight.decks.nastran.thin import TAKEN as THIN
 from strainsight.decks.nastran.thin import read_thin
 from strainsight.decks.nastran.ties import averaging_elements, rigid_elements
 from strainsight.errors import DeckError
+from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.laminates import scaled
-from strainsight.mesh.model import Mesh, Relation
+from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = {

@@ -11,7 +11,8 @@ from strainsight.decks.moments import moment_note
 from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
 from strainsight.decks.nastran.pressures import pressure_forces
-from strainsight.mesh.model import BodyForce, CellBlock, FloatArray, NodalForces
+from strainsight.mesh.forces import BodyForce, NodalForces
+from strainsight.mesh.model import CellBlock, FloatArray
 from strainsight.mesh.thin import ShellBlock
 
 POINTS = {"": 0, "1": 2, "2": 4}

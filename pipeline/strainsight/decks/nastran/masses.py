@@ -8,7 +8,8 @@ import numpy as np
 
 from strainsight.decks.nastran.cards import Card, unique_ids
 from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
-from strainsight.mesh.model import FloatArray, PointMass, matrix_mass
+from strainsight.mesh.joins import PointMass, matrix_mass
+from strainsight.mesh.model import FloatArray
 
 MASSES = ("CONM1", "CONM2", "CMASS1", "CMASS2")
 INDEFINITE = 1e-6

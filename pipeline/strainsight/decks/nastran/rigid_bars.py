@@ -10,7 +10,8 @@ import numpy as np
 from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.supports import components
-from strainsight.mesh.model import FloatArray, Relation, RigidElement
+from strainsight.mesh.joins import Relation, RigidElement
+from strainsight.mesh.model import FloatArray
 
 SIX = (0, 1, 2, 3, 4, 5)
 NAMES = ("RBAR", "RBAR1", "RROD", "RBE1")

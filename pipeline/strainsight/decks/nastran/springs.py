@@ -8,7 +8,8 @@ from strainsight.decks.nastran.cards import Card, unique_ids
 from strainsight.decks.nastran.coordinates import local_axes
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.numbers import parse_integer
-from strainsight.mesh.model import FloatArray, Springs
+from strainsight.mesh.joins import Springs
+from strainsight.mesh.model import FloatArray
 
 SPRINGS = ("CELAS1", "CELAS2", "CBUSH", "PELAS", "PBUSH")
 PARTS = ("K", "B", "GE", "RCV", "M")

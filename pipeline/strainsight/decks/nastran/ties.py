@@ -11,7 +11,8 @@ from strainsight.decks.nastran.grids import NodeTable
 from strainsight.decks.nastran.sets import expand
 from strainsight.decks.nastran.supports import components
 from strainsight.decks.numbers import is_whole, no_integer, parse_integer, parse_real
-from strainsight.mesh.model import AveragingElement, FloatArray, IntArray, RigidElement
+from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.model import FloatArray, IntArray
 
 
 def rigid_elements(

@@ -9,7 +9,8 @@ import numpy as np
 
 from strainsight.fem.quality import POOR, Quality
 from strainsight.gauges.faces import Faces
-from strainsight.mesh.model import Mesh, PointMass, Springs
+from strainsight.mesh.joins import PointMass, Springs
+from strainsight.mesh.model import Mesh
 from strainsight.workflow.output import Table
 
 Row = tuple[str, str, str]
