@@ -27,7 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.cases.bench.bench import bench_of, strain_sensor
+from strainsight.cases.bench.bench import bench_of
+from strainsight.cases.bench.sensors import sensors_of
 from strainsight.config.load import load_config
 from strainsight.estimation.filter import filter_runs
 from strainsight.multibody.initial import project_position, state
@@ -37,8 +38,9 @@ from strainsight.multibody.inverse.start import start_covariance, white_force
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.static import static_equilibrium
-from strainsight.records.bodies import body_from
+from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import mesh_from
+from strainsight.records.record import read
 from strainsight.stages.bench.import_bodies import IMPORT
 from strainsight.stages.bench.reduce import REDUCE
 from strainsight.workflow.plan import Job
@@ -67,10 +69,11 @@ def prepared(free: tuple[str, ...]) -> tuple[Any, Any]:
         job = Job(loaded.data, CONFIG.parent, Path(folder), model=loaded.model)
         made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
         mesh = mesh_from(made["import"], "/bodies/hub")
-        reduced = body_from(made["reduce"], "hub")
+        reduced = read(ReducedBodies, made["reduce"]).bodies["hub"]
         config = loaded.model
         bench = bench_of(config, {"hub": reduced}, {"hub": mesh}, {"pitch-bearing": free} if free else None)
-        gauges, _ = strain_sensor("gauges", config.sensors["gauges"], reduced, mesh)
+        every = sensors_of(config, bench, {"hub": reduced}, {"hub": mesh}).readings.sensors
+        gauges = next(own for own in every if own.name == "gauges")
     element = bench.system.elements[0].force
     return bench, readings(bench.system, [gauges, RelationSensor("relative", element.relations)])
 

@@ -222,8 +222,9 @@ def full_bench(steps: int) -> None:
     from strainsight.cases.bench.bench import bench_of
     from strainsight.config.load import load_config
     from strainsight.multibody.sensors import RelationSensor, readings
-    from strainsight.records.bodies import body_from
+    from strainsight.records.bodies import ReducedBodies
     from strainsight.records.mesh import mesh_from
+    from strainsight.records.record import read
     from strainsight.stages.bench.import_bodies import IMPORT
     from strainsight.stages.bench.reduce import REDUCE
     from strainsight.workflow.plan import Job
@@ -234,7 +235,7 @@ def full_bench(steps: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         job = Job(data, CONFIG.parent, Path(folder), model=loaded.model)
         made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
-        reduced = {"hub": body_from(made["reduce"], "hub")}
+        reduced = read(ReducedBodies, made["reduce"]).bodies
         bench = bench_of(loaded.model, reduced, {"hub": mesh_from(made["import"], "/bodies/hub")})
     system, theta, h = bench.system, bench.theta, float(data["simulate"]["time_step"])
     table = np.genfromtxt(CONFIG.parent / "bench-load.csv", delimiter=",", names=True)

@@ -1,5 +1,7 @@
 """The files beside the package agree with it: citation, workflow, hooks, links of the first pages, entries of the history."""
 
+import ast
+import importlib
 import importlib.util
 import json
 import re
@@ -135,3 +137,14 @@ def test_the_history_is_drawn_commit_by_commit(history):
         assert f">{name}<" in picture
     assert table.index("| fffffff |") < table.index(f"| {first['commit'][:7]} |")
     assert f"| fffffff | 2099-01-01 | {first['machine']['processor']}, {first['machine']['cores']} | – |" in table
+
+
+@pytest.mark.parametrize("script", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda path: path.name)
+def test_what_a_benchmark_takes_from_the_package_is_there(script):
+    """No test runs them: a name that has moved would be found by whoever measures next."""
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("strainsight"):
+            module = importlib.import_module(node.module)
+            for name in node.names:
+                if not hasattr(module, name.name):
+                    importlib.import_module(f"{node.module}.{name.name}")
