@@ -114,3 +114,5 @@ def test_an_import_holds_the_shells_of_a_grid(tmp_path):
     found = finished(tmp_path, "import", "", STAGES | own)["import"]
     assert (len(found["/shells/quad4/id"]), len(found["/shells/tri3/id"])) == (8, 16)
     np.testing.assert_array_equal(found["/sections/shells/thickness"], [T])
+    # what a file for ParaView shows is the deck
+    assert len(found["/VTKHDF/Points"]) == len(found["/nodes/id"]) - len(found["/arms"])

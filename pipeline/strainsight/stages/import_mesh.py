@@ -74,10 +74,11 @@ def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
 def _grid(mesh: Mesh) -> VtkHdf:
     ids = [block.ids for block in mesh.elements]
     region = [block.region for block in mesh.elements]
+    n = mesh.own_nodes  # those on faces of shells come after them
     return unstructured_grid(
-        mesh.position,
+        mesh.position[:n],
         mesh.elements,
-        point_data={"node_id": mesh.node_ids},
+        point_data={"node_id": mesh.node_ids[:n]},
         cell_data={"element_id": np.concatenate(ids), "region": np.concatenate(region)} if ids else {},
     )
 
