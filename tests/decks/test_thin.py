@@ -245,3 +245,26 @@ def test_the_area_of_the_strip_is_that_of_its_shells(strip):
     x = strip(skin=SHELL).position[strip(skin=SHELL).shells[0].nodes]
     area = 0.5 * np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1)
     assert area.sum() == pytest.approx(L * B, rel=1e-14)
+
+
+ONE = (
+    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 {} {} {}\n4 0 1 0\n$EndNodes\n"
+    "$Elements\n1\n1 3 2 7 1 1 2 3 4\n$EndElements\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("corner", "what"),
+    [((0.5, 0.5, 0), "corner of 180° or more"), ((0, 1, 0), "corner of 180° or more")],
+    ids=["straight", "two nodes in one place"],
+)
+def test_shapes_that_no_shell_can_have_are_named_with_the_line_of_the_element(strip, corner, what):
+    with pytest.raises(DeckError, match=rf"quad4 1 .*({what})") as caught:
+        strip(text=ONE.format(*corner), every=GivenSection(None, ShellSection(T)))
+    assert caught.value.where.endswith("strip.msh:13")
+    assert caught.value.remedy
+
+
+def test_a_warped_shell_has_a_note(strip):
+    (note,) = strip(text=ONE.format(1, 1, 0.4), every=GivenSection(None, ShellSection(T))).notes
+    assert "1 quad4 warped" in note

@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.plates import plate_normals
 from strainsight.mesh.resized import resized
 from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, BeamBlock, BeamSection, FloatArray, ShellBlock, ShellSection
 
@@ -46,14 +47,17 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, Given
     """The mesh with cells of triangles, quadrangles and lines as shells, beams and rods of the sections of their regions.
 
     x of a beam from its first node to its second, y towards its direction; rods are what has no moments of area.
-    Raises DeckError for a line without length, and for one along the direction of its section.
+    Raises DeckError for a shell of no area, folded or warped too much, a line without length, and one along the direction of its
+    section.
     """
     of = {kind: _together([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE)}
-    shells = tuple(_shells(of[kind], given) for kind in SHELL_KINDS if len(of[kind].ids))
+    notes = list(mesh.notes)
     with mesh.located():
+        shells = tuple(_shells(mesh, of[kind], given, notes) for kind in SHELL_KINDS if len(of[kind].ids))
         lines = [_beams(mesh, kind, of[LINE], given) for kind in BEAM_KINDS if len(of[LINE].ids)]
     beams = tuple(block for block in lines if len(block.ids))
-    return replace(mesh, shells=shells, beams=beams, sections={region: own.section for region, own in given.items()})
+    sections = {region: own.section for region, own in given.items()}
+    return replace(mesh, shells=shells, beams=beams, sections=sections, notes=tuple(notes))
 
 
 def _together(blocks: Sequence[CellBlock]) -> CellBlock:
@@ -65,7 +69,14 @@ def _together(blocks: Sequence[CellBlock]) -> CellBlock:
     return CellBlock(blocks[0].kind, *(np.concatenate(own) for own in columns))
 
 
-def _shells(block: CellBlock, given: Mapping[int, GivenSection]) -> ShellBlock:
+def _shells(mesh: Mesh, block: CellBlock, given: Mapping[int, GivenSection], notes: list[str]) -> ShellBlock:
+    def called(row: int) -> str:
+        return f"{block.kind} {block.ids[row]}"
+
+    def fault(row: int, what: str, remedy: str) -> DeckError:
+        return DeckError(f"{called(row)} {what}", remedy=remedy, entity=("element", int(block.ids[row])))
+
+    plate_normals(mesh.position[block.nodes], fault, called, "tri3", notes)
     offset = np.array([given[region].offset for region in block.region.tolist()])
     axis = np.full((len(block.ids), 3), np.nan)
     return ShellBlock(block.kind, block.ids, block.nodes, block.region, offset, axis)

@@ -9,9 +9,9 @@ from strainsight.decks.abaqus.composites import default_axes
 from strainsight.decks.abaqus.scopes import Assembly
 from strainsight.decks.abaqus.sections import Sections
 from strainsight.decks.faults import coincident, folded, plural
-from strainsight.decks.plates import PARALLEL, plate_normals
 from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.plates import PARALLEL, plate_normals
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 APART = 1e-9

@@ -10,8 +10,8 @@ from strainsight.decks.faults import folded
 from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.numbers import parse_integer
-from strainsight.decks.plates import PARALLEL, plate_normals
 from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.plates import PARALLEL, plate_normals
 from strainsight.mesh.thin import BeamSection, Section, ShellBlock, ShellSection
 
 SHELLS = {"CQUAD4": 4, "CQUADR": 4, "CTRIA3": 3, "CTRIAR": 3}

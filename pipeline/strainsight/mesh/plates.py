@@ -1,4 +1,4 @@
-"""Normals of the shells of a deck, and shapes that no shell can have."""
+"""Normals of the shells of a file, and shapes that no shell can have."""
 
 from __future__ import annotations
 
