@@ -51,7 +51,7 @@ def record(folder: Path, samples: int) -> Path:
         places = [[float(row[f"position_{axis}"]) for axis in "xyz"] for row in csv.DictReader(lines)]
     train = Artefact(folder / "results" / "long" / "train.h5")
     at = [int(np.argmin(np.abs(train["/gauges/position"] - place).sum(axis=1))) for place in places]
-    period = 1e6 * train["/strain"][:-1, at]
+    period = 1e6 * train["/coordinate"][:-1] @ train["/gauges/row"][at].T
     noise = 0.01 * np.sqrt(np.mean(period**2, axis=0)).max()
     rng, path = np.random.default_rng(1), folder / "record.csv"
     with path.open("w", encoding="utf-8") as file:

@@ -16,6 +16,8 @@ from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
 
+import numpy as np
+
 import strainsight
 import strainsight_cli
 from strainsight.config.load import load_config
@@ -92,6 +94,11 @@ def made(config: Path, *overrides: str, until: str = "", beside: str = "") -> di
 
 
 @cache
+def strains(train: Artefact) -> np.ndarray:
+    """What every candidate of gauges reads in the training run (T + 1, m), H q."""
+    return np.asarray(train["/coordinate"] @ train["/gauges/row"].T)
+
+
 def _of_this_code() -> Path:
     """The folder of this version of the code, held until the process ends; those that nobody holds are removed."""
     packages = sorted(f"{package.name} {package.version}" for package in distributions())

@@ -50,7 +50,7 @@ def test_the_cantilever_takes_few_lines_and_has_the_layout_of_the_command_line(r
     assert layout.advice == there.advice
     assert layout.layout.certificate.gap == there.certificate.gap
     np.testing.assert_array_equal(reduced.basis, run_there.reduced.basis)
-    np.testing.assert_array_equal(training.reading, run_there.training.reading)
+    np.testing.assert_array_equal(training.reading(), run_there.training.reading())
     np.testing.assert_array_equal(screened.noise_std, run_there.screened.noise_std)
 
 

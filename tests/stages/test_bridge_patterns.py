@@ -91,7 +91,7 @@ def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_he
     np.testing.assert_allclose(gains, np.array([0.01, 0.01 / np.sqrt(2), 0.005]), rtol=0.01)
 
     axial, bending = (beam[2]({"gauges.bridge": pattern})[1] for pattern in ("half-axial", "half-bending"))
-    assert np.abs(axial.reading).max() < 1e-9 * np.abs(bending.reading).max()
+    assert np.abs(axial.reading()).max() < 1e-9 * np.abs(bending.reading()).max()
 
 
 def test_a_pool_of_bridges_is_half_that_of_gauges_on_both_sides(beam):

@@ -138,7 +138,7 @@ def test_fewer_than_asked_for_are_named_with_what_left_them_out_and_nothing_else
 
 def test_noise_relative_to_the_strongest_candidate_is_that_of_the_strongest_that_may_be_taken(beam):
     training, screened = beam("gauges.noise_std={relative_to_strongest: 0.01}", "gauges.clearance=0.02")
-    rms = np.sqrt(np.mean(training.reading**2, axis=0))
+    rms = np.sqrt(np.mean(training.reading() ** 2, axis=0))
     assert screened.noise_std[0] == pytest.approx(0.01 * rms[(screened.reason != "clearance")[training.candidates.gauge]].max())
 
 

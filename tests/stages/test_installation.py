@@ -65,7 +65,7 @@ def test_the_metric_has_the_errors_of_installation_as_noise_and_the_layout_is_it
     plain, found = beam("tolerances=none"), beam(GAIN, "place.prove=60")
     assert found.task.coherence == COHERENCE * PLACEMENT_CONFIG["train"]["duration"]
     assert "installation as noise" in found.task.sigma
-    beside = found.task.coherence * 0.05**2 * np.mean(beam.training.reading[:, beam.pool] ** 2, axis=0)
+    beside = found.task.coherence * 0.05**2 * np.mean(beam.training.reading(beam.pool) ** 2, axis=0)
     for own, other in zip(plain.task.pools, found.task.pools, strict=True):
         np.testing.assert_allclose(other.scenario.r, own.scenario.r + beside, rtol=1e-9)
     pools = found.elimination.pools
@@ -130,4 +130,4 @@ def test_gauges_are_expected_to_be_off_by_their_share_of_misaligned_loads(tmp_pa
     squares = np.array([np.mean(exact.again(i) ** 2, axis=0) for i in range(1, 601)])
     error = squares.std(axis=0) / np.sqrt(len(squares))
     assert np.all(np.abs(squares.mean(axis=0) - expected) < 4 * error)
-    assert np.any(np.abs(np.mean(own.training.reading[:, own.channels] ** 2, axis=0) - expected) > 8 * error)
+    assert np.any(np.abs(np.mean(own.training.reading(own.channels) ** 2, axis=0) - expected) > 8 * error)

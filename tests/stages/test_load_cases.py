@@ -263,9 +263,9 @@ def test_screening_takes_the_strongest_and_the_largest_over_the_cases(beam):
         }
     }
     training, screened = beam.trained(beam.case({"weak": {}, "strong": strong}))
-    np.testing.assert_allclose(training.rms, 5 * np.sqrt(np.mean(plain.reading**2, axis=0)), rtol=1e-9)
-    np.testing.assert_allclose(training.peak, 5 * np.abs(plain.reading).max(axis=0), rtol=1e-9)
-    np.testing.assert_array_equal(training.reading, plain.reading)  # of the loads as stated, for what comes after
+    np.testing.assert_allclose(training.rms, 5 * np.sqrt(np.mean(plain.reading() ** 2, axis=0)), rtol=1e-9)
+    np.testing.assert_allclose(training.peak, 5 * np.abs(plain.reading()).max(axis=0), rtol=1e-9)
+    np.testing.assert_array_equal(training.reading(), plain.reading())  # of the loads as stated, for what comes after
     _, before = beam.trained(beam.case())
     np.testing.assert_allclose(screened.noise_std, 5 * before.noise_std, rtol=1e-9)
 

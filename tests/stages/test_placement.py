@@ -13,9 +13,8 @@ from pydantic import TypeAdapter
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 from strainsight.cases.layout.zones import zone_of
+from strainsight.cases.structure import training
 from strainsight.config.zones import Zone
-from strainsight.errors import UserError
-from strainsight.fem import memory
 from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import plan
@@ -72,19 +71,21 @@ def test_every_kind_of_zone_is_taken_from_the_config():
 
 def test_training_strains_are_rows_times_coordinates(artefacts):
     train = artefacts["train"]
-    assert np.allclose(train["/strain"], train["/coordinate"] @ train["/gauges/row"].T, rtol=1e-12, atol=0)
+    strain = train["/coordinate"] @ train["/gauges/row"].T
+    np.testing.assert_allclose(train["/rms"], np.sqrt(np.mean(strain**2, axis=0)), rtol=1e-12)
+    np.testing.assert_allclose(train["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 
 
-def test_readings_that_no_memory_holds_are_refused_before_they_are_made(
-    artefacts, config, results, tmp_path, monkeypatch
-):
+def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, tmp_path, monkeypatch):
+    """Of 608 channels in 421 instants, three at a time."""
     shutil.copytree(results, tmp_path / "results")
-    monkeypatch.setattr(memory, "available_memory", lambda: 16.0 * 608 * 421 - 1)
+    monkeypatch.setattr(training, "NUMBERS_AT_A_TIME", 3 * 421 + 1)
     stages = [stage for stage in PLACEMENT if stage.name in ("import", "modes", "rom", "train")]
-    with pytest.raises(UserError, match=r"readings of 608 channels in 420 steps: .* are needed") as caught:
-        finished(job_of(config, tmp_path / "results", *SHORT, "train.duration=0.21"), stages)
-    assert "fewer candidates" in caught.value.remedy
-    assert caught.value.key == "train"
+    found = finished(job_of(config, tmp_path / "results", *SHORT, "train.duration=0.21"), stages)["train"][2]
+    strain = found["/coordinate"] @ found["/gauges/row"].T
+    assert strain.shape == (421, 608)
+    np.testing.assert_allclose(found["/rms"], np.sqrt(np.mean(strain**2, axis=0)), rtol=1e-12)
+    np.testing.assert_allclose(found["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 
 
 def test_a_row_is_the_strain_of_the_basis_by_differences_along_the_facet(artefacts):

@@ -30,7 +30,8 @@ def run(tmp_path_factory):
 
 def scaled(training, largest):
     """The same run under so small a load that the largest reading of all is this: readings are linear in it."""
-    return replace(training, reading=training.reading * largest / np.abs(training.reading).max())
+    factor = largest / training.peak.max()
+    return replace(training, rms_as_stated=factor * training.rms, peak_as_stated=factor * training.peak)
 
 
 @pytest.mark.parametrize(("largest", "said"), [(1.01e-7, ""), (0.99e-7, "0.099 µm/m"), (3e-9, "0.003 µm/m")])
@@ -53,7 +54,7 @@ def test_noise_that_no_channel_has_is_named_with_its_key(run, noise, said):
 def test_gauges_of_a_layout_that_read_too_little_are_named_and_the_others_not(run):
     """Of the strongest and the weakest gauge, at a load under which the first reads 1 µm/m and then under a hundredth of it."""
     training, screened = run
-    size = np.abs(training.reading).max(axis=0)
+    size = np.abs(training.reading()).max(axis=0)
     pair = np.array([int(np.argmax(size)), int(np.argmin(size))])
     assert size.min() < 0.05 * size.max()
     said = list(unresolved_gauges(listed_gauges(pair, scaled(training, 1e-6), screened)))
@@ -75,9 +76,9 @@ def test_of_a_rosette_the_largest_channel_counts_and_motion_sensors_do_not(run):
     assert list(unresolved_gauges(listed_gauges(np.array([0]), moving, screened))) == []
     pairs = replace(pool, gauge=pool.gauge // 2)
     loud = scaled(training, 1e-6)
-    first = loud.reading.copy()
-    first[:, 1] *= 1e-6
-    one = replace(loud, candidates=pairs, reading=first, name=training.name[: pairs.gauges])
-    weaker = np.abs(first[:, :2]).max(axis=0)
+    first = loud.peak.copy()
+    first[1] *= 1e-6
+    one = replace(loud, candidates=pairs, peak_as_stated=first, name=training.name[: pairs.gauges])
+    weaker = first[:2]
     assert weaker[1] < 1e-7
     assert bool(list(unresolved_gauges(listed_gauges(np.array([0]), one, screened)))) == (weaker[0] < 1e-7)

@@ -13,7 +13,7 @@ from strainsight.errors import ConfigError, UserError
 from strainsight.workflow.artefact import Artefact
 
 from ..edges.beam import PLACEMENT_CONFIG, E, bricks, finished
-from ..shared import FEW, HUB
+from ..shared import FEW, HUB, strains
 from .conftest import ROOT, made
 
 COUNTS = (6, 2, 2)
@@ -40,7 +40,7 @@ def advice(place: Artefact) -> str:
 def test_the_training_run_repeats_itself_by_itself_and_not_from_rest(tmp_path):
     own, rest = (run(tmp_path / s, "train", {"train.settle": s})["train"] for s in ("auto", "none"))
     by_default = run(tmp_path / "default", "train")["train"]
-    for part in ("/coordinate", "/velocity", "/strain"):
+    for part in ("/coordinate", "/velocity", "/acceleration"):
         assert apart(own[part][PERIOD:], own[part][:-PERIOD]) < 1e-9
         assert apart(rest[part][PERIOD:], rest[part][:-PERIOD]) > 0.05
         np.testing.assert_array_equal(by_default[part], own[part])
@@ -53,9 +53,9 @@ def test_seconds_before_the_start_tend_to_the_steady_state_with_the_decay_of_the
     left = {}
     damped = {"damping.ratio": 0.05}
     own = run(tmp_path / "auto", "train", damped)
-    steady = own["train"]["/strain"]
+    steady = strains(own["train"])
     for t in (0.25, 0.5, 1.0):
-        found = run(tmp_path / str(t), "train", {**damped, "train.settle": t})["train"]["/strain"]
+        found = strains(run(tmp_path / str(t), "train", {**damped, "train.settle": t})["train"])
         left[t] = apart(found, steady)
     rate = 0.05 * 2 * np.pi * own["rom"]["/frequency"][0]
     assert np.log(left[0.25] / left[0.5]) == pytest.approx(0.25 * rate, rel=0.2)
@@ -78,7 +78,7 @@ def test_a_history_is_taken_from_before_the_start_where_the_record_has_it(tmp_pa
 def test_what_is_not_periodic_starts_from_rest(tmp_path, signal):
     own = run(tmp_path / "auto", "train", {"loads.tip.signal": signal})["train"]
     rest = run(tmp_path / "none", "train", {"loads.tip.signal": signal, "train.settle": "none"})["train"]
-    np.testing.assert_array_equal(own["/strain"], rest["/strain"])
+    np.testing.assert_array_equal(strains(own), strains(rest))
     assert not own["/coordinate"][0].any()
 
 

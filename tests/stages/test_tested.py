@@ -22,6 +22,7 @@ from strainsight.stages.view.views import view_of
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..shared import strains
 from .conftest import ROOT, job_of
 from .tested_beam import CONFIG, estimated
 
@@ -54,7 +55,7 @@ def project(tmp_path_factory):
     (folder / "test.yaml").write_text(text)
     assert call(folder, "place").exit_code == 0
     train, place = (Artefact(folder / "results" / "test" / f"{name}.h5") for name in ("train", "place"))
-    strain = train["/strain"][:, place["/selected/final/number"][:3]]
+    strain = strains(train)[:, place["/selected/final/number"][:3]]
     rng = np.random.default_rng(5)
     readings = 1e6 * (strain + NOISE * rng.standard_normal((len(strain), 3)))
     readings[:, 0] += 9.0

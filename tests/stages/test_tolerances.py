@@ -55,7 +55,7 @@ def beam(tmp_path_factory):
         problem = problem_of(own.config, own.files, reduced, training, screened)
         model = filter_model(problem, gauges, problem.h)
         start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
-        known, y = problem.u[:, :, problem.columns(problem.known)], training.reading[1:, gauges]
+        known, y = problem.u[:, :, problem.columns(problem.known)], training.reading(gauges)[1:]
 
         def estimate(nu):
             return run_filter(model, np.zeros(model.size), start, known, change(y, nu)).mean[:, 0, model.position]
@@ -195,7 +195,7 @@ def test_gains_as_a_noise_are_the_mean_square_of_the_training_readings(beam):
     channels = trial.chosen[:, None]
     nothing = [f"tolerances.{name}=0" for name in ("position", "angle", "transverse", "load_angle", "load_position")]
     r = beam.intensity(trial.gauges, 0.02, *nothing, "tolerances.gain=0.05")
-    expected = 0.02 * 0.05**2 * np.mean(beam.training.reading[:, trial.chosen] ** 2, axis=0)
+    expected = 0.02 * 0.05**2 * np.mean(beam.training.reading(trial.chosen) ** 2, axis=0)
     np.testing.assert_allclose(r[trial.chosen], expected, rtol=1e-9)
     assert np.count_nonzero(r) == len(trial.chosen)
     config = beam.case().config

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.candidates import ACCELERATION, Candidates
 from strainsight.records.candidates import CandidateColumns, GivenRows
 from strainsight.records.record import dataset, group, record
 
@@ -50,7 +50,9 @@ class Training:
     load: np.ndarray = dataset("/input", "unit of the loads", "/time × input", "training load")
     coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
-    reading: np.ndarray = dataset("/strain", "unit of the channel", "/time × channel", "reading of every channel")
+    acceleration: np.ndarray = dataset("/acceleration", "kg^1/2 m/s^2", "/time × coordinate", "reduced accelerations")
+    rms_as_stated: np.ndarray = dataset("/rms", "unit of the channel", "channel", "RMS reading of every channel")
+    peak_as_stated: np.ndarray = dataset("/peak", "unit of the channel", "channel", "largest reading of every channel")
     cases: dict[str, CaseMotion] = group("/load_cases/<name>")
     arm_peak: np.ndarray | None = dataset(
         "/arm_peak",
@@ -59,6 +61,15 @@ class Training:
         "largest reading of any grid of every channel, of a bridge of its arms, in any load case; where there are bridges",
         default=None,
     )
+
+    def reading(self, channels: np.ndarray | None = None) -> np.ndarray:
+        """What channels (k,), by default all, read under the loads as stated (T + 1, k): row·q, of accelerometers row·q̈."""
+        own = np.arange(len(self.rows)) if channels is None else np.asarray(channels)
+        moving = self.candidates.quantity[own] == ACCELERATION
+        found = self.coordinate @ self.rows[own].T
+        if moving.any():
+            found[:, moving] = self.acceleration @ self.rows[own[moving]].T
+        return found
 
     def motion_in(self, case: str) -> Training | CaseMotion:
         """The run of a load case; "": that under the loads as stated."""
@@ -74,7 +85,7 @@ class Training:
         """RMS reading of every channel (cases, m) in every load case by name, or (1, m) under the loads as stated."""
         if self.cases:
             return np.array([self.cases[name].rms for name in sorted(self.cases)])
-        return np.sqrt(np.mean(self.reading**2, axis=0))[None]
+        return self.rms_as_stated[None]
 
     @property
     def rms(self) -> np.ndarray:
@@ -86,7 +97,7 @@ class Training:
         """Largest reading of every channel (m,), in any load case."""
         if self.cases:
             return np.max([own.peak for own in self.cases.values()], axis=0)
-        return np.abs(self.reading).max(axis=0)
+        return self.peak_as_stated
 
     @property
     def strained(self) -> np.ndarray:

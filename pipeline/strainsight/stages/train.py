@@ -98,7 +98,7 @@ def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> T
 
 TRAIN = Stage(
     "train",
-    version=10,
+    version=11,
     reads=(
         "loads.*.signal",
         *KINDS_OF_LOAD,

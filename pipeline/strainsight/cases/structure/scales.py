@@ -68,7 +68,7 @@ def refuse_times(frequency: np.ndarray, duration: float, step: float, section: s
 
 
 def refuse_readings(readings: np.ndarray) -> None:
-    """Raise InfeasibleError where readings (T + 1, channels) [strain, m/s², m] are of sizes that cannot be squared twice."""
+    """Raise InfeasibleError where the largest readings (channels,) [strain, m/s², m] are too large or small to square twice."""
     largest, (low, high) = float(np.abs(readings).max(initial=0.0)), READINGS
     if largest == 0 or low <= largest <= high:
         return

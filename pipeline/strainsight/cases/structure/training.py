@@ -11,7 +11,7 @@ from scipy import sparse
 from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface
-from strainsight.cases.structure.channels import readings
+from strainsight.cases.structure.channels import accelerations, readings
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.scales import refuse_readings, refuse_times
@@ -19,7 +19,6 @@ from strainsight.cases.structure.start import motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
-from strainsight.fem.memory import require_memory
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
 from strainsight.gauges.rows import channel_rows
@@ -32,7 +31,8 @@ from strainsight.signals.histories import instant_values
 
 AT_A_TIME = 1000
 """Arms of bridges whose readings in time are held in memory."""
-FEWER = "a shorter training run, a longer time step, or fewer candidates: gauges.include, gauges.exclude, fewer angles"
+NUMBERS_AT_A_TIME = 2**22
+"""Readings that are held in memory at a time, of all instants and some channels."""
 
 
 @dataclass(frozen=True)
@@ -68,18 +68,18 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
         both = given @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
-    reading = _read(stated, reduced, rows, pool)
+    rms, peak = _sizes(stated, reduced, rows, pool)
     found = {}
     for own in cases:
         using.progress(f"readings of {own.run.name}", 0.5)
-        there = _read(own, reduced, rows, pool)
+        own_rms, own_peak = _sizes(own, reduced, rows, pool)
         found[own.run.name] = CaseMotion(
             time=own.run.time_step * np.arange(len(own.x)),
             load=own.u,
             coordinate=own.x[:, :n],
             velocity=own.x[:, n:],
-            rms=np.sqrt(np.mean(there**2, axis=0)),
-            peak=np.abs(there).max(axis=0),
+            rms=own_rms,
+            peak=own_peak,
         )
     training = Training(
         candidates=pool,
@@ -92,7 +92,9 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         load=u,
         coordinate=x[:, :n],
         velocity=x[:, n:],
-        reading=reading,
+        acceleration=accelerations(model, model.reference, x, u),
+        rms_as_stated=rms,
+        peak_as_stated=peak,
         cases=found,
     )
     if pool.arms is not None:
@@ -116,15 +118,18 @@ def _motion(run: Run, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
     return motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held)
 
 
-def _read(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> np.ndarray:
-    """Readings of all candidates (steps + 1, m) in a run."""
-    steps, model = len(own.x) - 1, reduced.model
+def _sizes(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
+    """RMS and largest reading of all channels (m,) in a run, some channels at a time."""
+    model, count = reduced.model, max(1, NUMBERS_AT_A_TIME // len(own.x))
+    rms, peak = np.empty((2, len(rows)))
+    for first in range(0, len(rows), count):
+        part = slice(first, first + count)
+        with np.errstate(over="ignore", invalid="ignore"):  # refused below
+            found = readings(model, model.reference, rows[part], pool.quantity[part], own.x, own.u)
+            rms[part], peak[part] = np.sqrt(np.mean(found**2, axis=0)), np.abs(found).max(axis=0)
     with blame(own.run.key):
-        # the readings and their squares
-        require_memory(16.0 * (steps + 1) * len(rows), f"readings of {len(rows)} channels in {steps} steps", FEWER)
-    found = readings(model, model.reference, rows, pool.quantity, own.x, own.u)
-    refuse_readings(found)
-    return found
+        refuse_readings(peak)
+    return rms, peak
 
 
 def _arm_peak(mesh: Mesh, training: Training, runs: Sequence[_Moved], basis: np.ndarray) -> np.ndarray:
