@@ -26,8 +26,8 @@ def facet_points(kind: Kind, corners: np.ndarray, xi: np.ndarray) -> tuple[np.nd
 
     corners (m, k, 3) [m] all nodes of the facets; xi (m, 2) [-]. Returns x (m, 3) [m] and J (m, 3, 2) [m].
     """
-    x = np.einsum("mk,mkc->mc", kind.shape(xi), corners)
-    return x, np.einsum("mka,mkc->mca", kind.gradient(xi), corners)
+    N, dN = kind.functions(xi)
+    return np.einsum("mk,mkc->mc", N, corners), np.einsum("mka,mkc->mca", dN, corners)
 
 
 def normals(J: np.ndarray) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from strainsight.mesh.kinds.kind import Edges, Values
@@ -53,6 +55,6 @@ def _linear_factors(xi: FloatArray, nodes: FloatArray) -> Values:
 
 def _product(factor: FloatArray, slope: FloatArray) -> Values:
     """Π_d f_d and its gradient, f and f′ (q, k, d)."""
-    d = factor.shape[2]
-    gradient = [np.prod(np.where(np.arange(d) == i, slope, factor), axis=2) for i in range(d)]
-    return np.prod(factor, axis=2), np.stack(gradient, axis=2)
+    f, df = np.moveaxis(factor, 2, 0), np.moveaxis(slope, 2, 0)
+    gradient = [reduce(np.multiply, [df[j] if j == i else f[j] for j in range(len(f))]) for i in range(len(f))]
+    return reduce(np.multiply, f), np.stack(gradient, axis=2)
