@@ -46,9 +46,9 @@ def take_steps(span, system, beyond, state, considering, data, keep, out, ahead)
             for j in range(f):
                 z[j] = nus[i, ahead_of_loads + j] * (_dot(U[j], likely) + _dot(W[j], known_end[t]))
             _sensed_beyond(z, B, sensed)
+            if not steady and (keep or calms[i] == CALM - 1):  # a step that is kept may be the first of a steady filter
+                _innovation_covariance(P, H[i], R[t], row, Ss[i])
             if keep:
-                if not steady:
-                    _innovation_covariance(P, H[i], R[t], row, Ss[i])
                 S_kept[i, t] = Ss[i]
                 for c in range(m):
                     y_kept[i, t, c] = _dot(H[i, c], x) + _dot(F[i, c], known_end[t])
