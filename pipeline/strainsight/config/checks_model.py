@@ -21,12 +21,27 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _names(config)
     yield from _mesh(config.mesh)
     yield from _free(config)
+    yield from _static(config)
     yield from _matrices(config)
     for name, parameter in config.parameters.items():
         yield from _parameter(f"parameters.{name}", parameter, config.name)
     for name, load in config.loads.items():
         yield from _load(f"loads.{name}", load)
     yield from _datum(config.report.datum)
+
+
+def _static(config: PlacementConfig) -> Iterator[Problem]:
+    """What no structure without inertia tells."""
+    if config.train.model != "static":
+        return
+    for name, own in config.parameters.items():
+        if own.property == "density" and not any(load.gravity or load.rotation for load in config.loads.values()):
+            what = "a density, which a structure without inertia does not feel (train.model: static)"
+            yield Problem(f"parameters.{name}.property", what, "train.model: dynamic, or a load that acts on its mass")
+    for name, sensors in config.motion_sensors.items():
+        if sensors.quantity == "acceleration":
+            what = "accelerometers read what train.model: static leaves out"
+            yield Problem(f"motion_sensors.{name}.quantity", what, "train.model: dynamic, or remove them")
 
 
 def _names(config: PlacementConfig) -> Iterator[Problem]:

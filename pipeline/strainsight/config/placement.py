@@ -94,6 +94,11 @@ class ReducedModel(Section):
 class Train(Section):
     """The training run."""
 
+    model: Literal["dynamic", "static"] = Field(
+        "dynamic",
+        description="static: for loads far below the first mode, the structure follows them without inertia, in training, "
+        "placement and filter; the truth of `validate` keeps its inertia. `train` says how much that leaves out.",
+    )
     duration: Positive = Field(description="Length of the training run [s].")
     time_step: Positive = Field(description="Time step [s].")
     settle: Settle = Field(

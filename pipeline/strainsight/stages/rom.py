@@ -57,6 +57,7 @@ ROM = Stage(
         *WHERE_LOADS_ACT,
         "damping",
         "rom",
+        "train.model",
         *READS,
     ),
     upstream=("import", "modes"),

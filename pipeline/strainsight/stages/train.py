@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.cases.structure.candidates import OnSurface
 from strainsight.cases.structure.channels import training_units
+from strainsight.cases.structure.inertia import inertia_problems
 from strainsight.cases.structure.resolution import unresolved_candidates
 from strainsight.cases.structure.settings import KINDS_OF_LOAD, load_units
 from strainsight.cases.structure.training import trained
@@ -23,11 +24,14 @@ from strainsight.workflow.stage import Context, Stage
 
 def run(context: Context[PlacementConfig]) -> Output:
     """The training run, and where bonded gauges were moved to."""
-    found = trained(context.config, inputs.mesh(context), inputs.reduced(context), context)
+    reduced = inputs.reduced(context)
+    found = trained(context.config, inputs.mesh(context), reduced, context)
     training, surface = found.training, found.surface
     pool, moved = training.candidates, training.moved
     rms = training.rms
     if warning := unresolved_candidates(training):
+        warnings.warn(warning, stacklevel=2)
+    for warning in inertia_problems(context.config.train, training, float(reduced.frequency[0])):
         warnings.warn(warning, stacklevel=2)
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     steps = len(training.time) - 1

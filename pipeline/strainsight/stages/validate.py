@@ -69,6 +69,7 @@ VALIDATE = Stage(
     "validate",
     version=22,
     reads=(
+        "damping",
         *(
             "seed",
             "parameters",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from strainsight.cases.material import damping_of
@@ -18,6 +20,7 @@ from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.relief import relief_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import HeldOut, Misaligned, Modes, ReadyBasis, Reduced
+from strainsight.rom.quasi_static import quasi_static
 from strainsight.rom.reduction import held_out_errors, reduce_model
 from strainsight.rom.samples import held_out_samples
 from strainsight.rom.snapshots import only_scales
@@ -124,6 +127,9 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     watch = watched(using.sweep, lambda share: using.progress("held-out errors", 0.7 + 0.3 * share))
     held_out = held_out_errors(built.model, S, found, held_out_samples(reference, ranges, HELD_OUT), watch)
     tried = np.array([[point[name] for name in reference] for point in held_out.theta])
+    if config.train.model == "static":
+        model, basis = quasi_static(found.model, found.basis)
+        found = replace(found, model=model, basis=basis)
     shape = np.tensordot(found.basis, off, axes=(0, 0))
     kept = np.linalg.solve(found.model.stiffness.at(reference), shape.reshape(len(shape), -1))
     missed = found.aside - found.basis @ kept

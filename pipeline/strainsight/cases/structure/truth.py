@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
+from strainsight.cases.material import damping_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import accelerations
 from strainsight.cases.structure.drawn import (
@@ -39,7 +40,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Training
-from strainsight.rom.model import ReducedModel
+from strainsight.rom.model import Damping, ReducedModel
 from strainsight.rom.reduction import modal_model
 from strainsight.rom.snapshots import Snapshots
 from strainsight.signals.histories import instant_values
@@ -128,7 +129,7 @@ def truth_of(
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
         words = f"the whole finite-element model in time, {values}"
-        return _full(problem, mesh, training, built, S, theta, words, stated.modes, using)
+        return _full(damping_of(config.damping), mesh, training, built, S, theta, words, stated.modes, using)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
     misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
     if misaligned:
@@ -137,7 +138,7 @@ def truth_of(
     shapes = None if spectrum is None else Snapshots(spectrum.frequency, spectrum.shape, static)
     with blame("validate.truth.modes"):
         model, basis = modal_model(
-            built.model, S, problem.model.inputs, theta, stated.modes, problem.model.damping, shapes, aside
+            built.model, S, problem.model.inputs, theta, stated.modes, damping_of(config.damping), shapes, aside
         )
     words = f"{stated.modes} modes of the full model with static terms, {values}"
     installed = _installed(mesh, built, basis, training)
@@ -225,7 +226,7 @@ def _modal(
 
 
 def _full(
-    problem: Problem,
+    stated: Damping,
     mesh: Mesh,
     training: Training,
     built: FullModel,
@@ -235,14 +236,14 @@ def _full(
     modes: int,
     using: Resources,
 ) -> Truth:
-    """modes: how many have the damping ratio of the filter's model."""
+    """stated: the damping; modes: how many have its ratio."""
     # with solvers that no other truth needs
     from strainsight.fem.relief import relief_of
     from strainsight.fem.steady import steady_state
     from strainsight.fem.transient import free_rows, transient
     from strainsight.fem.viscous import ViscousDamping, modal_damping
 
-    K, M, stated = built.model.stiffness.at(theta), built.model.mass.at(theta), problem.model.damping
+    K, M = built.model.stiffness.at(theta), built.model.mass.at(theta)
     if built.model.rigid is not None:
         S = relief_of(M, built.model.rigid).balanced(S)  # the rigid motion drifts away, and no gauge reads it
     if stated.kind == "modal":
