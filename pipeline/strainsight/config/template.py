@@ -43,6 +43,7 @@ rom:
 train:
   duration: 1.0                   # ← [s] a few periods of the slowest load
   time_step: 5.0e-4               # ← [s] 40 steps a period of the fastest load
+  # model: static                 # loads far below the first mode: without inertia
 
 gauges:
   surface: all                    # ← all exterior facets, or the name of a face, an element or node set
