@@ -22,6 +22,8 @@ ID_WIDTH = {0: 5, 1: 10}
 """Columns of the id of a node by the format of a block: text in short and in long form."""
 ITEM: dict[int, np.dtype] = {2: np.dtype("<f4"), 3: np.dtype("<f8")}
 """Numbers of a binary block by its format; each row has its node as four bytes before them."""
+ROUNDING = {0: 5e-6, 1: 5e-6, 2: 6e-8, 3: 2e-16}
+"""Largest relative error of a number by the format of its block: text has six digits."""
 NUMBER, NUMBERS_A_LINE = 12, 6
 STATIC, FREQUENCY = 0, 2
 _REAL = re.compile(rb" *-?(?:\d\.\d+E[+-]\d+|[Nn]a[Nn]|[Ii]nf)")
@@ -60,7 +62,7 @@ def frd_responses(path: Path) -> Iterator[Response]:
 
 
 def _response(block: _Block, ids: np.ndarray, motion: np.ndarray, where: str) -> Response:
-    step = int(block.parameters[b"STEP"][2])
+    step, rounding = int(block.parameters[b"STEP"][2]), ROUNDING[block.format]
     if motion.shape[1] < 3 or not np.isfinite(motion).all():
         raise DeckError(
             f"the displacements of step {step} are no three finite numbers at every node",
@@ -69,7 +71,7 @@ def _response(block: _Block, ids: np.ndarray, motion: np.ndarray, where: str) ->
         )
     if block.analysis == STATIC:
         increment = int(block.parameters[b"STEP"][1])
-        return Response("static", step, increment, ids, motion[:, :3], where=f"{where}, step {step}")
+        return Response("static", step, increment, ids, motion[:, :3], rounding=rounding, where=f"{where}, step {step}")
     if block.analysis != FREQUENCY or b"MODE" not in block.parameters:
         raise DeckError(
             f"step {step} is neither static nor a frequency step",
@@ -89,6 +91,7 @@ def _response(block: _Block, ids: np.ndarray, motion: np.ndarray, where: str) ->
         motion[:, :3],
         frequency,
         modal_mass=float(mass[0]) if mass else None,
+        rounding=rounding,
         where=f"{where}, step {step}, mode {mode}",
     )
 

@@ -17,8 +17,9 @@ class Response:
     [length of the file], or (n, 6) with rotations [rad] behind them; frequency [Hz] of a mode, −√|ω²|/2π where ω² < 0, and 0 of a
     static response; label: title of the step or subcase in the words of the file, "" where it has none; modal_mass: ΦᵀMΦ [mass
     of the file, times length² where the shape is a length] where the file states it; along_node_axes: the motion is along the
-    displacement axes of each node (CD of a GRID), which the deck states, and not along the basic axes; where: file and step, or
-    line, for a message.
+    displacement axes of each node (CD of a GRID), which the deck states, and not along the basic axes; rounding: largest relative
+    error of a number of the file, 5e-6 of 1.23457E+00, 6e-8 in single precision, 1e-16 in double; where: file and step, or line,
+    for a message.
     """
 
     kind: Literal["mode", "static"]
@@ -30,4 +31,5 @@ class Response:
     label: str = ""
     modal_mass: float | None = None
     along_node_axes: bool = False
+    rounding: float = 6e-8
     where: str = ""
