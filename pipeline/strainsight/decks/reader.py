@@ -15,6 +15,7 @@ FORMATS = {
     "nastran": (".bdf", ".nas", ".dat", ".blk", ".bulk"),
     "abaqus": (".inp",),
     "gmsh": (".msh",),
+    "frd": (".frd",),
 }
 """Reader → endings of the names it reads; meshio reads the rest."""
 
@@ -35,7 +36,7 @@ def read_mesh(
 ) -> Mesh:
     """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
 
-    format: nastran, abaqus, gmsh, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
+    format: nastran, abaqus, gmsh, frd, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
     the cell data that holds region ids, for meshio. solids: there has to be one. materials: a deck has to state those of its
     solids; otherwise a region may be without, or elements without a region of their own are one. ignore: cards, keywords and
     types of elements of a deck that are left out, whatever they say. spc: set of supports of a Nastran deck, in
@@ -59,6 +60,10 @@ def read_mesh(
             f"{path.name} is a deck, which states its sections itself",
             key=next(iter(given)),
             remedy="remove the key, and give the deck's elements a property (PSHELL, PBAR, *SHELL SECTION, *BEAM SECTION)",
+        )
+    if given and format == "frd":
+        raise UserError(
+            f"of {path.name} solids are read, which have no section", key=next(iter(given)), remedy="remove the key"
         )
     own = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
     mesh = _read(path, format, region_data, solids, materials, ignore, spc, own, include)
@@ -103,6 +108,10 @@ def _read(
             from strainsight.decks.gmsh.mesh import read_gmsh
 
             return read_gmsh(path, required=solids, given=given)
+        case "frd":
+            from strainsight.decks.results.frd_mesh import read_frd_mesh
+
+            return read_frd_mesh(path, required=solids)
     from strainsight.decks.other.mesh import read_meshio
 
     return read_meshio(path, region_data, required=solids, given=given)

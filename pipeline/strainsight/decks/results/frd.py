@@ -107,7 +107,7 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[_Block, str]]:
                 parameters = {}
             parameters[words[0]] = words[1:]
         elif key in (b"    2C", b"    3C"):
-            skip_mesh_block(file, line, str(path))
+            _skip_mesh(file, line, str(path))
         elif key == b"  100C":
             where = str(path)
             try:
@@ -145,7 +145,7 @@ def _table(file: BinaryIO, block: _Block, where: str) -> tuple[bytes, np.ndarray
     k = len(block.components)
     if block.format in ITEM:
         item = np.dtype([("node", "<i4"), ("value", ITEM[block.format], (k,))])
-        found = np.frombuffer(_whole(file, block.rows * item.itemsize, where), item)
+        found = np.frombuffer(whole(file, block.rows * item.itemsize, where), item)
         return found["node"].tobytes(), found["value"].astype(float)
     if k > NUMBERS_A_LINE:
         raise DeckError(
@@ -155,7 +155,7 @@ def _table(file: BinaryIO, block: _Block, where: str) -> tuple[bytes, np.ndarray
     start = file.tell()
     length = len(file.readline())
     file.seek(start)
-    text = np.frombuffer(_whole(file, block.rows * length, where), np.uint8).reshape(block.rows, length)
+    text = np.frombuffer(whole(file, block.rows * length, where), np.uint8).reshape(block.rows, length)
     if (text[:, :3] == np.frombuffer(b" -1", np.uint8)).all() and (text[:, -1] == ord("\n")).all():
         ids, last = text[:, 3 : 3 + width].tobytes(), 3 + width + NUMBER * k
         columns = np.ascontiguousarray(text[:, 3 + width : last]).view(f"S{NUMBER}")
@@ -190,23 +190,43 @@ def _ids(raw: bytes, format: int, where: str) -> np.ndarray:
 def _skip(file: BinaryIO, block: _Block, where: str) -> None:
     k = len(block.components)
     if block.format in ITEM:
-        _whole(file, block.rows * (4 + ITEM[block.format].itemsize * k), where)
+        whole(file, block.rows * (4 + ITEM[block.format].itemsize * k), where)
     else:
         while (line := file.readline()) and line[:3] != b" -3":
             pass
 
 
-def skip_mesh_block(file: BinaryIO, line: bytes, where: str) -> None:
+@dataclass(frozen=True)
+class NodeTable:
+    """Nodes of a file: ids (n,), position (n, 3) [length of the file]; text: written with six digits."""
+
+    ids: np.ndarray
+    position: np.ndarray
+    text: bool
+
+
+def node_table(file: BinaryIO, line: bytes, where: str) -> NodeTable:
+    """The block `2C` whose first line is `line`."""
+    try:
+        count, format = int(line[24:36]), int(line[73:75])
+        block = _Block(0.0, count, STATIC, format, b"", (b"X", b"Y", b"Z"))
+        raw, position = _table(file, block, where)
+    except (ValueError, KeyError):
+        raise _no_number(where) from None
+    return NodeTable(_ids(raw, format, where), position, format in ID_WIDTH)
+
+
+def _skip_mesh(file: BinaryIO, line: bytes, where: str) -> None:
     """Pass over nodes or elements, whose first line `line` says how many there are and how they are written."""
     try:
         count, format = int(line[24:36]), int(line[73:75])
     except ValueError:
         raise _no_number(where) from None
     if line[:6] == b"    2C" and format in ITEM:
-        _whole(file, count * (4 + 3 * ITEM[format].itemsize), where)
+        whole(file, count * (4 + 3 * ITEM[format].itemsize), where)
     elif format in ITEM:
         for _ in range(count):
-            _whole(file, 4 * NODES_OF[int(np.frombuffer(_whole(file, 16, where), "<i4")[1])], where)
+            whole(file, 4 * NODES_OF[int(np.frombuffer(whole(file, 16, where), "<i4")[1])], where)
     else:
         while (line := file.readline()) and line[:3] != b" -3":
             pass
@@ -216,7 +236,8 @@ NODES_OF = {1: 8, 2: 6, 3: 4, 4: 20, 5: 15, 6: 10, 7: 3, 8: 6, 9: 4, 10: 8, 11: 
 """Kind of an element in the file → how many nodes it has."""
 
 
-def _whole(file: BinaryIO, size: int, where: str) -> bytes:
+def whole(file: BinaryIO, size: int, where: str) -> bytes:
+    """The next bytes of a file; DeckError where it ends before."""
     found = file.read(size)
     if len(found) < size:
         raise DeckError("the file ends within a block: it is cut off", where=where, remedy="write the results again")
