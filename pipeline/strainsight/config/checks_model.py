@@ -23,6 +23,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _free(config)
     yield from _static(config)
     yield from _matrices(config)
+    yield from _results(config)
     for name, parameter in config.parameters.items():
         yield from _parameter(f"parameters.{name}", parameter, config.name)
     for name, load in config.loads.items():
@@ -255,7 +256,7 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
             if parameter.property != "stiffness_factor":
                 what = f"springs have no {parameter.property}"
                 yield Problem(f"{key}.property", what, "property: stiffness_factor, which multiplies their stiffness")
-        elif parameter.region is None and matrices is None:
+        elif parameter.region is None and matrices is None and config.mesh.results is None:
             remedy = "give a region's id or name, or a list, or the names of springs (springs)"
             yield Problem(f"{key}.region", "missing", remedy, at_key=True)
         elif parameter.region is not None and matrices is not None:
@@ -293,3 +294,43 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
                 f"give a term parameter: {name}",
                 at_key=True,
             )
+
+
+def _results(config: PlacementConfig) -> Iterator[Problem]:
+    """Modes and responses of another program scale as a whole: with one modulus or factor, and with one density."""
+    results = config.mesh.results
+    if results is None:
+        return
+    given = {
+        "mesh.matrices": config.mesh.matrices is not None,
+        "mesh.free": config.mesh.free,
+        "mesh.sections": bool(config.mesh.sections),
+        "gauges.given": config.gauges.given is not None,
+    }
+    for key in (key for key, is_set in given.items() if is_set):
+        what = "mesh.results has the motion of a structure that is held, on the surface of the mesh"
+        yield Problem(key, what, "remove one of the two keys", at_key=True)
+    for i, support in enumerate(config.mesh.supports):
+        if support.stiffness is not None:
+            what = "the stiffness is in mesh.results"
+            yield Problem(f"mesh.supports.{i}.stiffness", what, "make the results with the spring", at_key=True)
+    for name, own in results.loads.items():
+        key = f"mesh.results.loads.{name}"
+        if name not in config.loads:
+            remedy = did_you_mean(name, config.loads, f"loads: {', '.join(config.loads)}")
+            yield Problem(key, f"'{name}' is no load", remedy, at_key=True)
+        if own.applied == 0:
+            yield Problem(f"{key}.applied", "a load of nothing", "give its size in that step, in the unit of the load")
+    for name in results.at:
+        if name not in config.parameters:
+            remedy = did_you_mean(name, config.parameters, f"parameters: {', '.join(config.parameters) or 'none'}")
+            yield Problem(f"mesh.results.at.{name}", f"'{name}' is no parameter", remedy, at_key=True)
+    for kind, properties in (("stiffness", ("youngs_modulus", "stiffness_factor")), ("mass", ("density",))):
+        own_names = [name for name, own in config.parameters.items() if own.property in properties]
+        for name in own_names[1:]:
+            what = f"the {kind} of mesh.results is proportional to {own_names[0]} already"
+            yield Problem(f"parameters.{name}", what, "keep one of the two", at_key=True)
+    for name, own_parameter in config.parameters.items():
+        if own_parameter.springs is not None:
+            what = "what a spring adds to the stiffness is not known of mesh.results"
+            yield Problem(f"parameters.{name}.springs", what, "give the deck, or mesh.matrices", at_key=True)

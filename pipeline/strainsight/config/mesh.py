@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector
+from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector, with_defaults
 
 Component = Literal[1, 2, 3, 4, 5, 6]
 Components = Annotated[tuple[Component, ...], Field(min_length=1, max_length=6)]
@@ -126,14 +126,67 @@ class Matrices(Section):
     mass: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(description="Terms of the mass.")
 
 
+Step = Annotated[int, Field(ge=0)] | Text
+
+
+class ModesOfResults(Section):
+    """Where the modes stand."""
+
+    file: Text | None = Field(None, description="File of results with the modes; null: that of mesh.results.file.")
+    step: Step | None = Field(
+        None, description="Number or title of their step or subcase; null: the only one of the file that has modes."
+    )
+
+
+class ResponseOfLoad(Section):
+    """Where the static response to one load stands."""
+
+    file: Text | None = Field(None, description="File of results with the response; null: that of mesh.results.file.")
+    step: Step | None = Field(
+        None,
+        description="Number or title of the step or subcase in which this load acted alone; null: the only static one of the "
+        "file.",
+    )
+    applied: float = Field(
+        1.0,
+        description="How large the load was there, in the unit of the load [N, N m, Pa …]: of 500 N along the load's direction "
+        "500, against it -500.",
+    )
+
+
+class Results(Section):
+    """Modes and static responses of another program, in place of stiffness and mass."""
+
+    file: Text = Field(
+        description="File of results, in the units of the mesh: .frd of CalculiX. Modes and responses of all loads are taken "
+        "from it but where they name another."
+    )
+    modes: ModesOfResults = with_defaults(ModesOfResults, "Natural frequencies and mode shapes.")
+    loads: dict[Name, ResponseOfLoad] = Field(
+        {},
+        description="By the name of a load (`loads`), the static response to it alone. What the modes do not carry of a load is "
+        "in its static response: of a load without one the strain near it is too small.",
+    )
+    modal_mass: Literal["auto", "unit", "mesh"] = Field(
+        "auto",
+        description="ΦᵀMΦ of the shapes. unit: 1 in the units of the mesh; mesh: by its densities; auto: as the file states, "
+        "else by the densities.",
+    )
+    at: dict[Name, Positive] = Field(
+        {},
+        description="By the name of a parameter, its value when the results were made [Pa, kg/m³ or 1]; left out: that of the "
+        "mesh's materials, 1 of a stiffness_factor.",
+    )
+
+
 class MeshFile(Section):
     """The finite-element model."""
 
     file: Text = Field(
-        description="Nastran (.bdf, .nas, .dat), Abaqus (.inp), gmsh (.msh), VTU/VTK or another mesh that meshio reads, also "
-        "packed (.gz) where it is text; the path starts from the config's folder."
+        description="Nastran (.bdf, .nas, .dat), Abaqus (.inp), gmsh (.msh), results of CalculiX (.frd), VTU/VTK or another mesh "
+        "that meshio reads, also packed (.gz) where it is text; the path starts from the config's folder."
     )
-    format: Literal["auto", "nastran", "abaqus", "gmsh", "meshio"] = Field(
+    format: Literal["auto", "nastran", "abaqus", "gmsh", "frd", "meshio"] = Field(
         "auto", description="Which reader; auto goes by the name's ending."
     )
     length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Unit of length in the file.")
@@ -180,3 +233,8 @@ class MeshFile(Section):
     )
     ties: tuple[Tie, ...] = Field((), description="Rigid and averaging elements that the file lacks.")
     matrices: Matrices | None = Field(None, description="Stiffness and mass from another program.")
+    results: Results | None = Field(
+        None,
+        description="Modes and static responses from another program, in place of stiffness and mass: supports and materials of "
+        "the mesh are then not needed.",
+    )

@@ -48,7 +48,8 @@ class MaterialParameter(Section):
     )
     region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
         None,
-        description="Region id (PSOLID id) or name, or a list of them; left out only with `springs` or mesh.matrices.",
+        description="Region id (PSOLID id) or name, or a list of them; left out only with `springs` or mesh.matrices, or with "
+        "mesh.results, which know all regions alone.",
     )
     springs: Annotated[tuple[Text, ...], Field(min_length=1)] | None = Field(
         None,

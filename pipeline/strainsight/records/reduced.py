@@ -123,6 +123,14 @@ class ReadyBasis:
 
 
 @record
+class FromResults:
+    """Where modes and static responses came from another program; free unknowns are then the modes and static residuals."""
+
+    modes: int = dataset("/modes", "1", "", "how many modes there are results of")
+    notes: tuple[str, ...] = dataset("/notes", "1", "note", "what was found in the results")
+
+
+@record
 class Misaligned:
     """What one of each load's misalignments, two turns [rad] and two shifts [m], adds to its input shape."""
 
@@ -154,3 +162,4 @@ class Reduced:
     misaligned: Misaligned = group("/misaligned")
     error: HeldOut = group("/error")
     matrices: ReadyBasis | None = group("/matrices", default=None)
+    results: FromResults | None = group("/results", default=None)

@@ -65,8 +65,8 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 
 def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
-    """Sentences for a warning; with ready matrices the materials and the unused nodes of the file mean nothing."""
-    if config.matrices is not None:
+    """Sentences for a warning; with ready matrices or results the materials and the unused nodes of the file mean nothing."""
+    if config.matrices is not None or config.results is not None:
         return ()
     return sanity_warnings(mesh, config.length_unit, config.mass_unit, config.free)
 

@@ -29,7 +29,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     )
     worst = float(max(np.max(np.abs(reduced.error.frequency)), np.max(reduced.error.static)))
     size, first = len(reduced.static), float(reduced.frequency[0])
-    notes = () if reduced.matrices is None else reduced.matrices.notes
+    other = reduced.results or reduced.matrices
+    source = "the results of the other program" if reduced.results else "the ready matrices"
     return Output(
         datasets=written(reduced) | grid,
         attributes=attributes,
@@ -41,7 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
             "projection_error": worst,
         },
         message=f"{size} unknowns → {reduced.model.size}, first mode {hertz(first, 2)} Hz, held-out error {worst:.1e}",
-        tables=(Table("the ready matrices", ("warning",), tuple((text,) for text in notes)),) * bool(notes),
+        tables=(Table(source, ("warning",), tuple((text,) for text in other.notes)),) if other and other.notes else (),
     )
 
 

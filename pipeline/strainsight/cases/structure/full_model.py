@@ -1,4 +1,4 @@
-"""The whole finite-element model of a case: assembled from the solids of the mesh, or from ready matrices."""
+"""The whole finite-element model of a case: assembled from the solids of the mesh, from ready matrices, or from results."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from scipy import sparse
 
+from strainsight.cases.structure.results import model_of_results
+from strainsight.config.loads import Load
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.decks.matrices.files import NOTED, read_matrix, read_numbering, symmetric
 from strainsight.errors import DeckError, UserError, blame
@@ -18,32 +21,53 @@ from strainsight.mesh.additions import with_properties
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
-READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free")
-FILES = ("mesh.matrices.numbering", "mesh.matrices.stiffness.*.file", "mesh.matrices.mass.*.file")
+READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "mesh.results")
+FILES = (
+    *("mesh.matrices.numbering", "mesh.matrices.stiffness.*.file", "mesh.matrices.mass.*.file"),
+    *("mesh.results.file", "mesh.results.modes.file", "mesh.results.loads.*.file"),
+)
 """What a stage that calls `full_model` declares."""
 
 
 @dataclass(frozen=True)
 class FullModel:
-    """model; motion (r, n_free) of the rows of ready matrices, None for an assembled model; notes: sentences for a warning."""
+    """model; motion (r, n_free) of the rows of ready matrices, None for an assembled model; notes: sentences for a warning;
+    modes: how many modes of another program it is made of, its first free motions, None of another model."""
 
     model: FiniteElementModel
     motion: sparse.csr_array | None = None
     notes: tuple[str, ...] = ()
+    modes: int | None = None
+
+    def at_most(self, modes: int) -> int:
+        """So many modes, or as many as there are results of."""
+        return modes if self.modes is None else min(modes, self.modes)
+
+    def in_coordinates(self, shape: np.ndarray) -> np.ndarray:
+        """Modes of the model without loads, on the free motions of this one: static responses stand behind the modes."""
+        return np.vstack([shape, np.zeros((self.model.size - len(shape), shape.shape[1]))])
 
 
-def full_model(config: MeshFile, mesh: Mesh, parameters: Sequence[Parameter], files: Mapping[str, Path]) -> FullModel:
-    """Assemble, or read matrices where `mesh.matrices` says so; either way constrained and affine in the parameters. The mesh of
-    an assembled model has the densities of the parameters' references.
+def full_model(
+    config: MeshFile,
+    mesh: Mesh,
+    parameters: Sequence[Parameter],
+    files: Mapping[str, Path],
+    loads: Mapping[str, Load] | None = None,
+) -> FullModel:
+    """Assemble, or read matrices where `mesh.matrices` says so, or results where `mesh.results` does; constrained and affine in
+    the parameters in any case. The mesh of an assembled model and of one from results has the densities of the parameters'
+    references.
 
-    config: the section `mesh`, of which READS are read.
+    config: the section `mesh`, of which READS are read; loads: those whose static responses results are read for.
     """
+    if config.results is not None:
+        of_results = model_of_results(config, mesh, parameters, files, loads)
+        model = _with_densities(of_results.model, parameters)
+        return FullModel(model, notes=of_results.notes, modes=of_results.modes)
     if config.matrices is None:
         with blame("mesh.file"), mesh.located():
-            model = build_model(mesh, parameters, free=config.free)
-            for own in parameters:  # loads that act on mass are those of the densities at the reference
-                if own.property == "density":
-                    model = replace(model, mesh=with_properties(model.mesh, own.regions, density=own.reference))
+            model = _with_densities(build_model(mesh, parameters, free=config.free), parameters)
         if config.free:
             _whole_mass(model)
         return FullModel(model)
@@ -51,6 +75,14 @@ def full_model(config: MeshFile, mesh: Mesh, parameters: Sequence[Parameter], fi
     with blame("mesh.matrices.numbering"), mesh.located():
         built = build_ready_model(mesh, ready)
     return FullModel(built.model, built.motion, (*said, *built.notes))
+
+
+def _with_densities(model: FiniteElementModel, parameters: Sequence[Parameter]) -> FiniteElementModel:
+    """Loads that act on mass are those of the densities at the reference."""
+    for own in parameters:
+        if own.property == "density" and all(model.mesh.density_of(number) is not None for number in own.regions):
+            model = replace(model, mesh=with_properties(model.mesh, own.regions, density=own.reference))
+    return model
 
 
 def _whole_mass(model: FiniteElementModel) -> None:

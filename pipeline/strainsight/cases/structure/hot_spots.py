@@ -32,7 +32,7 @@ def tested_hot_spots(
 ) -> HotSpots | None:
     """The test of gauges on solids by their numbers (k,), at the guess and along the training run, NaN of others; None where the
     model is not that of a mesh of solids."""
-    if training.given is not None or reduced.matrices is not None or not mesh.blocks:
+    if training.given is not None or reduced.matrices is not None or reduced.results is not None or not mesh.blocks:
         return None
     pool = training.candidates
     solid = np.isin(pool.element[pool.first[gauges]], np.concatenate([block.ids for block in mesh.blocks]))

@@ -19,6 +19,7 @@ from strainsight.fem.body_forces import with_body_forces
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.mass import mass_properties
+from strainsight.fem.mass_product import has_mass
 from strainsight.fem.quality import Quality, check_inverted, element_quality
 from strainsight.fem.springs import spring_rows
 from strainsight.fem.turning import turning_nodes
@@ -60,13 +61,13 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
             format=config.format,
             region_data=config.region_data,
             solids=config.matrices is None,
-            materials=not config.materials,
+            materials=not config.materials and config.results is None,
             ignore=config.ignore,
             spc=config.spc,
             given=given_sections(config, key),
             include=include,
         )
-        if config.matrices is None:
+        if config.matrices is None and config.results is None:
             mesh = _all_supported(mesh, config.ignore)
     # shells and beams that matrices stand for are in them
     mesh = with_sides(with_faces(mesh)) if config.matrices is None else replace(mesh, shells=(), beams=())
@@ -74,7 +75,8 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
     if config.matrices is None:
         mesh = without_loose_masses(mesh)
     with blame(f"{key}.file"), mesh.located():
-        return with_body_forces(mesh) if config.matrices is None else mesh
+        weighs = config.matrices is None and (config.results is None or has_mass(mesh))
+        return with_body_forces(mesh) if weighs else mesh
 
 
 def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
@@ -103,7 +105,11 @@ def checked(
     """Mass [kg] with centre (3,) [m], where solids carry the model, and the shapes of the elements, once all is sound."""
     weight = None
     with blame(f"{key}.file"), mesh.located(), _config_ties(mesh, key):
-        if config.matrices is None:
+        if config.results is not None and not has_mass(mesh):
+            check_geometry(mesh)
+            quality = element_quality(mesh)
+            check_inverted(quality)
+        elif config.matrices is None:
             check_mesh(mesh)
             quality = element_quality(mesh)
             check_inverted(quality)

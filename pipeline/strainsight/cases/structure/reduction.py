@@ -19,7 +19,7 @@ from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.relief import relief_of
 from strainsight.mesh.model import Mesh
-from strainsight.records.reduced import HeldOut, Misaligned, Modes, ReadyBasis, Reduced
+from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.rom.quasi_static import quasi_static
 from strainsight.rom.reduction import held_out_errors, reduce_model
 from strainsight.rom.samples import held_out_samples
@@ -35,7 +35,7 @@ BALANCED = 1e-9
 
 def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
     """K φ = ω² M φ of the whole model at the guess, whatever loads it."""
-    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
+    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
     return _lowest(config, mesh, parameters, config.rom.modes, "rom.modes", using)
 
 
@@ -59,10 +59,13 @@ def _lowest(
 ) -> Modes:
     """Assemble, constrain, factorise, iterate. scaled: only where the parameters scale one material as a whole."""
     using.progress("assembly", 0.0)
-    model = full_model(config.mesh, mesh, parameters, using.files).model
+    built = full_model(config.mesh, mesh, parameters, using.files)
+    model = built.model
     if scaled and not only_scales(model):
         return Modes(frequency=np.zeros(0), shape=np.zeros((model.size, 0)))
     theta = {p.name: p.reference for p in parameters}
+    if scaled:  # a truth has as many modes as there are
+        count = built.at_most(count)
     using.progress(f"{count} modes of {model.size} unknowns", 0.2)
     with blame(key):
         frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count, rigid=model.rigid)
@@ -73,7 +76,7 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
     """The free material properties at the geometric mean of their ranges."""
     found = []
     for name, entry in config.parameters.items():
-        regions, springs = ((), ()) if config.mesh.matrices is not None else places_of(name, entry, mesh)
+        regions, springs = ((), ()) if config.mesh.matrices is not None else places_of(name, entry, mesh, config.mesh)
         middle = float(np.sqrt(entry.range[0] * entry.range[1]))
         found.append(Parameter(name, entry.property, regions, middle, springs))
     return tuple(found)
@@ -96,9 +99,9 @@ def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.nd
 
 def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resources) -> Reduced:
     """Assemble, constrain, find the static responses (and the modes off the reference), project, check at held-out values."""
-    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh.matrices)
+    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
     using.progress("assembly", 0.0)
-    built = full_model(config.mesh, mesh, parameters, using.files)
+    built = full_model(config.mesh, mesh, parameters, using.files, config.loads)
     S = load_shapes(built.model, config.loads)
     if built.model.rigid is not None:
         _require_strain(config, built.model, S)
@@ -117,7 +120,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
             config.rom.parameter_samples,
             config.rom.tolerance,
             damping_of(config.damping),
-            (modes.frequency, modes.shape),
+            (modes.frequency, built.in_coordinates(modes.shape)),
             watched(using.sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
             off.reshape(len(off), -1),
             load_slopes(built.model, config.loads, parameters),
@@ -146,6 +149,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
         error=HeldOut(
             parameters=tried.reshape(len(held_out.theta), -1), frequency=held_out.frequency, static=held_out.static
         ),
+        results=None if built.modes is None else FromResults(modes=built.modes, notes=built.notes),
         matrices=None
         if built.motion is None
         else ReadyBasis(

@@ -47,9 +47,9 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     """
     if config.mesh.matrices is None:
         known = {name: own for name, own in config.parameters.items() if not isinstance(own.guess, GuessFrom)}
-        parameters_of(known, mesh, {})
+        parameters_of(known, mesh, {}, config.mesh)
         for name, parameter in config.parameters.items():
-            places_of(name, parameter, mesh)
+            places_of(name, parameter, mesh, config.mesh)
         with blame("parameters"):
             spring_owners(mesh, {name: own.springs or () for name, own in config.parameters.items()})
     for name, load in point_loads(config.loads).items():

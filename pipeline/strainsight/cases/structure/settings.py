@@ -14,11 +14,11 @@ from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.material import named_regions
 from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.loads import InputNoise, Load
-from strainsight.config.mesh import Matrices
+from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, UserError, blame
 from strainsight.fem.affine import Parameter
-from strainsight.fem.assembly import density_of, modulus_of
+from strainsight.fem.assembly import density_of, modulus_of, regions_of
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.additions import region_ids, spring_names, with_properties
@@ -41,11 +41,12 @@ PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3", "stiffness_facto
 
 
 def parameters_of(
-    config: Mapping[str, MaterialParameter], mesh: Mesh, files: Mapping[str, Path], matrices: Matrices | None = None
+    config: Mapping[str, MaterialParameter], mesh: Mesh, files: Mapping[str, Path], section: MeshFile | None = None
 ) -> tuple[Parameter, ...]:
     """The free material properties, each with the regions or springs it belongs to and its reference value [SI].
 
-    matrices: the config's ready matrices, whose terms say what belongs to a parameter; it has no regions then.
+    section: the config's `mesh`: terms of ready matrices say what belongs to a parameter, which has no regions then; with results
+    it is of all regions.
     Raises ConfigError where a region or spring does not exist, a guess is far from the file's value or cannot be taken from
     another run.
     """
@@ -58,13 +59,17 @@ def parameters_of(
                 key=f"parameters.{name}.range",
                 remedy="widen the range, or take the guess from another run",
             )
-        if matrices is not None:
-            _check_against_terms(name, value, matrices)
+        if section is not None and section.matrices is not None:
+            _check_against_terms(name, value, section.matrices)
             found.append(Parameter(name, entry.property, (), value))
             continue
-        regions, springs = places_of(name, entry, mesh)
+        regions, springs = places_of(name, entry, mesh, section)
         of_deck: dict[str, float] = {}
-        for region in regions:
+        if section is not None and section.results is not None and name in section.results.at:
+            of_deck["the results"] = section.results.at[name]
+        for region in regions if not of_deck else ():
+            if section is not None and section.results is not None and mesh.density_of(region) is None:
+                continue
             with blame(f"parameters.{name}.property"):
                 of_deck[f"region {region}"] = _value_of_deck(mesh, region, entry.property)
         for place, deck in {**of_deck, **dict.fromkeys(springs, 1.0)}.items():
@@ -82,8 +87,13 @@ def parameters_of(
     return tuple(found)
 
 
-def places_of(name: str, entry: MaterialParameter, mesh: Mesh) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Ids of the regions and names of the springs that a parameter belongs to. Raises UserError for what is not there."""
+def places_of(
+    name: str, entry: MaterialParameter, mesh: Mesh, section: MeshFile | None = None
+) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Ids of the regions and names of the springs that a parameter belongs to; without either, with results, all regions that
+    have elements. Raises UserError for what is not there."""
+    if section is not None and section.results is not None and entry.region is None:
+        return tuple(regions_of(mesh.elements)), ()
     with blame(f"parameters.{name}.region"):
         regions = region_ids(mesh, named_regions(entry.region))
     with blame(f"parameters.{name}.springs"):

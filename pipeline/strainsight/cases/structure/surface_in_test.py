@@ -64,7 +64,7 @@ def skin_in_test(
             )
         return None, ()
     try:
-        return skin_of(mesh, field, parameters_of(config.parameters, mesh, files, config.mesh.matrices)), ()
+        return skin_of(mesh, field, parameters_of(config.parameters, mesh, files, config.mesh)), ()
     except DeckError as error:
         # A model that came as matrices needs no materials, but for this.
         if asked:

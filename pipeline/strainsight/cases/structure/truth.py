@@ -123,24 +123,26 @@ def truth_of(
         rows = training.rows
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
-    parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh.matrices))
-    built = full_model(config.mesh, mesh, parameters, using.files)
+    parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
+    built = full_model(config.mesh, mesh, parameters, using.files, config.loads)
+    modes = built.at_most(stated.modes)
     with blame("validate.truth"):
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
         words = f"the whole finite-element model in time, {values}"
-        return _full(damping_of(config.damping), mesh, training, built, S, theta, words, stated.modes, using)
+        return _full(damping_of(config.damping), mesh, training, built, S, theta, words, modes, using)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
     misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
     if misaligned:
         aside = misalignment_shapes(built.model, list(loads.values())).reshape(len(static), -1)
         static = np.hstack([static, reduced.misaligned.static.reshape(len(static), -1)])
-    shapes = None if spectrum is None else Snapshots(spectrum.frequency, spectrum.shape, static)
+    shapes = None if spectrum is None else Snapshots(spectrum.frequency, built.in_coordinates(spectrum.shape), static)
     with blame("validate.truth.modes"):
         model, basis = modal_model(
-            built.model, S, problem.model.inputs, theta, stated.modes, damping_of(config.damping), shapes, aside
+            built.model, S, problem.model.inputs, theta, modes, damping_of(config.damping), shapes, aside
         )
-    words = f"{stated.modes} modes of the full model with static terms, {values}"
+    whole = "full model" if built.modes is None else f"results ({stated.modes} asked for, {built.modes} there)"
+    words = f"{modes} modes of the {whole} with static terms, {values}"
     installed = _installed(mesh, built, basis, training)
     if stated.model == "modes":
         rows, held = installed(np.arange(pool.gauges), None)

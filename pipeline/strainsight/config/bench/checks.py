@@ -106,6 +106,12 @@ def _bodies(config: BenchConfig) -> Iterator[Problem]:
                     "a body of a bench is reduced from its solids",
                     "leave mesh.matrices out",
                 )
+            if body.mesh.results is not None:
+                yield Problem(
+                    f"bodies.{name}.mesh.results",
+                    "a body of a bench is reduced from its solids",
+                    "leave mesh.results out",
+                )
             if body.mesh.free:
                 yield Problem(
                     f"bodies.{name}.mesh.free", "a body of a bench is free in any case", "remove the key", at_key=True

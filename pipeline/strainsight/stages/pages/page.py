@@ -94,7 +94,8 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
 
 def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads: Mapping[str, Load]) -> tuple[str, ...]:
     """What a reader has to know: of the model, and once they were validated, of the estimates."""
-    ready = read(Reduced, up["rom"]).matrices if "rom" in up else None
+    reduced = read(Reduced, up["rom"]) if "rom" in up else None
+    ready = None if reduced is None else reduced.results or reduced.matrices
     # what was reduced is held, or free on purpose: else `rom` had ended with an error
     notes = [f"{text}." for text in (sanity_warnings(mesh, free="rom" in up) if ready is None else ready.notes)]
     notes += [f"{text}." for text in on_one_node(loads, mesh)]

@@ -1,0 +1,225 @@
+"""Modes and static responses that a config names, gathered from their files onto the nodes of the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.cases.structure.settings import load_shapes
+from strainsight.config.loads import Load
+from strainsight.config.mesh import MeshFile, Step
+from strainsight.config.mesh import Results as Stated
+from strainsight.decks.faults import IdTable
+from strainsight.decks.results.reader import read_responses
+from strainsight.decks.results.response import Response
+from strainsight.errors import DeckError, UserError, blame
+from strainsight.fem.affine import Parameter, of_stiffness
+from strainsight.fem.assembly import density_of, modulus_of, regions_of
+from strainsight.fem.of_results import Results, ResultsModel, results_model
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.units import length_factor, mass_factor
+
+
+@dataclass
+class Wanted:
+    """A step of a file that a key of the config asks for, and what was found of it, in the order of the file."""
+
+    key: str
+    kind: str
+    step: Step | None
+    found: list[Response] = field(default_factory=list)
+    motion: list[np.ndarray] = field(default_factory=list)
+
+
+def model_of_results(
+    config: MeshFile,
+    mesh: Mesh,
+    parameters: Sequence[Parameter],
+    files: Mapping[str, Path],
+    loads: Mapping[str, Load] | None,
+) -> ResultsModel:
+    """The model of `mesh.results`; loads: those of the config, None for the modes alone.
+
+    Raises UserError with the key and the step for what the files lack or contradict.
+    """
+    stated = config.results
+    assert stated is not None
+    of_loads = {} if loads is None else stated.loads
+    modes = Wanted("mesh.results.modes", "mode", stated.modes.step)
+    static = {name: Wanted(f"mesh.results.loads.{name}", "static", own.step) for name, own in of_loads.items()}
+    others = _gather([modes, *static.values()], mesh, files)
+    order = sorted(range(len(modes.found)), key=lambda i: modes.found[i].frequency)
+    L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
+    parts = [(modes.found[i], modes.motion[i], 1.0) for i in order] + [
+        (own.found[0], own.motion[0], of_loads[name].applied) for name, own in static.items()
+    ]
+    motion = _stacked([own for _, own, _ in parts], [size for *_, size in parts], L)
+    responses = [own for own, *_ in parts]
+    names = tuple(loads or ())
+    results = Results(
+        frequency=np.array([own.frequency for own in responses[: len(order)]]),
+        motion=motion,
+        load=np.array([names.index(name) for name in static], dtype=np.int64),
+        modal_mass=_modal_mass(stated, responses[: len(order)], M * L**2),
+        rounding=max(own.rounding for own in responses),
+        where=tuple(own.where for own in responses),
+    )
+    with blame("mesh.results"), mesh.located():
+        built = results_model(
+            mesh,
+            results,
+            None if loads is None else lambda model: load_shapes(model, loads),
+            names,
+            _proportional(stated, mesh, parameters),
+        )
+    return ResultsModel(built.model, built.modes, (*others, *built.notes))
+
+
+def _gather(wanted: list[Wanted], mesh: Mesh, files: Mapping[str, Path]) -> list[str]:
+    """Read every file once, and put what is wanted of it on the nodes of the mesh."""
+    by_file: dict[tuple[str, Path], list[Wanted]] = {}
+    for own in wanted:
+        key = f"{own.key}.file" if f"{own.key}.file" in files else "mesh.results.file"
+        path = files[key]
+        key = next((k for k, known in by_file if known == path), key)
+        by_file.setdefault((key, path), []).append(own)
+    nodes, notes = IdTable(mesh.node_ids[: mesh.own_nodes]), []
+    for (key, path), here in by_file.items():
+        known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        steps: dict[str, None] = {}
+        with blame(key):
+            for response in read_responses(path):
+                steps.setdefault(_step_in_words(response), None)
+                takers = [own for own in here if _fits(own, response)]
+                if not takers:
+                    continue
+                if known is None or not np.array_equal(known[0], response.node_ids):
+                    rows, missing = nodes.rows(response.node_ids)
+                    known = response.node_ids, rows, ~missing
+                    if missing.all():
+                        raise DeckError(
+                            f"none of its {len(rows)} nodes is in the mesh",
+                            where=response.where,
+                            remedy="give the mesh that the results are of",
+                        )
+                placed = _on_nodes(mesh, response, known[1], known[2])
+                for own in takers:
+                    own.found.append(response)
+                    own.motion.append(placed)
+        if known is not None and not known[2].all():
+            notes.append(f"{path.name} has {int((~known[2]).sum())} nodes that the mesh lacks, which are left out")
+        for own in here:
+            _check_found(own, path, list(steps))
+    return notes
+
+
+def _fits(own: Wanted, response: Response) -> bool:
+    if response.kind != own.kind:
+        return False
+    return own.step is None or own.step == (response.label if isinstance(own.step, str) else response.step)
+
+
+def _on_nodes(mesh: Mesh, response: Response, rows: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Motion (n, 3 or 6) along the basic axes, NaN of nodes without."""
+    found = np.full((len(mesh.position), response.motion.shape[1]), np.nan)
+    found[rows[there]] = response.motion[there]
+    if response.along_node_axes:
+        for node, axes in mesh.axes.items():
+            for start in range(0, found.shape[1], 3):
+                found[node, start : start + 3] = axes @ found[node, start : start + 3]
+    return found
+
+
+def _step_in_words(response: Response) -> str:
+    what = "modes" if response.kind == "mode" else "static"
+    return f"step {response.step} ({what}{f', {response.label!r}' if response.label else ''})"
+
+
+def _check_found(own: Wanted, path: Path, steps: list[str]) -> None:
+    asked = "" if own.step is None else f"{'titled' if isinstance(own.step, str) else 'step'} {own.step!r} "
+    what = "modes" if own.kind == "mode" else "static response"
+    if not own.found:
+        raise DeckError(
+            f"no {what} {asked}in the file".replace("  ", " "),
+            where=str(path),
+            key=own.key,
+            remedy=f"it has {', '.join(steps[:8]) or 'neither modes nor static responses'}{', …' if len(steps) > 8 else ''}",
+        )
+    several = sorted({response.step for response in own.found})
+    if len(several) > 1:
+        raise DeckError(
+            f"several steps have {what}s: {', '.join(map(str, several[:8]))}".replace("modess", "modes"),
+            where=str(path),
+            key=own.key,
+            remedy=f"state {own.key}.step",
+        )
+    if own.kind == "static" and len(own.found) > 1:
+        raise DeckError(
+            f"step {several[0]} has {len(own.found)} static responses, increments of one load",
+            where=str(path),
+            key=own.key,
+            remedy="write a linear step, of one increment",
+        )
+
+
+def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.ndarray:
+    """(k, n, 3 or 6): translations in m per unit of the load, rotations in rad; the arrays of the list are let go."""
+    width = max(own.shape[1] for own in motion)
+    found = np.full((len(motion), len(motion[0]), width), np.nan)
+    for i, own in enumerate(motion):
+        found[i, :, : own.shape[1]] = own / size[i]
+    found[:, :, :3] *= length
+    return found
+
+
+def _modal_mass(stated: Stated, modes: list[Response], unit: float) -> np.ndarray | None:
+    """ΦᵀMΦ (m,) [kg m²]; unit: one of the file [kg m²]."""
+    if stated.modal_mass == "mesh":
+        return None
+    if stated.modal_mass == "unit":
+        return np.full(len(modes), unit)
+    known = [own.modal_mass for own in modes if own.modal_mass is not None]
+    return unit * np.array(known) if len(known) == len(modes) else None
+
+
+def _proportional(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
+    """What is proportional to which parameter, and the value that the results were made with.
+
+    Raises UserError for a property of a part alone, and where that value is not known.
+    """
+    found = {}
+    for own in parameters:
+        kind = "stiffness" if of_stiffness(own.property) else "mass"
+        beside = {"stiffness": mesh.springs, "mass": mesh.point_masses}[kind]
+        if set(regions_of(mesh.elements)) - set(own.regions) or beside:
+            but = "springs" if kind == "stiffness" else "point masses"
+            part = f"the {but} of the deck have none" if beside else "it is of some regions only"
+            raise UserError(
+                f"{part}, and modes and responses at one value say how they change with all {kind} alone: what a part adds to it "
+                "is not in them",
+                key=f"parameters.{own.name}",
+                remedy="free a property of all regions, or a stiffness_factor of all; or give the deck itself, or mesh.matrices",
+            )
+        found[kind] = own.name, _made_with(stated, mesh, own)
+    return found
+
+
+def _made_with(stated: Stated, mesh: Mesh, own: Parameter) -> float:
+    if own.name in stated.at:
+        return stated.at[own.name]
+    if own.property == "stiffness_factor":
+        return 1.0
+    lacking = [number for number in own.regions if mesh.material_of(number) is None]
+    read = modulus_of if own.property == "youngs_modulus" else density_of
+    values = set() if lacking else {read(mesh, number) for number in own.regions}
+    if len(values) != 1:
+        what = f"the regions have {len(values)} values of it" if values else "the mesh does not state it"
+        raise UserError(
+            f"with which {own.property} were the results made? {what}",
+            key="mesh.results.at",
+            remedy=f"state it, at: {{{own.name}: …}}; of parts that differ, free a stiffness_factor of all",
+        )
+    return values.pop()
