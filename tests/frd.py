@@ -12,8 +12,10 @@ from scipy.sparse.linalg import eigsh, splu
 
 from strainsight.fem.model import build_model, nodal
 
+from .solids import SOLIDS
+
 TYPES = {"hex8": 1, "wedge6": 2, "tet4": 3, "hex20": 4, "wedge15": 5, "tet10": 6}
-ABAQUS = {"hex8": "C3D8I", "tet4": "C3D4", "hex20": "C3D20", "tet10": "C3D10"}
+ABAQUS = {"hex8": "C3D8I", "wedge6": "C3D6", "tet4": "C3D4", "hex20": "C3D20", "wedge15": "C3D15", "tet10": "C3D10"}
 """Elements whose order of nodes is the same in both."""
 
 
@@ -55,7 +57,9 @@ def write_frd(path, mesh, found: Found, nodes=None, form=1, mass=1.0, applied=1.
         count = sum(len(block.ids) for block in mesh.blocks)
         file.write(f"    3C{'':18}{count:12d}{'':37}{1}\n".encode())
         for block in mesh.blocks:
-            order = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15] if block.kind == "hex20" else slice(None)
+            solid = SOLIDS[block.kind]  # mid-sides of uprights stand before those of the top, as Nastran has them (cgx manual)
+            mids = [len(solid.corners) + solid.edges.index(edge) for edge in solid.nastran_edges]
+            order = [*range(len(solid.corners)), *mids]
             for number, own in zip(block.ids, mesh.node_ids[block.nodes][:, order], strict=True):
                 file.write(f" -1{number:10d}{TYPES[block.kind]:5d}    0    1\n".encode())
                 for start in range(0, len(own), 10):
