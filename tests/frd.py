@@ -41,9 +41,7 @@ def solved(mesh, forces, modes) -> Found:
             e[row : row + 3, j] += force
     z = splu(K).solve(T.T @ e)
     n = len(mesh.position)
-    return Found(
-        np.sqrt(lam) / (2 * np.pi), nodal(model, phi).reshape(n, 3, -1), nodal(model, z).reshape(n, 3, -1)
-    )
+    return Found(np.sqrt(lam) / (2 * np.pi), nodal(model, phi).reshape(n, 3, -1), nodal(model, z).reshape(n, 3, -1))
 
 
 def write_frd(path, mesh, found: Found, nodes=None, form=1, mass=1.0, applied=1.0) -> None:
@@ -57,7 +55,9 @@ def write_frd(path, mesh, found: Found, nodes=None, form=1, mass=1.0, applied=1.
         count = sum(len(block.ids) for block in mesh.blocks)
         file.write(f"    3C{'':18}{count:12d}{'':37}{1}\n".encode())
         for block in mesh.blocks:
-            solid = SOLIDS[block.kind]  # mid-sides of uprights stand before those of the top, as Nastran has them (cgx manual)
+            solid = SOLIDS[
+                block.kind
+            ]  # mid-sides of uprights stand before those of the top, as Nastran has them (cgx manual)
             mids = [len(solid.corners) + solid.edges.index(edge) for edge in solid.nastran_edges]
             order = [*range(len(solid.corners)), *mids]
             for number, own in zip(block.ids, mesh.node_ids[block.nodes][:, order], strict=True):
@@ -122,7 +122,10 @@ def calculix(folder: Path, mesh, forces, modes, output="NODE FILE") -> Path:
     lines += [f"*ELEMENT,TYPE={ABAQUS[block.kind]},ELSET=ALL"]
     for e, n in zip(block.ids, mesh.node_ids[block.nodes], strict=True):
         named = [str(e), *map(str, n)]
-        lines += [",".join(named[:11]) + ("," if len(named) > 11 else ""), *([",".join(named[11:])] * (len(named) > 11))]
+        lines += [
+            ",".join(named[:11]) + ("," if len(named) > 11 else ""),
+            *([",".join(named[11:])] * (len(named) > 11)),
+        ]
     lines += ["*MATERIAL,NAME=STEEL", "*ELASTIC", f"{material.youngs_modulus},{material.poisson_ratio}"]
     lines += ["*DENSITY", f"{material.density}", "*SOLID SECTION,ELSET=ALL,MATERIAL=STEEL"]
     lines += ["*BOUNDARY", *(f"{node},{c}" for node, c in sorted(held))]

@@ -82,7 +82,8 @@ def test_a_bar_by_its_closed_form(bar):
     k = (2 * beyond - 1) * np.pi / (2 * L)
     mass = np.sum(2 / (RHO * AREA * L) / (k**2 * E / RHO) ** 2) / ENERGY
     assert M[-1, -1] == pytest.approx(mass, rel=2e-3)  # of linear elements, a 24th of the fourth wave each
-    assert np.allclose(M[:MODES, MODES:], 0) and np.allclose(M[:MODES, :MODES], np.eye(MODES))
+    assert np.allclose(M[:MODES, MODES:], 0)
+    assert np.allclose(M[:MODES, :MODES], np.eye(MODES))
     assert not found.notes
 
 
@@ -135,7 +136,8 @@ def test_a_response_to_another_load_is_refused(bar, weighs, factor, said):
     motion[MODES:] *= factor
     with pytest.raises(UserError, match=said) as caught:
         built(mesh, replace(own, motion=motion))
-    assert caught.value.key == "mesh.results.loads.end" and caught.value.where == "a.frd, step 3"
+    assert caught.value.key == "mesh.results.loads.end"
+    assert caught.value.where == "a.frd, step 3"
 
 
 def test_two_loads_answer_each_other(bar):
@@ -156,7 +158,7 @@ def test_two_loads_answer_each_other(bar):
     assert any("1 of 2 static responses" in text for text in found.notes)
 
 
-def test_a_load_without_a_response_is_carried_by_the_modes_and_said(bar):
+def test_a_load_without_a_response_is_carried_by_the_modes_and_named_in_a_note(bar):
     found, _ = built(bar, results_of(bar), LOADS)
     assert found.model.size == MODES + 1
     assert any(text.startswith("no static response to middle") for text in found.notes)

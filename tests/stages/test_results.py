@@ -15,6 +15,7 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 
 from ..frd import calculix, solved, write_frd
+from ..shared import stages_of
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
 
 DECK = ROOT / "meshes" / "cantilever-coarse.bdf"
@@ -42,8 +43,6 @@ def folder(tmp_path_factory, config, mesh):
 
 
 def placed(folder, name, *overrides, until="place"):
-    from ..shared import stages_of
-
     job = job_of(folder / "beam.yaml", folder / "results", *FEW, *overrides, f"name={name}")
     return {stage: own[2] for stage, own in finished(job, stages_of(job, until)).items()}
 
@@ -53,15 +52,100 @@ def of_deck(folder):
     return placed(folder, "deck")
 
 
-def sigma(artefacts):
-    """Places of the layout [m], σ of E by the criterion, and as it is expected along the run [Pa]."""
+def layout_of(artefacts):
+    """Element, facet and node indices of the gauges; σ/guess of E by the criterion; σ of E expected along the run [Pa]."""
     found = read(Placed, artefacts["place"])
-    return found.gauge.position, found.std["E"], artefacts["place"].summary
+    where = np.column_stack([found.final.element, found.final.facet, found.final.nodes])
+    return where, artefacts["place"].summary["std.E"], found.expected_std["E"]
+
+
+def same(a, b, digits):
+    """The same layout, and σ of both kinds to these digits."""
+    (where, std, expected), (where_b, std_b, expected_b) = layout_of(a), layout_of(b)
+    assert np.array_equal(where, where_b)
+    assert std_b == pytest.approx(std, rel=digits)
+    assert expected_b == pytest.approx(expected, rel=digits)
 
 
 def test_the_layout_and_sigma_of_the_deck(folder, of_deck):
-    """The same file of results in double precision; σ to 1e-6, as the residual of the load is exact with the mesh's mass."""
+    """From results in double precision, which SciPy made; measured: 3e-11."""
     own = placed(folder, "results", OF_RESULTS)
-    a, b = read(Placed, of_deck["place"]), read(Placed, own["place"])
-    print({k: v for k, v in of_deck["place"].summary.items()})
-    assert np.array_equal(a.gauge.position, b.gauge.position)
+    same(of_deck, own, 1e-6)
+    reduced, whole = read(Reduced, own["rom"]), read(Reduced, of_deck["rom"])
+    assert reduced.results.modes == MODES
+    assert whole.results is None
+    assert reduced.model.size == whole.model.size
+    assert np.allclose(reduced.frequency, whole.frequency, rtol=1e-8)
+
+
+def test_six_digits_and_no_deck(folder, mesh, of_deck):
+    """A text file of results alone: nodes, solids and motions with six digits, no ties, supports, materials or densities, the
+    load on a node that leads the end. Its residual is quasi-static, E of the results is stated, and the held face is named for
+    gauges to keep off it."""
+    path = folder / "text.frd"
+    write_frd(path, mesh, solved(mesh, FORCES, MODES))
+    own = placed(
+        folder,
+        "text",
+        "mesh.file=text.frd",
+        "mesh.faces={end: {near: [2.0, 0.0, 0.0]}, root: {near: [0.0, 0.0, 0.0]}}",
+        "mesh.supports=[{set: root}]",
+        "mesh.ties=[{type: rigid, reference: 2, set: end}]",
+        "mesh.results={file: text.frd, loads: {tip: {step: 1}}, at: {E: 2.1e+11}}",
+    )
+    same(of_deck, own, 1e-5)
+    notes = read(Reduced, own["rom"]).results.notes
+    assert any("they follow their loads" in text for text in notes)
+
+
+@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+@pytest.mark.parametrize(("output", "digits"), [("NODE FILE", 1e-5), ("NODE OUTPUT", 1e-6)])
+def test_the_file_that_calculix_writes(folder, mesh, of_deck, output, digits, tmp_path):
+    """Its text has six digits, its binary files single precision; measured: 2e-6 and 2e-8."""
+    shutil.copy(calculix(tmp_path, mesh, FORCES, MODES, output), folder / "calculix.frd")
+    own = placed(folder, "calculix", OF_RESULTS.replace("found", "calculix"))
+    same(of_deck, own, digits)
+
+
+def test_a_truth_has_as_many_modes_as_there_are(folder):
+    """`rich` asks for 20 modes, the file has 12, and the truth says so."""
+    own = placed(folder, "validated", OF_RESULTS, until="validate")
+    assert own["spectrum"].summary["modes"] == MODES
+    assert "12 modes of the results (20 asked for, 12 there)" in own["validate"].summary["description"]
+
+
+@pytest.mark.parametrize(
+    ("results", "key", "said"),
+    [
+        ("{file: found.frd, loads: {top: {step: 1}}}", "mesh.results.loads.top", "no load"),
+        ("{file: found.frd, loads: {tip: {step: 1, applied: 0.0}}}", "mesh.results.loads.tip.applied", "nothing"),
+        ("{file: found.frd, at: {F: 1.0}}", "mesh.results.at.F", "no parameter"),
+        ("{file: none.frd}", "mesh.results.file", "none.frd"),
+        ("{file: beam.bdf}", "mesh.results.file", "no file of results by its name"),
+        ("{file: found.frd, modes: {step: 7}}", "mesh.results.modes", "no modes step 7 in the file"),
+        ("{file: found.frd, loads: {tip: {step: 2}}}", "mesh.results.loads.tip", "no static response step 2"),
+        ("{file: found.frd, loads: {tip: {step: 1, applied: 2.0}}}", "mesh.results.loads.tip", "the modes alone take"),
+        ("{file: found.frd, loads: {tip: {step: 1, applied: 0.9}}}", "mesh.results.loads.tip", "of mode 1"),
+        ("{file: found.frd, modal_mass: mesh, at: {E: 2.0e+12}}", "parameters.E.guess", "the results"),
+    ],
+)
+def test_what_the_results_lack_or_contradict(folder, results, key, said):
+    with pytest.raises(StrainsightError, match=said) as caught:
+        placed(folder, "wrong", f"mesh.results={results}", until="rom")
+    assert key in str(caught.value)
+    assert "\n" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("mesh.free=true", "mesh.free"),
+        ("mesh.supports=[{set: SET1-1, stiffness: 4.0e+3}]", "mesh.supports[0].stiffness"),
+        ("parameters.F={property: stiffness_factor, guess: 1.0, range: [0.5, 2.0]}", "parameters.F"),
+        ("parameters.rho={property: density, springs: [CELAS2 1], guess: 7850.0, range: [5e3, 9e3]}", "parameters.rho.springs"),
+    ],
+)
+def test_what_a_config_may_not_ask_of_results(folder, override, key):
+    with pytest.raises(StrainsightError) as caught:
+        load_config(folder / "beam.yaml", (OF_RESULTS, override))
+    assert key in str(caught.value)

@@ -90,7 +90,7 @@ def results_model(
     K = np.diag(np.concatenate([lam, found.stiffness]))
     M = np.eye(len(K))
     M[m:, m:] = found.mass
-    T = sparse.csr_array(np.hstack([Phi, found.field]))
+    T = _sparse(np.hstack([Phi, found.field]))
     constraint = Constraint(T, given.constraint.reference_rows, np.zeros(0, dtype=np.int64))
     stiffness, mass = (_scaled(X, scaled.get(kind)) for kind, X in (("stiffness", K), ("mass", M)))
     return ResultsModel(FiniteElementModel(mesh, constraint, stiffness, mass), m, tuple(notes))
@@ -182,6 +182,17 @@ def _said(names: tuple[str, ...], results: Results, dropped: int, quasi_static: 
             f"{ABOVE:g} times the highest mode"
         )
     return notes
+
+
+def _sparse(X: np.ndarray) -> sparse.csr_array:
+    """X (n, k) without its zeros; as csr_array(X) with a third of its memory."""
+    n, k = X.shape
+    index = sparse.get_index_dtype(maxval=n * k)
+    found = sparse.csr_array(
+        (X.ravel(), np.tile(np.arange(k, dtype=index), n), np.arange(0, n * k + 1, k, dtype=index)), shape=(n, k)
+    )
+    found.eliminate_zeros()
+    return found
 
 
 def _scaled(X: np.ndarray, by: tuple[str, float] | None) -> AffineOperator:

@@ -45,9 +45,10 @@ def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
 def check_rows(mesh: Mesh, given: GivenMotion, rows: np.ndarray | None = None) -> None:
     """Raise UserError where the results lack one of these rows of z, by default those of the nodes of the surface."""
     if rows is None:
-        facets = exterior_facets(mesh).nodes
-        lacking = unresolved_rows(mesh, given, np.unique(facets[facets >= 0]))
-        what = "which is on the surface"
+        lacking, what = unresolved_rows(mesh, given, mesh.nodes_of_elements), "which is on the surface"
+        if lacking.size:  # inside it does not matter
+            facets = exterior_facets(mesh).nodes
+            lacking = unresolved_rows(mesh, given, np.unique(facets[facets >= 0]))
     else:
         lacking, what = rows[~given.known[rows]], "on which a load acts"
     if lacking.size:

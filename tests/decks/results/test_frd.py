@@ -39,13 +39,15 @@ def test_a_file_of_calculix():
     )
     along_x, along_y = found[0].motion, found[1].motion
     assert along_x[10, 1] == pytest.approx(along_y[10, 0], rel=1e-6)  # Maxwell and Betti
-    assert not np.any(along_x[:4]) and along_x[10, 0] == 1.62778e-10
+    assert not np.any(along_x[:4])
+    assert along_x[10, 0] == 1.62778e-10
 
 
 def test_the_mesh_of_a_file_of_calculix():
     mesh = read_mesh(COLUMN)
     assert {number: region.name for number, region in mesh.regions.items()} == {1: "S"}
-    assert mesh.blocks[0].kind == "hex8" and mesh.blocks[0].ids.tolist() == [1, 2]
+    assert mesh.blocks[0].kind == "hex8"
+    assert mesh.blocks[0].ids.tolist() == [1, 2]
     assert mesh.node_ids[mesh.blocks[0].nodes].tolist() == [list(range(1, 9)), list(range(5, 13))]
     assert mesh.position[10].tolist() == [1.0, 1.0, 2.0]
 
@@ -104,13 +106,16 @@ def test_a_number_that_is_wider_than_its_column(tmp_path):
     row = next(line for line in text.splitlines() if line.startswith(" -1         9 7.69237E-11"))
     (tmp_path / "a.frd").write_text(text.replace(row, row[:13] + "-7.69237E-111" + row[25:]))
     found = next(iter(read_responses(tmp_path / "a.frd")))
-    assert found.motion[8, 0] == -7.69237e-111 and found.motion[8, 1] == 3.69008e-11
+    assert found.motion[8, 0] == -7.69237e-111
+    assert found.motion[8, 1] == 3.69008e-11
     assert found.motion[10, 0] == 1.62778e-10
 
 
 def step(kind: str):
     """The file with its static steps said to be of another kind."""
-    return lambda text: text.replace("                     0    1           1", f"                     {kind}    1           1")
+    return lambda text: text.replace(
+        "                     0    1           1", f"                     {kind}    1           1"
+    )
 
 
 @pytest.mark.parametrize(
@@ -122,7 +127,7 @@ def step(kind: str):
         (lambda text: text.replace("7.69237E-11", "7.6923xE-11"), "cannot be read"),
         (lambda text: text.replace(" -4  DISP        4", " -4  DISP        x"), "header"),
         (step("4"), "neither static nor a frequency step"),
-        (lambda text: text.replace("          12                     0    1", "          13                     0    1"), "not|cannot"),
+        (lambda text: text.replace(f"{12:12d}{0:22d}    1", f"{13:12d}{0:22d}    1"), "cannot be read"),
     ],
 )
 def test_a_damaged_file_is_an_error_that_names_it(change, said, tmp_path):
@@ -130,7 +135,8 @@ def test_a_damaged_file_is_an_error_that_names_it(change, said, tmp_path):
     path.write_text(change(COLUMN.read_text()))
     with pytest.raises(DeckError, match=said) as caught:
         list(read_responses(path))
-    assert caught.value.where.startswith(str(path)) and caught.value.remedy
+    assert caught.value.where.startswith(str(path))
+    assert caught.value.remedy
 
 
 def test_a_file_that_is_not_there_or_no_results(tmp_path):

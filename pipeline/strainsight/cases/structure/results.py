@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,15 +53,15 @@ def model_of_results(
     others = _gather([modes, *static.values()], mesh, files)
     order = sorted(range(len(modes.found)), key=lambda i: modes.found[i].frequency)
     L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
-    parts = [(modes.found[i], modes.motion[i], 1.0) for i in order] + [
-        (own.found[0], own.motion[0], of_loads[name].applied) for name, own in static.items()
-    ]
-    motion = _stacked([own for _, own, _ in parts], [size for *_, size in parts], L)
-    responses = [own for own, *_ in parts]
+    responses = [modes.found[i] for i in order] + [own.found[0] for own in static.values()]
+    size = [1.0] * len(order) + [of_loads[name].applied for name in static]
+    motion = [modes.motion[i] for i in order] + [own.motion[0] for own in static.values()]
+    for own in (modes, *static.values()):
+        own.motion.clear()
     names = tuple(loads or ())
     results = Results(
         frequency=np.array([own.frequency for own in responses[: len(order)]]),
-        motion=motion,
+        motion=_stacked(motion, size, L),
         load=np.array([names.index(name) for name in static], dtype=np.int64),
         modal_mass=_modal_mass(stated, responses[: len(order)], M * L**2),
         rounding=max(own.rounding for own in responses),
@@ -107,7 +107,7 @@ def _gather(wanted: list[Wanted], mesh: Mesh, files: Mapping[str, Path]) -> list
                         )
                 placed = _on_nodes(mesh, response, known[1], known[2])
                 for own in takers:
-                    own.found.append(response)
+                    own.found.append(replace(response, motion=np.zeros((0, 3))))  # which would be there twice
                     own.motion.append(placed)
         if known is not None and not known[2].all():
             notes.append(f"{path.name} has {int((~known[2]).sum())} nodes that the mesh lacks, which are left out")
@@ -169,7 +169,8 @@ def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.n
     """(k, n, 3 or 6): translations in m per unit of the load, rotations in rad; the arrays of the list are let go."""
     width = max(own.shape[1] for own in motion)
     found = np.full((len(motion), len(motion[0]), width), np.nan)
-    for i, own in enumerate(motion):
+    for i in range(len(size)):
+        own = motion.pop(0)
         found[i, :, : own.shape[1]] = own / size[i]
     found[:, :, :3] *= length
     return found
