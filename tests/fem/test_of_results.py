@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
 from strainsight.fem.given_motion import given_motion
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass_product import mass_product
 from strainsight.fem.model import nodal
 from strainsight.fem.of_results import Results, results_model
+from strainsight.fem.results_checks import check_rows
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
+from strainsight.mesh.shell_faces import with_faces
 
 from .conftest import make_box
 
@@ -243,3 +246,41 @@ def test_mass_times_a_motion(kind, box):
     found = z.T @ mass_product(mesh, {}, z)
     assert found[0, 0] == pytest.approx(RHO * b * c * a**3 / 3 + 12.0 * a**2, rel=1e-12)
     assert found[1, 1] == pytest.approx(RHO * a * b * c * (a**2 + b**2) / 3 + 12.0 * (a**2 + b**2), rel=1e-12)
+
+
+SHELL = """GRID,1,,0.,0.,0.
+GRID,2,,1.,0.,0.
+GRID,3,,1.,1.,0.2
+GRID,4,,0.,1.,0.2
+CQUAD4,1,1,1,2,3,4
+PSHELL,1,1,0.05,1,,1
+MAT1,1,2.1+11,,0.3,7850.
+"""
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory):
+    """One shell with the nodes on its faces behind its own, and a rigid motion of all."""
+    path = tmp_path_factory.mktemp("plate") / "plate.bdf"
+    path.write_text(SHELL)
+    mesh = with_faces(read_mesh(path))
+    u, turn = np.array([0.3, -0.1, 0.7]), np.array([0.2, 0.5, -0.4])
+    motion = np.hstack([u + np.cross(turn, mesh.position), np.tile(turn, (len(mesh.position), 1))])
+    return mesh, motion
+
+
+def test_faces_of_shells_follow_with_the_rotations(plate):
+    mesh, motion = plate
+    known = motion.copy()
+    known[mesh.own_nodes :] = np.nan
+    found = given_motion(mesh, known[None])
+    assert found.known.all()
+    assert np.allclose(found.field[: 3 * len(motion)].reshape(-1, 3), motion[:, :3], atol=1e-14)
+
+
+def test_results_of_shells_need_rotations(plate):
+    mesh, motion = plate
+    known = motion[:, :3].copy()
+    known[mesh.own_nodes :] = np.nan
+    with pytest.raises(UserError, match=r"lack node 1, translation .*\(no rotations\)"):
+        check_rows(mesh, given_motion(mesh, known[None]))

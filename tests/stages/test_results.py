@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from strainsight.cases.structure.results import model_of_results
 from strainsight.config.load import load_config
 from strainsight.decks.reader import read_mesh
+from strainsight.decks.results.frd import frd_responses
+from strainsight.decks.results.reader import READERS
 from strainsight.errors import StrainsightError
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
@@ -134,6 +139,43 @@ def test_what_the_results_lack_or_contradict(folder, results, key, said):
         placed(folder, "wrong", f"mesh.results={results}", until="rom")
     assert key in str(caught.value)
     assert "\n" in str(caught.value)
+
+
+def test_more_modes_than_there_are(folder):
+    with pytest.raises(StrainsightError, match="ask for 1 to 12") as caught:
+        placed(folder, "wrong", OF_RESULTS, "rom.modes=15", until="modes")
+    assert "rom.modes" in str(caught.value)
+
+
+def test_a_property_of_a_part_is_refused(folder, mesh):
+    """Springs of the deck do not change with E, and one set of results does not say what they add."""
+    sprung = (folder / "beam.bdf").read_text().replace("ENDDATA", "CELAS2,77,1.+5,101,2,702,2\nENDDATA")
+    (folder / "sprung.bdf").write_text(sprung)
+    with pytest.raises(StrainsightError, match="springs of the deck have none") as caught:
+        placed(folder, "wrong", OF_RESULTS, "mesh.file=sprung.bdf", until="rom")
+    assert "parameters.E" in str(caught.value)
+
+
+def test_motion_along_the_axes_of_a_node(folder, mesh, monkeypatch):
+    """A reader that gives it along CD, as Nastran writes it: on the basic axes it is the same model."""
+    turned = {k: Rotation.from_rotvec([0.1 * k, 0.7, -0.3 * k]).as_matrix() for k in range(0, len(mesh.node_ids), 7)}
+
+    def along_axes(path):
+        for own in frd_responses(folder / "found.frd"):
+            motion = own.motion.copy()
+            for node, axes in turned.items():
+                motion[node] = axes.T @ motion[node]
+            yield replace(own, motion=motion, along_node_axes=True)
+
+    monkeypatch.setitem(READERS, ".axes", along_axes)
+    config = load_config(folder / "beam.yaml", (OF_RESULTS,)).model
+    plain, own = (
+        model_of_results(config.mesh, deck, (), {"mesh.results.file": folder / name}, config.loads).model
+        for deck, name in ((mesh, "found.frd"), (replace(mesh, axes=turned), "found.axes"))
+    )
+    difference = abs(own.constraint.transform - plain.constraint.transform).max()
+    assert difference < 1e-12 * abs(plain.constraint.transform).max()
+    assert np.allclose(own.mass.at({}).toarray(), plain.mass.at({}).toarray(), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

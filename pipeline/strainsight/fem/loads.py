@@ -223,7 +223,7 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
     forces = mesh.loads[load.deck_load]
     if forces.body:
         raise UserError(
-            f"load {load.name}: {load.deck_load} acts on the mass of the deck, and the mass is that of ready matrices",
+            f"load {load.name}: {load.deck_load} acts on the mass of the deck, and where that is nothing says",
             remedy="give it as forces of the deck",
         )
     total = 1.0 if load.factor else np.linalg.norm(forces.force.sum(axis=0))
