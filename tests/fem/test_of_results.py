@@ -131,7 +131,9 @@ def test_modes_of_any_mass_are_normalised(bar):
 
 
 @pytest.mark.parametrize("weighs", [True, False])
-@pytest.mark.parametrize(("factor", "said"), [(2.0, "of mode 1"), (1e3, "of mode 1"), (-1.0, "does a work of -"), (0.5, "work")])
+@pytest.mark.parametrize(
+    ("factor", "said"), [(2.0, "of mode 1"), (1e3, "of mode 1"), (-1.0, "does a work of -"), (0.5, "work")]
+)
 def test_a_response_to_another_load_is_refused(bar, weighs, factor, said):
     mesh = bar if weighs else without_density(bar)
     own = results_of(bar)
@@ -152,7 +154,9 @@ def test_two_loads_answer_each_other(bar):
     assert np.allclose(u[:, 1], np.minimum(bar.position[:, 0], L / 2) / (E * AREA), rtol=0, atol=1e-12 * ENERGY)
     motion = own.motion.copy()
     motion[-1] *= 1.03
-    with pytest.raises(UserError, match=r"end moves along the response to middle by 4\.9048e-10 m/N.*end by 4\.7619e-10 m/N"):
+    with pytest.raises(
+        UserError, match=r"end moves along the response to middle by 4\.9048e-10 m/N.*end by 4\.7619e-10 m/N"
+    ):
         built(bar, replace(own, motion=motion), LOADS)
     same = (LOADS[0], replace(LOADS[0], name="again"))
     twice = results_of(bar, (0, 0), load=np.array([0, 1]))

@@ -178,13 +178,37 @@ def test_motion_along_the_axes_of_a_node(folder, mesh, monkeypatch):
     assert np.allclose(own.mass.at({}).toarray(), plain.mass.at({}).toarray(), rtol=1e-12)
 
 
+def test_units_of_the_mesh_and_size_of_the_load(folder, mesh):
+    """In mm and t a mode of unit mass is √1000 times as large a number, and the motion under 250 N 250 000 times."""
+    found = solved(mesh, FORCES, MODES)
+    in_mm = replace(found, shapes=np.sqrt(1000.0) * found.shapes, static=250.0 * 1000.0 * found.static)
+    write_frd(folder / "mm.frd", mesh, in_mm, form=3)
+    write_frd(folder / "m.frd", mesh, found, form=3)
+    own = "mesh.results={file: m.frd, loads: {tip: {step: 1}}}"
+    in_units = (
+        "mesh.results={file: mm.frd, loads: {tip: {applied: 250.0}}}",
+        "mesh.length_unit=mm",
+        "mesh.mass_unit=t",
+    )
+    models = []
+    for name, overrides in (("m.frd", (own,)), ("mm.frd", in_units)):
+        config = load_config(folder / "beam.yaml", overrides).model
+        models.append(model_of_results(config.mesh, mesh, (), {"mesh.results.file": folder / name}, config.loads).model)
+    a, b = models
+    assert np.allclose(b.constraint.transform.toarray(), a.constraint.transform.toarray(), rtol=1e-9, atol=1e-14)
+    assert np.allclose(b.stiffness.at({}).toarray(), a.stiffness.at({}).toarray(), rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("override", "key"),
     [
         ("mesh.free=true", "mesh.free"),
         ("mesh.supports=[{set: SET1-1, stiffness: 4.0e+3}]", "mesh.supports[0].stiffness"),
         ("parameters.F={property: stiffness_factor, guess: 1.0, range: [0.5, 2.0]}", "parameters.F"),
-        ("parameters.rho={property: density, springs: [CELAS2 1], guess: 7850.0, range: [5e3, 9e3]}", "parameters.rho.springs"),
+        (
+            "parameters.rho={property: density, springs: [CELAS2 1], guess: 7850.0, range: [5e3, 9e3]}",
+            "parameters.rho.springs",
+        ),
     ],
 )
 def test_what_a_config_may_not_ask_of_results(folder, override, key):
